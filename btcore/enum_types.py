@@ -1,0 +1,93 @@
+"""Types with names for their values: a user's Enum, a node's status, a port's direction."""
+
+from enum import Enum, IntEnum
+from typing import Final
+
+from btcore.errors import ConversionFault
+from btcore.numerals import MAX_INT64, MIN_INT64, leading_int
+from btcore.status import Status
+from btcore.value_types import ValueType, as_int, mismatch, number_of
+
+
+class PortDirection(IntEnum):
+    """Which way a port's value goes. The numbers are BehaviorTree.CPP's."""
+
+    INPUT = 0
+    OUTPUT = 1
+    INOUT = 2
+
+
+class EnumType(ValueType):
+    """A Python Enum: by the member's name, or by its number."""
+
+    def __init__(self, python_type: type[Enum], name: str) -> None:
+        super().__init__(name, python_type, converts=False)
+        self._members: dict[str, Enum] = dict(python_type.__members__)
+        self._by_number: dict[int, Enum] = {
+            int(one.value): one for one in python_type if isinstance(one.value, int)
+        }
+
+    def from_text(self, text: str, format: int = 4) -> Enum:
+        """The member called *text*, or the one whose number it is. Raises ConversionFault."""
+        found = self._members.get(text)
+        if found is not None:
+            return found
+        try:
+            number = leading_int(text, MIN_INT64, MAX_INT64)
+        except ConversionFault:
+            number = -1
+        if str(number) == text and number in self._by_number:
+            return self._by_number[number]
+        raise ConversionFault(f"'{text}' is no {self.name}: {', '.join(self._members)} are")
+
+    def to_text(self, value: object) -> str:
+        """The member's name."""
+        member = self.cast(value)
+        return member.name
+
+    def cast(self, value: object) -> Enum:
+        """A member, its number, or a text that stands for it."""
+        if isinstance(value, Enum) and isinstance(value, self.python_type):
+            return value
+        if isinstance(value, str):
+            return self.from_text(value)
+        number = number_of(value)
+        if number is None:
+            raise mismatch(value, self)
+        found = self._by_number.get(as_int(number, -(2**31), 2**31 - 1, self.name))
+        if found is None:
+            raise mismatch(value, self)
+        return found
+
+
+class StatusType(EnumType):
+    """A node's status, by its upper-case name alone; format 3 has no SKIPPED."""
+
+    def from_text(self, text: str, format: int = 4) -> Enum:
+        """The status called *text*. Raises ConversionFault."""
+        found = self._members.get(text)
+        if found is None or (format == 3 and text == "SKIPPED"):
+            names = ", ".join(name for name in self._members if format != 3 or name != "SKIPPED")
+            raise ConversionFault(f"'{text}' is no status: {names} are")
+        return found
+
+
+class DirectionType(EnumType):
+    """The direction of a port, as ``Input`` or ``INPUT``; format 3 takes anything else for InOut."""
+
+    def from_text(self, text: str, format: int = 4) -> Enum:
+        """The direction called *text*. Raises ConversionFault."""
+        for member, name in zip(PortDirection, ("Input", "Output", "InOut"), strict=True):
+            if text == name or text == name.upper():
+                return member
+        if format == 3:
+            return PortDirection.INOUT
+        raise ConversionFault(f"'{text}' is no direction of a port: Input, Output and InOut are")
+
+    def to_text(self, value: object) -> str:
+        """``Input``, ``Output`` or ``InOut``."""
+        return ("Input", "Output", "InOut")[int(as_int(number_of(self.cast(value)) or 0, 0, 2))]
+
+
+NODE_STATUS: Final = StatusType(Status, "BT::NodeStatus")
+PORT_DIRECTION: Final = DirectionType(PortDirection, "BT::PortDirection")

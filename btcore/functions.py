@@ -1,0 +1,120 @@
+"""A function becomes a leaf: its ports are read before each start, its resources once."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any, TypeVar, overload
+
+from mypy_extensions import mypyc_attr
+
+from btcore.coroutine import SteppedAction
+from btcore.leaf import Condition, LeafNode, SyncAction
+from btcore.ports import Input
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+class LeafMark:
+    """What a decorator notes on a function: whether it asks or acts, and its ID if one was given."""
+
+    def __init__(self, is_condition: bool, ID: str | None) -> None:
+        self.is_condition = is_condition
+        self.ID = ID
+
+
+MARK = "__btcore_leaf__"
+
+
+@overload
+def action(function: F, /) -> F: ...
+@overload
+def action(*, ID: str | None = None) -> Callable[[F], F]: ...
+def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
+    """Make a function, a generator function or an ``async def`` an action.
+
+    Its tag is its name in CamelCase, or *ID*; parameters marked In or Put are its ports, the others
+    resources. It returns True, False or a Status.
+    """
+    return _marked(function, LeafMark(False, ID))
+
+
+@overload
+def condition(function: F, /) -> F: ...
+@overload
+def condition(*, ID: str | None = None) -> Callable[[F], F]: ...
+def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
+    """Make a function a condition; see :func:`action`."""
+    return _marked(function, LeafMark(True, ID))
+
+
+def _marked(function: F | None, mark: LeafMark) -> F | Callable[[F], F]:
+    def note(marked: F) -> F:
+        setattr(marked, MARK, mark)
+        return marked
+
+    return note if function is None else note(function)
+
+
+class Call:
+    """A function with what fills its parameters: ports, read anew for each call, and resources."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self.positional: list[object] = []
+        self.keywords: dict[str, object] = {}
+
+    def __call__(self) -> Any:
+        """Call it with what the ports hold now."""
+        values = [one.read() if isinstance(one, Input) else one for one in self.positional]
+        if not self.keywords:
+            return self.function(*values)
+        named = {key: one.read() if isinstance(one, Input) else one for key, one in self.keywords.items()}
+        return self.function(*values, **named)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class FunctionAction(SyncAction):
+    """A function as a synchronous action."""
+
+    call: Call
+
+    def tick(self) -> object:
+        """Call it."""
+        return self.call()
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class FunctionCondition(Condition):
+    """A function as a condition."""
+
+    call: Call
+
+    def tick(self) -> object:
+        """Call it."""
+        return self.call()
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class FunctionSteps(SteppedAction):
+    """A generator function or an ``async def`` as an action that lasts."""
+
+    call: Call
+
+    def begin(self) -> Any:
+        """Call it, which starts nothing yet."""
+        return self.call()
+
+
+def leaf_class(function: Callable[..., object]) -> type[LeafNode]:
+    """The class that runs *function*."""
+    if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
+        return FunctionSteps
+    mark = getattr(function, MARK, None)
+    return FunctionCondition if mark is not None and mark.is_condition else FunctionAction
+
+
+def camel_case(name: str) -> str:
+    """``battery_ok`` as ``BatteryOk``."""
+    return "".join(part[:1].upper() + part[1:] for part in name.split("_"))
+
+
+CALLED: tuple[type[LeafNode], ...] = (FunctionAction, FunctionCondition, FunctionSteps)

@@ -1,0 +1,77 @@
+"""The leaf classes that users subclass: actions that end at once, actions that last, conditions."""
+
+from typing import ClassVar
+
+from mypy_extensions import mypyc_attr
+
+from btcore.errors import NodeFault
+from btcore.node import TreeNode
+from btcore.status import IDLE, RUNNING, NodeType, Status
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class LeafNode(TreeNode):
+    """A node without children. In a leaf, True stands for SUCCESS and False for FAILURE."""
+
+    node_type: ClassVar[NodeType] = NodeType.ACTION
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Condition(LeafNode):
+    """A question about the world: override :meth:`tick`, return True or False, change nothing."""
+
+    node_type: ClassVar[NodeType] = NodeType.CONDITION
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SyncAction(LeafNode):
+    """An action that is done within one tick: override :meth:`tick`; it never returns RUNNING."""
+
+    def execute_tick(self) -> Status:
+        """Tick as any node; RUNNING is an error."""
+        status = super().execute_tick()
+        if status is RUNNING:
+            fault = NodeFault(
+                "a synchronous action ends within its tick, but it returned RUNNING; "
+                "use StatefulAction, a generator or async def for one that lasts"
+            )
+            raise self.blame(fault, "ticking") from fault
+        return status
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class StatefulAction(LeafNode):
+    """An action that lasts several ticks.
+
+    Override :meth:`on_start`, :meth:`on_running` (which return a Status, True or False) and, to clean
+    up, :meth:`on_halted`. A tick must not block: start the work, return RUNNING, and look at it again
+    in the next tick.
+    """
+
+    def on_start(self) -> object:
+        """Begin. Called by the tick that finds the node IDLE."""
+        raise NodeFault(f"<{self.config.id}> has no on_start()")
+
+    def on_running(self) -> object:
+        """Go on. Called by every tick while the node is RUNNING."""
+        raise NodeFault(f"<{self.config.id}> has no on_running()")
+
+    def on_halted(self) -> None:
+        """Clean up. Called when the node is halted while it is RUNNING."""
+
+    def tick(self) -> object:
+        """Start or go on; a completed node that nobody has reset keeps its result."""
+        before = self._status
+        if before is IDLE:
+            return self.on_start()
+        if before is RUNNING:
+            return self.on_running()
+        return before
+
+    def halt(self) -> None:
+        """Call :meth:`on_halted` if the node is RUNNING, and be IDLE afterwards."""
+        try:
+            if self._status is RUNNING:
+                self.on_halted()
+        finally:
+            self.reset_status()

@@ -1,0 +1,207 @@
+"""What is registered under one ID: what it is, its ports, and how to make one."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from btcore.blackboard import Blackboard
+from btcore.clock import Clock
+from btcore.config import NodeConfig
+from btcore.context import TreeContext
+from btcore.errors import NodeFault, RegistrationError
+from btcore.functions import Call, FunctionAction, FunctionCondition, FunctionSteps, leaf_class
+from btcore.node import ControlNode, DecoratorNode, TreeNode
+from btcore.ports import UNSET, Input, Port
+from btcore.signature import BOUND, Parameter, bind_class, class_ports, function_parameters
+from btcore.status import NodeType
+from btcore.values import Types
+
+_FORBIDDEN_IN_ID = frozenset(" \t\r\n<>&\"'/\\:*?|.")
+
+
+class Manifest:
+    """One entry of a registry.
+
+    *ports* are in the order of declaration; *wanted* are the types of the resources that it asks for;
+    *distribution* is the package that brought it, and *origin* the class or function and its place.
+    """
+
+    def __init__(
+        self,
+        id: str,
+        cls: type[TreeNode],
+        ports: Sequence[Port],
+        parameters: Sequence[Parameter],
+        description: str,
+        distribution: str,
+        function: Callable[..., object] | None = None,
+    ) -> None:
+        self.id = id
+        self.cls = cls
+        self.ports = {port.name: port for port in ports}
+        self.parameters = list(parameters)
+        self.description = description
+        self.distribution = distribution
+        self.function = function
+
+    @property
+    def type(self) -> NodeType:
+        """The family of the node."""
+        return self.cls.node_type
+
+    @property
+    def wanted(self) -> list[Any]:
+        """The types of the resources that must be handed in."""
+        return [
+            one.wanted
+            for one in self.parameters
+            if one.port is None and one.default is UNSET and one.wanted not in (Clock, Blackboard)
+        ]
+
+    @property
+    def origin(self) -> str:
+        """``name (file:line)`` of what is registered."""
+        thing: Any = self.function or self.cls
+        try:
+            line = inspect.getsourcelines(thing)[1]
+            return f"{thing.__qualname__} ({inspect.getsourcefile(thing)}:{line})"
+        except (OSError, TypeError):
+            return f"{thing.__qualname__} of {self.distribution}"
+
+    def make(
+        self,
+        config: NodeConfig,
+        context: TreeContext,
+        blackboard: Blackboard,
+        resources: Sequence[object],
+        children: list[TreeNode],
+    ) -> TreeNode:
+        """A node of a tree. Raises NodeFault when a resource that it wants wasn't handed in."""
+        node: TreeNode = self.cls.__new__(self.cls)
+        node.place(config, context, blackboard)
+        if isinstance(node, (ControlNode, DecoratorNode)):
+            node.adopt(children)
+        positional: list[object] = []
+        keywords: dict[str, object] = {}
+        for parameter in self.parameters:
+            value = self._fill(parameter, node, context, resources)
+            if parameter.keyword:
+                keywords[parameter.name] = value
+            else:
+                positional.append(value)
+        if self.function is not None:
+            call = Call(self.function)
+            call.positional = positional
+            call.keywords = keywords
+            if isinstance(node, (FunctionAction, FunctionCondition, FunctionSteps)):
+                node.call = call
+        elif self.parameters or _has_own_init(self.cls):
+            _initialiser(self.cls)(node, *positional, **keywords)
+        node.prepare()
+        return node
+
+    def _fill(
+        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: Sequence[object]
+    ) -> object:
+        port = parameter.port
+        if port is not None:
+            if self.function is None:
+                return BOUND
+            if port.writes and not port.reads:
+                return node.config.outputs.get(port.name) or _Unconnected(node, port.name)
+            bound = node.config.inputs.get(port.name)
+            if bound is None:
+                if port.value is not UNSET:
+                    return port.value
+                return _MissingInput(port, node)
+            return bound
+        if parameter.wanted is Clock:
+            return context.clock
+        if parameter.wanted is Blackboard:
+            return node.blackboard
+        for resource in resources:
+            if fits(resource, parameter.wanted):
+                return resource
+        if parameter.default is not UNSET:
+            return parameter.default
+        raise NodeFault(
+            f"<{self.id}> wants a {parameter.type_name} (its parameter '{parameter.name}'), "
+            "and none was handed in: pass one in resources=[…]"
+        )
+
+
+class _Unconnected:
+    """An output port that the tree doesn't give; writing it raises."""
+
+    def __init__(self, node: TreeNode, name: str) -> None:
+        self.node = node
+        self.name = name
+
+    def __call__(self, value: object) -> None:
+        self.node.set_output(self.name, value)
+
+
+class _MissingInput(Input):
+    """A mandatory input port that the tree doesn't give; reading it raises."""
+
+    def __init__(self, port: Port, node: TreeNode) -> None:
+        super().__init__(port, "", node.blackboard)
+        self.node = node
+
+    def read(self) -> object:
+        """Raises NodeFault."""
+        return self.node.get_input(self.name)
+
+
+def fits(resource: object, wanted: Any) -> bool:
+    """Whether *resource* is what a parameter of type *wanted* asks for."""
+    try:
+        return isinstance(resource, wanted)
+    except TypeError:
+        raise NodeFault(
+            f"a resource is found by its type, but {wanted} can't be asked for: use a class, or a Protocol "
+            "marked @runtime_checkable"
+        ) from None
+
+
+def class_manifest(
+    ID: str, cls: type[TreeNode], types: Types, names: Mapping[str, Any], distribution: str
+) -> Manifest:
+    """The manifest of a node class. Raises RegistrationError."""
+    _check_id(ID)
+    ports = class_ports(cls, types, names)
+    bind_class(cls, ports)
+    parameters = []
+    if _has_own_init(cls):
+        parameters = function_parameters(_initialiser(cls), types, names, skip_first=True)
+    return Manifest(ID, cls, ports, parameters, inspect.cleandoc(cls.__doc__ or ""), distribution)
+
+
+def function_manifest(
+    ID: str, function: Callable[..., object], types: Types, names: Mapping[str, Any], distribution: str
+) -> Manifest:
+    """The manifest of a function as a leaf. Raises RegistrationError."""
+    _check_id(ID)
+    parameters = function_parameters(function, types, names)
+    ports = [one.port for one in parameters if one.port is not None]
+    description = inspect.cleandoc(function.__doc__ or "")
+    return Manifest(ID, leaf_class(function), ports, parameters, description, distribution, function)
+
+
+def _initialiser(cls: type) -> Callable[..., None]:
+    found: Callable[..., None] = type.__getattribute__(cls, "__init__")
+    return found
+
+
+def _has_own_init(cls: type) -> bool:
+    return _initialiser(cls) not in (_initialiser(object), _initialiser(TreeNode))
+
+
+def _check_id(ID: str) -> None:
+    if not ID:
+        raise RegistrationError("a node needs an ID that isn't empty")
+    if ID == "Root":
+        raise RegistrationError("'Root' is reserved in Groot, and can't be the ID of a node")
+    bad = next((char for char in ID if char in _FORBIDDEN_IN_ID or ord(char) < 32), None)
+    if bad is not None:
+        raise RegistrationError(f"'{ID}' can't be the ID of a node: it holds {bad!r}")

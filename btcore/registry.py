@@ -1,0 +1,241 @@
+"""What tags a tree may use: built-in nodes, your own, and those of node libraries."""
+
+import importlib
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import Enum
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from btcore.errors import RegistrationError
+from btcore.functions import CALLED, MARK, camel_case
+from btcore.manifest import Manifest, class_manifest, function_manifest
+from btcore.node import ControlNode, DecoratorNode, TreeNode
+from btcore.nodes.palette import EVERYWHERE, FORMAT_3, FORMAT_4
+from btcore.suggest import nearest
+from btcore.values import Types
+
+ENTRY_POINTS = "btcore.nodes"
+_ENGINE_CLASSES = (TreeNode, ControlNode, DecoratorNode, *CALLED)
+
+
+class Registry:
+    """The nodes, types and enums that trees are made with.
+
+    A registry is a value: make one for each use, and hand it to :func:`btcore.load`.
+    """
+
+    def __init__(self) -> None:
+        self.types = Types()
+        self._shared: dict[str, Manifest] = {}
+        self._of_format: dict[int, dict[str, Manifest]] = {3: {}, 4: {}}
+        self._libraries: list[str] = []
+
+    @classmethod
+    def standard(cls) -> "Registry":
+        """A registry of everything that BehaviorTree.CPP 4.10 has built in, and 3.8 for format 3."""
+        made = cls()
+        for table, nodes in (
+            (made._shared, EVERYWHERE),
+            (made._of_format[3], FORMAT_3),
+            (made._of_format[4], FORMAT_4),
+        ):
+            for ID, node in nodes.items():
+                table[ID] = class_manifest(ID, node, made.types, {}, "btcore")
+        made._libraries.append("btcore")
+        return made
+
+    # --- looking up
+
+    def manifests_of(self, format: int = 4) -> Mapping[str, Manifest]:
+        """Every node that a tree of *format* (3 or 4) may use, by ID, sorted."""
+        return dict(sorted({**self._shared, **self._of_format[format]}.items()))
+
+    @property
+    def manifests(self) -> Mapping[str, Manifest]:
+        """Every node that a tree of format 4 may use, by ID, sorted."""
+        return self.manifests_of(4)
+
+    def get(self, ID: str, format: int = 4) -> Manifest | None:
+        """The node *ID* as a tree of *format* knows it."""
+        return self._of_format[format].get(ID) or self._shared.get(ID)
+
+    @property
+    def libraries(self) -> list[str]:
+        """Who brought nodes, in order: "btcore" and the plugins."""
+        return list(self._libraries)
+
+    def __contains__(self, ID: object) -> bool:
+        return isinstance(ID, str) and self.get(ID) is not None
+
+    def __iter__(self) -> Iterator[Manifest]:
+        return iter(self.manifests.values())
+
+    # --- adding and removing
+
+    def add(self, *things: Any, ID: str | None = None) -> None:
+        """Register leaves, control nodes and decorators: functions, or classes.
+
+        The tag is *ID*, else the one given to the decorator, else the class's name or the function's
+        in CamelCase. Raises RegistrationError, for an ID that is taken too.
+        """
+        names = _names_of_caller()
+        if ID is not None and len(things) != 1:
+            raise RegistrationError(f"ID='{ID}' names one thing, but {len(things)} are given")
+        for thing in things:
+            self._add(thing, ID, names, _distribution_of(thing))
+
+    def replace(self, **nodes: Any) -> None:
+        """Register ``ID=thing`` in place of what is registered as *ID* now."""
+        names = _names_of_caller()
+        for ID, thing in nodes.items():
+            self.remove(ID)
+            self._add(thing, ID, names, _distribution_of(thing))
+
+    def remove(self, ID: str) -> None:
+        """Unregister *ID* from both formats. Raises RegistrationError if there is none."""
+        found = [table.pop(ID, None) for table in (self._shared, *self._of_format.values())]
+        if not any(found):
+            guess = nearest(ID, self.manifests)
+            hint = f"; did you mean '{guess}'?" if guess else ""
+            raise RegistrationError(f"no node is registered as '{ID}'{hint}")
+
+    def add_type(self, python_type: type, from_text: Callable[[str], Any] | None = None, **more: Any) -> None:
+        """Let ports be of *python_type*; *from_text* makes one from what the XML says."""
+        self.types.add(python_type, from_text, **more)
+
+    def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
+        """Let scripts and ports use the names of *enum*."""
+        self.types.add_enum(enum)
+
+    def _add(self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str) -> None:
+        if inspect.isclass(thing):
+            if not issubclass(thing, TreeNode):
+                raise RegistrationError(
+                    f"{thing.__qualname__} is no node: derive it from StatefulAction, SyncAction, Condition, "
+                    "ControlNode or DecoratorNode"
+                )
+            manifest = class_manifest(ID or thing.__name__, thing, self.types, names, distribution)
+        elif callable(thing):
+            mark = getattr(thing, MARK, None)
+            tag = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))
+            manifest = function_manifest(tag, thing, self.types, names, distribution)
+        else:
+            raise RegistrationError(f"{thing!r} is neither a function nor a node class")
+        for format in (3, 4):
+            known = self.get(manifest.id, format)
+            if known is not None:
+                raise RegistrationError(
+                    f"'{manifest.id}' is registered twice: by {known.origin} and by {manifest.origin}; "
+                    f"replace(…) it deliberately, or give one of them another ID"
+                )
+        self._shared[manifest.id] = manifest
+        if distribution not in self._libraries:
+            self._libraries.append(distribution)
+
+    # --- node libraries
+
+    def add_plugins(self) -> None:
+        """Register the node libraries of all installed packages (entry points "btcore.nodes")."""
+        for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
+            self.add_plugin(point.value, name=point.dist.name if point.dist else point.name)
+
+    def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
+        """Register a node library: a module, its name, or the path of its file.
+
+        A library with a function ``register(nodes)`` is asked to register its nodes; of any other the
+        node classes and the functions marked as leaves that it defines are taken. Raises
+        RegistrationError, which names the library and the line, also when importing it raises.
+        """
+        module = library if isinstance(library, ModuleType) else _import(str(library))
+        called = name or module.__name__
+        register = getattr(module, "register", None)
+        try:
+            if callable(register):
+                register(self)
+            else:
+                for thing in _leaves_in(module):
+                    self._add(thing, None, vars(module), called)
+        except RegistrationError as fault:
+            raise RegistrationError(f"plugin '{called}': {fault}") from fault
+        if called not in self._libraries:
+            self._libraries.append(called)
+
+
+def _leaves_in(module: ModuleType) -> Iterable[Any]:
+    for thing in list(vars(module).values()):
+        if getattr(thing, "__module__", None) != module.__name__:
+            continue
+        if inspect.isclass(thing):
+            if (
+                issubclass(thing, TreeNode)
+                and not inspect.isabstract(thing)
+                and not thing.__name__.startswith("_")
+            ):
+                yield thing
+        elif hasattr(thing, MARK):
+            yield thing
+
+
+def _import(library: str) -> ModuleType:
+    try:
+        if library.endswith(".py") or "/" in library:
+            return _import_file(Path(library))
+        return importlib.import_module(library)
+    except RegistrationError:
+        raise
+    except ModuleNotFoundError as fault:
+        if fault.name is not None and (library == fault.name or library.startswith(fault.name + ".")):
+            raise RegistrationError(
+                f"plugin '{library}' is not found: give the name of a module that can be imported, "
+                "or a file ending in .py"
+            ) from fault
+        raise _broken(library, fault) from fault
+    except (Exception, SystemExit) as fault:
+        raise _broken(library, fault) from fault
+
+
+def _import_file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise RegistrationError(f"plugin '{path}' is not found: there is no such file")
+    name = f"btcore_plugin_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise RegistrationError(f"plugin '{path}' is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _broken(library: str, fault: BaseException) -> RegistrationError:
+    if isinstance(fault, SyntaxError):
+        where = f"{fault.filename}:{fault.lineno}"
+    else:
+        last = traceback.extract_tb(fault.__traceback__)[-1]
+        where = f"{last.filename}:{last.lineno}"
+    return RegistrationError(
+        f"plugin '{library}' raised while it was imported: {where}: {type(fault).__name__}: {fault}"
+    )
+
+
+def _distribution_of(thing: Any) -> str:
+    module = getattr(thing, "__module__", None) or "?"
+    return module.partition(".")[0] if module != "__main__" else "__main__"
+
+
+def _names_of_caller() -> dict[str, Any]:
+    """The local names around the call of the registry's method, for annotations that are texts."""
+    frame = inspect.currentframe()
+    for _ in range(2):
+        frame = frame.f_back if frame is not None else None
+    return dict(frame.f_locals) if frame is not None else {}

@@ -1,0 +1,165 @@
+"""Reads what a leaf declares in its annotations: ports and resources.
+
+``In[T]`` is ``Annotated[T, …]`` and ``Put[T]`` is ``Annotated[Callable[[T], None], …]``, so that a
+type checker sees the true types.
+"""
+
+import inspect
+import typing
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Final, TypeVar
+
+from btcore.errors import RegistrationError
+from btcore.ports import UNSET, Direction, Port
+from btcore.values import Types, to_text
+
+T = TypeVar("T")
+
+
+class PortMark:
+    """Marks an annotation as a port."""
+
+    def __init__(self, direction: Direction, put: bool = False) -> None:
+        self.direction = direction
+        self.put = put
+
+
+In = Annotated[T, PortMark(Direction.IN)]
+"""An input port: reading it reads the blackboard, or what the XML says."""
+Out = Annotated[T, PortMark(Direction.OUT)]
+"""An output port of a class: assigning it writes the blackboard."""
+InOut = Annotated[T, PortMark(Direction.INOUT)]
+"""A port that is read and written."""
+Put = Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)]
+"""An output port of a function: a callable that writes the blackboard."""
+
+BOUND: Final = object()
+"""What a generated ``__init__`` (a dataclass's) is given for a port, whose value the tree has."""
+
+
+class Parameter:
+    """One parameter of a leaf: a *port*, or a resource of type *wanted*; *default* may be UNSET."""
+
+    def __init__(self, name: str, keyword: bool, port: Port | None, wanted: object, default: object) -> None:
+        self.name = name
+        self.keyword = keyword
+        self.port = port
+        self.wanted = wanted
+        self.default = default
+
+    @property
+    def type_name(self) -> str:
+        """The type as people say it."""
+        return getattr(self.wanted, "__name__", str(self.wanted))
+
+
+def port_of(name: str, annotation: object, types: Types, default: object = UNSET) -> Port | None:
+    """The port that *annotation* declares, or None if it isn't one."""
+    if typing.get_origin(annotation) is not Annotated:
+        return None
+    inner, *marks = typing.get_args(annotation)
+    mark = next((one for one in marks if isinstance(one, PortMark)), None)
+    if mark is None:
+        return None
+    if mark.put:
+        inner = typing.get_args(inner)[0][0]
+    description = next((one for one in marks if isinstance(one, str)), "")
+    text = None
+    if default is not UNSET:
+        text = default if isinstance(default, str) else "" if default is None else to_text(default)
+    value = UNSET if isinstance(default, str) else default
+    return Port(name, mark.direction, types.of(inner), text, description, value)
+
+
+def function_parameters(
+    function: Callable[..., object], types: Types, names: Mapping[str, Any], skip_first: bool = False
+) -> list[Parameter]:
+    """The parameters of *function*, ports and resources, in order.
+
+    *names* helps to resolve annotations that are texts. Raises RegistrationError.
+    """
+    called = getattr(function, "__qualname__", repr(function))
+    hints = _resolve(function, called, names)
+    found = []
+    for parameter in list(inspect.signature(function).parameters.values())[1 if skip_first else 0 :]:
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise RegistrationError(
+                f"{called} takes *{parameter.name}, which nothing in a tree can fill; name its parameters"
+            )
+        if parameter.name not in hints:
+            raise RegistrationError(
+                f"parameter '{parameter.name}' of {called} has no annotation: "
+                "mark a port with In[…] or Put[…], or name the type of the resource it wants"
+            )
+        annotation = hints[parameter.name]
+        default = UNSET if parameter.default is parameter.empty else parameter.default
+        port = port_of(parameter.name, annotation, types, default)
+        keyword = parameter.kind is parameter.KEYWORD_ONLY
+        found.append(Parameter(parameter.name, keyword, port, annotation, default))
+    return found
+
+
+def class_ports(cls: type, types: Types, names: Mapping[str, Any]) -> list[Port]:
+    """The ports of a leaf class, inherited ones first. Raises RegistrationError."""
+    listed: dict[str, Port] = {}
+    provided = getattr(cls, "provided_ports", None)
+    if provided is not None:
+        for port in provided():
+            listed[port.name] = port
+    for name, annotation in _resolve(cls, cls.__qualname__, names).items():
+        default = getattr(cls, name, UNSET)
+        if isinstance(default, PortAttribute):
+            default = default.default
+        elif default is not UNSET and not hasattr(cls, name):
+            default = UNSET
+        port = port_of(name, annotation, types, default)
+        if port is not None:
+            listed[name] = port
+    return list(listed.values())
+
+
+def bind_class(cls: type, ports: list[Port]) -> None:
+    """Make the annotated ports of *cls* attributes that read and write the blackboard."""
+    annotated: set[str] = set()
+    for parent in cls.__mro__:
+        annotated |= set(inspect.get_annotations(parent))
+    for port in ports:
+        if port.name in annotated and not isinstance(getattr(cls, port.name, None), PortAttribute):
+            setattr(cls, port.name, PortAttribute(port))
+
+
+class PortAttribute(property):
+    """A port as an attribute: reading reads the blackboard, assigning writes it."""
+
+    def __init__(self, port: Port) -> None:
+        name = port.name
+        reads, writes = port.reads, port.writes
+        self.default = UNSET if port.default is None else port.default
+        if port.value is not UNSET:
+            self.default = port.value
+
+        def read(node: Any) -> object:
+            if not reads:
+                raise AttributeError(f"port [{name}] is written, not read")
+            return node.get_input(name)
+
+        def write(node: Any, value: object) -> None:
+            if value is BOUND:
+                return
+            if not writes:
+                raise AttributeError(f"port [{name}] is read, not written")
+            node.set_output(name, value)
+
+        super().__init__(read, write, doc=port.description)
+
+
+def _resolve(thing: Any, called: str, names: Mapping[str, Any]) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(thing, localns=dict(names), include_extras=True)
+    except NameError as unknown:
+        raise RegistrationError(
+            f"{called} is annotated with '{unknown.name}', which can't be found: define or import it "
+            "where the leaf is defined (not under TYPE_CHECKING)"
+        ) from unknown
+    except TypeError as fault:
+        raise RegistrationError(f"the annotations of {called} can't be read: {fault}") from fault

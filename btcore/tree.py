@@ -1,0 +1,237 @@
+"""A tree that can be ticked."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+from mypy_extensions import mypyc_attr
+
+from btcore.blackboard import Blackboard
+from btcore.clock import NS_PER_S, Clock
+from btcore.context import TreeContext
+from btcore.errors import BtcoreError, NodeRaised
+from btcore.guard import Tally
+from btcore.node import TreeNode
+from btcore.observers import Observer, Observers
+from btcore.registry import Registry
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
+from btcore.suggest import nearest
+
+N = TypeVar("N", bound=TreeNode)
+
+
+class Subtree:
+    """One instance of a tree within another: the main tree, and each SubTree's content.
+
+    *id* is the tree's ID, *path* the instance's ("" for the main tree); *nodes* are its own, in
+    pre-order, with its SubTree nodes but without what is in them.
+    """
+
+    def __init__(self, id: str, path: str, blackboard: Blackboard) -> None:
+        self.id = id
+        self.path = path
+        self.blackboard = blackboard
+        self.nodes: list[TreeNode] = []
+
+    @property
+    def root(self) -> TreeNode:
+        """The node on top."""
+        return self.nodes[0]
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Tree:
+    """A behavior tree with its blackboard and clock.
+
+    *nodes* are all nodes in depth-first pre-order, a SubTree's content right after it; *subtrees* the
+    instances in order of creation, the main one first; *ticks* counts the ticks of the root; *registry*
+    is what it was made with.
+    """
+
+    def __init__(
+        self,
+        id: str,
+        format: int,
+        subtrees: Sequence[Subtree],
+        nodes: Sequence[TreeNode],
+        context: TreeContext,
+        registry: Registry,
+    ) -> None:
+        self.id = id
+        self.format = format
+        self.subtrees = list(subtrees)
+        self.nodes = list(nodes)
+        self.root = self.nodes[0]
+        self.context = context
+        self.registry = registry
+        self.ticks = 0
+        self.status: Status = IDLE
+        self._make_room()
+
+    @property
+    def blackboard(self) -> Blackboard:
+        """The blackboard of the main tree."""
+        return self.subtrees[0].blackboard
+
+    @property
+    def clock(self) -> Clock:
+        """The tree's clock."""
+        return self.context.clock
+
+    # --- ticking
+
+    def tick_exactly_once(self) -> Status:
+        """Tick the root once. Raises NodeRaised, after halting the tree."""
+        return self._end_of(self._tick_root())
+
+    def tick_once(self) -> Status:
+        """Tick the root, and again while it is RUNNING and a wake-up is due. Raises as above."""
+        status = self._tick_root()
+        while status is RUNNING and self.context.take_wake_up():
+            status = self._tick_root()
+        return self._end_of(status)
+
+    def tick_while_running(self, period: float = 0.01) -> Status:
+        """Tick until the root isn't RUNNING, every *period* seconds, or earlier when woken.
+
+        Ticks are due at multiples of the period after the start; one that comes late moves the next
+        ones, and none is made up for. Raises as above.
+        """
+        step = round(period * NS_PER_S)
+        due = self.context.clock.now()
+        while True:
+            status = self.tick_once()
+            if status is not RUNNING:
+                return status
+            if step > 0:
+                now = self.context.clock.now()
+                if now >= due:
+                    due = max(due + step, now)
+                self.context.wait_until(due)
+
+    def _tick_root(self) -> Status:
+        self.ticks += 1
+        observers = self.context.observers
+        root = self.root
+        try:
+            if observers is None:
+                status = root.execute_tick()
+                if status is SUCCESS or status is FAILURE:
+                    root.reset_status()
+            else:
+                observers.tick = self.ticks
+                start = time.perf_counter_ns()
+                status = root.execute_tick()
+                if status is SUCCESS or status is FAILURE:
+                    root.reset_status()
+                observers.ticked(time.perf_counter_ns() - start, status)
+        except NodeRaised as error:
+            self.status = IDLE
+            if observers is not None:
+                observers.raised(error)
+            self._halt_everything()
+            raise
+        return status
+
+    def _end_of(self, status: Status) -> Status:
+        self.status = status
+        return status
+
+    # --- halting, waiting
+
+    def halt(self) -> None:
+        """Halt every node, as BehaviorTree.CPP's haltTree: the root, then all in pre-order.
+
+        All nodes are halted even if one raises; then NodeRaised says which was the first.
+        """
+        first = self._halt_everything()
+        self.status = IDLE
+        if first is not None:
+            if self.context.observers is not None:
+                self.context.observers.raised(first)
+            raise first
+
+    def _halt_everything(self) -> NodeRaised | None:
+        first: NodeRaised | None = None
+        for node in [self.root, *self.nodes]:
+            try:
+                node.halt_node()
+            except NodeRaised as error:
+                first = error if first is None else first
+        for node in self.nodes:
+            node.reset_status()
+        self.context.deadlines.clear()
+        return first
+
+    def __enter__(self) -> "Tree":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.halt()
+
+    def sleep(self, seconds: float) -> bool:
+        """Let *seconds* (s) of the tree's clock pass, less if the tree is woken; returns whether it was."""
+        return self.context.wait_until(self.context.clock.now() + round(seconds * NS_PER_S))
+
+    def wake(self) -> None:
+        """End a sleep early, and tick. Any thread may call it."""
+        self.context.wake_up()
+
+    # --- looking
+
+    def subscribe(self, observer: Observer) -> Callable[[], None]:
+        """Let *observer* hear what happens; the callable returned ends that."""
+        observers = self.context.observers
+        if observers is None:
+            observers = Observers(self.context.clock)
+            observers.tick = self.ticks
+            self.context.observers = observers
+        return observers.add(observer)
+
+    def count(self) -> dict[str, Tally]:
+        """Count the ticks of every node from now on, by path (see :meth:`keys`)."""
+        return {key: node.count() for key, node in self.keys().items()}
+
+    def keys(self) -> dict[str, TreeNode]:
+        """The nodes by full path, in pre-order; where paths are equal ``#<uid>`` is appended."""
+        times: dict[str, int] = {}
+        for node in self.nodes:
+            times[node.path] = times.get(node.path, 0) + 1
+        return {
+            node.path if times[node.path] == 1 else f"{node.path}#{node.uid}": node for node in self.nodes
+        }
+
+    def node(self, path: str) -> TreeNode:
+        """The node of that full path or, if there is only one, of that name. Raises BtcoreError."""
+        keys = self.keys()
+        if path in keys:
+            return keys[path]
+        named = [node for node in self.nodes if node.name == path or node.path == path]
+        if len(named) == 1:
+            return named[0]
+        if named:
+            raise BtcoreError(
+                f"'{path}' is the name of {len(named)} nodes: {', '.join(node.path for node in named)}"
+            )
+        guess = nearest(path, [*keys, *(node.name for node in self.nodes)])
+        hint = f"; did you mean '{guess}'?" if guess else ""
+        raise BtcoreError(f"the tree has no node '{path}'{hint}")
+
+    def find(self, kind: type[N]) -> list[N]:
+        """The nodes of class *kind*, in pre-order."""
+        return [node for node in self.nodes if isinstance(node, kind)]
+
+    def __iter__(self) -> Iterator[TreeNode]:
+        return iter(self.nodes)
+
+    def _make_room(self) -> None:
+        """Raise the recursion limit to what ticking the deepest node needs; never lower it."""
+        depth = 0
+        level: list[TreeNode] = [self.root]
+        while level:
+            depth += 1
+            level = [child for node in level for child in node.children]
+        needed = 6 * depth + 1000
+        if needed > sys.getrecursionlimit():
+            sys.setrecursionlimit(needed)
