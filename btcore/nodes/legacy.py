@@ -1,0 +1,305 @@
+"""The nodes of format 3 that differ from those of format 4, or have no counterpart there."""
+
+from typing import ClassVar, cast
+
+from mypy_extensions import mypyc_attr
+
+from btcore.errors import BlackboardFault, ConversionFault, NodeFault
+from btcore.node import ControlNode, DecoratorNode
+from btcore.nodes.data import SetBlackboard
+from btcore.nodes.ordered import OrderedNode
+from btcore.nodes.parallel import threshold
+from btcore.nodes.repeat import Repeat, RetryUntilSuccessful
+from btcore.nodes.subtree import SubTree
+from btcore.nodes.switch import SwitchNode
+from btcore.nodes.timing import Delay
+from btcore.ports import Port
+from btcore.status import FAILURE, RUNNING, SUCCESS, Status
+from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
+
+_EPSILON = 1.1920928955078125e-07
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SequenceStar(OrderedNode):
+    """A Sequence that goes on at the child that failed; a halt starts it anew."""
+
+    go_on: ClassVar[Status] = SUCCESS
+
+    def ended_early(self) -> None:
+        """Reset from the child that failed on, and remember it."""
+        for index in range(self._next, len(self._children)):
+            self.halt_child(index)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Parallel3(ControlNode):
+    """Ticks the children that haven't completed, in order, and counts results as it goes.
+
+    SUCCESS as soon as `success_threshold` succeeded; FAILURE as soon as `failure_threshold` failed, or
+    too many for a success. Negative thresholds are from the end: −1 = all.
+    """
+
+    _completed: set[int]
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [
+            Port("success_threshold", type=INT, description="successes needed, −1 = all"),
+            Port("failure_threshold", type=INT, default="1", description="failures that end it"),
+        ]
+
+    def prepare(self) -> None:
+        """Nothing is completed."""
+        self._completed = set()
+
+    def tick(self) -> Status:
+        """Tick the children that haven't completed, until the result is known."""
+        count = len(self._children)
+        needed = threshold(cast(int, self.get_input("success_threshold")), count)
+        allowed = threshold(cast(int, self.get_input("failure_threshold")), count)
+        if count < needed:
+            raise NodeFault(f"{count} children can never give {needed} successes")
+        if count < allowed:
+            raise NodeFault(f"{count} children can never give {allowed} failures")
+        successes = 0
+        failures = 0
+        for index in range(count):
+            child = self._children[index]
+            status = child._status if index in self._completed else child.execute_tick()
+            if status is SUCCESS:
+                self._completed.add(index)
+                successes += 1
+                if successes == needed:
+                    return self._end(SUCCESS)
+            elif status is FAILURE:
+                self._completed.add(index)
+                failures += 1
+                if failures > count - needed or failures == allowed:
+                    return self._end(FAILURE)
+            elif status is not RUNNING:
+                raise self.idle_child(index)
+        return RUNNING
+
+    def _end(self, status: Status) -> Status:
+        self._completed = set()
+        self.reset_children()
+        return status
+
+    def halt(self) -> None:
+        """Halt the children; nothing is completed."""
+        self._completed = set()
+        self.reset_children()
+        self.reset_status()
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class WhileDoElse3(ControlNode):
+    """Ticks the condition on every tick, and the second child while it succeeds, the third while it fails.
+
+    It has exactly three children.
+    """
+
+    def tick(self) -> Status:
+        """Tick the condition, and the branch it asks for."""
+        if len(self._children) != 3:
+            raise NodeFault(
+                f"<WhileDoElse> takes a condition and two branches, not {len(self._children)} children"
+            )
+        self.set_status(RUNNING)
+        condition = self._children[0].execute_tick()
+        if condition is RUNNING:
+            return RUNNING
+        chosen = 1 if condition is SUCCESS else 2
+        self.halt_child(3 - chosen)
+        status = self._children[chosen].execute_tick()
+        if status is not RUNNING:
+            self.reset_children()
+        return status
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Repeat3(Repeat):
+    """Ticks its child until it succeeded `num_cycles` times (−1 = for ever), within one tick if it can."""
+
+    yields: ClassVar[bool] = False
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class RetryUntilSuccessful3(RetryUntilSuccessful):
+    """Ticks its child until it failed `num_attempts` times (−1 = for ever), all within one tick if it can."""
+
+    yields: ClassVar[bool] = False
+
+    def limit_after(self, limit: int) -> int:
+        """The limit; format 3 doesn't read it again within a tick."""
+        return limit
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Delay3(Delay):
+    """Ticks its child only when `delay_msec` milliseconds have passed since the start; RUNNING until then."""
+
+    def ends_with(self, status: Status) -> bool:
+        """Whether the next tick starts a new delay."""
+        return status is not RUNNING
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SetBlackboard3(SetBlackboard):
+    """Writes `value` to the entry whose name `output_key` gives; `value="{key}"` copies that entry."""
+
+    def nothing_to_copy(self, key: str) -> Status:
+        """An empty entry is copied too."""
+        entry = self._blackboard.find(key)
+        if entry is not None:
+            entry.value = None
+        return SUCCESS
+
+    def write(self, key: str, value: object) -> None:
+        """Write *value* as it is."""
+        self._blackboard.set(key, value)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SwitchNode3(SwitchNode):
+    """Ticks the child whose `case_N` is the same text as `variable`, else the last child."""
+
+    def equal(self, variable: str, case: str) -> bool:
+        """Whether the texts are the same."""
+        return variable == case
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch2v3(SwitchNode3):
+    """SwitchNode of two cases and a default."""
+
+    cases: ClassVar[int] = 2
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch3v3(SwitchNode3):
+    """SwitchNode of three cases and a default."""
+
+    cases: ClassVar[int] = 3
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch4v3(SwitchNode3):
+    """SwitchNode of four cases and a default."""
+
+    cases: ClassVar[int] = 4
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch5v3(SwitchNode3):
+    """SwitchNode of five cases and a default."""
+
+    cases: ClassVar[int] = 5
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch6v3(SwitchNode3):
+    """SwitchNode of six cases and a default."""
+
+    cases: ClassVar[int] = 6
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class BlackboardCheck(DecoratorNode):
+    """Ticks its child while `value_A` equals `value_B`, else gives `return_on_mismatch` (FAILURE if absent).
+
+    Both are read as *element* on every tick, also while the child runs, which a mismatch halts. What
+    can't be read is a mismatch; reals are equal within the precision of a float.
+    """
+
+    element: ClassVar[ValueType] = STRING
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [
+            Port("value_A", type=ANY, description="one value"),
+            Port("value_B", type=ANY, description="the other"),
+            Port("return_on_mismatch", type=NODE_STATUS, description="the result if they differ"),
+        ]
+
+    def tick(self) -> Status:
+        """Compare, then tick the child."""
+        self.set_status(RUNNING)
+        if self._match():
+            return self.child.execute_tick()
+        if self.child._status is RUNNING:
+            self.halt_child()
+        try:
+            return cast(Status, self.get_input("return_on_mismatch"))
+        except (NodeFault, BlackboardFault, ConversionFault):
+            return FAILURE
+
+    def _match(self) -> bool:
+        try:
+            left = self._read("value_A")
+            right = self._read("value_B")
+        except (NodeFault, BlackboardFault, ConversionFault):
+            return False
+        if isinstance(left, float) and isinstance(right, float):
+            return abs(left - right) <= _EPSILON
+        return left == right
+
+    def _read(self, name: str) -> object:
+        value = self.get_input(name)
+        if isinstance(value, str):
+            return self.element.from_text(value, 3)
+        return self.element.cast(value)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class BlackboardCheckInt(BlackboardCheck):
+    """BlackboardCheck of integers."""
+
+    element: ClassVar[ValueType] = INT
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class BlackboardCheckDouble(BlackboardCheck):
+    """BlackboardCheck of real numbers."""
+
+    element: ClassVar[ValueType] = DOUBLE
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class BlackboardCheckString(BlackboardCheck):
+    """BlackboardCheck of texts."""
+
+    element: ClassVar[ValueType] = STRING
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class BlackboardCheckBool(BlackboardCheck):
+    """BlackboardCheck of truth values."""
+
+    element: ClassVar[ValueType] = BOOL
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SubTree3(SubTree):
+    """Ticks the root of the tree named by `ID`, which has a blackboard of its own.
+
+    `inner="outer"` (without braces) is one entry under two names; with `__shared_blackboard` both
+    trees use one blackboard.
+    """
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """None; the attributes are names."""
+        return []
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SubTreePlus(SubTree3):
+    """Ticks the root of the tree named by `ID`, with remapping as in format 4.
+
+    `inner="{outer}"` is one entry under two names, anything else a constant; with `__autoremap` every
+    name that the inner tree uses is the outer one's.
+    """

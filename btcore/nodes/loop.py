@@ -1,0 +1,123 @@
+"""Loops: the child is ticked once for each element of a queue."""
+
+from collections import deque
+from typing import ClassVar, cast
+
+from mypy_extensions import mypyc_attr
+
+from btcore.errors import NodeFault
+from btcore.node import DecoratorNode
+from btcore.ports import Direction, Input, Port
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
+from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class LoopNode(DecoratorNode):
+    """Takes an element from `queue`, writes it to `value`, and ticks the child: one element a tick.
+
+    RUNNING until the queue is empty, then `if_empty` (default SUCCESS); FAILURE when the child
+    fails. `queue` is a list written out (`1;2;3`), which starts anew whenever the node starts, or an
+    entry that holds a deque (consumed in place), a list or such a text.
+    """
+
+    element: ClassVar[ValueType] = ANY
+    _queue: Input | None = None
+    _literal: "list[object] | None" = None
+    _current: "deque[object] | None" = None
+    _going: bool = False
+
+    @classmethod
+    def provided_ports(cls) -> list[Port]:
+        """The ports."""
+        return [
+            Port("queue", Direction.INOUT, description="the elements, as a list or an entry"),
+            Port(
+                "if_empty", type=NODE_STATUS, default="SUCCESS", description="the result when nothing is left"
+            ),
+            Port("value", Direction.OUT, type=cls.element, description="the element of this turn"),
+        ]
+
+    def prepare(self) -> None:
+        """Read a queue that is written out."""
+        self._queue = self.config.inputs.get("queue")
+        if self._queue is None:
+            raise NodeFault(f"<{self.id}> needs port [queue]")
+        if self._queue.key is None:
+            self._literal = self.elements(self._queue.text)
+
+    def elements(self, text: str) -> list[object]:
+        """The elements of *text*, separated by semicolons. Raises ConversionFault."""
+        parts = text.split(";") if text else []
+        if parts and not parts[-1]:
+            parts.pop()
+        return [self.element.from_text(part, self.config.format) for part in parts]
+
+    def tick(self) -> Status:
+        """Take the next element, unless the child runs; tick the child."""
+        if self._status is IDLE:
+            self._going = False
+            self._current = None if self._literal is None else deque(self._literal)
+        if not self._going:
+            if self._literal is None:
+                self._fetch()
+            if not self._current:
+                return cast(Status, self.get_input("if_empty"))
+            value = self._current.popleft()
+            if "value" in self.config.outputs:
+                self.set_output("value", value)
+        if self._status is IDLE:
+            self.set_status(RUNNING)
+        status = self.child.execute_tick()
+        self._going = status is RUNNING
+        if status is SUCCESS or status is FAILURE:
+            self.reset_child()
+        return FAILURE if status is FAILURE else RUNNING
+
+    def _fetch(self) -> None:
+        queue = self._queue
+        if queue is None or queue.key is None:
+            return
+        entry = self._blackboard.find(queue.key)
+        held = None if entry is None else entry.value
+        if held is None:
+            return
+        if isinstance(held, deque):
+            self._current = held
+        elif self._current is None:
+            if isinstance(held, str):
+                self._current = deque(self.elements(held))
+            elif isinstance(held, (list, tuple)):
+                self._current = deque(held)
+            else:
+                raise NodeFault(
+                    f"port [queue] reads {{{queue.key}}}, which holds {held!r}, not a list, deque or text"
+                )
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class LoopInt(LoopNode):
+    """LoopNode over integers."""
+
+    element: ClassVar[ValueType] = INT
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class LoopBool(LoopNode):
+    """LoopNode over truth values."""
+
+    element: ClassVar[ValueType] = BOOL
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class LoopDouble(LoopNode):
+    """LoopNode over real numbers."""
+
+    element: ClassVar[ValueType] = DOUBLE
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class LoopString(LoopNode):
+    """LoopNode over texts."""
+
+    element: ClassVar[ValueType] = STRING

@@ -1,0 +1,36 @@
+"""SubTree: another tree in this one's place, with a blackboard of its own."""
+
+from typing import ClassVar
+
+from mypy_extensions import mypyc_attr
+
+from btcore.node import DecoratorNode
+from btcore.ports import Port
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
+from btcore.values import BOOL
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SubTree(DecoratorNode):
+    """Ticks the root of the tree named by `ID`.
+
+    Its attributes connect the two blackboards: `inner="{outer}"` is one entry under two names,
+    anything else a constant written into the inner one. With `_autoremap` every name that the inner
+    tree uses is the outer one's, but for names that begin with an underscore.
+    """
+
+    node_type: ClassVar[NodeType] = NodeType.SUBTREE
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [Port("_autoremap", type=BOOL, default="false", description="names are the outer tree's")]
+
+    def tick(self) -> Status:
+        """Tick the root of the inner tree."""
+        if self._status is IDLE:
+            self.set_status(RUNNING)
+        status = self.child.execute_tick()
+        if status is SUCCESS or status is FAILURE:
+            self.reset_child()
+        return status

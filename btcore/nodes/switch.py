@@ -1,0 +1,161 @@
+"""Switches: a value chooses the child."""
+
+import math
+import re
+from typing import ClassVar, Final
+
+from mypy_extensions import mypyc_attr
+
+from btcore.errors import BlackboardFault, ConversionFault, NodeFault
+from btcore.node import ControlNode
+from btcore.ports import Input, Port
+from btcore.status import RUNNING, SKIPPED, Status
+from btcore.values import STRING
+
+# std::from_chars: no leading space, no plus sign, and nothing left over.
+_INTEGER: Final = re.compile(r"-?[0-9]+\Z")
+_REAL: Final = re.compile(r"-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|inf(?:inity)?|nan)\Z", re.I)
+_EPSILON: Final = 1.1920928955078125e-07
+
+
+def _integer(text: str, enums: dict[str, int]) -> int | None:
+    if text in enums:
+        return enums[text]
+    if _INTEGER.match(text):
+        value = int(text)
+        if -(2**31) <= value < 2**31:
+            return value
+    return None
+
+
+def _real(text: str, enums: dict[str, int]) -> float | None:
+    if text in enums:
+        return float(enums[text])
+    return float(text) if _REAL.match(text) else None
+
+
+def same(left: str, right: str, enums: dict[str, int]) -> bool:
+    """Whether two texts mean the same: as texts, as integers or enum names, or as reals.
+
+    Reals are the same within the precision of a float (nodes.md §4, SwitchN).
+    """
+    if left == right:
+        return True
+    left_integer = _integer(left, enums)
+    if left_integer is not None and left_integer == _integer(right, enums):
+        return True
+    left_real = _real(left, enums)
+    right_real = _real(right, enums)
+    if left_real is None or right_real is None or math.isnan(left_real) or math.isnan(right_real):
+        return False
+    return left_real == right_real or abs(left_real - right_real) <= _EPSILON
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SwitchNode(ControlNode):
+    """Ticks the child whose `case_N` equals `variable`, else the last child.
+
+    Equal as texts, as integers (names of enums count), or as reals. When the choice changes the
+    child that ran is halted. A skipped child makes the node SKIPPED.
+    """
+
+    cases: ClassVar[int] = 2
+    _running: int = -1
+    _variable: Input | None = None
+    _cases: list[Input | None]
+
+    @classmethod
+    def provided_ports(cls) -> list[Port]:
+        """`variable`, and a case for each child but the last."""
+        names = ["variable", *(f"case_{number}" for number in range(1, cls.cases + 1))]
+        return [Port(name, type=STRING) for name in names]
+
+    def prepare(self) -> None:
+        """Find the ports; nothing runs."""
+        self._running = -1
+        inputs = self.config.inputs
+        self._variable = inputs.get("variable")
+        self._cases = [inputs.get(f"case_{number}") for number in range(1, self.cases + 1)]
+
+    def choose(self) -> int:
+        """The index of the child that is due."""
+        variable = self.text(self._variable)
+        if variable is not None:
+            for index in range(len(self._cases)):
+                case = self.text(self._cases[index])
+                if case is not None and self.equal(variable, case):
+                    return index
+        return len(self._cases)
+
+    def equal(self, variable: str, case: str) -> bool:
+        """Whether *variable* means *case*."""
+        return same(variable, case, self.config.enums)
+
+    def text(self, port: Input | None) -> str | None:
+        """The text of *port*, or None if it can't be read."""
+        if port is None:
+            return None
+        try:
+            return str(port.read())
+        except (BlackboardFault, ConversionFault):
+            return None
+
+    def tick(self) -> Status:
+        """Tick the child that is due."""
+        if len(self._children) != self.cases + 1:
+            raise NodeFault(
+                f"<{self.id}> takes {self.cases} cases and a default, not {len(self._children)} children"
+            )
+        chosen = self.choose()
+        if self._running != -1 and self._running != chosen:
+            self.halt_child(self._running)
+        status = self._children[chosen].execute_tick()
+        if status is SKIPPED:
+            self._running = -1
+        elif status is RUNNING:
+            self._running = chosen
+        else:
+            self._running = -1
+            self.reset_children()
+        return status
+
+    def halt(self) -> None:
+        """Halt the children; nothing runs."""
+        self._running = -1
+        self.reset_children()
+        self.reset_status()
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch2(SwitchNode):
+    """SwitchNode of two cases and a default."""
+
+    cases: ClassVar[int] = 2
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch3(SwitchNode):
+    """SwitchNode of three cases and a default."""
+
+    cases: ClassVar[int] = 3
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch4(SwitchNode):
+    """SwitchNode of four cases and a default."""
+
+    cases: ClassVar[int] = 4
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch5(SwitchNode):
+    """SwitchNode of five cases and a default."""
+
+    cases: ClassVar[int] = 5
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Switch6(SwitchNode):
+    """SwitchNode of six cases and a default."""
+
+    cases: ClassVar[int] = 6

@@ -1,0 +1,91 @@
+"""TryCatch: a sequence with a handler for its failure."""
+
+from mypy_extensions import mypyc_attr
+
+from btcore.errors import ConversionFault, NodeFault
+from btcore.node import ControlNode
+from btcore.ports import Port
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.values import BOOL
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class TryCatch(ControlNode):
+    """Ticks all children but the last as a Sequence; if one fails, the last one is ticked as handler.
+
+    The node fails after its handler ends, whatever the handler's result. With `catch_on_halt` the
+    handler is ticked once also when the node is halted before a failure.
+    """
+
+    _next: int = 0
+    _skipped: int = 0
+    _catching: bool = False
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [
+            Port("catch_on_halt", type=BOOL, default="false", description="tick the handler on a halt too")
+        ]
+
+    def _begin(self) -> None:
+        self._next = 0
+        self._skipped = 0
+        self._catching = False
+
+    def tick(self) -> Status:
+        """Tick the child that is due, or the handler."""
+        if len(self._children) < 2:
+            raise NodeFault("<TryCatch> takes at least one child to try and a handler")
+        if self._status is IDLE or self._status is SKIPPED:
+            self._skipped = 0
+            self._catching = False
+        self.set_status(RUNNING)
+        last = len(self._children) - 1
+        while not self._catching and self._next < last:
+            status = self._children[self._next].execute_tick()
+            if status is RUNNING:
+                return RUNNING
+            if status is SUCCESS:
+                self._next += 1
+            elif status is SKIPPED:
+                self._next += 1
+                self._skipped += 1
+            elif status is FAILURE:
+                self._next = 0
+                self._catching = True
+                self.reset_children()
+            else:
+                raise self.idle_child(self._next)
+        if self._catching:
+            if self._children[last].execute_tick() is RUNNING:
+                return RUNNING
+            self._next = 0
+            self._catching = False
+            self.reset_children()
+            return FAILURE
+        all_skipped = self._skipped == last
+        self._begin()
+        self.reset_children()
+        return SKIPPED if all_skipped else SUCCESS
+
+    def halt(self) -> None:
+        """Halt the children, after the handler's one tick where `catch_on_halt` asks for it."""
+        try:
+            wanted = self._status is not IDLE and not self._catching and self._catch_on_halt()
+            if wanted and len(self._children) >= 2:
+                last = len(self._children) - 1
+                for index in range(last):
+                    self.halt_child(index)
+                if self._children[last].execute_tick() is RUNNING:
+                    self.halt_child(last)
+        finally:
+            self._begin()
+            self.reset_children()
+            self.reset_status()
+
+    def _catch_on_halt(self) -> bool:
+        try:
+            return self.get_input("catch_on_halt") is True
+        except (NodeFault, ConversionFault):
+            return False
