@@ -1,0 +1,1 @@
+"""The scripting language of BehaviorTree.CPP: lexer, parser, and programs that run."""

@@ -1,0 +1,112 @@
+"""The words of a script: text → tokens (nodes.md §8.1)."""
+
+from typing import Final
+
+# Kinds of token. An operator's kind is its own text.
+INTEGER: Final = "integer"
+REAL: Final = "real"
+STRING: Final = "string"
+BOOLEAN: Final = "boolean"
+NAME: Final = "name"
+MALFORMED: Final = "malformed"
+END: Final = "end"
+
+_TWO: Final = ("..", "&&", "||", "==", "!=", "<=", ">=", ":=", "+=", "-=", "*=", "/=")
+_ONE: Final = "+-*/&|^~!<>=?:();"
+_SPACE: Final = " \t\n\r"
+_DIGITS: Final = "0123456789"
+_HEX_DIGITS: Final = "0123456789abcdefABCDEF"
+_NAME_START: Final = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz_@"
+_NAME_REST: Final = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz_0123456789"
+
+
+class Token:
+    """One word: its kind, its text (a string's without the quotes), and where it stands.
+
+    *start* counts characters from 0, *width* says how many the word takes in the script.
+    """
+
+    kind: str
+    text: str
+    start: int
+    width: int
+
+    def __init__(self, kind: str, text: str, start: int, width: int) -> None:
+        self.kind = kind
+        self.text = text
+        self.start = start
+        self.width = width
+
+
+def tokenize(text: str) -> list[Token]:
+    """The tokens of *text*, with an END after the last. What is no word is a MALFORMED token."""
+    tokens: list[Token] = []
+    size = len(text)
+    at = 0
+    while at < size:
+        char = text[at]
+        if char in _SPACE:
+            at += 1
+            continue
+        start = at
+        if char == "'":
+            close = text.find("'", at + 1)
+            if close < 0:
+                tokens.append(Token(MALFORMED, text[start:], start, size - start))
+                at = size
+            else:
+                tokens.append(Token(STRING, text[start + 1 : close], start, close + 1 - start))
+                at = close + 1
+            continue
+        if char in _DIGITS:
+            token = _number(text, start)
+        elif char in _NAME_START:
+            at = _skip(text, at + 1, _NAME_REST)
+            word = text[start:at]
+            token = Token(BOOLEAN if word in ("true", "false") else NAME, word, start, at - start)
+        elif text[at : at + 2] in _TWO:
+            token = Token(text[at : at + 2], text[at : at + 2], start, 2)
+        else:
+            token = Token(char if char in _ONE else MALFORMED, char, start, 1)
+        tokens.append(token)
+        at = start + token.width
+    tokens.append(Token(END, "", size, 1))
+    return tokens
+
+
+def _number(text: str, start: int) -> Token:
+    """The number that begins at *start*, up to the end of the word it is in."""
+    if text[start] == "0" and text[start + 1 : start + 2] in ("x", "X"):
+        first = start + 2
+        at = _skip(text, first, _HEX_DIGITS)
+        end = _skip(text, at, _NAME_REST + ".")
+        sound = at > first and end == at
+        return Token(INTEGER if sound else MALFORMED, text[start:end], start, end - start)
+    kind = INTEGER
+    at = _skip(text, start, _DIGITS)
+    if text[at : at + 1] == "." and text[at + 1 : at + 2] != ".":
+        if text[at + 1 : at + 2] not in _DIGITS or at + 1 >= len(text):
+            end = _skip(text, at + 1, _NAME_REST + ".")
+            return Token(MALFORMED, text[start:end], start, end - start)
+        kind = REAL
+        at = _skip(text, at + 1, _DIGITS)
+    if at < len(text) and text[at] in "eE":
+        kind = REAL
+        at += 1
+        if at < len(text) and text[at] in "+-":
+            at += 1
+        first = at
+        at = _skip(text, at, _DIGITS)
+        if at == first:
+            return Token(MALFORMED, text[start:at], start, at - start)
+    if at < len(text) and text[at] in _NAME_START:
+        end = _skip(text, at, _NAME_REST)
+        return Token(MALFORMED, text[start:end], start, end - start)
+    return Token(kind, text[start:at], start, at - start)
+
+
+def _skip(text: str, at: int, among: str) -> int:
+    """The first place from *at* on whose character is not *among* them."""
+    while at < len(text) and text[at] in among:
+        at += 1
+    return at

@@ -1,0 +1,42 @@
+"""Every recorded text converts to the value, or the refusal, that the C++ engine gave."""
+
+import gzip
+import json
+from pathlib import Path
+
+import pytest
+
+from btcore.testing.recorded_values import convert_difference
+
+RECORDED = Path(__file__).parent / "data" / "convert.jsonl.gz"
+
+
+def test_no_conversion_differs():
+    with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
+        cases = [json.loads(line) for line in lines]
+    differences = {case["id"]: said for case in cases if (said := convert_difference(case))}
+    assert len(cases) == 1600
+    assert differences == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        ("int", "3.7", {"value": 4}),
+        ("int", "3", {"value": 3.0}),
+        ("int", "3", {"error": "no"}),
+        ("int", "x", {"value": 3}),
+        ("bool", "1", {"value": 1}),
+        ("vector<int>", "1;2", {"value": [1]}),
+        ("float", "0.1", {"value": 0.1}),
+        ("no such type", "1", {"value": 1}),
+    ],
+)
+def test_a_difference_is_seen(kind, text, expected):
+    assert convert_difference({"convert": kind, "text": text, "expect": expected}) is not None
+
+
+@pytest.mark.parametrize("value", ["SUCCESS", 2])
+def test_a_recorded_status_may_be_a_name_or_a_number(value):
+    case = {"convert": "NodeStatus", "text": "SUCCESS", "expect": {"value": value}}
+    assert convert_difference(case) is None
