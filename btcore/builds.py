@@ -4,10 +4,13 @@ Python prefers a compiled file beside its source. ``BTCORE_PURE=1`` in the envir
 take the source all the same, so that a debugger can step through the engine of any install.
 """
 
+import ast
 import os
 import sys
 from collections.abc import Sequence
+from functools import cache
 from importlib.machinery import SOURCE_SUFFIXES, FileFinder, ModuleSpec, SourceFileLoader
+from pathlib import Path
 from types import ModuleType
 
 
@@ -41,3 +44,19 @@ def running() -> str:
 
     source = status.__file__ or ""
     return "pure" if source.endswith(tuple(SOURCE_SUFFIXES)) else "compiled"
+
+
+def written_docstring(cls: type) -> str:
+    """The docstring of a class of the engine, which its compiled form has not: from the source beside it."""
+    module = sys.modules[cls.__module__]
+    file = Path(module.__file__ or "")
+    if not cls.__module__.startswith("btcore.") or file.suffix == ".py":
+        return ""
+    return _docstrings(file.with_name(cls.__module__.rpartition(".")[2] + ".py")).get(cls.__name__, "")
+
+
+@cache
+def _docstrings(source: Path) -> dict[str, str]:
+    """The docstrings of the classes in the file *source*."""
+    classes = [node for node in ast.parse(source.read_text("utf-8")).body if isinstance(node, ast.ClassDef)]
+    return {node.name: ast.get_docstring(node) or "" for node in classes}

@@ -9,6 +9,8 @@ import threading
 import time
 from typing import Final, Protocol
 
+from mypy_extensions import mypyc_attr
+
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 
@@ -28,6 +30,7 @@ class Clock(Protocol):
         ...
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class SystemClock:
     """Real time, by the monotonic clock."""
 
@@ -43,6 +46,7 @@ class SystemClock:
         return wake.wait(left / NS_PER_S)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class SimClock:
     """Simulated time, which stands still until somebody waits."""
 

@@ -15,8 +15,7 @@ class Tally:
         self.halted = 0
 
     def count(self, status: Status) -> None:
-        """Count one tick that ended with *status*."""
-        self.ticks += 1
+        """Count the result *status* of a tick."""
         if status is SUCCESS:
             self.success += 1
         elif status is FAILURE:

@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from btcore import builds
 from btcore.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.config import NodeConfig
@@ -32,7 +33,6 @@ class Manifest:
         cls: type[TreeNode],
         ports: Sequence[Port],
         parameters: Sequence[Parameter],
-        description: str,
         distribution: str,
         function: Callable[..., object] | None = None,
     ) -> None:
@@ -40,7 +40,6 @@ class Manifest:
         self.cls = cls
         self.ports = {port.name: port for port in ports}
         self.parameters = list(parameters)
-        self.description = description
         self.distribution = distribution
         self.function = function
 
@@ -48,6 +47,13 @@ class Manifest:
     def type(self) -> NodeType:
         """The family of the node."""
         return self.cls.node_type
+
+    @property
+    def description(self) -> str:
+        """What the node does: the docstring of what is registered."""
+        if self.function is not None:
+            return inspect.cleandoc(self.function.__doc__ or "")
+        return inspect.cleandoc(self.cls.__doc__ or builds.written_docstring(self.cls))
 
     @property
     def wanted(self) -> list[Any]:
@@ -170,11 +176,12 @@ def class_manifest(
     """The manifest of a node class. Raises RegistrationError."""
     _check_id(ID)
     ports = class_ports(cls, types, names)
+    _check_ports(ID, ports)
     bind_class(cls, ports)
     parameters = []
     if _has_own_init(cls):
         parameters = function_parameters(_initialiser(cls), types, names, skip_first=True)
-    return Manifest(ID, cls, ports, parameters, inspect.cleandoc(cls.__doc__ or ""), distribution)
+    return Manifest(ID, cls, ports, parameters, distribution)
 
 
 def function_manifest(
@@ -182,10 +189,15 @@ def function_manifest(
 ) -> Manifest:
     """The manifest of a function as a leaf. Raises RegistrationError."""
     _check_id(ID)
+    if inspect.isasyncgenfunction(function):
+        raise RegistrationError(
+            f"{function.__qualname__} is an async def that yields; await running() instead of the yield, "
+            "or make it a plain generator"
+        )
     parameters = function_parameters(function, types, names)
     ports = [one.port for one in parameters if one.port is not None]
-    description = inspect.cleandoc(function.__doc__ or "")
-    return Manifest(ID, leaf_class(function), ports, parameters, description, distribution, function)
+    _check_ports(ID, ports)
+    return Manifest(ID, leaf_class(function), ports, parameters, distribution, function)
 
 
 def _initialiser(cls: type) -> Callable[..., None]:
@@ -195,6 +207,22 @@ def _initialiser(cls: type) -> Callable[..., None]:
 
 def _has_own_init(cls: type) -> bool:
     return _initialiser(cls) not in (_initialiser(object), _initialiser(TreeNode))
+
+
+def _check_ports(ID: str, ports: Sequence[Port]) -> None:
+    for port in ports:
+        name = port.name
+        if name in ("name", "ID"):
+            raise RegistrationError(
+                f"<{ID}> can't have a port called '{name}': in the XML that attribute says which node it is"
+            )
+        bad = next((char for char in name if char in _FORBIDDEN_IN_ID or ord(char) < 32), None)
+        if bad is not None:
+            raise RegistrationError(f"<{ID}> can't have a port called '{name}': it holds {bad!r}")
+        if not (name[:1].isascii() and name[:1].isalpha()) and name != "_autoremap":
+            raise RegistrationError(
+                f"<{ID}> can't have a port called '{name}': the name of a port begins with a letter"
+            )
 
 
 def _check_id(ID: str) -> None:

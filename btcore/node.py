@@ -136,6 +136,9 @@ class TreeNode:
 
     def _execute_guarded(self, guard: Guard) -> Status:
         conditions = guard.conditions
+        tally = guard.tally
+        if tally is not None:
+            tally.ticks += 1
         try:
             status = IDLE
             if conditions is not None:
@@ -151,8 +154,8 @@ class TreeNode:
             raise
         except Exception as fault:
             raise self.blame(fault, "ticking") from fault
-        if guard.tally is not None:
-            guard.tally.count(status)
+        if tally is not None:
+            tally.count(status)
         if status is self._status:
             return status
         return self._store(status)

@@ -21,6 +21,7 @@ from btcore.suggest import nearest
 from btcore.values import Types
 
 ENTRY_POINTS = "btcore.nodes"
+_OF_FILE = "btcore_plugin_"
 _ENGINE_CLASSES = (TreeNode, ControlNode, DecoratorNode, *CALLED)
 
 
@@ -94,8 +95,15 @@ class Registry:
         """Register ``ID=thing`` in place of what is registered as *ID* now."""
         names = _names_of_caller()
         for ID, thing in nodes.items():
+            tables = [table for table in (self._shared, *self._of_format.values()) if ID in table]
+            before = [table[ID] for table in tables]
             self.remove(ID)
-            self._add(thing, ID, names, _distribution_of(thing))
+            try:
+                self._add(thing, ID, names, _distribution_of(thing))
+            except RegistrationError:
+                for table, manifest in zip(tables, before, strict=True):
+                    table[ID] = manifest
+                raise
 
     def remove(self, ID: str) -> None:
         """Unregister *ID* from both formats. Raises RegistrationError if there is none."""
@@ -148,13 +156,19 @@ class Registry:
     def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
         """Register a node library: a module, its name, or the path of its file.
 
-        A library with a function ``register(nodes)`` is asked to register its nodes; of any other the
-        node classes and the functions marked as leaves that it defines are taken. Raises
+        A library with a function ``register(nodes)``, or the one that ``module:function`` names, is asked
+        to register its nodes; of any other the node classes and the functions marked as leaves that it
+        defines are taken. *name* is who brings it, by default the module's name. Raises
         RegistrationError, which names the library and the line, also when importing it raises.
         """
-        module = library if isinstance(library, ModuleType) else _import(str(library))
-        called = name or module.__name__
-        register = getattr(module, "register", None)
+        asked = "register"
+        if isinstance(library, str) and not library.endswith(".py") and ":" in library:
+            library, asked = library.split(":", 1)
+        module = library if isinstance(library, ModuleType) else _import(str(library), name)
+        called = name or module.__name__.removeprefix(_OF_FILE)
+        register = getattr(module, asked, None)
+        if asked != "register" and not callable(register):
+            raise RegistrationError(f"plugin '{called}': {module.__name__} has no function '{asked}'")
         try:
             if callable(register):
                 register(self)
@@ -163,6 +177,8 @@ class Registry:
                     self._add(thing, None, vars(module), called)
         except RegistrationError as fault:
             raise RegistrationError(f"plugin '{called}': {fault}") from fault
+        except Exception as fault:
+            raise _broken(called, fault, f"its {asked}() was called") from fault
         if called not in self._libraries:
             self._libraries.append(called)
 
@@ -182,7 +198,8 @@ def _leaves_in(module: ModuleType) -> Iterable[Any]:
             yield thing
 
 
-def _import(library: str) -> ModuleType:
+def _import(library: str, name: str | None) -> ModuleType:
+    called = library if name in (None, library) else f"{library}' of '{name}"
     try:
         if library.endswith(".py") or "/" in library:
             return _import_file(Path(library))
@@ -192,18 +209,18 @@ def _import(library: str) -> ModuleType:
     except ModuleNotFoundError as fault:
         if fault.name is not None and (library == fault.name or library.startswith(fault.name + ".")):
             raise RegistrationError(
-                f"plugin '{library}' is not found: give the name of a module that can be imported, "
+                f"plugin '{called}' is not found: give the name of a module that can be imported, "
                 "or a file ending in .py"
             ) from fault
-        raise _broken(library, fault) from fault
+        raise _broken(called, fault) from fault
     except (Exception, SystemExit) as fault:
-        raise _broken(library, fault) from fault
+        raise _broken(called, fault) from fault
 
 
 def _import_file(path: Path) -> ModuleType:
     if not path.is_file():
         raise RegistrationError(f"plugin '{path}' is not found: there is no such file")
-    name = f"btcore_plugin_{path.stem}"
+    name = f"{_OF_FILE}{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise RegistrationError(f"plugin '{path}' is no Python file")
@@ -217,14 +234,14 @@ def _import_file(path: Path) -> ModuleType:
     return module
 
 
-def _broken(library: str, fault: BaseException) -> RegistrationError:
+def _broken(library: str, fault: BaseException, doing: str = "it was imported") -> RegistrationError:
     if isinstance(fault, SyntaxError):
         where = f"{fault.filename}:{fault.lineno}"
     else:
         last = traceback.extract_tb(fault.__traceback__)[-1]
         where = f"{last.filename}:{last.lineno}"
     return RegistrationError(
-        f"plugin '{library}' raised while it was imported: {where}: {type(fault).__name__}: {fault}"
+        f"plugin '{library}' raised while {doing}: {where}: {type(fault).__name__}: {fault}"
     )
 
 

@@ -9,7 +9,7 @@ import typing
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Final, TypeVar
 
-from btcore.errors import RegistrationError
+from btcore.errors import ConversionFault, RegistrationError
 from btcore.ports import UNSET, Direction, Port
 from btcore.values import Types, to_text
 
@@ -32,6 +32,8 @@ InOut = Annotated[T, PortMark(Direction.INOUT)]
 """A port that is read and written."""
 Put = Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)]
 """An output port of a function: a callable that writes the blackboard."""
+
+_ENGINE: Final = frozenset({"btcore.node", "btcore.leaf", "btcore.coroutine"})
 
 BOUND: Final = object()
 """What a generated ``__init__`` (a dataclass's) is given for a port, whose value the tree has."""
@@ -66,9 +68,18 @@ def port_of(name: str, annotation: object, types: Types, default: object = UNSET
     description = next((one for one in marks if isinstance(one, str)), "")
     text = None
     if default is not UNSET:
-        text = default if isinstance(default, str) else "" if default is None else to_text(default)
+        text = _text_of(default)
     value = UNSET if isinstance(default, str) else default
     return Port(name, mark.direction, types.of(inner), text, description, value)
+
+
+def _text_of(default: object) -> str:
+    if default is None or isinstance(default, str):
+        return default or ""
+    try:
+        return to_text(default)
+    except ConversionFault:
+        return repr(default)
 
 
 def function_parameters(
@@ -110,12 +121,20 @@ def class_ports(cls: type, types: Types, names: Mapping[str, Any]) -> list[Port]
         default = getattr(cls, name, UNSET)
         if isinstance(default, PortAttribute):
             default = default.default
-        elif default is not UNSET and not hasattr(cls, name):
-            default = UNSET
         port = port_of(name, annotation, types, default)
         if port is not None:
+            _refuse_hiding(cls, name)
             listed[name] = port
     return list(listed.values())
+
+
+def _refuse_hiding(cls: type, name: str) -> None:
+    for parent in cls.__mro__:
+        if parent.__module__ in _ENGINE and (name in vars(parent) or name in inspect.get_annotations(parent)):
+            raise RegistrationError(
+                f"port '{name}' of {cls.__qualname__} would hide what {parent.__name__} has under that name: "
+                f"list it in provided_ports(), and call get_input('{name}') or set_output('{name}', …)"
+            )
 
 
 def bind_class(cls: type, ports: list[Port]) -> None:
@@ -124,7 +143,8 @@ def bind_class(cls: type, ports: list[Port]) -> None:
     for parent in cls.__mro__:
         annotated |= set(inspect.get_annotations(parent))
     for port in ports:
-        if port.name in annotated and not isinstance(getattr(cls, port.name, None), PortAttribute):
+        known = getattr(cls, port.name, None)
+        if port.name in annotated and not (isinstance(known, PortAttribute) and known.is_of(port)):
             setattr(cls, port.name, PortAttribute(port))
 
 
@@ -151,6 +171,11 @@ class PortAttribute(property):
             node.set_output(name, value)
 
         super().__init__(read, write, doc=port.description)
+        self.direction = port.direction
+
+    def is_of(self, port: Port) -> bool:
+        """Whether it goes the way that *port* does, and so serves a subclass that declares that port."""
+        return self.direction is port.direction
 
 
 def _resolve(thing: Any, called: str, names: Mapping[str, Any]) -> dict[str, Any]:

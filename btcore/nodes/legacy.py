@@ -173,35 +173,35 @@ class SwitchNode3(SwitchNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch2v3(SwitchNode3):
-    """SwitchNode of two cases and a default."""
+    """Ticks the child whose case (of two) equals `variable`, as a text, else the last child."""
 
     cases: ClassVar[int] = 2
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch3v3(SwitchNode3):
-    """SwitchNode of three cases and a default."""
+    """Ticks the child whose case (of three) equals `variable`, as a text, else the last child."""
 
     cases: ClassVar[int] = 3
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch4v3(SwitchNode3):
-    """SwitchNode of four cases and a default."""
+    """Ticks the child whose case (of four) equals `variable`, as a text, else the last child."""
 
     cases: ClassVar[int] = 4
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch5v3(SwitchNode3):
-    """SwitchNode of five cases and a default."""
+    """Ticks the child whose case (of five) equals `variable`, as a text, else the last child."""
 
     cases: ClassVar[int] = 5
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch6v3(SwitchNode3):
-    """SwitchNode of six cases and a default."""
+    """Ticks the child whose case (of six) equals `variable`, as a text, else the last child."""
 
     cases: ClassVar[int] = 6
 
@@ -256,28 +256,28 @@ class BlackboardCheck(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckInt(BlackboardCheck):
-    """BlackboardCheck of integers."""
+    """Ticks its child while `value_A` equals `value_B` as integers, else gives `return_on_mismatch`."""
 
     element: ClassVar[ValueType] = INT
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckDouble(BlackboardCheck):
-    """BlackboardCheck of real numbers."""
+    """Ticks its child while `value_A` equals `value_B` as real numbers, else gives `return_on_mismatch`."""
 
     element: ClassVar[ValueType] = DOUBLE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckString(BlackboardCheck):
-    """BlackboardCheck of texts."""
+    """Ticks its child while `value_A` equals `value_B` as texts, else gives `return_on_mismatch`."""
 
     element: ClassVar[ValueType] = STRING
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckBool(BlackboardCheck):
-    """BlackboardCheck of truth values."""
+    """Ticks its child while `value_A` equals `value_B` as truth values, else gives `return_on_mismatch`."""
 
     element: ClassVar[ValueType] = BOOL
 

@@ -97,27 +97,27 @@ class LoopNode(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopInt(LoopNode):
-    """LoopNode over integers."""
+    """Ticks its child once for each of the integers in `queue`, one a tick, written to `value`."""
 
     element: ClassVar[ValueType] = INT
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopBool(LoopNode):
-    """LoopNode over truth values."""
+    """Ticks its child once for each of the truth values in `queue`, one a tick, written to `value`."""
 
     element: ClassVar[ValueType] = BOOL
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopDouble(LoopNode):
-    """LoopNode over real numbers."""
+    """Ticks its child once for each of the real numbers in `queue`, one a tick, written to `value`."""
 
     element: ClassVar[ValueType] = DOUBLE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopString(LoopNode):
-    """LoopNode over texts."""
+    """Ticks its child once for each of the texts in `queue`, one a tick, written to `value`."""
 
     element: ClassVar[ValueType] = STRING

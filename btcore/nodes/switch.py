@@ -128,34 +128,34 @@ class SwitchNode(ControlNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch2(SwitchNode):
-    """SwitchNode of two cases and a default."""
+    """Ticks the child whose case (of two) equals `variable`, else the last child."""
 
     cases: ClassVar[int] = 2
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch3(SwitchNode):
-    """SwitchNode of three cases and a default."""
+    """Ticks the child whose case (of three) equals `variable`, else the last child."""
 
     cases: ClassVar[int] = 3
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch4(SwitchNode):
-    """SwitchNode of four cases and a default."""
+    """Ticks the child whose case (of four) equals `variable`, else the last child."""
 
     cases: ClassVar[int] = 4
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch5(SwitchNode):
-    """SwitchNode of five cases and a default."""
+    """Ticks the child whose case (of five) equals `variable`, else the last child."""
 
     cases: ClassVar[int] = 5
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch6(SwitchNode):
-    """SwitchNode of six cases and a default."""
+    """Ticks the child whose case (of six) equals `variable`, else the last child."""
 
     cases: ClassVar[int] = 6

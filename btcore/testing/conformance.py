@@ -6,6 +6,7 @@ Prints ``N passed, M failed`` and the first differences, and exits 1 if there is
 import gzip
 import json
 import sys
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,18 +16,22 @@ from btcore.testing.recorded_trees import planned_registry, tree_difference
 from btcore.testing.recorded_values import convert_difference, script_difference
 
 SHOWN = 10
+KINDS = {"xml", "script", "convert"}
 
 
 def cases(path: Path) -> Iterator[dict[str, Any]]:
-    """The cases in *path*, one JSON object a line, gzipped or not."""
+    """The cases in *path*, one JSON object a line, gzipped or not. Raises ValueError for any other line."""
     with (
         gzip.open(path, "rt", encoding="utf-8")
         if path.suffix == ".gz"
         else path.open(encoding="utf-8") as lines
     ):
-        for line in lines:
+        for number, line in enumerate(lines, start=1):
             if line.strip():
-                yield json.loads(line)
+                case = json.loads(line)
+                if not isinstance(case, dict) or "expect" not in case or not KINDS & case.keys():
+                    raise ValueError(f"line {number} is no case")
+                yield case
 
 
 def difference(case: dict[str, Any], nodes: Registry) -> str | None:
@@ -57,7 +62,7 @@ def main(arguments: list[str]) -> int:
                     passed += 1
                 else:
                     differing.append(f"{name}: {case.get('id', '?')}: {found}")
-        except (OSError, ValueError, EOFError) as fault:
+        except (OSError, ValueError, EOFError, zlib.error) as fault:
             print(f"{name}: can't be read as recorded cases: {fault}", file=sys.stderr)
             return 2
     print(f"{passed} passed, {len(differing)} failed")

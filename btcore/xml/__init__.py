@@ -1,0 +1,1 @@
+"""Trees as XML: read, checked, built and written."""

@@ -1,0 +1,286 @@
+"""From documents to a tree that can be ticked: plan, check, then make the nodes."""
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+from btcore.blackboard import Blackboard, Entry
+from btcore.clock import Clock, SystemClock
+from btcore.config import NodeConfig
+from btcore.context import TreeContext
+from btcore.errors import (
+    BlackboardFault,
+    BtcoreError,
+    ConversionFault,
+    Diagnostic,
+    NodeFault,
+    ScriptFault,
+)
+from btcore.legacy_blackboard import LegacyBlackboard
+from btcore.node import TreeNode
+from btcore.ports import Input, Output, Port, pointer
+from btcore.registry import Registry
+from btcore.tree import Subtree, Tree
+from btcore.values import constant, type_of
+from btcore.xml.check import Examined, examine, script_diagnostic
+from btcore.xml.faults import Faults
+from btcore.xml.includes import PackageResolver
+from btcore.xml.plan import Call, NodePlan, TreePlan, attributes_of
+from btcore.xml.source import Document
+
+
+def build(
+    document: Document,
+    registry: Registry,
+    *,
+    tree: str | None = None,
+    format: int | None = None,
+    blackboard: Blackboard | None = None,
+    resources: Sequence[object] = (),
+    clock: Clock | None = None,
+    packages: PackageResolver | None = None,
+) -> Tree:
+    """The tree of *document*, on *blackboard* if one is given. Raises TreeError with every fault found.
+
+    The clock is *clock*, else the first of *resources* that is one, else the system's; for the other
+    arguments see :func:`btcore.xml.check.examine`.
+    """
+    examined = examine(document, registry, tree, format, packages)
+    examined.faults.raise_errors()
+    return _Maker(examined, registry, blackboard, resources, clock).tree()
+
+
+def wanted_by(
+    document: Document,
+    registry: Registry,
+    *,
+    tree: str | None = None,
+    format: int | None = None,
+    packages: PackageResolver | None = None,
+) -> list[Any]:
+    """The types of the resources that the leaves of the tree ask for, each once. Raises as :func:`build`."""
+    examined = examine(document, registry, tree, format, packages)
+    examined.faults.raise_errors()
+    found: list[Any] = []
+    for manifest in examined.used():
+        found += (one for one in manifest.wanted if one not in found)
+    return found
+
+
+class _Maker:
+    """Makes the nodes of one tree, depth-first, and collects what goes wrong on the way."""
+
+    def __init__(
+        self,
+        examined: Examined,
+        registry: Registry,
+        blackboard: Blackboard | None,
+        resources: Sequence[object],
+        clock: Clock | None,
+    ) -> None:
+        if clock is None:
+            clock = _clock_among(resources)
+        assert examined.main is not None
+        self._main = examined.main
+        self._planner = examined.planner
+        self._format = examined.planner.dialect.format
+        self._registry = registry
+        self._registry = registry
+        self._enums = registry.types.enums
+        self._resources = resources
+        self._context = TreeContext(clock)
+        self._scopes = Blackboard if self._format == 4 else LegacyBlackboard
+        self._blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
+        self._subtrees: list[Subtree] = []
+        self._nodes: list[TreeNode] = []
+        self._paths: set[str] = set()
+        self._declared: dict[Entry, str] = {}
+        self._uid = 0
+        self._faults = Faults()
+
+    def tree(self) -> Tree:
+        """The tree. Raises TreeError."""
+        main = self._main
+        root = self._instance(self._planner.plan(main), "", self._blackboard)
+        self._faults.raise_errors()
+        assert root is not None
+        return Tree(main.id, self._format, self._subtrees, self._nodes, self._context, self._registry)
+
+    def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+        """One instance of a definition; its root, or None if it could not be made."""
+        subtree = Subtree(plan.definition.id, path, blackboard)
+        self._subtrees.append(subtree)
+        assert plan.root is not None
+        return self._node(plan.root, plan, subtree, f"{path}/" if path else "")
+
+    def _node(self, plan: NodePlan, tree: TreePlan, subtree: Subtree, prefix: str) -> TreeNode | None:
+        document = tree.definition.document
+        self._uid = uid = self._uid + 1
+        config = NodeConfig(plan.id, "", self._where(document, plan), self._format)
+        config.uid = uid
+        config.enums = self._enums
+        config.scripts = plan.scripts
+        config.attributes = plan.attributes
+        call = plan.call
+        if call is not None:
+            return self._subtree(plan, call, config, tree, subtree, prefix)
+        name = plan.id if plan.name is None else plan.name
+        config.name = name
+        config.path = f"{prefix}{name}::{uid}" if name == plan.id else prefix + name
+        self._ports(plan, config, document, subtree.blackboard)
+        at, own_at = len(self._nodes), len(subtree.nodes)
+        self._nodes.append(_PLACE_HOLDER)
+        subtree.nodes.append(_PLACE_HOLDER)
+        children = [self._node(child, tree, subtree, prefix) for child in plan.children]
+        node = self._make(plan, config, document, subtree.blackboard, children)
+        if node is not None:
+            self._nodes[at] = subtree.nodes[own_at] = node
+        return node
+
+    def _where(self, document: Document, plan: NodePlan) -> str:
+        return f"{document.file or '<text>'}:{document.line(plan.element)}"
+
+    def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
+        """Bind the ports, and declare the entries that the document names."""
+        format = self._format
+        for port, text, written in plan.ports:
+            key = pointer(text, port.name, format)
+            if written and key is not None:
+                try:
+                    entry = blackboard.create(key, port.type)
+                except BlackboardFault as fault:
+                    self._faults.add(self._clash(document, plan, port, blackboard.find(key), fault))
+                else:
+                    if port.type.strong and entry not in self._declared:
+                        self._declared[entry] = f"'{port.name}' of <{plan.id}> ({config.where})"
+            if port.reads:
+                config.inputs[port.name] = Input(port, text, blackboard, format)
+            if port.writes and (written or (key is not None and format == 4)):
+                config.outputs[port.name] = Output(port, text, blackboard, format)
+
+    def _clash(
+        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, fault: BlackboardFault
+    ) -> Diagnostic:
+        """Two types for one entry: the port's, and the one that it was declared with."""
+        if entry is None or entry.declared.same(port.type):
+            return document.diagnostic("E203", str(fault), plan.element, port.name)
+        kinds = f"is {port.type.name}, but its entry is {entry.declared.name}"
+        said = f"the port '{port.name}' of <{plan.id}> {kinds}"
+        first = self._declared.get(entry)
+        by = f"it was declared by {first}" if first else "it was on the blackboard before the tree"
+        hint = f"{by}; the type of an entry never changes"
+        return document.diagnostic("E203", said, plan.element, port.name, hint=hint)
+
+    def _make(
+        self,
+        plan: NodePlan,
+        config: NodeConfig,
+        document: Document,
+        blackboard: Blackboard,
+        children: Sequence[TreeNode | None],
+    ) -> TreeNode | None:
+        made = [child for child in children if child is not None]
+        if len(made) != len(children) or plan.manifest is None:
+            return None
+        try:
+            return plan.manifest.make(config, self._context, blackboard, self._resources, made)
+        except ScriptFault as fault:
+            self._faults.add(self._script_fault(document, plan, fault))
+        except (NodeFault, BlackboardFault, ConversionFault) as fault:
+            self._faults.add(document.diagnostic(_code_of(fault, plan), str(fault), plan.element))
+        except BtcoreError:
+            raise
+        except Exception as fault:
+            said = f"<{plan.id}> raised while it was made: {type(fault).__name__}: {fault}"
+            self._faults.add(document.diagnostic("E115", said, plan.element))
+        return None
+
+    def _script_fault(self, document: Document, plan: NodePlan, fault: ScriptFault) -> Diagnostic:
+        texts = {key: text for key, text in attributes_of(plan.element) if text == fault.text}
+        if texts:
+            return script_diagnostic(document, plan, next(iter(texts)), fault)
+        return document.diagnostic("E206", f"a script of <{plan.id}>: {fault}", plan.element)
+
+    # --- SubTree elements
+
+    def _subtree(
+        self,
+        plan: NodePlan,
+        call: Call,
+        config: NodeConfig,
+        tree: TreePlan,
+        subtree: Subtree,
+        prefix: str,
+    ) -> TreeNode | None:
+        document = tree.definition.document
+        config.name = plan.name if plan.name is not None else call.tree
+        own_name = plan.name if self._format == 4 else None
+        config.path = prefix + (own_name if own_name is not None else f"{call.tree}::{config.uid}")
+        config.attributes = {**call.written, **plan.attributes}
+        if config.path in self._paths:
+            said = f"two SubTree nodes have the path '{config.path}'"
+            hint = "give them different names, or none"
+            self._faults.add(document.diagnostic("E112", said, plan.element, "name", hint=hint))
+        self._paths.add(config.path)
+        at, own_at = len(self._nodes), len(subtree.nodes)
+        self._nodes.append(_PLACE_HOLDER)
+        subtree.nodes.append(_PLACE_HOLDER)
+        inner = self._scope(plan, call, document, subtree.blackboard)
+        content = self._planner.plan(self._planner.forest.by_id[call.tree])
+        child = self._instance(content, config.path, inner)
+        node = self._make(plan, config, document, subtree.blackboard, [child])
+        if node is not None:
+            self._nodes[at] = subtree.nodes[own_at] = node
+        return node
+
+    def _scope(self, plan: NodePlan, call: Call, document: Document, outer: Blackboard) -> Blackboard:
+        """The blackboard of the inner tree, connected with *outer*."""
+        if call.shared:
+            return outer
+        inner = self._scopes(outer)
+        for key, outside in call.remaps.items():
+            inner.remap(key, outside)
+        # Constants come before autoremap is switched on, and so stay in the inner blackboard.
+        for key, text in call.constants.items():
+            value = constant(text) if self._format == 4 else text
+            try:
+                inner.set(key, value, None if isinstance(value, str) else type_of(value))
+            except BlackboardFault as fault:
+                self._faults.add(document.diagnostic("E203", str(fault), plan.element, key))
+        inner.autoremap = call.autoremap
+        if call.every_key:
+            for key in sorted(self._keys_of(call.tree)):
+                if key not in call.constants:
+                    inner.remap(key, key)
+        return inner
+
+    def _keys_of(self, tree: str) -> set[str]:
+        """The keys that the attributes of *tree*'s elements point to (format 3's `__autoremap`)."""
+        definition = self._planner.forest.by_id[tree]
+        found = set()
+        for element in definition.element.iterdescendants("*"):
+            for key, text in attributes_of(element):
+                outside = pointer(text, key, 3)
+                if outside is not None and key not in ("ID", "name"):
+                    found.add(outside)
+        return found
+
+
+def _code_of(fault: Exception, plan: NodePlan) -> str:
+    if not isinstance(fault, NodeFault):
+        return "E202"
+    given = {port.name for port, _, _ in plan.ports}
+    ports = plan.manifest.ports.values() if plan.manifest is not None else ()
+    # A node that refuses to be made for want of a port says so itself.
+    missing = any(port.reads and port.name not in given for port in ports)
+    return "E205" if missing else "E118"
+
+
+def _clock_among(resources: Sequence[object]) -> Clock:
+    """The first of *resources* that is a clock, else the system's."""
+    for resource in resources:
+        if hasattr(resource, "now") and hasattr(resource, "wait_until"):
+            return cast(Clock, resource)
+    return SystemClock()
+
+
+_PLACE_HOLDER = TreeNode()

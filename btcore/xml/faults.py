@@ -1,0 +1,40 @@
+"""Collecting every fault of a document, so that all are told at once."""
+
+from btcore.errors import Diagnostic, PortFault, SyntaxFault, TreeError, UnknownNode
+
+
+class Faults:
+    """The diagnostics found so far: *errors* refuse the tree, *warnings* don't."""
+
+    def __init__(self) -> None:
+        self.errors: list[Diagnostic] = []
+        self.warnings: list[Diagnostic] = []
+
+    def add(self, diagnostic: Diagnostic) -> None:
+        """Note *diagnostic*, unless it was noted already."""
+        kept = self.errors if diagnostic.is_error else self.warnings
+        if diagnostic not in kept:
+            kept.append(diagnostic)
+
+    def raise_errors(self) -> None:
+        """Raise all errors as one TreeError, or as a subclass if they are all of its sort."""
+        if self.errors:
+            raise error_of(self.errors)
+
+
+def error_of(errors: list[Diagnostic]) -> TreeError:
+    """The exception for *errors*, in the order of the documents."""
+    ordered = in_order(errors)
+    if all(one.code.startswith("E0") for one in ordered):
+        return SyntaxFault(ordered)
+    if all(one.code == "E101" for one in ordered):
+        return UnknownNode(ordered)
+    if all(one.code.startswith("E2") for one in ordered):
+        return PortFault(ordered)
+    return TreeError(ordered)
+
+
+def in_order(diagnostics: list[Diagnostic]) -> list[Diagnostic]:
+    """*diagnostics* in the order of the text, file by file."""
+    files = list(dict.fromkeys(one.file for one in diagnostics))
+    return sorted(diagnostics, key=lambda one: (files.index(one.file), one.line, one.column))

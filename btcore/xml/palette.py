@@ -1,0 +1,52 @@
+"""The nodes that a document may name, in one format, and what to say of a name that none has."""
+
+from collections.abc import Mapping
+
+from btcore.manifest import Manifest
+from btcore.suggest import listing, nearest
+from btcore.xml.dialect import EXPLICIT, SUCCESSORS
+
+
+class Palette:
+    """The manifests of one format, by ID."""
+
+    def __init__(
+        self, manifests: Mapping[str, Manifest], other_format: Mapping[str, Manifest], format: int
+    ) -> None:
+        self.manifests = manifests
+        self._other = other_format
+        self._format = format
+
+    def unknown_node(self, name: str, trees: Mapping[str, object]) -> str:
+        """A hint for a node *name* that is not registered."""
+        if name in trees:
+            return f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>"
+        successor = SUCCESSORS.get(name)
+        if successor is not None and successor in self.manifests:
+            return f"<{successor}> takes its place"
+        if name in self._other:
+            other = 3 if self._format == 4 else 4
+            return f'<{name}> belongs to format {other}: load the document as one (BTCPP_format="{other}")'
+        searched = "searched: " + ", ".join(self.distributions())
+        near = nearest(name, [*self.manifests, *EXPLICIT])
+        if near is None:
+            return f"{searched}; a plugin may bring it (--plugin, or nodes.add_plugin)"
+        return f"did you mean <{near}>?   {searched}"
+
+    def distributions(self) -> list[str]:
+        """Who brought the nodes, btcore first."""
+        found = {manifest.distribution for manifest in self.manifests.values()}
+        if "__main__" in found:
+            found = (found - {"__main__"}) | {"your program"}
+        return sorted(found, key=lambda name: (name != "btcore", name))
+
+
+def port_hint(manifest: Manifest, name: str) -> str:
+    """A hint for a port *name* that the node of *manifest* doesn't have."""
+    if not manifest.ports:
+        return "it has no ports"
+    near = nearest(name, manifest.ports)
+    if near is not None:
+        return f"did you mean '{near}'?"
+    ports = listing([f"'{one}'" for one in manifest.ports])
+    return f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}"

@@ -1,0 +1,209 @@
+"""Documents: from a file or a text to elements, with the place of each in the text.
+
+The parser is told to look nothing up: no document types with content, no entities of the
+document's own, no network. What is not XML is refused with file, line and column.
+"""
+
+import os
+import re
+from pathlib import Path
+from typing import Final, cast
+
+from lxml import etree
+
+from btcore.errors import Diagnostic, SyntaxFault
+from btcore.suggest import nearest
+from btcore.xml.lenient import Lenient, escape, markup, may_keep_line_breaks
+from btcore.xml.malformed import EXAMPLE, explain
+from btcore.xml.places import Part, Place, Places, place_at
+
+_BYTE_ORDER_MARKS: Final = (
+    (b"\xff\xfe\x00\x00", "UTF-32"),
+    (b"\x00\x00\xfe\xff", "UTF-32"),
+    (b"\xff\xfe", "UTF-16"),
+    (b"\xfe\xff", "UTF-16"),
+)
+_LINE_BREAK_IN_TAG: Final = re.compile(r"<[^>\n\r]*[\n\r]")
+
+
+class Document:
+    """One XML document: *root* is its element tree, *text* what the user wrote, *file* its name.
+
+    *warnings* tells what was read leniently.
+    """
+
+    def __init__(self, root: etree._Element, lenient: Lenient, text: str, file: str) -> None:
+        self.root = root
+        self.text = text
+        self.file = file
+        self._lenient = lenient
+        self._places: Places | None = None
+        self._tags_span_lines: bool | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Where its includes are looked for: the folder of its file, else the current one."""
+        return Path(self.file).parent if self.file else Path()
+
+    @property
+    def places(self) -> Places:
+        """Where its elements stand; made when it is asked for the first time."""
+        if self._places is None:
+            self._places = Places(self.text, self.root)
+        return self._places
+
+    def line(self, element: etree._Element) -> int:
+        """The line in which *element* begins."""
+        if self._tags_span_lines is None:
+            self._tags_span_lines = _LINE_BREAK_IN_TAG.search(self.text) is not None
+        # The parser's line is that in which the start tag ends.
+        return self.places.line(element) if self._tags_span_lines else cast(int, element.sourceline)
+
+    def place(
+        self, element: etree._Element | int, attribute: str = "", part: Part = "value", within: int = 0
+    ) -> Place | None:
+        """Where *element* (itself, or its index in the document) stands, or one of its attributes.
+
+        *within* asks for one character of the attribute's value, by its number from 1.
+        """
+        return self.places.place(element, attribute, part, within)
+
+    def diagnostic(
+        self,
+        code: str,
+        message: str,
+        element: etree._Element | int,
+        attribute: str = "",
+        part: Part = "value",
+        hint: str = "",
+        within: int = 0,
+    ) -> Diagnostic:
+        """A diagnostic about *element*, or about one of its attributes (see :meth:`place`)."""
+        place = self.place(element, attribute, part, within)
+        if place is None:
+            return Diagnostic(code, message, self.file, hint=hint)
+        return Diagnostic(code, message, self.file, place.line, place.column, hint, place.source, place.width)
+
+    @property
+    def warnings(self) -> list[Diagnostic]:
+        """One for every attribute value with a bare ``<`` or ``&`` in it."""
+        found: list[Diagnostic] = []
+        end = 0
+        for one in self._lenient.escapes:
+            if one.original not in "<&" or one.offset < end:
+                continue
+            value, end = self._escaped_value(one.offset)
+            place = place_at(self.text, one.offset)
+            message = f"a bare '{one.original}' in an attribute value is read as text"
+            hint = f"other XML tools refuse it; write {value}"
+            found.append(Diagnostic("W101", message, self.file, place.line, place.column, hint, place.source))
+        return found
+
+    def _escaped_value(self, offset: int) -> tuple[str, int]:
+        """The attribute around *offset* as it should be written, and where it ends."""
+        text = self.text
+        quote_at = max(text.rfind('="', 0, offset), text.rfind("='", 0, offset)) + 1
+        start = max(text.rfind(gap, 0, quote_at) for gap in " \t\r\n<") + 1
+        end = text.find(text[quote_at], offset) + 1
+        pieces: list[str] = []
+        for one in self._lenient.escapes:
+            if start <= one.offset < end and one.original in "<&":
+                pieces += (text[start : one.offset], one.written)
+                start = one.offset + 1
+        return "".join((*pieces, text[start:end])), end
+
+
+def read_text(text: str, file: str = "") -> Document:
+    """Parse *text*; *file* is what messages call it. Raises SyntaxFault."""
+    # A byte order mark, and the declaration's encoding, are of no use once the text is a text.
+    text = text.removeprefix("\ufeff")
+    if not text.strip():
+        raise SyntaxFault([Diagnostic("E001", "the document is empty", file, hint=EXAMPLE)])
+    if "<!DOCTYPE" in text:
+        _refuse_document_type(text, file)
+    zero = text.find("\0")
+    if zero >= 0:
+        raise _fault("E002", "a NUL character; this is not an XML document", text, zero, file)
+    lenient = escape(text) if may_keep_line_breaks(text) else Lenient(text, ())
+    try:
+        root = _parse(lenient.text)
+    except etree.XMLSyntaxError as first:
+        fault = first
+        if not lenient.escapes:
+            lenient = escape(text)
+        if not lenient.escapes:
+            raise SyntaxFault([explain(fault, lenient, text, file)]) from None
+        try:
+            root = _parse(lenient.text)
+        except etree.XMLSyntaxError as second:
+            raise SyntaxFault([explain(second, lenient, text, file)]) from None
+    return Document(root, lenient, text, file)
+
+
+def read_file(path: str | os.PathLike[str]) -> Document:
+    """Read and parse the file *path*. Raises SyntaxFault, also when it can't be read."""
+    name = os.fspath(path)
+    try:
+        data = Path(path).read_bytes()
+    except OSError as fault:
+        raise SyntaxFault([_unreadable(Path(path), fault)]) from None
+    return read_text(_decoded(data, name), name)
+
+
+def _parse(text: str) -> etree._Element:
+    # Without huge_tree the parser also limits the depth of elements and the length of texts.
+    parser = etree.XMLParser(encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False)
+    # A lone surrogate has no UTF-8 form; it becomes '?', in a document that was no text anyway.
+    return etree.fromstring(text.encode("utf-8", "replace"), parser)
+
+
+def _unreadable(path: Path, fault: OSError) -> Diagnostic:
+    hint = ""
+    if path.is_dir():
+        said = "is a folder, not a file"
+        inside = sorted(found.name for found in path.glob("*.xml"))[:5]
+        if inside:
+            hint = "did you mean one of the files in it: " + ", ".join(inside) + "?"
+    elif isinstance(fault, FileNotFoundError):
+        said = "no such file"
+        near = nearest(path.name, [found.name for found in path.parent.glob("*.xml")])
+        if near is not None:
+            hint = f"did you mean {path.with_name(near)}?"
+    else:
+        said = f"can't be read: {(fault.strerror or str(fault)).lower()}"
+    return Diagnostic("E003", said, os.fspath(path), hint=hint)
+
+
+def _decoded(data: bytes, file: str) -> str:
+    for mark, encoding in _BYTE_ORDER_MARKS:
+        if data.startswith(mark):
+            said = f"the file is {encoding}; trees are read as UTF-8"
+            raise SyntaxFault([Diagnostic("E004", said, file, hint="save it as UTF-8")])
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        before = data[: fault.start].decode("utf-8")
+        # The rest is shown as far as it can be.
+        text = before + data[fault.start :].decode("utf-8", "replace")
+        said = f"the byte 0x{data[fault.start]:02X} is not UTF-8"
+        raise _fault("E004", said, text, len(before), file, "save the file as UTF-8") from None
+
+
+def _refuse_document_type(text: str, file: str) -> None:
+    """Refuse a document type that could define or fetch something; a bare name does no harm."""
+    for at, tag in markup(text):
+        if tag is None and text.startswith("<!DOCTYPE", at):
+            inside = text[at + len("<!DOCTYPE") : text.find(">", at)].split()
+            if len(inside) > 1 or "[" in "".join(inside):
+                said = "a document type that defines or fetches something is refused"
+                hint = "trees need no <!DOCTYPE …>: remove it, and write its entities out"
+                raise _fault("E005", said, text, at, file, hint, len("<!DOCTYPE"))
+
+
+def _fault(
+    code: str, said: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
+) -> SyntaxFault:
+    place = place_at(text, offset, width)
+    return SyntaxFault(
+        [Diagnostic(code, said, file, place.line, place.column, hint, place.source, place.width)]
+    )

@@ -1,0 +1,41 @@
+"""Every fault of a file, errors and warnings, without making its tree."""
+
+import os
+
+from btcore.errors import Diagnostic, TreeError
+from btcore.registry import Registry
+from btcore.xml.check import check_scripts, examine, reachable
+from btcore.xml.faults import in_order
+from btcore.xml.includes import PackageResolver
+from btcore.xml.plan import calling_order
+from btcore.xml.source import read_file
+
+
+def validate(
+    path: str | os.PathLike[str],
+    *,
+    nodes: Registry,
+    tree: str | None = None,
+    format: int | None = None,
+    packages: PackageResolver | None = None,
+) -> list[Diagnostic]:
+    """What is wrong with the file *path* and its includes: errors first, both in the order of the text.
+
+    Every tree in it is looked at, called or not, down to its scripts; a file of several trees, none of
+    them the main one, is a library, and good.
+    """
+    try:
+        document = read_file(path)
+    except TreeError as fault:
+        return list(fault.diagnostics)
+    examined = examine(document, nodes, tree, format, packages)
+    planner, faults = examined.planner, examined.faults
+    reached = reachable(planner, examined.main) if examined.main is not None else []
+    ids = {plan.definition.id for plan in reached}
+    for definition in planner.forest.by_id.values():
+        if definition.id not in ids:
+            calling_order(planner, definition, faults)
+        check_scripts(planner.plan(definition), nodes, faults)
+    if tree is None and planner.forest.all and document.root.get("main_tree_to_execute") is None:
+        faults.errors = [one for one in faults.errors if one.code != "E108"]
+    return [*in_order(faults.errors), *in_order(faults.warnings)]

@@ -1,0 +1,275 @@
+"""From XML to nodes: who is who, under which path, with which ports, on which blackboard."""
+
+from pathlib import Path
+
+import pytest
+
+from btcore import In, Registry, Status, action, load, loads, wanted
+from btcore.blackboard import Blackboard
+from btcore.clock import SimClock
+from btcore.errors import TreeError
+from btcore.tree import Tree
+
+
+class Robot:
+    pass
+
+
+@action
+def drive(speed: In[float], robot: Robot) -> bool:
+    return speed > 0
+
+
+def made(body: str, more: str = "", root: str = 'BTCPP_format="4"', **options: object) -> Tree:
+    text = (
+        f'<root {root} main_tree_to_execute="Main"><BehaviorTree ID="Main">{body}</BehaviorTree>{more}</root>'
+    )
+    return loads(text, **options)  # type: ignore[arg-type]
+
+
+def root_of(*parts: str, main: str = "M") -> str:
+    return f'<root BTCPP_format="4" main_tree_to_execute="{main}">{"".join(parts)}</root>'
+
+
+def sub(body: str, ID: str = "Sub") -> str:
+    return f'<BehaviorTree ID="{ID}">{body}</BehaviorTree>'
+
+
+# --- numbers, names and paths (nodes.md §10.3)
+
+NESTED = (
+    '<Sequence><AlwaysSuccess name="a/b c.d"/><SubTree ID="Sub" name="inst"/><SubTree ID="Sub"/>'
+    "<AlwaysSuccess/></Sequence>",
+    sub('<Sequence name="nm"><AlwaysSuccess/></Sequence>'),
+)
+
+
+def test_numbers_descend_into_a_subtree_before_its_next_sibling() -> None:
+    tree = made(*NESTED)
+    assert [(node.uid, node.name, node.path) for node in tree] == [
+        (1, "Sequence", "Sequence::1"),
+        (2, "a/b c.d", "a/b c.d"),
+        (3, "inst", "inst"),
+        (4, "nm", "inst/nm"),
+        (5, "AlwaysSuccess", "inst/AlwaysSuccess::5"),
+        (6, "Sub", "Sub::6"),
+        (7, "nm", "Sub::6/nm"),
+        (8, "AlwaysSuccess", "Sub::6/AlwaysSuccess::8"),
+        (9, "AlwaysSuccess", "AlwaysSuccess::9"),
+    ]
+
+
+def test_subtrees_are_listed_in_order_of_creation() -> None:
+    tree = made(*NESTED)
+    found = [(one.id, one.path, [node.uid for node in one.nodes]) for one in tree.subtrees]
+    assert found == [("Main", "", [1, 2, 3, 6, 9]), ("Sub", "inst", [4, 5]), ("Sub", "Sub::6", [7, 8])]
+
+
+def test_in_format_3_the_node_of_a_subtree_is_called_as_its_tree_and_paths_are_those_of_format_4() -> None:
+    tree = made('<Sequence><SubTree ID="Sub" name="inst"/></Sequence>', sub("<AlwaysSuccess/>"), root="")
+    assert [(node.name, node.path) for node in tree] == [
+        ("Sequence", "Sequence::1"),
+        ("Sub", "Sub::2"),
+        ("AlwaysSuccess", "Sub::2/AlwaysSuccess::3"),
+    ]
+    assert tree.format == 3
+
+
+def test_a_node_knows_its_place_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "t.xml"
+    tags = [
+        '<root BTCPP_format="4">',
+        '<BehaviorTree ID="M">',
+        "<Sequence",
+        '  name="s">',
+        "<AlwaysSuccess/>",
+    ]
+    path.write_text("\n".join([*tags, "</Sequence></BehaviorTree></root>"]))
+    assert [node.config.where for node in load(path)] == [f"{path}:3", f"{path}:5"]
+
+
+# --- which tree, which format
+
+
+def test_the_tree_that_is_asked_for_is_made() -> None:
+    assert made("<AlwaysSuccess/>", sub("<AlwaysFailure/>"), tree="Sub").root.id == "AlwaysFailure"
+
+
+def test_the_only_tree_needs_no_name() -> None:
+    tree = loads('<root BTCPP_format="4"><BehaviorTree><AlwaysSuccess/></BehaviorTree></root>')
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_a_document_that_names_no_format_is_of_format_3_unless_told_otherwise() -> None:
+    assert made("<AlwaysSuccess/>", root="").format == 3
+    assert made("<Script code='a := 1'/>", root="", format=4).format == 4
+    assert made("<SequenceStar><AlwaysSuccess/></SequenceStar>", format=3).root.id == "SequenceStar"
+
+
+# --- tags and attributes
+
+
+@pytest.mark.parametrize("tag", ["Action", "Condition", "Control", "Decorator"])
+def test_in_format_4_an_explicit_tag_may_name_any_category(tag: str) -> None:
+    inverted = f'<{tag} ID="Inverter"><AlwaysFailure/></{tag}>'
+    tree = made(f'<ReactiveSequence><{tag} ID="AlwaysSuccess"/>{inverted}</ReactiveSequence>')
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_format_3_accepts_the_empty_attributes_that_groot_1_writes() -> None:
+    tree = made(
+        '<Sequence><AlwaysSuccess/><Repeat num_cycles=""><AlwaysSuccess/></Repeat></Sequence>', root=""
+    )
+    assert tree.root.id == "Sequence"
+    with pytest.raises(TreeError, match="E202"):
+        made('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>')
+
+
+def test_attributes_with_an_underscore_are_kept_and_mean_nothing_in_format_4() -> None:
+    node = made('<AlwaysSuccess _uid="7" _note="mine" _skipIf="false"/>').root
+    assert node.config.attributes == {"_uid": "7", "_note": "mine"}
+    assert node.config.scripts == {"_skipIf": "false"}
+    with pytest.raises(TreeError, match="E201"):
+        made('<AlwaysSuccess _note="mine"/>', root="")
+
+
+def test_defaults_are_filled_in() -> None:
+    node = made("<Parallel><AlwaysSuccess/></Parallel>").root
+    assert {key: port.text for key, port in node.config.inputs.items()} == {
+        "success_count": "-1",
+        "failure_count": "1",
+    }
+
+
+def test_a_bare_less_than_reaches_the_script() -> None:
+    tree = made('<Script code="a := 1 < 2 && 3 < 4"/>')
+    tree.tick_once()
+    assert tree.blackboard["a"] == 1
+
+
+# --- SubTree (nodes.md §10.4, §11)
+
+
+def inner(tree: Tree) -> Blackboard:
+    return tree.subtrees[1].blackboard
+
+
+def test_in_format_4_braces_remap_and_all_else_is_a_constant() -> None:
+    tree = made(
+        '<SubTree ID="Sub" key="{outer}" same="{=}" n="42" big="5000000000" x="1e3" text="1;2" flag="true"/>',
+        sub('<Script code="key := 1; same := 2; own := 3"/>'),
+    )
+    tree.tick_once()
+    board = inner(tree)
+    assert (tree.blackboard["outer"], tree.blackboard["same"]) == (1, 2)
+    assert "own" not in tree.blackboard
+    assert [board[key] for key in ("n", "big", "x", "text", "flag")] == [
+        42,
+        5_000_000_000,
+        1000.0,
+        "1;2",
+        "true",
+    ]
+
+
+def test_autoremap_shares_every_name_but_the_private_ones_and_the_constants() -> None:
+    tree = made(
+        '<SubTree ID="Sub" _autoremap="true" n="1"/>', sub('<Script code="a := 1; _b := 2; n := 3"/>')
+    )
+    tree.tick_once()
+    assert sorted(tree.blackboard) == ["a"]
+
+
+def test_the_model_of_a_subtree_fills_its_defaults_in() -> None:
+    models = """<TreeNodesModel><SubTree ID="Sub">
+      <input_port name="n" default="7"/><inout_port name="out" default="{result}"/>
+    </SubTree></TreeNodesModel>"""
+    tree = made('<SubTree ID="Sub"/>', sub('<Script code="out := n"/>') + models)
+    tree.tick_once()
+    assert tree.blackboard["result"] == 7
+
+
+def test_in_format_3_a_subtree_is_isolated_and_names_outer_keys_without_braces() -> None:
+    body = '<SetBlackboard value="1" output_key="key"/>'
+    tree = made('<SubTree ID="Sub" key="outer"/>', sub(body), root="")
+    tree.tick_once()
+    assert sorted(tree.blackboard) == ["outer"]
+
+
+def test_in_format_3_a_blackboard_may_be_shared() -> None:
+    body = '<SetBlackboard value="1" output_key="key"/>'
+    tree = made('<SubTree ID="Sub" __shared_blackboard="true"/>', sub(body), root="")
+    tree.tick_once()
+    assert inner(tree) is tree.blackboard
+    assert sorted(tree.blackboard) == ["key"]
+
+
+def test_subtree_plus_takes_constants_and_maps_the_keys_of_the_inner_ports() -> None:
+    body = '<SetBlackboard value="{in}" output_key="{name}"/>'
+    more = sub(f"<Sequence>{body}</Sequence>")
+    outer = made('<SubTreePlus ID="Sub" in="hello" name="{word}" __autoremap="true"/>', more, root="")
+    board = inner(outer)
+    assert board["in"] == "hello"
+    outer.blackboard["word"] = "greeting"
+    outer.tick_once()
+    assert board["greeting"] == "hello"
+
+
+def test_subtrees_may_call_each_other_some_thousand_levels_deep() -> None:
+    levels = 3000
+    calls = [sub(f'<SubTree ID="T{n + 1}" name="s"/>', f"T{n}") for n in range(levels)]
+    tree = loads(root_of(*calls, sub("<AlwaysSuccess/>", f"T{levels}"), main="T0"))
+    assert len(tree.nodes) == levels + 1
+    assert tree.tick_once() is Status.SUCCESS
+
+
+# --- files
+
+
+def test_an_included_file_is_looked_for_beside_the_one_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "a.xml").write_text(root_of('<include path="b.xml"/>', sub("<AlwaysSuccess/>", "A")))
+    (tmp_path / "lib" / "b.xml").write_text(root_of(sub("<AlwaysFailure/>", "B")))
+    body = '<Fallback><SubTree ID="B"/><SubTree ID="A"/></Fallback>'
+    main = tmp_path / "main.xml"
+    main.write_text(root_of('<include path="lib/a.xml"/><include path="lib/b.xml"/>', sub(body, "M")))
+    tree = load(main)
+    assert [one.id for one in tree.subtrees] == ["M", "B", "A"]
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_a_package_is_found_by_the_resolver(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(root_of(sub("<AlwaysSuccess/>", "A")))
+    text = root_of('<include ros_pkg="nav" path="a.xml"/>', sub('<SubTree ID="A"/>', "M"))
+    tree = loads(text, packages={"nav": tmp_path}.get)
+    assert tree.tick_once() is Status.SUCCESS
+
+
+# --- what is handed in
+
+
+@pytest.fixture
+def nodes() -> Registry:
+    registry = Registry.standard()
+    registry.add(drive, ID="Drive")
+    return registry
+
+
+def test_resources_fill_what_leaves_ask_for(nodes: Registry) -> None:
+    tree = made('<Drive speed="1.5"/>', nodes=nodes, resources=[SimClock(), Robot()])
+    assert tree.tick_once() is Status.SUCCESS
+    assert isinstance(tree.clock, SimClock)
+
+
+def test_what_a_tree_asks_for_is_known_before_it_is_made(nodes: Registry, tmp_path: Path) -> None:
+    path = tmp_path / "t.xml"
+    path.write_text(root_of(sub("<AlwaysSuccess/>", "M"), sub('<Drive speed="1"/>', "D")))
+    assert wanted(path, nodes=nodes) == []
+    assert wanted(path, nodes=nodes, tree="D") == [Robot]
+
+
+def test_one_blackboard_may_serve_two_trees() -> None:
+    board = Blackboard()
+    made("<Script code='a := 1'/>", blackboard=board).tick_once()
+    second = made("<ScriptCondition code='a == 1'/>", blackboard=board)
+    assert second.tick_once() is Status.SUCCESS

@@ -1,0 +1,395 @@
+"""What a tree that can't be made says of its nodes, trees and files: the whole message, as users read it."""
+
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from btcore import In, Registry, SyncAction, action
+from btcore.errors import SyntaxFault, TreeError, UnknownNode
+from btcore.xml.build import build
+from btcore.xml.check import examine
+from btcore.xml.source import read_file, read_text
+from btcore.xml.validate import validate
+
+
+class Robot:
+    pass
+
+
+@action
+def drive(speed: In[float], robot: Robot) -> bool:
+    return speed > 0
+
+
+@action
+def say(text: In[str] = "hi") -> bool:
+    return bool(text)
+
+
+class Broken(SyncAction):
+    def __init__(self) -> None:
+        raise ValueError("no camera")
+
+
+@pytest.fixture
+def nodes() -> Registry:
+    made = Registry.standard()
+    for ID, thing in {"Drive": drive, "Say": say, "Broken": Broken}.items():
+        made.add(thing, ID=ID)
+    return made
+
+
+def document(body: str, more: str = "", root: str = 'BTCPP_format="4" main_tree_to_execute="Main"') -> str:
+    return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{more}</root>\n'
+
+
+def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
+    return f'  <BehaviorTree ID="{ID}">{body}</BehaviorTree>\n'
+
+
+def searched(nodes: Registry) -> str:
+    others = sorted({one.distribution for one in nodes.manifests.values()} - {"btcore"})
+    return "searched: " + ", ".join(["btcore", *others])
+
+
+CASES = {
+    "an unknown node": (
+        document("<ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>"),
+        UnknownNode,
+        """
+        t.xml:3:5: E101 unknown node <ReactiveSeqence>
+           3 |      <ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>
+             |      ^^^^^^^^^^^^^^^^^
+              did you mean <ReactiveSequence>?   SEARCHED
+        """,
+    ),
+    "an unknown node by its explicit tag": (
+        document('<Action ID="Drvie" speed="1"/>'),
+        UnknownNode,
+        """
+        t.xml:3:17: E101 unknown node 'Drvie'
+           3 |      <Action ID="Drvie" speed="1"/>
+             |                  ^^^^^
+              did you mean <Drive>?   SEARCHED
+        """,
+    ),
+    "a node of format 3 in format 4": (
+        document("<SequenceStar><AlwaysSuccess/></SequenceStar>"),
+        UnknownNode,
+        """
+        t.xml:3:5: E101 unknown node <SequenceStar>
+           3 |      <SequenceStar><AlwaysSuccess/></SequenceStar>
+             |      ^^^^^^^^^^^^^^
+              <SequenceWithMemory> takes its place
+        """,
+    ),
+    "a node of format 4 in format 3": (
+        document('<Script code="a := 1"/>', root='main_tree_to_execute="Main"'),
+        UnknownNode,
+        """
+        t.xml:3:5: E101 unknown node <Script>
+           3 |      <Script code="a := 1"/>
+             |      ^^^^^^^
+              <Script> belongs to format 4: load the document as one (BTCPP_format="4")
+        """,
+    ),
+    "a tree used as a tag": (
+        document("<Charge/>", tree("Charge")),
+        UnknownNode,
+        """
+        t.xml:3:5: E101 unknown node <Charge>
+           3 |      <Charge/>
+             |      ^^^^^^^
+              'Charge' is a tree: write <SubTree ID="Charge"/>
+        """,
+    ),
+    "a missing subtree": (
+        document('<SubTree ID="Chrage"/>', tree("Charge")),
+        TreeError,
+        """
+        t.xml:3:18: E109 no tree is called 'Chrage'
+           3 |      <SubTree ID="Chrage"/>
+             |                   ^^^^^^
+              did you mean 'Charge'?
+        """,
+    ),
+    "a tree that contains itself": (
+        document(
+            '<Sequence><SubTree ID="A"/></Sequence>',
+            tree("A", '<SubTree ID="B"/>') + tree("B", '<SubTree ID="A"/>'),
+        ),
+        TreeError,
+        """
+        t.xml:6:37: E110 the trees call each other in a circle: A → B → A
+           6 |    <BehaviorTree ID="B"><SubTree ID="A"/></BehaviorTree>
+             |                                      ^
+              a tree can't contain itself
+        """,
+    ),
+    "a decorator with two children": (
+        document("<Inverter><Say/><Say/></Inverter>"),
+        TreeError,
+        """
+        t.xml:3:5: E104 <Inverter> has 2 children; a decorator has exactly 1
+           3 |      <Inverter><Say/><Say/></Inverter>
+             |      ^^^^^^^^^^
+              put them into a <Sequence>
+        """,
+    ),
+    "a control node without children": (
+        document("<Sequence/>"),
+        TreeError,
+        """
+        t.xml:3:5: E104 <Sequence> has no child; a control node needs at least 1
+           3 |      <Sequence/>
+             |      ^^^^^^^^^
+        """,
+    ),
+    "a TryCatch with one child": (
+        document("<TryCatch><Say/></TryCatch>"),
+        TreeError,
+        """
+        t.xml:3:5: E104 <TryCatch> has 1 child; it needs at least 2
+           3 |      <TryCatch><Say/></TryCatch>
+             |      ^^^^^^^^^^
+              the last child is the handler
+        """,
+    ),
+    "an action with a child": (
+        document("<Say><Say/></Say>"),
+        TreeError,
+        """
+        t.xml:3:5: E104 <Say> has 1 child; an action has none
+           3 |      <Say><Say/></Say>
+             |      ^^^^^
+        """,
+    ),
+    "a tree with two children": (
+        document("<Say/><Say/>"),
+        TreeError,
+        """
+        t.xml:2:3: E104 the tree 'Main' has 2 children; a tree has exactly 1
+           2 |    <BehaviorTree ID="Main">
+             |    ^^^^^^^^^^^^^
+              put them into a <Sequence>
+        """,
+    ),
+    "a SubTree with children": (
+        document('<SubTree ID="A"><Say/></SubTree>', tree("A")),
+        TreeError,
+        """
+        t.xml:3:21: E104 <SubTree ID="A"> has children; what it does stands in its <BehaviorTree>
+           3 |      <SubTree ID="A"><Say/></SubTree>
+             |                      ^^^^
+        """,
+    ),
+    "a main tree that is not there": (
+        document("<Say/>", root='BTCPP_format="4" main_tree_to_execute="Mian"'),
+        TreeError,
+        """
+        t.xml:1:46: E108 main_tree_to_execute names the tree 'Mian', which is not there
+           1 |  <root BTCPP_format="4" main_tree_to_execute="Mian">
+             |                                               ^^^^
+              did you mean 'Main'?
+        """,
+    ),
+    "several trees and no main one": (
+        document("<Say/>", tree("Other"), root='BTCPP_format="4"'),
+        TreeError,
+        """
+        t.xml:1:1: E108 several trees, and none is named as the main one
+           1 |  <root BTCPP_format="4">
+             |  ^^^^^
+              write main_tree_to_execute="…" into <root>, or name one when loading: Main or Other
+        """,
+    ),
+    "no tree at all": (
+        '<root BTCPP_format="4"/>',
+        TreeError,
+        """
+        t.xml:1:1: E108 there is no <BehaviorTree> in the document
+           1 |  <root BTCPP_format="4"/>
+             |  ^^^^^
+              a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
+        """,
+    ),
+    "a document of something else": (
+        "<svg/>",
+        SyntaxFault,
+        """
+        t.xml:1:1: E008 the outermost element is <svg>, not <root>
+           1 |  <svg/>
+             |  ^^^^
+              a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
+        """,
+    ),
+    "a format that is not known": (
+        document("<Say/>", root='BTCPP_format="5"'),
+        SyntaxFault,
+        """
+        t.xml:1:21: E009 BTCPP_format '5' is not known
+           1 |  <root BTCPP_format="5">
+             |                      ^
+              write BTCPP_format="4", or "3" for a tree of Groot 1
+        """,
+    ),
+    "a tree that is called as a node": (
+        document("<Say/>", tree("Drive")),
+        TreeError,
+        """
+        t.xml:5:21: E105 a tree can't be called 'Drive', as a node is
+           5 |    <BehaviorTree ID="Drive"><AlwaysSuccess/></BehaviorTree>
+             |                      ^^^^^
+              rename the tree
+        """,
+    ),
+    "a tree whose name has a space": (
+        document("<Say/>", tree("go home")),
+        TreeError,
+        """
+        t.xml:5:21: E107 a tree's ID has no ' ' in it, but this one is 'go home'
+           5 |    <BehaviorTree ID="go home"><AlwaysSuccess/></BehaviorTree>
+             |                      ^^^^^^^
+              letters, digits, '_' and '-' will do
+        """,
+    ),
+    "a compact node with an ID": (
+        document('<Say ID="greet"/>'),
+        TreeError,
+        """
+        t.xml:3:14: E103 <Say> has an ID, which only explicit tags such as <Action ID="…"> have
+           3 |      <Say ID="greet"/>
+             |               ^^^^^
+              to name the node, write name="…"
+        """,
+    ),
+    "an explicit tag without an ID": (
+        document("<Action/>"),
+        TreeError,
+        """
+        t.xml:3:5: E102 <Action> does not say which node it is
+           3 |      <Action/>
+             |      ^^^^^^^
+              write <Action ID="…"/>
+        """,
+    ),
+    "an included file that is missing": (
+        document("<Say/>", '  <include path="nope.xml"/>\n'),
+        SyntaxFault,
+        """
+        t.xml:5:18: E007 the included file 'nope.xml': no such file
+           5 |    <include path="nope.xml"/>
+             |                   ^^^^^^^^
+        """,
+    ),
+    "an included file of a ROS package": (
+        document("<Say/>", '  <include ros_pkg="nav" path="nope.xml"/>\n'),
+        SyntaxFault,
+        """
+        t.xml:5:21: E007 the ROS package 'nav' is not known
+           5 |    <include ros_pkg="nav" path="nope.xml"/>
+             |                      ^^^
+              no resolver of packages was given: pass one, from a package's name to its share directory
+        """,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_message(case: str, nodes: Registry) -> None:
+    text, kind, said = CASES[case]
+    with pytest.raises(TreeError) as caught:
+        build(read_text(text, "t.xml"), nodes)
+    assert str(caught.value) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes))
+    assert type(caught.value) is kind
+
+
+def test_all_faults_are_told_at_once_in_the_order_of_the_text(nodes: Registry) -> None:
+    text = document(
+        '<Sequence>\n<Drvie/>\n<Drive sped="1" speed="fast"/>\n<Inverter _skipIf="1 +"/>\n</Sequence>',
+        tree("Unused", "<Nonsense/>"),
+    )
+    with pytest.raises(TreeError) as caught:
+        build(read_text(text, "t.xml"), nodes)
+    assert [(one.code, one.line) for one in caught.value.diagnostics] == [
+        ("E101", 4), ("E201", 5), ("E202", 5), ("E104", 6), ("E206", 6), ("E101", 9),
+    ]  # fmt: skip
+
+
+def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry) -> None:
+    doubling = [
+        tree(f"T{n}", f'<Sequence><SubTree ID="T{n + 1}"/><SubTree ID="T{n + 1}"/></Sequence>')
+        for n in range(60)
+    ]
+    text = document('<SubTree ID="T0"/>', "".join(doubling) + tree("T60"))
+    with pytest.raises(
+        TreeError, match=r"t\.xml:2:21: E117 with all its subtrees the tree has more than 65,535 nodes"
+    ):
+        build(read_text(text, "t.xml"), nodes)
+
+
+# --- warnings
+
+
+def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry) -> None:
+    text = document("<AlwaysFailure/>", tree("Main"))
+    assert build(read_text(text), nodes).root.id == "AlwaysSuccess"
+    assert [str(one) for one in examine(read_text(text, "t.xml"), nodes).faults.warnings] == [
+        dedent(
+            """\
+            t.xml:5:21: W102 there are two trees 'Main'; this one replaces that of t.xml:2
+               5 |    <BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>
+                 |                      ^^^^
+                  rename or remove one of them"""
+        )
+    ]
+
+
+def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry) -> None:
+    text = document("<AlwaysFailure/>", tree("Main"), root='main_tree_to_execute="Main"')
+    assert build(read_text(text), nodes).root.id == "AlwaysFailure"
+    (warning,) = examine(read_text(text, "t.xml"), nodes).faults.warnings
+    assert str(warning).startswith(
+        "t.xml:5:21: W102 there are two trees 'Main'; that of t.xml:2 is used, not this one"
+    )
+
+
+def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry) -> None:
+    text = document("<Root/><Say/>", root='main_tree_to_execute="Main"')
+    assert build(read_text(text), nodes).root.id == "Say"
+    (warning,) = examine(read_text(text, "t.xml"), nodes).faults.warnings
+    assert str(warning).startswith("t.xml:3:5: W103 <Root> is obsolete and is skipped")
+
+
+# --- files that include files
+
+
+def test_files_that_include_each_other(tmp_path: Path, nodes: Registry) -> None:
+    (tmp_path / "a.xml").write_text('<root BTCPP_format="4"><include path="b.xml"/></root>')
+    (tmp_path / "b.xml").write_text('<root BTCPP_format="4">\n  <include path="a.xml"/>\n</root>')
+    with pytest.raises(SyntaxFault) as caught:
+        build(read_file(tmp_path / "a.xml"), nodes)
+    assert str(caught.value.diagnostics[0]) == (
+        f"{tmp_path}/b.xml:2:18: E007 the files include each other: a.xml → b.xml → a.xml\n"
+        '   2 |    <include path="a.xml"/>\n'
+        "     |                   ^^^^^"
+    )
+
+
+def test_a_fault_in_an_included_file_names_that_file(tmp_path: Path, nodes: Registry) -> None:
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "charge.xml").write_text(
+        f'<root BTCPP_format="4">\n{tree("Charge", "<Sya/>")}</root>'
+    )
+    main = tmp_path / "main.xml"
+    main.write_text(document('<SubTree ID="Charge"/>', '<include path="lib/charge.xml"/>'))
+    found = validate(main, nodes=nodes)
+    assert [(one.file, one.line, one.column, one.code) for one in found] == [
+        (f"{tmp_path}/lib/charge.xml", 2, 29, "E101")
+    ]
+
+
+def test_validate_tells_of_a_file_that_can_not_be_read(tmp_path: Path, nodes: Registry) -> None:
+    (found,) = validate(tmp_path / "none.xml", nodes=nodes)
+    assert str(found) == f"{tmp_path}/none.xml: E003 no such file"

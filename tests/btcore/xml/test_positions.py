@@ -1,0 +1,85 @@
+"""A place in a message is that of the text as its author wrote it: line and column from 1, in characters."""
+
+import pytest
+
+from btcore.xml.places import Part, place_at
+from btcore.xml.source import Document, read_text
+
+TEXT = """<?xml version="1.0"?>
+<!-- <A/> is a comment -->
+<root BTCPP_format="4">
+  <BehaviorTree ID="Größe">
+    <A  x = "1"
+        name='ä'
+\ty="a < b &amp;&amp; c"/><B/>
+    <?pi <C/> ?><C z=""></C>
+  </BehaviorTree>
+</root>
+"""
+
+
+@pytest.fixture
+def document() -> Document:
+    return read_text(TEXT, "t.xml")
+
+
+@pytest.mark.parametrize(
+    ("tag", "attribute", "part", "place"),
+    [
+        ("root", "", "tag", (3, 1, "<root")),
+        ("BehaviorTree", "ID", "value", (4, 21, "Größe")),
+        ("BehaviorTree", "ID", "name", (4, 17, "ID")),
+        ("A", "", "tag", (5, 5, "<A")),
+        ("A", "x", "name", (5, 9, "x")),
+        ("A", "x", "value", (5, 14, "1")),
+        ("A", "name", "value", (6, 15, "ä")),
+        ("A", "y", "value", (7, 5, "a < b &amp;&amp; c")),
+        ("B", "", "tag", (7, 26, "<B")),
+        ("C", "", "tag", (8, 17, "<C")),
+        ("C", "z", "value", (8, 22, '""')),
+        ("C", "missing", "value", (8, 17, "<C")),
+    ],
+)
+def test_elements_attributes_and_values_are_found(
+    document: Document, tag: str, attribute: str, part: Part, place: tuple[int, int, str]
+) -> None:
+    element = next(document.root.iter(tag))
+    found = document.place(element, attribute, part)
+    assert found is not None
+    meant = found.source[found.column - 1 : found.column - 1 + found.width]
+    assert (found.line, found.column, meant) == place
+
+
+def test_a_character_of_a_value_is_found_behind_references(document: Document) -> None:
+    value = "a < b && c"
+    element = next(document.root.iter("A"))
+    for number, char in enumerate(value, 1):
+        found = document.place(element, "y", "value", number)
+        assert found is not None
+        assert found.source[found.column - 1] == ("&" if char == "&" else char)
+
+
+def test_an_element_may_be_named_by_its_number(document: Document) -> None:
+    elements = list(document.root.iter("*"))
+    for number, element in enumerate(elements):
+        assert document.places.index(element) == number
+        assert document.place(number) == document.place(element)
+    assert document.place(len(elements)) is None
+
+
+def test_the_line_of_an_element_is_where_its_tag_begins(document: Document) -> None:
+    lines = {str(element.tag): document.line(element) for element in document.root.iter("*")}
+    assert lines == {"root": 3, "BehaviorTree": 4, "A": 5, "B": 7, "C": 8}
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_end_as_files_of_any_system_end_them(end: str) -> None:
+    text = end.join(["<root>", "  <A/>", "  <B x='1'/>", "</root>"])
+    document = read_text(text)
+    found = document.place(next(document.root.iter("B")), "x")
+    assert found is not None
+    assert (found.line, found.column, found.source) == (3, 9, "  <B x='1'/>")
+
+
+def test_the_end_of_a_text_is_a_place_too() -> None:
+    assert place_at("ab\n", 3) == (2, 1, 1, "")

@@ -1,0 +1,269 @@
+"""A document is read as BehaviorTree.CPP's XML library reads it; what is no XML is refused with its place."""
+
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from btcore.errors import SyntaxFault
+from btcore.xml.source import read_file, read_text
+
+
+def refused(text: str) -> str:
+    with pytest.raises(SyntaxFault) as caught:
+        read_text(text, "t.xml")
+    return str(caught.value)
+
+
+def message(text: str) -> str:
+    return dedent(text).strip("\n")
+
+
+# --- what is read leniently
+
+
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [
+        ('code="a < b"', "a < b"),
+        ('code="a && b"', "a && b"),
+        ("code='a < \"b\" & c'", 'a < "b" & c'),
+        ('code="a &lt; b &amp;&amp; c"', "a < b && c"),
+        ('code="&foo; &bar"', "&foo; &bar"),
+        ('code="&#65;&#x42;"', "AB"),
+        ('code="a > b"', "a > b"),
+        ('code="a:=1;\n\tb:=2"', "a:=1;\n\tb:=2"),
+        ('code="a:=1;\r\nb:=2"', "a:=1;\nb:=2"),
+        ('code="é < 漢"', "é < 漢"),
+        ('code=""', ""),
+    ],
+)
+def test_an_attribute_value_is_the_text_that_its_author_meant(written: str, value: str) -> None:
+    document = read_text(f"<root><Script {written}/></root>")
+    assert document.root[0].get("code") == value
+
+
+def test_what_was_read_leniently_is_a_warning_that_shows_the_escaped_form() -> None:
+    document = read_text(
+        '<root>\n  <Script name="s" code="a < b && c" x="fine &amp; well"/>\n</root>', "t.xml"
+    )
+    assert [str(one) for one in document.warnings] == [
+        message(
+            """
+            t.xml:2:28: W101 a bare '<' in an attribute value is read as text
+               2 |    <Script name="s" code="a < b && c" x="fine &amp; well"/>
+                 |                             ^
+                  other XML tools refuse it; write code="a &lt; b &amp;&amp; c"
+            """
+        )
+    ]
+
+
+def test_a_well_formed_document_has_no_warnings() -> None:
+    assert read_text('<root><A x="a &lt; b\nc"/></root>').warnings == []
+
+
+def test_comments_instructions_and_character_data_may_hold_anything() -> None:
+    document = read_text('<!-- <a x="<> --><root><?pi <x y="&?><![CDATA[<b z="<"]]><A x="<"/></root>')
+    assert document.root[0].tag is not None
+    assert document.root.find("A") is not None
+    assert len(document.warnings) == 1
+
+
+def test_an_encoding_that_is_declared_does_not_matter_to_a_text() -> None:
+    assert read_text('<?xml version="1.0" encoding="ISO-8859-1"?><root n="é"/>').root.get("n") == "é"
+
+
+def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
+    assert read_text("<!DOCTYPE root><root/>").root.tag == "root"
+
+
+# --- what is no XML
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "",
+            """
+            t.xml: E001 the document is empty
+                  a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
+            """,
+        ),
+        (
+            "not a tree at all",
+            """
+            t.xml:1:1: E002 this is not XML: it does not begin with a tag
+               1 |  not a tree at all
+                 |  ^
+                  a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
+            """,
+        ),
+        (
+            "<root>\n  <Sequence>\n  </Fallback>\n</root>",
+            """
+            t.xml:3:3: E002 </Fallback> stands where <Sequence> is to be closed
+               3 |    </Fallback>
+                 |    ^^^^^^^^^^^
+                  <Sequence> was opened in line 2, column 3
+            """,
+        ),
+        (
+            "<root>\n  <Sequence>\n",
+            """
+            t.xml:2:3: E002 <Sequence> is never closed
+               2 |    <Sequence>
+                 |    ^^^^^^^^^
+                  write </Sequence>, or <Sequence … />
+            """,
+        ),
+        (
+            '<root>\n  <Say text="hello/>\n</root>',
+            """
+            t.xml:2:3: E002 in <Say …> a quote is opened and not closed
+               2 |    <Say text="hello/>
+                 |    ^^^^
+            """,
+        ),
+        (
+            "<root>\n  <Say text=hello/>\n</root>",
+            """
+            t.xml:2:13: E002 an attribute's value must stand in quotes
+               2 |    <Say text=hello/>
+                 |              ^
+            """,
+        ),
+        (
+            '<root>\n  <Say text="a" text="b"/>\n</root>',
+            """
+            t.xml:2:17: E002 the attribute text is written twice in one tag
+               2 |    <Say text="a" text="b"/>
+                 |                  ^^^^
+                  remove one of them
+            """,
+        ),
+        (
+            "<root>a & b</root>",
+            """
+            t.xml:1:9: E002 a bare '&' in text
+               1 |  <root>a & b</root>
+                 |          ^
+                  write &amp;
+            """,
+        ),
+        (
+            "<root/>\n<root/>",
+            """
+            t.xml:2:1: E002 something follows the end of the document
+               2 |  <root/>
+                 |  ^
+                  all trees stand inside one <root>…</root>
+            """,
+        ),
+        (
+            "<root><!-- oh </root>",
+            """
+            t.xml:1:7: E002 a comment that does not end
+               1 |  <root><!-- oh </root>
+                 |        ^^^^
+                  it ends with -->
+            """,
+        ),
+        (
+            "<root>\n\x00</root>",
+            """
+            t.xml:2:1: E002 a NUL character; this is not an XML document
+               2 |  \x00</root>
+                 |  ^
+            """,
+        ),
+    ],
+)
+def test_what_is_not_xml_is_refused_with_its_place(text: str, said: str) -> None:
+    assert refused(text) == message(said)
+
+
+def test_places_are_those_of_the_original_though_characters_before_were_escaped() -> None:
+    text = '<root>\n<A x="a < b & c && d"/><B y=1/>\n</root>'
+    assert refused(text).startswith("t.xml:2:29: E002 an attribute's value must stand in quotes")
+
+
+# --- what is hostile
+
+
+def test_a_bomb_of_entities_is_refused_unread() -> None:
+    bomb = '<!DOCTYPE root [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>\n<root x="&b;"/>'
+    assert refused(bomb) == message(
+        """
+        t.xml:1:1: E005 a document type that defines or fetches something is refused
+           1 |  <!DOCTYPE root [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>
+             |  ^^^^^^^^^
+              trees need no <!DOCTYPE …>: remove it, and write its entities out
+        """
+    )
+
+
+def test_an_external_entity_is_refused_and_not_fetched(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("secret")
+    text = f'<!DOCTYPE root [<!ENTITY a SYSTEM "{secret}">]><root>&a;</root>'
+    said = refused(text)
+    assert "t.xml:1:1: E005 a document type that defines or fetches something is refused" in said
+    assert "E005" in refused(f'<!DOCTYPE root SYSTEM "{secret}"><root/>')
+
+
+def test_elements_nested_too_deep_are_refused() -> None:
+    said = refused("<root>" + "<A>" * 5000 + "</A>" * 5000 + "</root>")
+    assert "E002 elements are nested more than 256 deep" in said
+    assert said.endswith("split the tree into subtrees")
+
+
+@pytest.mark.parametrize("piece", ["<", "<!--", "<a ", '<a x="', "</a", "<![CDATA[", "<?", "&", "<a>"])
+def test_rubbish_of_any_length_is_refused_at_once(piece: str) -> None:
+    assert "E002" in refused(piece * 50_000)
+
+
+# --- what is no file
+
+
+def test_a_file_that_is_missing(tmp_path: Path) -> None:
+    (tmp_path / "patrolling.xml").write_text("<root/>")
+    with pytest.raises(SyntaxFault) as caught:
+        read_file(tmp_path / "patroling.xml")
+    assert str(caught.value) == (
+        f"{tmp_path}/patroling.xml: E003 no such file\n      did you mean {tmp_path}/patrolling.xml?"
+    )
+
+
+def test_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text("<root/>")
+    with pytest.raises(SyntaxFault) as caught:
+        read_file(tmp_path)
+    assert str(caught.value) == (
+        f"{tmp_path}: E003 is a folder, not a file\n      did you mean one of the files in it: a.xml?"
+    )
+
+
+def test_a_file_that_is_not_utf_8(tmp_path: Path) -> None:
+    path = tmp_path / "latin.xml"
+    path.write_bytes("<root>\n  <A n='é'/></root>".encode("latin-1"))
+    with pytest.raises(SyntaxFault) as caught:
+        read_file(path)
+    assert str(caught.value).startswith(f"{path}:2:9: E004 the byte 0xE9 is not UTF-8\n")
+
+
+def test_a_file_of_utf_16(tmp_path: Path) -> None:
+    path = tmp_path / "wide.xml"
+    path.write_bytes("<root/>".encode("utf-16"))
+    with pytest.raises(SyntaxFault) as caught:
+        read_file(path)
+    assert str(caught.value) == (
+        f"{path}: E004 the file is UTF-16; trees are read as UTF-8\n      save it as UTF-8"
+    )
+
+
+def test_a_byte_order_mark_of_utf_8_is_no_fault(tmp_path: Path) -> None:
+    path = tmp_path / "marked.xml"
+    path.write_bytes(b"\xef\xbb\xbf<root/>")
+    assert read_file(path).root.tag == "root"

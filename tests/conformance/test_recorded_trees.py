@@ -1,0 +1,288 @@
+"""What the C++ engines did on thousands of random trees, this engine does too: statuses, events, calls, blackboard."""
+
+import copy
+import gzip
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import btcore
+from btcore.testing.conformance import cases, main
+from btcore.testing.recorded_trees import planned_registry, run_case, tree_difference
+
+DATA = Path(__file__).parent / "data"
+NODES = planned_registry()
+
+Case = dict[str, Any]
+
+
+@cache
+def recorded(name: str) -> list[Case]:
+    return list(cases(DATA / f"{name}.jsonl.gz"))
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("v4_control", 800),
+        ("v4_full", 1200),
+        ("v4_once", 400),
+        ("v4_scopes", 583),
+        ("v4_mutated", 999),
+        ("v3_full", 800),
+        ("v3_mutated", 700),
+    ],
+)
+def test_no_tree_differs_from_the_original(name: str, count: int) -> None:
+    differences = {case["id"]: said for case in recorded(name) if (said := tree_difference(case, NODES))}
+    assert differences == {}
+    assert len(recorded(name)) == count
+
+
+# --- the runner sees what is altered
+
+
+def altered(case: Case, alter: Callable[[list[Any]], None]) -> Case:
+    other = copy.deepcopy(case)
+    alter(other["expect"]["ticks"])
+    return other
+
+
+def a_rich_case() -> Case:
+    """One whose ticks have events, calls and a blackboard, and that raises nothing."""
+    for case in recorded("v4_full"):
+        ticks = case["expect"].get("ticks", [])
+        if len(ticks) > 2 and all(
+            "status" in one and one["events"] and one["calls"] and one["bb"] for one in ticks
+        ):
+            return copy.deepcopy(case)
+    raise AssertionError("no case is rich enough")
+
+
+def a_raising_case() -> Case:
+    for case in recorded("v4_full"):
+        if "exception" in case["expect"].get("ticks", [{}])[-1]:
+            return copy.deepcopy(case)
+    raise AssertionError("no case raises")
+
+
+def a_refused_case() -> Case:
+    return next(case for case in recorded("v4_mutated") if "load_error" in case["expect"])
+
+
+def other_status(ticks: list[Any]) -> None:
+    ticks[0]["status"] = "FAILURE" if ticks[0]["status"] != "FAILURE" else "SUCCESS"
+
+
+def other_event(ticks: list[Any]) -> None:
+    ticks[0]["events"][0][2] = "SKIPPED"
+
+
+def missing_event(ticks: list[Any]) -> None:
+    del ticks[-1]["events"][-1]
+
+
+def swapped_events(ticks: list[Any]) -> None:
+    events = next(one["events"] for one in ticks if len(one["events"]) > 1)
+    events[0], events[1] = events[1], events[0]
+
+
+def other_call(ticks: list[Any]) -> None:
+    ticks[0]["calls"][0] += "!"
+
+
+def one_call_more(ticks: list[Any]) -> None:
+    ticks[-1]["calls"].append("p1:tick")
+
+
+def other_value(ticks: list[Any]) -> None:
+    key = next(iter(ticks[-1]["bb"]))
+    ticks[-1]["bb"][key] = "another"
+
+
+def one_entry_more(ticks: list[Any]) -> None:
+    ticks[-1]["bb"]["an_entry_of_no_tree"] = None
+
+
+def other_node_status(ticks: list[Any]) -> None:
+    name = next(iter(ticks[0]["nodes"]))
+    ticks[0]["nodes"][name] = "SKIPPED"
+
+
+def one_tick_less(ticks: list[Any]) -> None:
+    del ticks[-1]
+
+
+def one_tick_more(ticks: list[Any]) -> None:
+    ticks.append(copy.deepcopy(ticks[-1]))
+
+
+def raises_instead(ticks: list[Any]) -> None:
+    del ticks[-1]["status"]
+    ticks[-1]["exception"] = "it never did"
+
+
+@pytest.mark.parametrize(
+    "alter",
+    [
+        other_status,
+        other_event,
+        missing_event,
+        swapped_events,
+        other_call,
+        one_call_more,
+        other_value,
+        one_entry_more,
+        other_node_status,
+        one_tick_more,
+        raises_instead,
+    ],
+)
+def test_an_altered_expectation_is_a_difference(alter: Callable[[list[Any]], None]) -> None:
+    case = a_rich_case()
+    assert tree_difference(case, NODES) is None
+    said = tree_difference(altered(case, alter), NODES)
+    assert said is not None
+    assert "expected" in said
+
+
+def test_a_tick_that_is_not_expected_is_a_difference() -> None:
+    case = altered(a_rich_case(), one_tick_less)
+    assert "ticks" in str(tree_difference(case, NODES))
+
+
+def test_an_exception_that_is_not_expected_is_a_difference() -> None:
+    case = a_raising_case()
+    assert tree_difference(case, NODES) is None
+    last = case["expect"]["ticks"][-1]
+    del last["exception"]
+    last["status"] = "SUCCESS"
+    assert "got an exception" in str(tree_difference(case, NODES))
+
+
+def test_what_stood_when_a_leaf_raised_is_compared_too() -> None:
+    case = a_raising_case()
+    case["expect"]["ticks"][-1]["calls"].append("nobody:tick")
+    assert "calls" in str(tree_difference(case, NODES))
+
+
+def test_a_tree_that_loads_but_should_not_is_a_difference() -> None:
+    case = {**a_rich_case(), "expect": {"load_error": "it is broken"}}
+    assert tree_difference(case, NODES) == "the tree is to be refused, but it loads"
+
+
+def test_a_tree_that_is_refused_but_should_load_is_a_difference() -> None:
+    refused = a_refused_case()
+    assert tree_difference(refused, NODES) is None
+    case = {**refused, "expect": {"ticks": []}}
+    assert "the tree is to load, but it is refused" in str(tree_difference(case, NODES))
+
+
+def test_the_format_of_the_case_counts_and_not_that_of_its_text() -> None:
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><SequenceStar><PlanSync plan="S"/></SequenceStar>'
+    case = {"xml": xml + "</BehaviorTree></root>", "ticks": 1}
+    assert [tick["status"] for tick in run_case({**case, "format": 3}, NODES)["ticks"]] == ["SUCCESS"]
+    assert "SequenceStar" in run_case({**case, "format": 4}, NODES)["load_error"]
+
+
+# --- the command
+
+
+def flipped(packed: bytes) -> bytes:
+    return packed[:2000] + bytes(255 - byte for byte in packed[2000:2100]) + packed[2100:]
+
+
+def written(path: Path, given: list[Case]) -> str:
+    with gzip.open(path, "wt", encoding="utf-8") as lines:
+        lines.writelines(json.dumps(case) + "\n" for case in given)
+    return str(path)
+
+
+def test_the_command_counts_and_is_content_when_nothing_differs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trees = written(tmp_path / "trees.jsonl.gz", recorded("v4_control")[:20])
+    assert main([trees, str(DATA / "scripts.jsonl.gz"), str(DATA / "convert.jsonl.gz")]) == 0
+    assert capsys.readouterr().out == "2420 passed, 0 failed\n"
+
+
+def test_the_command_fails_and_shows_the_difference_of_an_altered_case(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    several = recorded("v4_control")[:5]
+    several[2] = altered(several[2], other_status)
+    file = written(tmp_path / "altered.jsonl.gz", several)
+    assert main([file]) == 1
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == "4 passed, 1 failed"
+    assert second.startswith(f"{file}: {several[2]['id']}: tick 1: status: expected")
+
+
+def test_the_command_reads_a_file_that_is_not_packed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "plain.jsonl"
+    file.write_text(json.dumps(recorded("v4_control")[0]) + "\n\n", encoding="utf-8")
+    assert main([str(file)]) == 0
+    assert capsys.readouterr().out == "1 passed, 0 failed\n"
+
+
+def test_the_command_shows_the_first_ten_differences(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(
+        tmp_path / "many.jsonl.gz", [altered(one, other_status) for one in recorded("v4_control")[:12]]
+    )
+    assert main([file]) == 1
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == "0 passed, 12 failed"
+    assert len(out) == 11
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("nothing.jsonl.gz", None),
+        ("not_packed.jsonl.gz", b'{"id": "x"}\n'),
+        ("cut_off.jsonl.gz", (DATA / "v4_control.jsonl.gz").read_bytes()[:5000]),
+        ("no_json.jsonl", b"it is not what it says\n"),
+        ("no_text.jsonl", b"\xff\xfe\x00"),
+        ("flipped_bits.jsonl.gz", flipped((DATA / "v4_control.jsonl.gz").read_bytes())),
+        ("no_case.jsonl", b"[1, 2]\n"),
+        ("no_tree.jsonl", b'{"id": "x", "ticks": 3}\n'),
+    ],
+)
+def test_a_file_that_cannot_be_read_ends_the_command_with_2_and_a_sentence(
+    name: str, content: bytes | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / name
+    if content is not None:
+        file.write_bytes(content)
+    assert main([str(file)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith(f"{file}: can't be read as recorded cases: ")
+    assert said.err.count("\n") == 1
+
+
+def test_as_a_program_it_exits_as_it_says(tmp_path: Path) -> None:
+    good = recorded("v4_control")[:3]
+    bad = written(tmp_path / "bad.jsonl.gz", [good[0], altered(good[1], other_event), good[2]])
+    home = Path(btcore.__file__).parent.parent
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore.testing.conformance", bad],
+        env={**os.environ, "PYTHONPATH": str(home)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stdout.startswith(f"2 passed, 1 failed\n{bad}: {good[1]['id']}: tick 1: events: expected ")
+    assert done.stderr == ""
