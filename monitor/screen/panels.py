@@ -1,0 +1,214 @@
+"""What stands beside the tree: lanes, log, blackboard, and the cost of ticking."""
+
+import re
+from collections import deque
+from collections.abc import Iterable, Mapping
+from statistics import median
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+
+from ..picture import STATUS_NAMES, Gap, Link, Picture, Raised, StatusChanged, Ticked
+from .moments import SHOWN_NAMES, Moments
+from .now import documents
+from .rows import Rows, Series, scalars
+from .style import Palette
+from .tree import leaves
+
+LOG: Final = "log"
+BLACKBOARD: Final = "blackboard"
+TICK_MS: Final = "tick/duration"
+BUDGET_MS: Final = "tick/budget"
+RATE: Final = "rate/ticks"
+LANES_AT_MOST: Final = 48
+"""A lane is some 40 px high, so more than these would not be looked at."""
+NAME_WIDTH: Final = 22
+_VALUE_ROOM: Final = 60
+
+
+def lane_entities(picture: Picture) -> dict[int, str]:
+    """uid → entity of its lane, for the leaves; a number keeps their order, as rerun sorts lanes by name."""
+    chosen = leaves(picture.nodes)[:LANES_AT_MOST]
+    digits = len(str(len(chosen)))
+    return {
+        node.uid: f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', node.name).strip('_')}"
+        for at, node in enumerate(chosen, start=1)
+    }
+
+
+class Lanes:
+    """A horizontal lane a leaf: what it showed tick by tick."""
+
+    def __init__(self, rows: Rows, picture: Picture, palette: Palette) -> None:
+        self._palette = palette
+        self._recording = rows.recording
+        self.entities = lane_entities(picture)
+        self._series = {
+            at: rows.series(self.entities[node.uid], _states)
+            for at, node in enumerate(picture.nodes)
+            if node.uid in self.entities
+        }
+
+    def draw(self) -> None:
+        """Colours of the lanes."""
+        colours = self._palette.fill[: len(STATUS_NAMES)]
+        look = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
+        for entity in self.entities.values():
+            self._recording.log(entity, look, static=True)
+
+    def show(self, moments: Moments, changed: Iterable[int]) -> None:
+        """A state for each lane among *changed* (indices of nodes)."""
+        for at in changed:
+            series = self._series.get(at)
+            if series is not None:
+                series.add(moments.t, moments.wall, int(moments.shown[at]))
+
+
+def _states(values: list[int]) -> Iterable[Any]:
+    return rr.StateChange.columns(state=[SHOWN_NAMES[one] for one in values])
+
+
+class TransitionLog:
+    """Every numbered transition, and what else is worth a line."""
+
+    def __init__(self, rows: Rows, picture: Picture, palette: Palette) -> None:
+        self._names = {node.uid: f"{node.name:{NAME_WIDTH}.{NAME_WIDTH}}" for node in picture.nodes}
+        self._palette = palette
+        self._lines: Series[tuple[str, str, int]] = rows.series(LOG, _lines)
+        self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _numbers)
+
+    def change(self, event: StatusChanged) -> None:
+        """A line ``time  #number  name  PREVIOUS → STATUS``, and the same as numbers for programs."""
+        line = (
+            f"{event.t / 1e9:9.2f}s #{event.number:<6d} {self._names.get(event.uid, '?' * NAME_WIDTH)} "
+            f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"
+        )
+        colour = int(self._palette.ink[event.status])
+        self._lines.add(event.t, event.wall, (line, "INFO" if event.status else "DEBUG", colour))
+        self._numbers.add(event.t, event.wall, event)
+
+    def raised(self, event: Raised) -> None:
+        """A node raised."""
+        line = f"{event.t / 1e9:9.2f}s {event.path} raised: {event.message}"
+        self._lines.add(event.t, event.wall, (line, "ERROR", int(self._palette.ink[3])))
+
+    def gap(self, event: Gap, t: int, wall: int) -> None:
+        """Transitions are missing."""
+        line = f"{t / 1e9:9.2f}s transitions #{event.first} to #{event.last} are missing: they never arrived"
+        self._lines.add(t, wall, (line, "WARN", int(self._palette.ink[1])))
+
+    def link(self, event: Link, t: int, wall: int) -> None:
+        """The robot is there, or gone."""
+        line = f"{t / 1e9:9.2f}s robot {event.state}" + (f": {event.detail}" if event.detail else "")
+        level = "WARN" if event.state == "lost" else "INFO"
+        self._lines.add(t, wall, (line, level, self._palette.faint))
+
+
+def _lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
+    text, level, colour = zip(*values, strict=True)
+    return rr.TextLog.columns(text=text, level=level, color=np.array(colour, dtype=np.uint32))
+
+
+def _numbers(values: list[StatusChanged]) -> Iterable[Any]:
+    def column(name: str) -> Any:
+        return np.array([getattr(one, name) for one in values], dtype=np.int64)
+
+    names = ("number", "tick", "uid", "previous", "status")
+    return rr.AnyValues.columns(**{name: column(name) for name in names})
+
+
+class BlackboardTable:
+    """The blackboards as one table: what changed since the last time stands in bold."""
+
+    def __init__(self, rows: Rows) -> None:
+        self._series: Series[str] = rows.series(BLACKBOARD, documents)
+        self._last: Mapping[str, Mapping[str, Any]] = {}
+        self._shown = ""
+
+    def show(self, t: int, wall: int, boards: Mapping[str, Mapping[str, Any]]) -> None:
+        """The table of *boards*, unless it is the one already there."""
+        document = markdown(boards, self._last)
+        self._last = boards
+        if document != self._shown:
+            self._shown = document
+            self._series.add(t, wall, document)
+
+
+def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mapping[str, Any]]) -> str:
+    """*boards* as a markdown table; entries that differ from *before* are bold."""
+    lines: list[str] = []
+    for path, board in boards.items():
+        if not board and path:
+            continue
+        if path:
+            lines += ["", f"**{_plain(path)}**", ""]
+        lines += ["| key | value |", "|:--|:--|"]
+        known = before.get(path, {})
+        for key, value in board.items():
+            new = key not in known or known[key] != value
+            text = "–" if value is None else f"`{_plain(_short(value))}`"
+            lines.append(
+                f"| **{_plain(key)}** | {text} |" if new and before else f"| {_plain(key)} | {text} |"
+            )
+    return "\n".join(lines) if len(lines) > 2 else "*no entries*"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
+
+
+def _plain(text: str) -> str:
+    return text.replace("|", "¦").replace("`", "'").replace("\n", " ")
+
+
+class TickCost:
+    """Tick duration with its budget, and the tick rate by the tree's clock."""
+
+    def __init__(self, rows: Rows, palette: Palette) -> None:
+        self._rows = rows
+        self._duration: Series[float] = rows.series(TICK_MS, scalars)
+        self._budget: Series[float] = rows.series(BUDGET_MS, scalars)
+        self._rate: Series[float] = rows.series(RATE, scalars)
+        self._palette = palette
+        self._before: Ticked | None = None
+        self._periods: deque[int] = deque(maxlen=21)
+        self._worst = 0
+        self._budget_ns = 0
+
+    def draw(self) -> None:
+        """Names and colours of the lines."""
+        log, palette = self._rows.recording.log, self._palette
+        log(
+            BUDGET_MS,
+            rr.SeriesLines(colors=[int(palette.ink[3])], names=["budget"], widths=[1.6]),
+            static=True,
+        )
+        log(
+            RATE,
+            rr.SeriesLines(colors=[int(palette.ink[2])], names=["ticks a second"], widths=[1.6]),
+            static=True,
+        )
+
+    def tick(self, event: Ticked) -> None:
+        """One tick. The budget is the usual time between ticks; its line is drawn once a tick took a
+        tenth of it, since a line far above would press the curve flat; until then the legend names it.
+        """
+        before, self._before = self._before, event
+        self._duration.add(event.t, event.wall, event.duration_ns / 1e6)
+        self._worst = max(self._worst, event.duration_ns)
+        if before is None or event.t <= before.t:
+            return
+        self._periods.append((event.t - before.t) // max(1, event.tick - before.tick))
+        self._rate.add(event.t, event.wall, 1e9 / self._periods[-1])
+        budget = int(median(self._periods))
+        if abs(budget - self._budget_ns) > self._budget_ns // 20:
+            self._budget_ns = budget
+            name = f"tick (budget {budget / 1e6:.4g} ms)"
+            look = rr.SeriesLines(colors=[self._palette.laser], names=[name], widths=[1.6])
+            self._rows.recording.log(TICK_MS, look, static=True)
+        if self._worst * 10 > self._budget_ns:
+            self._budget.add(event.t, event.wall, self._budget_ns / 1e6)

@@ -1,0 +1,225 @@
+"""The screen: events of a running tree in, rows of a rerun recording out."""
+
+import contextlib
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import rerun as rr
+
+from ..picture import (
+    BlackboardSeen,
+    Event,
+    Gap,
+    Link,
+    Raised,
+    SceneMoving,
+    SceneStatic,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+)
+from .blueprint import Eye, blueprint, tree_aspect
+from .moments import Moments
+from .now import NowPanel
+from .panels import BlackboardTable, Lanes, TickCost, TransitionLog
+from .rows import Rows
+from .scene import SceneView
+from .sinks import Outlets
+from .style import GROOT, Palette
+from .tree import TreeView
+
+SEND_EVERY: Final = 0.2
+"""s of wall time between two sendings of gathered rows while events come."""
+FLUSH_WITHIN: Final = 20.0
+"""s of wall time that outlets have to take in the rest at the end."""
+
+
+class Screen:
+    """Shows one robot. Call :meth:`show` for each event in order, :meth:`flush` when nothing comes, and
+    :meth:`close` at the end.
+
+    A tree with a new id begins a new recording, so that a robot's restart does not write over what was seen.
+    """
+
+    def __init__(self, outlets: Outlets, palette: Palette = GROOT) -> None:
+        self.outlets = outlets
+        self.files: list[Path] = []
+        self._palette = palette
+        self._shown: _Shown | None = None
+        self._met: TreeSeen | None = None
+        self._scene: SceneStatic | None = None
+        self._sent = time.monotonic()
+
+    @property
+    def tree(self) -> TreeView | None:
+        """The drawing of the tree that is shown."""
+        return self._shown.tree if self._shown is not None else None
+
+    def show(self, event: Event) -> None:
+        """Take in one event."""
+        if isinstance(event, TreeSeen):
+            self._draw()
+            self._met = event
+        elif isinstance(event, SceneStatic) and (self._met is not None or self._shown is None):
+            self._scene = event
+            self._draw()
+        else:
+            self._draw()
+            if self._shown is not None:
+                self._shown.show(event)
+        if time.monotonic() - self._sent >= SEND_EVERY:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what has gathered."""
+        self._sent = time.monotonic()
+        self._draw()
+        if self._shown is not None:
+            self._shown.send()
+
+    def close(self) -> None:
+        """Send the rest and finish the file."""
+        self._draw()
+        self._finish()
+
+    def _draw(self) -> None:
+        """Draw the tree that was met. That waits for what comes next: a scene leaves it less room."""
+        met, self._met = self._met, None
+        if met is None:
+            return
+        if self._shown is not None and self._shown.tree_id == met.picture.tree_id:
+            self._shown.again(met)
+        else:
+            self._finish()
+            self._shown = _Shown(met, self.outlets, self._palette, self._scene is not None)
+            if self._shown.file is not None:
+                self.files.append(self._shown.file)
+        if self._scene is not None:
+            self._shown.show(self._scene)
+            self._scene = None
+
+    def _finish(self) -> None:
+        if self._shown is not None:
+            self._shown.close()
+            self._shown = None
+
+
+class _Shown:
+    """One tree on the screen, with its recording."""
+
+    def __init__(self, event: TreeSeen, outlets: Outlets, palette: Palette, scene: bool) -> None:
+        picture = event.picture
+        self.tree_id = picture.tree_id
+        self.name = picture.name
+        application = re.sub(r"[^A-Za-z0-9_ -]+", "_", f"btcore {picture.name}")
+        self.recording = rr.RecordingStream(application)
+        self.recording.set_log_tick_enabled(False)
+        self.recording.set_log_time_enabled(False)
+        self.file = outlets.attach(self.recording)
+        self.recording.send_recording_name(picture.name)
+        self.rows = Rows(self.recording)
+        self._palette = palette
+        self.moments = Moments(picture)
+        self.lanes = Lanes(self.rows, picture, palette)
+        self.tree = TreeView(self.rows, picture, palette, tree_aspect(len(self.lanes.entities), scene))
+        self.log = TransitionLog(self.rows, picture, palette)
+        self.blackboard = BlackboardTable(self.rows)
+        self.cost = TickCost(self.rows, palette)
+        self.now = NowPanel(self.rows, picture)
+        self.scene = SceneView(self.rows, palette)
+        self._t, self._wall = event.t, event.wall
+        self._show_blueprint()
+        self.tree.draw()
+        self.lanes.draw()
+        self.cost.draw()
+        self._restart(event)
+        self.send()
+        self._takers: dict[type, Callable[..., None]] = {
+            StatusChanged: self._changed,
+            Ticked: self._ticked,
+            BlackboardSeen: self._boards,
+            SceneStatic: self._static,
+            SceneMoving: self._moving,
+            Raised: self._raised,
+            Gap: self._gap,
+            Link: self._link,
+        }
+
+    def again(self, event: TreeSeen) -> None:
+        """The same tree after a lost connection: statuses as they are now, without transitions between."""
+        self._at(event.t, event.wall)
+        self._restart(event)
+
+    def _restart(self, event: TreeSeen) -> None:
+        self.moments.start(event.t, event.wall, event.statuses)
+        self.tree.colour(self.moments)
+        self.lanes.show(self.moments, range(len(self.moments.shown)))
+
+    def show(self, event: Event) -> None:
+        taker = self._takers.get(type(event))
+        if taker is not None:
+            taker(event)
+
+    def send(self) -> None:
+        self.rows.send()
+
+    def close(self) -> None:
+        self._end_tick(self._t, self._wall)
+        self.send()
+        # A viewer that was closed is no reason to leave the file unfinished.
+        with contextlib.suppress(RuntimeError):
+            self.recording.flush(timeout_sec=FLUSH_WITHIN)
+        self.recording.disconnect()
+
+    def _end_tick(self, t: int, wall: int) -> None:
+        changed = self.moments.close(t, wall)
+        if changed:
+            self.tree.colour(self.moments)
+            self.lanes.show(self.moments, changed)
+
+    def _at(self, t: int, wall: int) -> None:
+        self._t, self._wall = t, wall
+
+    def _changed(self, event: StatusChanged) -> None:
+        if self.moments.is_over(event):
+            self._end_tick(self._t, self._wall)
+        self._at(event.t, event.wall)
+        self.moments.change(event)
+        self.log.change(event)
+
+    def _ticked(self, event: Ticked) -> None:
+        self._at(event.t, event.wall)
+        self._end_tick(event.t, event.wall)
+        self.cost.tick(event)
+        self.now.tick(event, self.moments)
+
+    def _boards(self, event: BlackboardSeen) -> None:
+        self._at(event.t, event.wall)
+        self.blackboard.show(event.t, event.wall, event.boards)
+
+    def _static(self, event: SceneStatic) -> None:
+        if self.scene.static(event.data):
+            self._show_blueprint()
+
+    def _moving(self, event: SceneMoving) -> None:
+        self._at(event.t, event.wall)
+        self.scene.moving(event.t, event.wall, event.data)
+        self.now.contacts(event.data)
+
+    def _raised(self, event: Raised) -> None:
+        self._at(event.t, event.wall)
+        self.log.raised(event)
+
+    def _gap(self, event: Gap) -> None:
+        self.log.gap(event, self._t, self._wall)
+
+    def _link(self, event: Link) -> None:
+        self.log.link(event, self._t, self._wall)
+
+    def _show_blueprint(self) -> None:
+        eye = Eye(*self.scene.eye(), robot=self.scene.robot()) if self.scene.present else None
+        window = blueprint(self._palette, self.name, self.tree.bounds(), self.lanes.entities.values(), eye)
+        self.recording.send_blueprint(window)

@@ -1,0 +1,69 @@
+"""Colours and sizes: everything about the monitor's look that is a number."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Sizes of the tree's drawing, in scene units (one unit is a pixel of a 12-node tree in a full-HD window).
+PILL_HEIGHT: Final = 42.0
+RIM: Final = 2.6
+TEXT_HEIGHT: Final = 14.5
+TEXT_STROKE: Final = 1.15
+BADGE_RADIUS: Final = 15.0
+BADGE_STROKE: Final = 1.25
+EDGE_STROKE: Final = 1.6
+PATH_STROKE: Final = 2.6
+FRAME_STROKE: Final = 1.1
+NAME_ROOM: Final = 24
+"""Characters of a name shown in a pill; the whole name is in its hover label."""
+
+Colours = NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """Colours as 0xRRGGBBAA.
+
+    *fill* paints a pill and *rim* its border, by what is shown of a node: a status (0 IDLE … 4 SKIPPED), or a
+    result said in this tick by a node that was reset since (5 … 7). *busy* fills a RUNNING node that has
+    children, so that the leaf at work stands out. *rest* is the border of an idle pill by the node's last
+    result, so that what came of it stays visible. *ink*, by status, is for text on a dark ground.
+    """
+
+    fill: Colours
+    rim: Colours
+    rest: Colours
+    ink: Colours
+    busy: int
+    background: int = 0x0E1218FF
+    edge: int = 0x4A5364FF
+    path: int = 0xFFA726FF
+    frame: int = 0x37507AFF
+    text: int = 0xF5F7FAFF
+    badge: int = 0x10141BFF
+    symbol: int = 0xF5F7FAFF
+    faint: int = 0x8A94A6FF
+    laser: int = 0x35D6EEFF
+    trail: int = 0xFFA726FF
+
+
+def _colours(*values: int) -> Colours:
+    return np.array(values, dtype=np.uint32)
+
+
+GROOT: Final = Palette(
+    fill=_colours(
+        *(0x3B4352FF, 0xF08C0CFF, 0x2A8C42FF, 0xC23434FF, 0x29457FFF),
+        *(0x24523AFF, 0x6E2B32FF, 0x26365CFF),
+    ),
+    rim=_colours(
+        *(0x5A6477FF, 0xFFD48AFF, 0x5FD47AFF, 0xFF8279FF, 0x5F80CCFF),
+        *(0x45B566FF, 0xE0605AFF, 0x5273BDFF),
+    ),
+    rest=_colours(0x5A6477FF, 0x5A6477FF, 0x2F7F47FF, 0x9A3B3BFF, 0x3D5691FF),
+    ink=_colours(0x8A94A6FF, 0xFFAB33FF, 0x4FCB6DFF, 0xFF6B62FF, 0x7D9BE6FF),
+    busy=0xA86208FF,
+)
+"""Groot's colours: RUNNING orange, SUCCESS green, FAILURE red, IDLE grey, SKIPPED dim blue."""

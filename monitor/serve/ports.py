@@ -1,0 +1,82 @@
+"""Taking three ports in a row: Groot 2's two, and the scene channel's."""
+
+import random
+from typing import Any, Final
+
+import zmq
+
+from btcore.errors import BtcoreError
+
+PORTS: Final = 3
+"""port: requests · port + 1: notifications · port + 2: the scene channel."""
+
+_FREE_FROM: Final = 20_000
+_FREE_TO: Final = 32_000
+"""Free ports are looked for below the range that Linux hands out to outgoing connections."""
+
+_ATTEMPTS: Final = 200
+
+
+class ServeError(BtcoreError):
+    """A tree can't be published where it was asked for."""
+
+
+class PortInUse(ServeError):
+    """Another program listens at a port that is needed. Likely cause: a second robot, or an old run."""
+
+    def __init__(self, port: int, first: int) -> None:
+        self.port = port
+        said = f"port {port} is in use"
+        if port != first:
+            said += f" ({first} to {first + PORTS - 1} are needed)"
+        super().__init__(f"{said}: choose another with --port, or --port 0 for a free one")
+
+
+Socket = zmq.Socket[bytes]
+
+
+def bind_in_a_row(sockets: list[Socket], host: str, port: int) -> int:
+    """Bind the *sockets* to *host* at *port*, *port* + 1 …; port 0 takes free ones. Returns the first port.
+
+    Raises :class:`PortInUse`, or :class:`ServeError` if *host* or *port* can't be bound at all.
+    """
+    if port:
+        if not 1 <= port <= 65536 - PORTS:
+            raise ServeError(f"port {port} is out of range: choose one from 1 to {65536 - PORTS}")
+        _bind_all(sockets, host, port)
+        return port
+    for _ in range(_ATTEMPTS):
+        base = random.SystemRandom().randrange(_FREE_FROM, _FREE_TO, PORTS)
+        try:
+            _bind_all(sockets, host, base)
+        except PortInUse:
+            continue
+        return base
+    raise ServeError(
+        f"no {PORTS} free ports in a row were found from {_FREE_FROM} to {_FREE_TO}: name one with --port"
+    )
+
+
+def _bind_all(sockets: list[Socket], host: str, port: int) -> None:
+    bound: list[tuple[Socket, str]] = []
+    for offset, socket in enumerate(sockets):
+        address = f"tcp://{host}:{port + offset}"
+        try:
+            socket.bind(address)
+        except zmq.ZMQError as error:
+            for other, where in bound:
+                other.unbind(where)
+            raise _explained(error, host, port, port + offset) from None
+        bound.append((socket, address))
+
+
+def _explained(error: zmq.ZMQError, host: str, first: int, port: int) -> ServeError:
+    code: Any = error.errno
+    if code == zmq.EADDRINUSE:
+        return PortInUse(port, first)
+    if code == 13:  # EACCES
+        return ServeError(f"port {port} may not be opened by this user: choose one above 1023 with --port")
+    return ServeError(
+        f"nothing here can listen at '{host}' ({error.strerror}): --bind takes the address of one of this "
+        "machine's interfaces, 127.0.0.1 for this machine only, or * for all"
+    )

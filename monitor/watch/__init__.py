@@ -1,0 +1,1 @@
+"""Listening to a running tree, whoever runs it: nothing here knows the engine."""

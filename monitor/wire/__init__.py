@@ -1,0 +1,1 @@
+"""Bytes ⇄ messages, without sockets: Groot 2's protocol and the scene channel."""

@@ -1,0 +1,97 @@
+"""The tree that the captures were made with, rebuilt; and waiting for what a real socket will bring."""
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+import btcore
+from btcore import In, Out, Registry, SimClock, StatefulAction, Status
+
+SAMPLE = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence name="root_seq">
+      <Script code="x:=42; s:='hello'; f:=2.5"/>
+      <Fallback>
+        <AlwaysFailure/>
+        <Count name="cnt" ticks="3" out="{val}" _onSuccess="done:=true"/>
+      </Fallback>
+      <SubTree ID="Sub" lim="7" mode="fast" target="{val}"/>
+      <AlwaysSuccess _skipIf="x==42"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Sub">
+    <Sequence>
+      <Script code="loc:=target"/>
+      <Count ticks="2" out="{o2}"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+ENDLESS = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="Endless">
+    <KeepRunningUntilFailure>
+      <Sequence>
+        <Script code="n:=1"/>
+        <AlwaysSuccess name="step"/>
+        <Fallback><AlwaysFailure/><AlwaysSuccess/></Fallback>
+      </Sequence>
+    </KeepRunningUntilFailure>
+  </BehaviorTree>
+</root>
+"""
+
+
+class Count(StatefulAction):
+    """RUNNING until ticked *ticks* times."""
+
+    ticks: In[int] = 2
+    out: Out[float]
+
+    def on_start(self) -> Status:
+        self.so_far = 0
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        self.so_far += 1
+        self.out = 1.5 * self.so_far
+        return Status.SUCCESS if self.so_far >= self.ticks else Status.RUNNING
+
+
+@pytest.fixture
+def sample() -> btcore.Tree:
+    """The captures' tree, on simulated time."""
+    nodes = Registry.standard()
+    nodes.add(Count)
+    return btcore.loads(SAMPLE, nodes=nodes, resources=[SimClock()])
+
+
+@pytest.fixture
+def endless() -> btcore.Tree:
+    """A tree that is always RUNNING, with ten transitions or so a tick."""
+    return btcore.loads(ENDLESS, resources=[SimClock()])
+
+
+@pytest.fixture
+def until() -> Callable[..., None]:
+    """Calls something again and again until it is true, for at most ten seconds."""
+
+    def until(true: Callable[[], object], what: str = "") -> None:
+        deadline = time.monotonic() + 10
+        while not true():
+            assert time.monotonic() < deadline, f"not within 10 s: {what}"
+            time.sleep(0.002)
+
+    return until
+
+
+@pytest.fixture
+def no_threads_left() -> Iterator[None]:
+    """After the test no publisher runs on."""
+    import threading
+
+    yield
+    assert not [one.name for one in threading.enumerate() if one.name == "btcore-publisher"]

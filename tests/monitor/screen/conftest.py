@@ -1,0 +1,129 @@
+"""A bump-and-go robot without the robot: the events that one would send, from a script."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.picture import (
+    BlackboardSeen,
+    Event,
+    Link,
+    Picture,
+    PictureNode,
+    SceneMoving,
+    SceneStatic,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+)
+
+IDLE, RUNNING, SUCCESS, FAILURE = range(4)
+PERIOD = 100_000_000
+WALL = 1_700_000_000 * 10**9
+ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
+
+
+def bumpgo(tree_id: str = "a" * 32) -> Picture:
+    nodes = (
+        PictureNode(ROOT, "bumpgo", "ReactiveSequence", "control", "bumpgo", 0, (AVOID, FORWARD)),
+        PictureNode(AVOID, "avoid", "Fallback", "control", "avoid", ROOT, (CLEAR, ESCAPE)),
+        PictureNode(CLEAR, "clear", "Inverter", "decorator", "clear", AVOID, (OBSTACLE,)),
+        PictureNode(
+            OBSTACLE, "IsObstacle", "IsObstacle", "condition", "IsObstacle", CLEAR, (), {"distance": "1.0"}
+        ),
+        PictureNode(ESCAPE, "escape", "Sequence", "control", "escape", AVOID, (BACK, TURN)),
+        PictureNode(BACK, "Back", "Back", "action", "Back", ESCAPE),
+        PictureNode(TURN, "Turn", "Turn", "action", "Turn", ESCAPE),
+        PictureNode(FORWARD, "Forward", "Forward", "action", "Forward", ROOT),
+    )
+    return Picture(tree_id, "BumpGo", nodes, {"": "BumpGo"})
+
+
+def _changes(tick: int) -> list[tuple[int, int]]:
+    """(uid, status) in the order of one tick: 40 ticks forward, 10 back, 10 turning, and again."""
+    phase = (tick - 1) % 60
+    looked = [(AVOID, RUNNING), (CLEAR, RUNNING)]
+    if phase < 40:
+        seen = [(OBSTACLE, FAILURE), (OBSTACLE, IDLE), (CLEAR, SUCCESS), (CLEAR, IDLE)]
+        return [(ROOT, RUNNING), *looked, *seen, (AVOID, SUCCESS), (AVOID, IDLE), (FORWARD, RUNNING)]
+    if phase == 40:
+        seen = [(OBSTACLE, SUCCESS), (OBSTACLE, IDLE), (CLEAR, FAILURE)]
+        return [(ROOT, RUNNING), *looked, *seen, (ESCAPE, RUNNING), (BACK, RUNNING), (FORWARD, IDLE)]
+    if phase == 50:
+        return [(BACK, SUCCESS), (TURN, RUNNING)]
+    if phase == 59:
+        ended = [
+            (TURN, SUCCESS),
+            (BACK, IDLE),
+            (TURN, IDLE),
+            (ESCAPE, SUCCESS),
+            (ESCAPE, IDLE),
+            (CLEAR, IDLE),
+        ]
+        return [*ended, (AVOID, SUCCESS), (AVOID, IDLE), (FORWARD, RUNNING)]
+    return []
+
+
+def _scene() -> dict[str, Any]:
+    wall = {"frame": "map", "kind": "box", "quaternion": [0, 0, 0, 1], "color": [120, 130, 148, 255]}
+    body = {"frame": "base_link", "position": [0, 0, 0.1], "quaternion": [0, 0, 0, 1]}
+    parts = [
+        {**wall, "name": "arena/north", "size": [6.2, 0.1, 2.4], "position": [0, 3.05, 1.2]},
+        {**wall, "name": "arena/south", "size": [6.2, 0.1, 2.4], "position": [0, -3.05, 1.2]},
+        {**body, "name": "robot/base", "kind": "cylinder", "radius": 0.27, "length": 0.3},
+        {**body, "name": "robot/head", "kind": "sphere", "radius": 0.1},
+    ]
+    laser = {"frame": "base_laser_link", "angle_min": -1.9, "angle_increment": 3.8 / 99, "range_min": 0.05}
+    return {"frame": "map", "parts": parts, "laser": {**laser, "range_max": 25.0}, "footprint_radius": 0.27}
+
+
+def _moving(tick: int, t: int) -> dict[str, Any]:
+    ranges = np.full(100, 2.0 + 0.5 * math.sin(tick / 9), dtype="<f4")
+    ranges[:10] = np.inf
+    return {
+        "stamp": t,
+        "frames": [
+            ["base_link", "map", [0.03 * tick % 2.0, 0.0, 0.1], [0, 0, 0, 1]],
+            ["base_laser_link", "base_link", [0.2, 0.0, 0.0], [0, 0, 0, 1]],
+        ],
+        "scan": {"stamp": t, "ranges": ranges.tobytes()},
+        "velocity": [0.3, 0.0],
+        "collisions": 0,
+        "grazes": 0,
+    }
+
+
+def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:
+    picture = bumpgo(tree_id)
+    status = {node.uid: IDLE for node in picture.nodes}
+    yield Link("connected", "a script")
+    yield TreeSeen(picture, 0, WALL, dict(status))
+    if scene:
+        yield SceneStatic(_scene())
+    number = 0
+    for tick in range(1, ticks + 1):
+        t = tick * PERIOD
+        for uid, new in _changes(tick):
+            if status[uid] != new:
+                number += 1
+                yield StatusChanged(number, t, WALL + t, tick, uid, status[uid], new)
+                status[uid] = new
+        yield Ticked(tick, t, WALL + t, 150_000 + 1_000 * (tick % 7), RUNNING)
+        if tick % 5 == 0:
+            yield BlackboardSeen(t, WALL + t, {"": {"bumps": tick // 60, "goal": None}})
+        if scene:
+            yield SceneMoving(t, WALL + t, _moving(tick, t))
+    yield Link("ended", "")
+
+
+@pytest.fixture
+def run():
+    """``run(ticks, scene=True, tree_id=…)``: the events of a bump-and-go run at 10 Hz."""
+
+    def events(ticks: int, scene: bool = True, tree_id: str = "a" * 32) -> list[Event]:
+        return list(_run(ticks, scene, tree_id))
+
+    return events

@@ -1,0 +1,227 @@
+"""What the screen writes, read back from the file with rerun's own reader."""
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from monitor.picture import BlackboardSeen, Gap, Raised, StatusChanged, Ticked, TreeSeen
+from monitor.screen.moments import SAID
+from monitor.screen.sinks import Outlets
+from monitor.screen.stream import Screen
+from monitor.screen.style import GROOT
+
+IDLE, RUNNING, SUCCESS, FAILURE = range(4)
+ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
+
+
+class Recording:
+    """Rows of an .rrd by entity and component: [(t in ns, None if static, values)] in order of t."""
+
+    def __init__(self, path: Path) -> None:
+        self.rows = defaultdict(list)
+        for chunk in RrdReader(path).stream():
+            batch = chunk.to_record_batch()
+            names = batch.schema.names
+            times = batch.column("t").cast("int64").to_pylist() if "t" in names else [None] * len(batch)
+            for name in names:
+                if name not in ("rerun.controls.RowId", "t", "wall"):
+                    values = batch.column(name).to_pylist()
+                    self.rows[str(chunk.entity_path), name] += zip(times, values, strict=True)
+        for rows in self.rows.values():
+            rows.sort(key=lambda row: row[0] if row[0] is not None else -1)
+
+    def of(self, entity: str, component: str) -> list[tuple[int, list]]:
+        return [row for row in self.rows[entity, component] if row[1] is not None]
+
+    def at(self, entity: str, component: str, t: int) -> list:
+        """The latest value at time *t*."""
+        return [values for time, values in self.of(entity, component) if time <= t][-1]
+
+    def lane(self, name: str) -> str:
+        return next(entity for entity, _ in self.rows if entity.endswith(f"_{name}"))
+
+
+def recorded(events, path: Path) -> Recording:
+    screen = Screen(Outlets(save=path))
+    for event in events:
+        screen.show(event)
+    screen.close()
+    assert screen.files == [path]
+    return Recording(path)
+
+
+@pytest.fixture
+def thousand(run, tmp_path):
+    events = run(1000)
+    return events, recorded(events, tmp_path / "run.rrd")
+
+
+def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand):
+    events, recording = thousand
+    sent = [event for event in events if isinstance(event, StatusChanged)]
+    columns = {
+        name: [values[0] for _, values in recording.of("/log/numbers", name)]
+        for name in ("number", "tick", "uid", "previous", "status")
+    }
+    kept = sorted(zip(*columns.values(), strict=True))
+    assert kept == [(one.number, one.tick, one.uid, one.previous, one.status) for one in sent]
+    assert [number for number, *_ in kept] == list(range(1, len(sent) + 1))
+    lines = [values[0] for _, values in recording.of("/log", "TextLog:text")]
+    assert len([line for line in lines if "→" in line]) == len(sent) > 5000
+    assert any("IsObstacle" in line and "IDLE → SUCCESS" in line for line in lines)
+
+
+def test_every_tick_has_its_duration_at_its_time(thousand):
+    events, recording = thousand
+    ticks = [(one.t, one.duration_ns / 1e6) for one in events if isinstance(one, Ticked)]
+    assert [(t, values[0]) for t, values in recording.of("/tick/duration", "Scalars:scalars")] == ticks
+    rates = [values[0] for _, values in recording.of("/rate/ticks", "Scalars:scalars")]
+    assert rates == [10.0] * 999
+
+
+def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand):
+    events, recording = thousand
+    status: dict[int, int] = {}
+    for event in events:
+        if isinstance(event, TreeSeen):
+            status = dict(event.statuses)
+            uids = [node.uid for node in event.picture.nodes]
+            inner = {node.uid for node in event.picture.nodes if node.children}
+        elif isinstance(event, StatusChanged):
+            status[event.uid] = event.status
+        elif isinstance(event, Ticked) and event.tick % 7 == 0:
+            colours = recording.at("/tree/pills", "LineStrips2D:colors", event.t)
+            for uid, colour in zip(uids, colours, strict=True):
+                allowed = {int(GROOT.fill[status[uid]])}
+                if status[uid] == IDLE:
+                    allowed |= {int(one) for one in GROOT.fill[SAID + SUCCESS :]}
+                if status[uid] == RUNNING and uid in inner:
+                    allowed = {GROOT.busy}
+                assert colour in allowed, (event.tick, uid)
+
+
+def test_the_first_row_is_idle(run, tmp_path):
+    recording = recorded(run(1), tmp_path / "run.rrd")
+    t, colours = recording.of("/tree/pills", "LineStrips2D:colors")[0]
+    assert t == 0
+    assert colours == [int(GROOT.fill[IDLE])] * 8
+    assert recording.of(recording.lane("Back"), "StateChange:state")[0] == (0, ["IDLE"])
+
+
+def test_lanes_show_what_a_leaf_said_in_a_tick_though_it_was_reset_in_the_same_tick(run, tmp_path):
+    recording = recorded(run(70), tmp_path / "run.rrd")
+    second = 10**9
+
+    def shown(name: str, t: float) -> str:
+        return recording.at(recording.lane(name), "StateChange:state", round(t * second))[0]
+
+    assert [shown("IsObstacle", t) for t in (0.1, 2.0, 4.0, 4.1, 4.2, 6.0, 6.1)] == [
+        "FAILURE", "FAILURE", "FAILURE", "SUCCESS", "IDLE", "IDLE", "FAILURE",
+    ]  # fmt: skip
+    assert [shown("Forward", t) for t in (0.1, 4.0, 4.1, 5.9, 6.0)] == [
+        "RUNNING", "RUNNING", "IDLE", "IDLE", "RUNNING",
+    ]  # fmt: skip
+    assert [shown("Back", t) for t in (4.0, 4.1, 5.0, 5.1, 6.0)] == [
+        "IDLE", "RUNNING", "RUNNING", "SUCCESS", "IDLE",
+    ]  # fmt: skip
+    assert len(recording.of(recording.lane("IsObstacle"), "StateChange:state")) < 10
+
+
+def test_the_running_path_leads_from_the_root_to_the_leaf_at_work(run, tmp_path):
+    recording = recorded(run(70), tmp_path / "run.rrd")
+    strips = recording.at("/tree/path", "LineStrips2D:strips", 4_500_000_000)
+    edges = recording.of("/tree/edges", "LineStrips2D:strips")[0][1]
+    assert len(strips) == 3  # to avoid, escape and Back
+    assert all(strip in edges for strip in strips)
+    assert strips[0][-1][1] < strips[1][0][1] < strips[2][0][1]
+
+
+def test_lane_names_keep_the_order_of_the_tree(run, tmp_path):
+    recording = recorded(run(1), tmp_path / "run.rrd")
+    lanes = sorted({entity for entity, component in recording.rows if component == "StateChange:state"})
+    assert lanes == ["/1_IsObstacle", "/2_Back", "/3_Turn", "/4_Forward"]
+
+
+def test_the_blackboard_is_a_table_in_which_changes_stand_out(run, tmp_path):
+    recording = recorded(run(130), tmp_path / "run.rrd")
+    first = recording.at("/blackboard", "TextDocument:text", 5 * 10**9)[0]
+    assert "| bumps | `0` |" in first
+    assert "| goal | – |" in first
+    assert "| **bumps** | `1` |" in recording.at("/blackboard", "TextDocument:text", 6 * 10**9)[0]
+
+
+def test_a_table_survives_bars_ticks_and_long_values(run, tmp_path):
+    boards = {
+        "": {"a|b": "x`y\nz", "long": "w" * 500, "pi": 3.14159265, "on": True},
+        "Patrol": {"goal": "1;2"},
+    }
+    events = [*run(1)[:2], BlackboardSeen(5, 5, boards)]
+    text = recorded(events, tmp_path / "run.rrd").at("/blackboard", "TextDocument:text", 10)[0]
+    assert "| a¦b | `x'y z` |" in text
+    assert "| pi | `3.142` |" in text
+    assert "| on | `true` |" in text
+    assert "**Patrol**" in text
+    assert max(len(line) for line in text.splitlines()) < 90
+
+
+def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand):
+    events, recording = thousand
+    ticks = 1000
+    frames = recording.of("/scene/frames/base_link", "Transform3D:translation")
+    assert len(frames) == ticks
+    assert frames[9][1][0] == pytest.approx([0.3, 0.0, 0.1])
+    points = recording.at("/scene/laser/points", "Points3D:positions", events[-2].t)
+    assert len(points) == 90  # ten readings without an echo are no points
+    assert np.linalg.norm(points[0]) == pytest.approx(2.0 + 0.5 * np.sin(ticks / 9), abs=1e-3)
+    assert len(recording.of("/scene/trail", "LineStrips3D:strips")) == ticks - 1
+    speeds = recording.of("/speed/v", "Scalars:scalars")
+    assert [values for _, values in speeds] == [[0.3]] * ticks
+
+
+def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path):
+    events = [*run(3), Gap(40, 44), Raised(10**9, 10**9, "avoid/Back", "division by zero")]
+    lines = [values[0] for _, values in recorded(events, tmp_path / "run.rrd").of("/log", "TextLog:text")]
+    assert any("#40 to #44 are missing" in line for line in lines)
+    assert any("avoid/Back raised: division by zero" in line for line in lines)
+
+
+def test_a_robot_that_comes_back_with_another_tree_gets_a_recording_of_its_own(run, tmp_path):
+    path = tmp_path / "run.rrd"
+    screen = Screen(Outlets(save=path))
+    for event in [*run(20), *run(30, tree_id="b" * 32)]:
+        screen.show(event)
+    screen.close()
+    assert screen.files == [path, tmp_path / "run.2.rrd"]
+    ticks = [len(Recording(one).of("/tick/duration", "Scalars:scalars")) for one in screen.files]
+    assert ticks == [20, 30]
+
+
+def test_the_same_tree_after_a_lost_connection_goes_on_in_its_recording(run, tmp_path):
+    events = run(45)
+    again = TreeSeen(events[1].picture, 5 * 10**9, 5 * 10**9, {BACK: RUNNING, ROOT: RUNNING})
+    recording = recorded([*events, again], tmp_path / "run.rrd")
+    assert recording.at(recording.lane("Back"), "StateChange:state", 5 * 10**9) == ["RUNNING"]
+    assert len(recording.of("/tree/edges", "LineStrips2D:strips")) == 1
+
+
+def test_a_run_without_ticks_or_scene_is_recorded(run, tmp_path):
+    events = [event for event in run(20, scene=False) if not isinstance(event, Ticked)]
+    recording = recorded(events, tmp_path / "run.rrd")
+    assert recording.at(recording.lane("Forward"), "StateChange:state", 2 * 10**9) == ["RUNNING"]
+    assert not [entity for entity, _ in recording.rows if entity.startswith("/scene")]
+
+
+def test_a_saver_keeps_up_with_a_run_ten_times_faster_than_it_has_to(run, tmp_path):
+    """A fast run makes some 200 ticks a second; taking one in costs less than a tenth of its 5 ms."""
+    import time
+
+    events = run(1200)
+    start = time.process_time()
+    recorded_ticks = Screen(Outlets(save=tmp_path / "run.rrd"))
+    for event in events:
+        recorded_ticks.show(event)
+    recorded_ticks.close()
+    assert (time.process_time() - start) / 1200 < 0.5e-3 * 2

@@ -1,0 +1,77 @@
+"""Letters and symbols as strokes."""
+
+import string
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.screen.font import elide, glyph, strokes_of, width_of
+from monitor.screen.symbols import placed, symbol
+
+BOX = glyph("漢")
+"""What stands for a character that has no letter here."""
+
+
+def test_every_printable_character_of_ascii_has_a_letter_of_its_own():
+    seen = set()
+    for character in string.printable.strip():
+        letter = glyph(character)
+        assert letter != BOX
+        seen.add(letter[1])
+    assert len(seen) == len(string.printable.strip())
+
+
+def test_accents_stand_on_their_letters():
+    for accented, plain in (("é", "e"), ("Å", "A"), ("ü", "u"), ("ç", "c"), ("ñ", "n"), ("ï", "i")):
+        assert glyph(accented) != BOX
+        assert glyph(accented)[0] == glyph(plain)[0]
+        assert len(glyph(accented)[1]) >= len(glyph(plain)[1])
+
+
+@given(st.text(max_size=30), st.floats(1, 100))
+def test_text_stays_between_its_start_and_its_width(text, height):
+    width = width_of(text, height)
+    for stroke in strokes_of(text, 5.0, 7.0, height):
+        for x, y in stroke:
+            assert 5.0 - 0.3 * height <= x <= 5.0 + width + 0.3 * height
+            assert 7.0 - 1.6 * height <= y <= 7.0 + 0.5 * height
+
+
+@given(st.text(max_size=60), st.integers(6, 40))
+def test_an_elided_name_fits_and_keeps_both_ends(text, room):
+    short = elide(text, room)
+    assert len(short) <= room
+    if len(text) <= room:
+        assert short == text
+    else:
+        head, tail = short.split("…", 1) if "…" not in text else (short[:2], short[-1:])
+        assert text.startswith(head)
+        assert text.endswith(tail)
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        ("Sequence", "Fallback"),
+        ("Sequence", "ReactiveSequence"),
+        ("Sequence", "Parallel"),
+        ("Fallback", "ReactiveFallback"),
+        ("Fallback", "Inverter"),
+        ("Repeat", "RetryUntilSuccessful"),
+        ("ForceSuccess", "ForceFailure"),
+    ],
+)
+def test_kinds_are_told_apart_by_their_symbols(pair):
+    one, other = pair
+    assert symbol(one, "control") != symbol(other, "control")
+
+
+def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind():
+    kinds = ("action", "condition", "control", "decorator", "subtree")
+    for kind in kinds:
+        for stroke in placed(symbol("SomethingOfYourOwn", kind), 100.0, 50.0, 10.0):
+            for x, y in stroke:
+                assert abs(x - 100.0) <= 11.0
+                assert abs(y - 50.0) <= 11.0
+    assert len({str(symbol("SomethingOfYourOwn", kind)) for kind in kinds}) == len(kinds)

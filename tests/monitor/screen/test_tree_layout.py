@@ -1,0 +1,190 @@
+"""Where the nodes of a tree go."""
+
+import itertools
+import random
+import time
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.screen.layout import Box, Layout, lay_out
+
+HEIGHT = 42.0
+PROTOTYPE = {100: (2849, 1976), 1000: (12151, 7438)}
+"""The throw-away prototype's sizes: what a layout has to fit into."""
+
+
+def tree_of(parents: list[int], widths: list[float], framed: set[int] = frozenset()) -> list[Box]:
+    """Boxes in depth-first order from the parent of each node but the root."""
+    children: list[list[int]] = [[] for _ in range(len(parents) + 1)]
+    for node, parent in enumerate(parents, start=1):
+        children[parent].append(node)
+    order, waiting = [], [0]
+    while waiting:
+        node = waiting.pop()
+        order.append(node)
+        waiting.extend(reversed(children[node]))
+    place = {node: at for at, node in enumerate(order)}
+    return [Box(widths[one], tuple(place[c] for c in children[one]), one in framed) for one in order]
+
+
+def random_tree(count: int, seed: int = 7) -> list[Box]:
+    """A tree as people write them: some levels, two to six children, names of 6 to 24 letters."""
+    chance = random.Random(seed)
+    parents, open_nodes = [], [0]
+    load = {0: 0}
+    for node in range(1, count):
+        parent = chance.choice(open_nodes[:60])
+        parents.append(parent)
+        load[parent] += 1
+        if load[parent] >= chance.randint(2, 6):
+            open_nodes.remove(parent)
+        load[node] = 0
+        if chance.random() < 0.45 or not open_nodes:
+            open_nodes.append(node)
+    return tree_of(parents, [chance.uniform(90, 300) for _ in range(count)])
+
+
+@st.composite
+def trees(draw: st.DrawFn) -> list[Box]:
+    count = draw(st.integers(1, 60))
+    parents = [draw(st.integers(max(0, node - 9), node)) for node in range(count - 1)]
+    widths = draw(st.lists(st.floats(50, 400), min_size=count, max_size=count))
+    framed = draw(st.sets(st.integers(0, count - 1), max_size=4))
+    return tree_of(parents, widths, framed)
+
+
+def pills(layout: Layout) -> list[tuple[float, float, float, float]]:
+    half = HEIGHT / 2
+    return [(one.x, one.y - half, one.x + one.width, one.y + half) for one in layout.places]
+
+
+def overlap(a: tuple[float, ...], b: tuple[float, ...], slack: float = 0.01) -> bool:
+    return a[0] < b[2] - slack and b[0] < a[2] - slack and a[1] < b[3] - slack and b[1] < a[3] - slack
+
+
+def below(boxes: list[Box], index: int) -> set[int]:
+    found, waiting = set(), [index]
+    while waiting:
+        one = waiting.pop()
+        found.add(one)
+        waiting.extend(boxes[one].children)
+    return found
+
+
+@given(trees(), st.floats(0.4, 4.0))
+def test_no_two_pills_overlap(boxes, aspect):
+    drawn = pills(lay_out(boxes, HEIGHT, aspect))
+    for at, one in enumerate(drawn):
+        assert not any(overlap(one, other) for other in drawn[:at])
+
+
+@given(trees(), st.floats(0.4, 4.0))
+def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect):
+    places = lay_out(boxes, HEIGHT, aspect).places
+    for box, place in zip(boxes, places, strict=True):
+        for child in box.children:
+            assert places[child].y >= place.y + HEIGHT
+
+
+@given(trees(), st.floats(0.4, 4.0))
+def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect):
+    places = lay_out(boxes, HEIGHT, aspect).places
+    for box in boxes:
+        for one, following in itertools.pairwise(box.children):
+            to_the_right = places[following].x >= places[one].x + places[one].width
+            under = places[following].y >= places[one].y + HEIGHT
+            assert to_the_right or under
+
+
+@given(trees(), st.floats(0.4, 4.0))
+def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspect):
+    layout = lay_out(boxes, HEIGHT, aspect)
+    drawn = pills(layout)
+    for parent, box in enumerate(boxes):
+        for child in box.children:
+            line = layout.edges[child]
+            assert drawn[parent][0] <= line[0][0] <= drawn[parent][2]
+            assert line[0][1] == drawn[parent][3]
+            end = line[-1]
+            at_the_top = abs(end[1] - drawn[child][1]) < 0.01 and drawn[child][0] <= end[0] <= drawn[child][2]
+            at_the_left = abs(end[0] - drawn[child][0]) < 0.01 and drawn[child][1] < end[1] < drawn[child][3]
+            assert at_the_top or at_the_left
+            for (x0, y0), (x1, y1) in itertools.pairwise(line):
+                segment = (min(x0, x1) - 0.5, min(y0, y1) - 0.5, max(x0, x1) + 0.5, max(y0, y1) + 0.5)
+                crossed = {at for at, pill in enumerate(drawn) if overlap(segment, pill, slack=0.6)}
+                assert crossed <= {parent, child}
+
+
+@given(trees(), st.floats(0.4, 4.0))
+def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
+    layout = lay_out(boxes, HEIGHT, aspect)
+    drawn = pills(layout)
+    assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.framed}
+    for index, x0, y0, x1, y1 in layout.frames:
+        inside = below(boxes, index)
+        for at, pill in enumerate(drawn):
+            if at in inside:
+                assert x0 <= pill[0] < pill[2] <= x1
+                assert y0 <= pill[1] < pill[3] <= y1
+            else:
+                assert not overlap((x0, y0, x1, y1), pill)
+
+
+@given(trees(), st.floats(0.4, 4.0))
+def test_everything_is_within_the_size_and_the_same_boxes_give_the_same_layout(boxes, aspect):
+    layout = lay_out(boxes, HEIGHT, aspect)
+    width, height = layout.size
+    for x0, y0, x1, y1 in pills(layout):
+        assert -0.01 <= x0 < x1 <= width + 0.01
+        assert -0.01 <= y0 < y1 <= height + 0.01
+    assert lay_out(boxes, HEIGHT, aspect) == layout
+
+
+def test_a_small_tree_is_drawn_as_on_paper_one_row_a_level_and_parents_in_the_middle():
+    boxes = [Box(120, (1, 4)), Box(100, (2, 3)), Box(90, ()), Box(90, ()), Box(110, ())]
+    places = lay_out(boxes, HEIGHT).places
+    assert places[2].y == places[3].y > places[1].y == places[4].y > places[0].y
+    assert places[0].centre == (places[1].centre + places[4].centre) / 2
+    assert places[1].centre == (places[2].centre + places[3].centre) / 2
+
+
+def test_a_parent_stands_right_above_a_child_that_is_nearly_in_the_middle():
+    boxes = [Box(150, (1, 2, 3)), Box(100, ()), Box(90, ()), Box(112, ())]
+    layout = lay_out(boxes, HEIGHT)
+    assert layout.places[0].centre == layout.places[2].centre
+    assert len(layout.edges[2]) == 2
+
+
+def test_big_trees_fit_the_windows_that_the_prototypes_filled():
+    for count, (width, height) in PROTOTYPE.items():
+        layouts = [lay_out(random_tree(count, seed), HEIGHT, width / height) for seed in range(5)]
+        needed = sorted(max(one.size[0] / width, one.size[1] / height) for one in layouts)
+        assert needed[2] <= 1.0
+
+
+@settings(deadline=None)
+@given(st.integers(2, 400))
+def test_a_chain_and_a_broom_of_any_length_are_laid_out(count):
+    chain = tree_of(list(range(count - 1)), [100.0] * count)
+    assert len(lay_out(chain, HEIGHT).places) == count
+    broom = tree_of([0] * (count - 1), [100.0] * count)
+    width, height = lay_out(broom, HEIGHT, 1.6).size
+    assert count < 30 or 0.4 < width / height < 6.0
+
+
+def test_four_times_the_nodes_take_not_much_more_than_four_times_as_long():
+    def seconds(count: int) -> float:
+        boxes = random_tree(count)
+        best = float("inf")
+        for _ in range(3):
+            start = time.process_time()
+            lay_out(boxes, HEIGHT)
+            best = min(best, time.process_time() - start)
+        return best
+
+    assert seconds(2000) < 10 * seconds(500)
+
+
+def test_no_nodes_give_an_empty_layout():
+    assert lay_out([], HEIGHT) == Layout((), (), (), (0.0, 0.0))

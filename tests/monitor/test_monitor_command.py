@@ -1,0 +1,151 @@
+"""``btcore monitor`` on the command line: what it does, and what it says to mistakes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+
+ROOT = Path(__file__).parents[2]
+SECOND = 10**9
+
+
+def environment(**changes: str) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return {**kept, "PYTHONPATH": str(ROOT), **changes}
+
+
+def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "monitor", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, env=environment())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--no-view"], "--no-view leaves nothing to do: add --save FILE.rrd"),
+        (["tcp://host:99999", "--no-view", "--save", "x.rrd"], "port 99999 is out of range"),
+        (["not an address", "--no-view", "--save", "x.rrd"], "'not an address' is no address"),
+        (["--save", "/nowhere/at/all.rrd", "--no-view"], "there is no folder /nowhere/at"),
+        (["--screenshot", "/nowhere/at/all.png"], "there is no folder /nowhere/at"),
+        (["nowhere.rrd"], "there is no recording nowhere.rrd"),
+        (["nowhere.rrd", "localhost"], "a recording and a robot can't be watched at once"),
+        (["--screenshot", "x.png", "--size", "big"], "'big' is no size: write WIDTHxHEIGHT"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2(arguments, said):
+    result = monitor(*arguments)
+    assert result.returncode == 2
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_without_a_display_it_says_what_to_do():
+    result = monitor("127.0.0.1:1")
+    assert result.returncode == 2
+    assert "there is no display here" in result.stderr
+    assert all(option in result.stderr for option in ("--serve-web", "--save", "--screenshot"))
+
+
+def test_without_rerun_it_says_how_to_get_it():
+    code = (
+        "import sys, importlib.abc\n"
+        "class Hidden(importlib.abc.MetaPathFinder):\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name.split('.')[0] == 'rerun': raise ModuleNotFoundError(name)\n"
+        "import importlib.util\n"
+        "before = importlib.util.find_spec\n"
+        "importlib.util.find_spec = lambda name, *more: None if name == 'rerun' else before(name, *more)\n"
+        "sys.meta_path.insert(0, Hidden())\n"
+        "from monitor.commands import monitor\n"
+        "monitor(['--no-view', '--save', 'x.rrd'])\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment()
+    )
+    assert result.returncode == 2
+    assert "pip install 'btcore[monitor]'" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_help_is_there_before_rerun_is_imported():
+    code = (
+        "import sys\nfrom monitor.commands import monitor\n"
+        "try: monitor(['--help'])\n"
+        "finally: sys.stderr.write('imported' if {'rerun', 'zmq', 'numpy'} & set(sys.modules) else 'light')\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment()
+    )
+    assert "--serve-web" in result.stdout
+    assert result.stderr == "light"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the processor time from /proc")
+def test_waiting_for_a_robot_costs_next_to_nothing_and_ends_when_asked(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "monitor", "127.0.0.1:9", "--no-view", "--save", str(tmp_path / "x.rrd")],
+        stderr=subprocess.PIPE,
+        env=environment(),
+    )
+    try:
+        assert b"no robot answers" in process.stderr.readline()
+        started = _cpu_seconds(process.pid)
+        deadline = time.monotonic() + 3.0
+        while time.monotonic() < deadline:
+            assert process.poll() is None
+            time.sleep(0.1)
+        assert _cpu_seconds(process.pid) - started < 0.3
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def _cpu_seconds(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_a_thousand_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path):
+    path = tmp_path / "bumpgo.rrd"
+    command = ["run", "bumpgo", "--fast", "--duration", "100", "--seed", "3", "--json", "--save", str(path)]
+    result = subprocess.run(
+        [sys.executable, "-m", "btcore", *command],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=environment(),
+    )
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout.splitlines()[-1])
+    numbers, ticks, ended = [], 0, {}
+    names = {}
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == "/log/numbers":
+            columns = [batch.column(name).to_pylist() for name in ("number", "uid", "status")]
+            for (number,), (uid,), (status,) in zip(*columns, strict=True):
+                numbers.append(number)
+                ended[uid, status] = ended.get((uid, status), 0) + 1
+        elif chunk.entity_path == "/tick/duration" and not chunk.is_static:
+            ticks += len(batch)
+        elif chunk.entity_path == "/tree/pills" and chunk.is_static:
+            names = dict(enumerate(batch.column("path").to_pylist()[0], start=1))
+    assert ticks == report["ticks"] == 1000
+    assert sorted(numbers) == list(range(1, len(numbers) + 1))
+    for uid, path_of_node in names.items():
+        counts = report["nodes"][path_of_node]
+        # a RUNNING node that stays RUNNING, or a result repeated, is a tick without a transition
+        assert ended.get((uid, 2), 0) <= counts["success"]
+        assert ended.get((uid, 3), 0) <= counts["failure"]
+    condition = next(uid for uid, one in names.items() if one.startswith("IsObstacle"))
+    counts = report["nodes"][names[condition]]
+    assert (ended[condition, 2], ended[condition, 3]) == (counts["success"], counts["failure"])

@@ -1,0 +1,53 @@
+"""Publishing where one can't: a sentence that says what to do, and nothing left behind."""
+
+import pytest
+import zmq
+
+from monitor.serve import PortInUse, ServeError, serve
+
+pytestmark = pytest.mark.usefixtures("no_threads_left")
+
+
+def test_a_taken_port_is_named_with_the_ways_out(sample):
+    with serve(sample, groot2=0) as first, pytest.raises(PortInUse) as raised:
+        serve(sample, groot2=first.port)
+    assert str(raised.value) == (
+        f"port {first.port} is in use: choose another with --port, or --port 0 for a free one"
+    )
+    assert raised.value.port == first.port
+
+
+@pytest.mark.parametrize("offset", [1, 2])
+def test_a_taken_neighbour_is_named_and_the_ports_before_it_are_given_back(sample, offset):
+    with serve(sample, groot2=0) as publisher:
+        port = publisher.port
+    with zmq.Context() as context, context.socket(zmq.REP) as other:
+        other.bind(f"tcp://127.0.0.1:{port + offset}")
+        with pytest.raises(
+            PortInUse, match=rf"port {port + offset} is in use \({port} to {port + 2} are needed"
+        ):
+            serve(sample, groot2=port)
+    with serve(sample, groot2=port) as publisher:
+        assert publisher.port == port
+
+
+def test_free_ports_are_taken_for_0_and_none(sample, endless):
+    with serve(sample, groot2=0) as first, serve(endless, groot2=None) as second:
+        assert abs(first.port - second.port) >= 3
+        assert first.address == f"tcp://127.0.0.1:{first.port}"
+
+
+def test_an_interface_that_is_not_here_is_named(sample):
+    with pytest.raises(ServeError, match=r"nothing here can listen at '203\.0\.113\.9'.*--bind"):
+        serve(sample, groot2=0, bind="203.0.113.9")
+
+
+@pytest.mark.parametrize("port", [-1, 65534, 70000])
+def test_a_port_without_two_above_it_is_out_of_range(sample, port):
+    with pytest.raises(ServeError, match="out of range"):
+        serve(sample, groot2=port)
+
+
+def test_all_interfaces_are_reached_on_this_machine_by_loopback(sample):
+    with serve(sample, groot2=0, bind="*") as publisher:
+        assert publisher.address == f"tcp://127.0.0.1:{publisher.port}"

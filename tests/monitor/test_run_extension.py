@@ -1,0 +1,134 @@
+"""``btcore run`` with --publish, --save and --port: the run is the same, and everything arrives."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from monitor.picture import Gap, Link, SceneMoving, SceneStatic, StatusChanged, Ticked
+from monitor.serve import serve
+from monitor.watch.feed import Feed
+
+BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]
+TREE = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="M">
+    <Repeat num_cycles="-1"><Sequence><Sleep msec="100"/><AlwaysSuccess/></Sequence></Repeat>
+  </BehaviorTree>
+</root>
+"""
+
+
+def run(*options: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "btcore", "run", *options]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def report(done: "subprocess.CompletedProcess[str]") -> dict[str, Any]:
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    del found["real_time_factor"]
+    return found
+
+
+@pytest.fixture
+def free_port(sample) -> int:
+    with serve(sample, groot2=0) as publisher:
+        return publisher.port
+
+
+@pytest.fixture
+def tree_file(tmp_path: Path) -> str:
+    path = tmp_path / "tree.xml"
+    path.write_text(TREE)
+    return str(path)
+
+
+def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
+    plain = report(run(*BUMPGO, "--duration", "12"))
+    published = run(*BUMPGO, "--duration", "12", "--publish", "groot2", "--port", "0")
+    recording = tmp_path / "run.rrd"
+    saved = run(*BUMPGO, "--duration", "12", "--save", str(recording))
+
+    assert report(published) == plain
+    assert report(saved) == plain
+    assert re.search(r"publishing at tcp://127\.0\.0\.1:\d+ \(btcore monitor tcp://", published.stderr)
+    assert "publishing" not in published.stdout
+    assert recording.stat().st_size > 10_000
+
+
+def test_no_transition_of_a_thousand_ticks_is_missing_for_a_viewer_that_waited(free_port):
+    options = [*BUMPGO, "--duration", "100", "--publish", "groot2", "--port", str(free_port)]
+    with Feed(f":{free_port}") as feed:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "btcore", "run", *options],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        events = list(feed.events(until_end=True))
+        assert process.wait(60) == 0
+    numbers = [event.number for event in events if isinstance(event, StatusChanged)]
+    assert len(numbers) > 1000
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 1001))
+    assert not [event for event in events if isinstance(event, Gap)]
+    assert next(event.data for event in events if isinstance(event, SceneStatic))["frame"] == "map"
+    moving = [event.data for event in events if isinstance(event, SceneMoving)]
+    assert len(moving) > 900
+    assert {"frames", "scan", "velocity"} <= moving[-1].keys()
+    assert isinstance(events[-1], Link)
+    assert events[-1].state == "ended"
+
+
+def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
+    recording = tmp_path / "run.rrd"
+    options = [tree_file, "--save", str(recording)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "btcore", "run", *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    told = process.stderr.readline()
+    address = told.split("publishing at ")[1].split()[0]
+    with Feed(address) as feed:
+        events = feed.events(until_end=True)
+        assert next(event for event in events if isinstance(event, Ticked)).tick >= 1
+        process.send_signal(signal.SIGINT)
+        assert [event for event in events if isinstance(event, Link)][-1].state == "ended"
+    _, rest = process.communicate(timeout=60)
+    assert process.returncode == 130, rest
+    assert "Traceback" not in rest
+    assert recording.stat().st_size > 1000
+
+
+def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:
+    return {
+        "groot1": (["--publish", "groot1"], "--publish groot1 isn't built yet"),
+        "folder": (["--save", "/no/such/folder/run.rrd"], "there is no folder /no/such/folder"),
+        "bind": (
+            ["--publish", "groot2", "--port", "0", "--bind", "203.0.113.9"],
+            "nothing here can listen at '203.0.113.9'",
+        ),
+        "port": (["--publish", "groot2", "--port", str(free_port)], f"port {free_port} is in use"),
+    }
+
+
+@pytest.mark.parametrize("name", ["groot1", "folder", "bind", "port"])
+def test_a_mistake_ends_the_run_before_it_begins_with_one_sentence(
+    name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
+):
+    options, said = mistakes(free_port, tree_file)[name]
+    with serve(sample, groot2=free_port):
+        done = run(tree_file, "--fast", "--duration", "1", *options)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""

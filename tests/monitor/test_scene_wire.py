@@ -1,0 +1,148 @@
+"""The scene channel's messages: what goes in comes out, and what doesn't fit is named."""
+
+from contextlib import suppress
+from dataclasses import fields
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.serve.history import LANE_ROOM, History
+from monitor.wire.fault import WireFault
+from monitor.wire.scene import (
+    AliveMessage,
+    BlackboardMessage,
+    EndMessage,
+    MovingMessage,
+    PieceMessage,
+    RaisedMessage,
+    StaticMessage,
+    TicksMessage,
+    TreeMessage,
+    UnknownMessage,
+    decode,
+    encode,
+)
+
+ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
+TICKS = TicksMessage(
+    ID, 3, 7, 1_000, 2_000, 300, 1, True, 41, [[900, 1900, 7, 1, 0, 1], [950, 1950, 7, 2, 1, 2]]
+)
+MESSAGES = [
+    TreeMessage(ID, 5, 6, b"<root/>", 1, 9, {1: 0, 2: 4}),
+    StaticMessage(ID, {"frame": "map", "parts": [{"name": "wall", "kind": "box", "size": [1.0, 2.0, 3.0]}]}),
+    TICKS,
+    MovingMessage(ID, 4, 1_000, 2_000, {"stamp": 1_000, "scan": {"stamp": 1, "ranges": b"\x00\x00\x80\x3f"}}),
+    BlackboardMessage(ID, 5, 1, 2, {"": {"x": 42, "goal": None}}),
+    RaisedMessage(ID, 6, 1, 2, "Patrol/Move", "node 'Patrol/Move' raised"),
+    EndMessage(ID, 7, 1, 2, 3, 0),
+    AliveMessage(ID, 7),
+    PieceMessage(ID, 3, 3, 7, [encode(TICKS)]),
+]
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
+def test_a_message_comes_out_as_it_went_in(message):
+    assert decode(encode(message)) == message
+
+
+def test_every_message_says_its_version_and_kind():
+    for message in MESSAGES:
+        whole = msgpack.unpackb(encode(message))
+        assert (whole["v"], whole["kind"]) == (1, message.kind)
+
+
+def test_a_newer_version_is_refused_with_what_to_do():
+    newer = msgpack.packb({"v": 2, "kind": "ticks", "colour": "red"})
+    with pytest.raises(WireFault, match=r"version 2 .* up to 1: update btcore here"):
+        decode(newer)
+
+
+def test_what_a_newer_robot_of_this_version_adds_is_ignored():
+    whole = msgpack.unpackb(encode(AliveMessage(ID, 7)))
+    assert decode(msgpack.packb(whole | {"mood": "fine"})) == AliveMessage(ID, 7)
+    assert decode(msgpack.packb({"v": 1, "kind": "smell", "tree_id": ID, "seq": 8})) == UnknownMessage(ID, 8)
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
+def test_a_missing_or_wrong_field_is_named(message):
+    whole = msgpack.unpackb(encode(message), strict_map_key=False)
+    for field in fields(message):
+        without = {key: value for key, value in whole.items() if key != field.name}
+        with pytest.raises(WireFault, match=f"'{field.name}' of a '{message.kind}' message .* got nothing"):
+            decode(msgpack.packb(without))
+        with pytest.raises(WireFault, match=f"'{field.name}'"):
+            decode(msgpack.packb(whole | {field.name: 1.5}))
+
+
+@pytest.mark.parametrize("row", [[1, 2, 3], "row", [1, 2, 3, 4, 5, "6"], [1, 2, 3, 4, 5, True]])
+def test_a_transition_has_six_integers(row):
+    whole = msgpack.unpackb(encode(TICKS))
+    with pytest.raises(WireFault, match="six integers"):
+        decode(msgpack.packb(whole | {"transitions": [row]}))
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=500, deadline=None)
+def test_noise_raises_nothing_but_a_wire_fault(data):
+    with suppress(WireFault):
+        decode(data)
+
+
+VALUES = st.recursive(
+    st.none() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
+@given(data=st.data())
+@settings(max_examples=60, deadline=None)
+def test_a_message_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(message, data):
+    whole = msgpack.unpackb(encode(message), strict_map_key=False)
+    field = data.draw(st.sampled_from(sorted(whole)))
+    with suppress(WireFault):
+        decode(msgpack.packb(whole | {field: data.draw(VALUES)}))
+
+
+def ticks(seq: int, size: int) -> TicksMessage:
+    rows = [[10**15 + seq, 10**18 + seq, seq, 1, 1 - row % 2, row % 2] for row in range(size)]
+    return TicksMessage(ID, seq, seq, 10**15 + seq, 10**18 + seq, 0, 1, True, 1, rows)
+
+
+def test_a_history_holds_a_million_transitions_and_tells_how_the_tree_stood_before():
+    history = History({1: 3, 2: 4}, 5, 6)
+    size = 5_001
+    room = LANE_ROOM["ticks"] // len(encode(ticks(1, size)))
+    assert room * size > 1_000_000
+    for seq in range(1, room + 11):
+        history.add("ticks", encode(ticks(seq, size)))
+    assert history.oldest > 1
+    assert history.latest == room + 10
+    assert history.statuses == {1: 0, 2: 4}
+    assert history.stamp == 10**15 + history.oldest - 1
+
+
+def test_big_scenes_push_no_transitions_out():
+    history = History({}, 0, 0)
+    scene_bytes = LANE_ROOM["moving"] // 10
+    for seq in range(1, 41):
+        moving = MovingMessage(ID, seq, 0, 0, {"scan": b"\x00" * scene_bytes})
+        history.add("ticks" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
+    kept = history_numbers(history)
+    assert [seq for seq in kept if seq % 2] == list(range(1, 41, 2))
+    assert 5 <= len([seq for seq in kept if seq % 2 == 0]) < 20
+    assert 40 in kept
+
+
+def history_numbers(history: History) -> list[int]:
+    numbers: list[int] = []
+    first = 1
+    while first <= history.latest:
+        piece = history.piece(ID, first)
+        assert piece.first == first
+        numbers += [decode(data).seq for data in piece.messages]
+        first = piece.last + 1
+    return numbers

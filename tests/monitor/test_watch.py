@@ -1,0 +1,322 @@
+"""Watching a robot that comes, goes and comes back, by both of its languages."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import zmq
+
+import btcore
+from btcore import SimClock
+from monitor.picture import (
+    BlackboardSeen,
+    Event,
+    Gap,
+    Link,
+    Raised,
+    SceneMoving,
+    SceneStatic,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+)
+from monitor.serve import serve
+from monitor.watch.address import AddressFault, parse_address
+from monitor.watch.feed import Feed
+from monitor.watch.groot2 import Groot2Client, NoAnswer
+from monitor.wire.fault import RefusedByRobot
+from monitor.wire.groot2 import Request
+
+pytestmark = pytest.mark.usefixtures("no_threads_left")
+
+
+class Watcher:
+    """Gathers a feed's events on a thread of its own; *pause* (s) after each tick makes it slow."""
+
+    def __init__(self, address: str, pause: float = 0.0) -> None:
+        self.events: list[Event] = []
+        self.feed = Feed(address)
+        self.pause = pause
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+
+    def _run(self) -> None:
+        with self.feed:
+            for event in self.feed:
+                self.events.append(event)
+                if self.pause and isinstance(event, Ticked):
+                    time.sleep(self.pause)
+
+    def of(self, kind: type) -> list:
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def ended(self) -> bool:
+        return any(link.state == "ended" for link in self.of(Link))
+
+
+@pytest.fixture
+def watch() -> Iterator[Callable[..., Watcher]]:
+    watchers: list[Watcher] = []
+
+    def watch(address: str, pause: float = 0.0) -> Watcher:
+        watchers.append(Watcher(address, pause))
+        return watchers[-1]
+
+    yield watch
+    for one in watchers:
+        one.feed.stop()
+    for one in watchers:
+        one.thread.join()
+
+
+class Scene:
+    """A resource that can be shown."""
+
+    def scene_static(self) -> dict:
+        return {"frame": "map", "parts": [{"name": "wall", "kind": "box"}]}
+
+    def scene_moving(self) -> dict:
+        return {
+            "stamp": 5,
+            "frames": [["base_link", "map", [0, 0, 0], [0, 0, 0, 1]]],
+            "scan": {"ranges": b"\x00"},
+        }
+
+
+def numbers(watcher: Watcher) -> list[int]:
+    return [event.number for event in watcher.of(StatusChanged)]
+
+
+def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
+    with serve(sample, groot2=0) as publisher:
+        port = publisher.port
+    early = watch(f":{port}")
+    until(lambda: early.of(Link), "a word about the robot that isn't there")
+    assert early.events[0] == Link("waiting", f"no robot answers at tcp://127.0.0.1:{port} yet")
+    with serve(sample, groot2=port, resources=[Scene()]) as publisher:
+        assert publisher.wait_for_clients(1, 10)
+        for _ in range(3):
+            sample.tick_exactly_once()
+    until(early.ended, "the goodbye")
+
+    seen = early.of(TreeSeen)[0]
+    assert seen.picture.tree_id == publisher.tree_id
+    assert seen.picture.name == "Main"
+    assert set(seen.statuses.values()) == {0}
+    assert numbers(early) == list(range(1, len(numbers(early)) + 1))
+    assert [(one.uid, one.previous, one.status) for one in early.of(StatusChanged)][:5] == [
+        (1, 0, 1),
+        (2, 0, 2),
+        (3, 0, 1),
+        (4, 0, 3),
+        (5, 0, 1),
+    ]
+    assert [one.tick for one in early.of(Ticked)] == [1, 2, 3]
+    assert early.of(SceneStatic)[0].data["frame"] == "map"
+    assert early.of(SceneMoving)[0].data["scan"]["ranges"] == b"\x00"
+    assert early.of(BlackboardSeen)[-1].boards["Sub::6"]["mode"] == "fast"
+    assert [link.state for link in early.of(Link)] == ["waiting", "connected", "ended"]
+    assert not early.of(Gap)
+
+
+def test_a_viewer_that_comes_in_the_middle_gets_what_was_before(endless, watch, until):
+    with serve(endless, groot2=0) as publisher:
+        for _ in range(50):
+            endless.tick_exactly_once()
+        late = watch(publisher.address)
+        until(lambda: len(late.of(Ticked)) == 50, "the past")
+        for _ in range(50):
+            endless.tick_exactly_once()
+        until(lambda: len(late.of(Ticked)) == 100, "the present")
+        assert numbers(late) == list(range(1, len(numbers(late)) + 1))
+
+
+def test_a_viewer_that_comes_after_the_last_tick_sees_the_run(sample, watch, until):
+    with serve(sample, groot2=0) as publisher:
+        for _ in range(3):
+            sample.tick_exactly_once()
+        sample.halt()
+        publisher.finish()
+        late = watch(publisher.address)
+        until(late.ended, "the goodbye")
+        assert len(late.of(Ticked)) == 3
+        assert late.of(StatusChanged)[-1].status == 0
+
+
+def test_no_transition_is_missing_however_fast_the_tree_and_however_slow_the_viewers(endless, watch, until):
+    with serve(endless, groot2=0, grace=60) as publisher:
+        viewers = [watch(publisher.address), watch(publisher.address, pause=0.002)]
+        assert publisher.wait_for_clients(2, 10)
+        for tick in range(1000):
+            endless.tick_exactly_once()
+            if tick == 500:
+                viewers.append(watch(publisher.address, pause=0.001))
+        endless.halt()
+        total = endless.context.observers.number
+        assert total > 5000
+    until(lambda: all(one.ended() for one in viewers), "everybody's goodbye")
+    for viewer in viewers:
+        assert numbers(viewer) == list(range(1, total + 1))
+        assert [one.tick for one in viewer.of(Ticked)] == list(range(1, 1001))
+        assert not viewer.of(Gap)
+    assert publisher.dropped == 0
+
+
+def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until):
+    with serve(sample, groot2=0) as first:
+        viewer = watch(first.address)
+        until(lambda: viewer.of(TreeSeen), "the first tree")
+    with serve(endless, groot2=first.port) as second:
+        until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
+        endless.tick_exactly_once()
+        until(lambda: viewer.of(Ticked), "a tick of the second tree")
+    pictures = [event.picture for event in viewer.of(TreeSeen)]
+    assert [picture.name for picture in pictures] == ["Main", "Endless"]
+    assert pictures[1].tree_id == second.tree_id
+    assert [link.state for link in viewer.of(Link)][:4] == ["waiting", "connected", "ended", "connected"]
+
+
+def test_what_a_node_raised_arrives(watch, until):
+    registry = btcore.Registry.standard()
+
+    @btcore.action
+    def explode() -> bool:
+        raise ValueError("boom")
+
+    registry.add(explode)
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="M"><Explode name="fuse"/></BehaviorTree></root>'
+    tree = btcore.loads(xml, nodes=registry, resources=[SimClock()])
+    with serve(tree, groot2=0) as publisher:
+        viewer = watch(publisher.address)
+        assert publisher.wait_for_clients(1, 10)
+        with pytest.raises(btcore.NodeRaised):
+            tree.tick_exactly_once()
+        until(lambda: viewer.of(Raised), "the error")
+    assert viewer.of(Raised)[0].path == "fuse"
+    assert "boom" in viewer.of(Raised)[0].message
+
+
+def test_transitions_of_a_tick_that_goes_on_are_shown_before_it_ends(watch, until):
+    go_on = threading.Event()
+    registry = btcore.Registry.standard()
+
+    @btcore.action
+    def block() -> bool:
+        return go_on.wait(10)
+
+    registry.add(block)
+    xml = "<Sequence><AlwaysSuccess/><Block/></Sequence>"
+    xml = f'<root BTCPP_format="4"><BehaviorTree ID="M">{xml}</BehaviorTree></root>'
+    tree = btcore.loads(xml, nodes=registry)
+    with serve(tree, groot2=0) as publisher:
+        viewer = watch(publisher.address)
+        ticking = threading.Thread(target=tree.tick_exactly_once)
+        ticking.start()
+        try:
+            until(lambda: viewer.of(StatusChanged), "the first child's success")
+            assert not viewer.of(Ticked)
+        finally:
+            go_on.set()
+            ticking.join()
+
+
+def test_a_viewer_that_hangs_does_not_hold_up_the_end(endless):
+    with zmq.Context() as context, context.socket(zmq.SUB) as hanging:
+        with serve(endless, groot2=0, grace=0.1) as publisher:
+            hanging.setsockopt(zmq.RCVHWM, 1)
+            hanging.subscribe(b"")
+            hanging.subscribe(b"here/hanging")
+            hanging.connect(f"tcp://127.0.0.1:{publisher.port + 2}")
+            assert publisher.wait_for_clients(1, 10)
+            for _ in range(500):
+                endless.tick_exactly_once()
+            began = time.monotonic()
+        assert time.monotonic() - began < 5
+
+
+def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
+    with serve(sample, groot2=0, scene=False) as publisher:
+        viewer = watch(publisher.address)
+        until(lambda: viewer.of(BlackboardSeen), "a first look")
+        seen = viewer.of(TreeSeen)[0]
+        assert not seen.numbered
+        assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+        sample.tick_exactly_once()
+        until(lambda: len(viewer.of(StatusChanged)) == 5, "the first tick")
+        assert [one.number for one in viewer.of(StatusChanged)] == [1, 2, 3, 4, 5]
+        assert {one.uid: one.status for one in viewer.of(StatusChanged)} == {1: 1, 2: 2, 3: 1, 4: 3, 5: 1}
+        until(lambda: viewer.of(BlackboardSeen)[-1].boards[""].get("x") == 42, "the blackboard")
+        assert viewer.of(BlackboardSeen)[-1].boards["Sub::6"]["lim"] == 7
+        assert "ROOT" not in viewer.of(BlackboardSeen)[-1].boards
+
+
+def test_an_idle_node_tells_a_sampling_viewer_what_happened_between_two_looks(sample, watch, until):
+    with serve(sample, groot2=0, scene=False) as publisher:
+        viewer = watch(publisher.address)
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        sample.tick_exactly_once()
+        until(lambda: len(viewer.of(StatusChanged)) == 5, "the first tick")
+        sample.tick_exactly_once()
+        sample.tick_exactly_once()
+        until(lambda: [one for one in viewer.of(StatusChanged) if one.uid == 9], "the third tick")
+        of_count = [(one.previous, one.status) for one in viewer.of(StatusChanged) if one.uid == 5]
+        assert of_count == [(0, 1), (1, 2), (2, 0)]
+
+
+def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch, until):
+    with serve(sample, groot2=0, scene=False) as publisher:
+        viewer = watch(publisher.address)
+        until(lambda: viewer.of(TreeSeen), "the tree")
+    until(
+        lambda: viewer.events[-1] == viewer.of(Link)[-1] and viewer.of(Link)[-1].state == "lost", "the loss"
+    )
+    with serve(sample, groot2=publisher.port, scene=False):
+        until(lambda: len(viewer.of(TreeSeen)) == 2, "the return")
+    assert viewer.of(TreeSeen)[0].picture.tree_id != viewer.of(TreeSeen)[1].picture.tree_id
+
+
+def test_a_client_asks_in_groot2s_words(sample):
+    with serve(sample, groot2=0) as publisher, Groot2Client(parse_address(publisher.address)) as client:
+        picture = client.fulltree()
+        assert picture.tree_id == publisher.tree_id
+        client.start_recording()
+        sample.tick_exactly_once()
+        assert client.statuses()[1].status == 1
+        assert [(one.uid, one.status) for one in client.transitions()][:2] == [(1, 1), (2, 2)]
+        assert client.blackboards(["Main"])["Main"]["x"] == 42
+        client.stop_recording()
+        with pytest.raises(RefusedByRobot, match="refuses HOOKS_DUMP: hooks are disabled"):
+            client.ask(Request.HOOKS_DUMP)
+
+
+def test_a_client_of_a_silent_robot_says_so_and_can_ask_again(sample):
+    with serve(sample, groot2=0) as publisher:
+        port = publisher.port
+    with Groot2Client(parse_address(f":{port}"), timeout=0.05) as client:
+        with pytest.raises(NoAnswer, match=f"no answer from tcp://127.0.0.1:{port} in 0.05 s"):
+            client.statuses()
+        client.timeout = 10
+        with serve(sample, groot2=port):
+            assert len(client.statuses()) == 10
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("tcp://robot.local:1700", ("robot.local", 1700)),
+        ("robot.local", ("robot.local", 1667)),
+        ("1700", ("127.0.0.1", 1700)),
+        (":1700", ("127.0.0.1", 1700)),
+        ("tcp://[::1]:1700", ("[::1]", 1700)),
+        ("10.0.0.7/", ("10.0.0.7", 1667)),
+    ],
+)
+def test_an_address_may_be_short(text, where):
+    assert parse_address(text) == where
+
+
+@pytest.mark.parametrize("text", ["http://robot", "a b", "robot:port", "robot:99999", "65534", "::1"])
+def test_what_is_no_address_is_named(text):
+    with pytest.raises(AddressFault, match=r"is no address|out of range"):
+        parse_address(text)
