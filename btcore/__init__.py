@@ -33,6 +33,7 @@ from btcore.registry import Registry
 from btcore.script.program import compile_script
 from btcore.signature import In, InOut, Out, Put
 from btcore.status import NodeType, Status, Transition
+from btcore.threaded import ThreadedAction
 from btcore.tree import Subtree, Tree
 
 __all__ = [
@@ -67,6 +68,7 @@ __all__ = [
     "SyncAction",
     "SyntaxFault",
     "SystemClock",
+    "ThreadedAction",
     "Transition",
     "Tree",
     "TreeError",

@@ -1,6 +1,7 @@
 """What the nodes of one tree share: its clock, its wake-up signal, its deadlines and observers."""
 
 import threading
+from collections.abc import Callable
 
 from btcore.clock import Clock
 from btcore.observers import Observers
@@ -11,6 +12,7 @@ class TreeContext:
 
     *observers* is None while nobody listens, so that telling nobody costs one comparison.
     *deadlines* maps a node's uid to the time (ns) at which it wants the tree to be ticked.
+    *on_wake* is called by a wake-up, from any thread; an event loop that runs the tree needs it.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -18,10 +20,22 @@ class TreeContext:
         self.wake = threading.Event()
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
+        self.on_wake: Callable[[], object] | None = None
+
+    @property
+    def in_event_loop(self) -> bool:
+        """Whether an event loop runs the tree, so that leaves may await what asyncio offers."""
+        return self.on_wake is not None
 
     def wake_up(self) -> None:
         """Ask for a tick as soon as possible. Any thread may."""
         self.wake.set()
+        if self.on_wake is not None:
+            self.on_wake()
+
+    def first_deadline(self, moment: int) -> int:
+        """The earlier of *moment* (ns) and the first deadline."""
+        return min(min(self.deadlines.values(), default=moment), moment)
 
     def take_wake_up(self) -> bool:
         """Whether a wake-up is due, by signal or by a deadline that has passed; takes it."""
@@ -33,8 +47,7 @@ class TreeContext:
     def wait_until(self, moment: int) -> bool:
         """Wait until *moment* (ns), the first deadline, or a wake-up; returns whether woken."""
         self._expire()
-        until = min(self.deadlines.values(), default=moment)
-        woken = self.clock.wait_until(min(until, moment), self.wake)
+        woken = self.clock.wait_until(self.first_deadline(moment), self.wake)
         if not woken and self.deadlines:
             self._expire()
             woken = self.wake.is_set()

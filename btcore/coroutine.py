@@ -1,6 +1,7 @@
 """Runs a generator or an ``async def`` leaf tick by tick, and cancels it on halt.
 
-No event loop is needed: :func:`running` and :func:`sleep` are all that such a leaf waits for here.
+No event loop is needed for :func:`running` and :func:`sleep`. Under ``await tree.run()`` a leaf may
+await what asyncio offers too: it is RUNNING until that is done, and the tree is woken then.
 """
 
 from collections.abc import Generator
@@ -40,6 +41,7 @@ class SteppedAction(StatefulAction):
 
     _body: Any = None
     _until: int = 0
+    _future: Any = None
 
     def begin(self) -> Any:
         """The generator or coroutine of a new start."""
@@ -52,10 +54,13 @@ class SteppedAction(StatefulAction):
         return self._resume()
 
     def on_running(self) -> object:
-        """Resume the body, unless it sleeps."""
+        """Resume the body, unless it sleeps or awaits something that isn't done."""
         if self._until and self.now() < self._until:
             return RUNNING
+        if self._future is not None and not self._future.done():
+            return RUNNING
         self._until = 0
+        self._future = None
         return self._resume()
 
     def _resume(self) -> object:
@@ -64,6 +69,11 @@ class SteppedAction(StatefulAction):
         except StopIteration as end:
             self._body = None
             return end.value
+        except RuntimeError as fault:
+            self._body = None
+            if str(fault) == "no running event loop":
+                raise self._foreign("asyncio") from fault
+            raise
         except BaseException:
             self._body = None
             raise
@@ -71,19 +81,37 @@ class SteppedAction(StatefulAction):
             if waits.seconds > 0:
                 self._until = self.now() + round(waits.seconds * NS_PER_S)
                 self.wake_at(self._until)
-        elif waits is not None and waits is not RUNNING:
-            self._body.close()
-            self._body = None
-            raise NodeFault(
-                f"a leaf may await btcore.running() and btcore.sleep(), or yield nothing, not {waits!r}; "
-                "anything of asyncio needs an event loop"
-            )
+        elif waits is None:
+            # From a coroutine that is asyncio.sleep(0): on as soon as the event loop went round.
+            if self._context.on_wake is not None and hasattr(self._body, "cr_await"):
+                self._context.on_wake()
+        elif waits is not RUNNING:
+            if not self._context.in_event_loop or not hasattr(waits, "_asyncio_future_blocking"):
+                body, self._body = self._body, None
+                body.close()
+                raise self._foreign(repr(waits))
+            # What a task of asyncio does with a future that its coroutine yields.
+            waits._asyncio_future_blocking = False
+            waits.add_done_callback(self._future_done)
+            self._future = waits
         return RUNNING
+
+    def _future_done(self, future: object) -> None:
+        self.wake_up()
+
+    def _foreign(self, what: str) -> NodeFault:
+        return NodeFault(
+            f"a leaf awaits btcore.running() and btcore.sleep(), or yields nothing; for {what} "
+            "the tree has to be run by `await tree.run()`"
+        )
 
     def on_halted(self) -> None:
         """Cancel the body: its ``finally`` blocks run now. Awaiting there is an error."""
         self.forget_wake_up()
         body, self._body = self._body, None
+        future, self._future = self._future, None
+        if future is not None:
+            future.cancel()
         if body is None:
             return
         try:

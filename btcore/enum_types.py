@@ -1,5 +1,6 @@
 """Types with names for their values: a user's Enum, a node's status, a port's direction."""
 
+from collections.abc import Mapping
 from enum import Enum, IntEnum
 from typing import Final
 
@@ -18,10 +19,11 @@ class PortDirection(IntEnum):
 
 
 class EnumType(ValueType):
-    """A Python Enum: by the member's name, or by its number."""
+    """A Python Enum: by a name that the registry knows (*names*), by the member's own, or by its number."""
 
-    def __init__(self, python_type: type[Enum], name: str) -> None:
+    def __init__(self, python_type: type[Enum], name: str, names: Mapping[str, int] | None = None) -> None:
         super().__init__(name, python_type, converts=False)
+        self._names: Mapping[str, int] = {} if names is None else names
         self._members: dict[str, Enum] = dict(python_type.__members__)
         self._by_number: dict[int, Enum] = {
             int(one.value): one for one in python_type if isinstance(one.value, int)
@@ -29,6 +31,9 @@ class EnumType(ValueType):
 
     def from_text(self, text: str, format: int = 4) -> Enum:
         """The member called *text*, or the one whose number it is. Raises ConversionFault."""
+        registered = self._names.get(text)
+        if registered is not None and registered in self._by_number:
+            return self._by_number[registered]
         found = self._members.get(text)
         if found is not None:
             return found

@@ -1,5 +1,7 @@
 """A tree that can be ticked."""
 
+import asyncio
+import contextlib
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -8,17 +10,37 @@ from typing import TypeVar
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard import Blackboard
-from btcore.clock import NS_PER_S, Clock
+from btcore.clock import NS_PER_S, Clock, SystemClock
 from btcore.context import TreeContext
 from btcore.errors import BtcoreError, NodeRaised
 from btcore.guard import Tally
 from btcore.node import TreeNode
 from btcore.observers import Observer, Observers
+from btcore.pacing import Metronome
 from btcore.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggest import nearest
 
 N = TypeVar("N", bound=TreeNode)
+
+
+class Waker:
+    """Sets an event of an event loop, from any thread."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
+        self.loop = loop
+        self.event = event
+
+    def __call__(self) -> None:
+        """Set it, unless the loop is closed."""
+        if not self.loop.is_closed():
+            self.loop.call_soon_threadsafe(self.event.set)
+
+
+async def _until(wait: int, event: asyncio.Event) -> None:
+    """Wait for *wait* ns or for *event*; let the event loop run in any case."""
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(event.wait(), max(wait, 0) / NS_PER_S)
 
 
 class Subtree:
@@ -96,19 +118,46 @@ class Tree:
         """Tick until the root isn't RUNNING, every *period* seconds, or earlier when woken.
 
         Ticks are due at multiples of the period after the start; one that comes late moves the next
-        ones, and none is made up for. Raises as above.
+        ones, and none is made up for. A period of 0 doesn't wait. Raises as above.
         """
-        step = round(period * NS_PER_S)
-        due = self.context.clock.now()
+        clock = self.context.clock
+        metronome = Metronome(period, clock.now())
         while True:
             status = self.tick_once()
             if status is not RUNNING:
                 return status
-            if step > 0:
-                now = self.context.clock.now()
-                if now >= due:
-                    due = max(due + step, now)
-                self.context.wait_until(due)
+            if period > 0:
+                self.context.wait_until(metronome.next(clock.now()))
+
+    async def run(self, period: float = 0.01) -> Status:
+        """As :meth:`tick_while_running`, in an event loop, which goes on while the tree waits.
+
+        Leaves may then await whatever asyncio offers. Cancelling it halts the tree. Raises as above.
+        """
+        context = self.context
+        loop = asyncio.get_running_loop()
+        woken = asyncio.Event()
+        metronome = Metronome(period, context.clock.now())
+        context.on_wake = Waker(loop, woken)
+        try:
+            while True:
+                status = self.tick_once()
+                if status is not RUNNING:
+                    return status
+                due = context.first_deadline(metronome.next(context.clock.now()))
+                if isinstance(context.clock, SystemClock):
+                    await _until(due - context.clock.now(), woken)
+                    due = 0
+                else:
+                    await asyncio.sleep(0)
+                woken.clear()
+                # Takes what is due of wake-ups, and lets a simulated clock step.
+                context.wait_until(due)
+        except asyncio.CancelledError:
+            self.halt()
+            raise
+        finally:
+            context.on_wake = None
 
     def _tick_root(self) -> Status:
         self.ticks += 1

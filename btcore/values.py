@@ -171,7 +171,7 @@ class Types:
         if not isinstance(annotation, type):
             return ANY
         if issubclass(annotation, Enum):
-            return self._keep(annotation, EnumType(annotation, annotation.__qualname__))
+            return self._keep(annotation, EnumType(annotation, annotation.__qualname__, self.enums))
         return self._keep(annotation, UserType(annotation, annotation.__qualname__))
 
     def add(
@@ -211,7 +211,7 @@ class Types:
         else:
             members = {name: member.value for name, member in enum.__members__.items()}
             if enum not in self._by_class:
-                self._keep(enum, EnumType(enum, enum.__qualname__))
+                self._keep(enum, EnumType(enum, enum.__qualname__, self.enums))
         numbers: dict[str, int] = {}
         for name, number in members.items():
             if not isinstance(number, int):

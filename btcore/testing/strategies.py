@@ -34,7 +34,7 @@ def plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
 
     Every start ends, since its last letter isn't R. *skipped* allows K and *raising* X.
     """
-    ends = "SF" + "K" * skipped + "XX" * raising
+    ends = "SF" + "K" * skipped + "XXXX" * raising
     start = st.builds(lambda waits, end: "R" * waits + end, st.integers(0, 5), st.sampled_from(ends))
     return st.lists(start, min_size=1, max_size=3).map("|".join)
 

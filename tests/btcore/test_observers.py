@@ -1,0 +1,198 @@
+"""Who subscribes hears of transitions, ticks and errors; and never disturbs the tree."""
+
+import logging
+from collections.abc import Callable
+
+import pytest
+
+from btcore import NodeRaised, Observer, SimClock, Status, Transition, Tree
+
+Grow = Callable[..., Tree]
+
+BODY = '<Sequence name="s"><PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>'
+
+
+class Listener(Observer):
+    def __init__(self) -> None:
+        self.changes: list[Transition] = []
+        self.ticks: list[tuple[int, int, Status]] = []
+        self.durations: list[int] = []
+        self.errors: list[str] = []
+
+    def transition(self, change: Transition) -> None:
+        self.changes.append(change)
+
+    def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
+        self.ticks.append((tick, stamp, status))
+        self.durations.append(duration_ns)
+
+    def raised(self, error: NodeRaised, stamp: int) -> None:
+        self.errors.append(error.path)
+
+
+class Broken(Observer):
+    """Raises whenever it hears something."""
+
+    def transition(self, change: Transition) -> None:
+        raise RuntimeError("the wire is cut")
+
+    ticked = raised = transition  # type: ignore[assignment]
+
+
+def test_every_change_of_a_stored_status_is_a_transition_in_order(grow: Grow) -> None:
+    tree = grow(BODY)
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_exactly_once()
+    tree.tick_exactly_once()
+    names = {node.uid: node.name for node in tree}
+    told = [(names[one.uid], one.previous.name, one.status.name) for one in listener.changes]
+    assert told == [
+        ("s", "IDLE", "RUNNING"),
+        ("a", "IDLE", "SUCCESS"),
+        ("b", "IDLE", "RUNNING"),
+        ("b", "RUNNING", "SUCCESS"),
+        ("a", "SUCCESS", "IDLE"),
+        ("b", "SUCCESS", "IDLE"),
+        ("s", "RUNNING", "SUCCESS"),
+        ("s", "SUCCESS", "IDLE"),
+    ]
+
+
+def test_transitions_are_numbered_from_one_without_holes_and_carry_time_and_tick(
+    grow: Grow, clock: SimClock
+) -> None:
+    tree = grow(BODY)
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_while_running(period=0.25)
+    tree.tick_once()
+    tree.halt()
+    assert [one.number for one in listener.changes] == list(range(1, len(listener.changes) + 1))
+    assert [(one.tick, one.stamp) for one in listener.changes] == (
+        [(1, 0)] * 3 + [(2, 250_000_000)] * 5 + [(3, 250_000_000)] * 6
+    )
+
+
+def test_numbers_go_on_for_who_comes_later(grow: Grow) -> None:
+    tree = grow(BODY)
+    early, late = Listener(), Listener()
+    tree.subscribe(early)
+    tree.tick_exactly_once()
+    tree.subscribe(late)
+    tree.tick_exactly_once()
+    assert late.changes == early.changes[3:]
+    assert late.changes[0].number == 4
+
+
+def test_who_comes_after_some_ticks_hears_their_right_number(grow: Grow) -> None:
+    tree = grow(BODY)
+    tree.tick_exactly_once()
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_exactly_once()
+    assert {one.tick for one in listener.changes} == {2}
+    assert [tick for tick, _, _ in listener.ticks] == [2]
+
+
+def test_the_end_of_every_tick_of_the_root_is_told_with_its_status_and_duration(grow: Grow) -> None:
+    tree = grow(BODY)
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_while_running(period=0.1)
+    assert listener.ticks == [(1, 0, Status.RUNNING), (2, 100_000_000, Status.SUCCESS)]
+    assert all(duration > 0 for duration in listener.durations)
+
+
+def test_every_tick_of_a_step_is_told(grow: Grow) -> None:
+    tree = grow("<AsyncSequence><AlwaysSuccess/><AlwaysSuccess/></AsyncSequence>")
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_once()
+    assert [(tick, status) for tick, _, status in listener.ticks] == [
+        (1, Status.RUNNING),
+        (2, Status.SUCCESS),
+    ]
+
+
+def test_a_tick_that_raised_is_told_as_an_error_and_not_as_ticked(grow: Grow) -> None:
+    tree = grow('<Sequence><PlanAction name="x" plan="X"/></Sequence>')
+    listener = Listener()
+    tree.subscribe(listener)
+    with pytest.raises(NodeRaised):
+        tree.tick_once()
+    assert listener.errors == ["x"]
+    assert listener.ticks == []
+
+
+def test_who_unsubscribes_hears_no_more_and_may_do_so_twice(grow: Grow) -> None:
+    tree = grow(BODY)
+    stays, goes = Listener(), Listener()
+    tree.subscribe(stays)
+    unsubscribe = tree.subscribe(goes)
+    tree.tick_exactly_once()
+    unsubscribe()
+    unsubscribe()
+    tree.tick_exactly_once()
+    assert len(goes.changes) == 3
+    assert len(stays.changes) == 8
+
+
+def test_who_unsubscribes_while_it_hears_does_not_disturb_the_others(grow: Grow) -> None:
+    class Once(Listener):
+        def transition(self, change: Transition) -> None:
+            super().transition(change)
+            unsubscribe()
+
+    tree = grow(BODY)
+    once, after = Once(), Listener()
+    unsubscribe = tree.subscribe(once)
+    tree.subscribe(after)
+    tree.tick_exactly_once()
+    assert len(once.changes) == 1
+    assert len(after.changes) == 3
+
+
+def test_an_observer_that_raises_is_dropped_with_one_warning(
+    grow: Grow, caplog: pytest.LogCaptureFixture
+) -> None:
+    tree = grow(BODY)
+    before, after = Listener(), Listener()
+    tree.subscribe(before)
+    tree.subscribe(Broken())
+    tree.subscribe(after)
+    with caplog.at_level(logging.WARNING, logger="btcore"):
+        assert tree.tick_exactly_once() is Status.RUNNING
+        assert tree.tick_exactly_once() is Status.SUCCESS
+    assert len(before.changes) == len(after.changes) == 8
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "Broken" in caplog.text
+    assert "is dropped" in caplog.text
+    assert "the wire is cut" in caplog.text
+
+
+def test_nor_does_one_that_raises_at_the_end_of_a_tick_or_at_an_error(
+    grow: Grow, caplog: pytest.LogCaptureFixture
+) -> None:
+    class LateBroken(Broken):
+        def transition(self, change: Transition) -> None:
+            pass
+
+    tree = grow('<PlanAction plan="S|X"/>')
+    tree.subscribe(LateBroken())
+    assert tree.tick_once() is Status.SUCCESS
+    tree.subscribe(LateBroken())
+    with pytest.raises(NodeRaised, match="the plan says"):
+        tree.tick_once()
+    assert len(caplog.records) == 2
+
+
+def test_an_observer_may_override_only_what_it_needs(grow: Grow) -> None:
+    class Silent(Observer):
+        pass
+
+    tree = grow('<PlanAction plan="S|X"/>')
+    tree.subscribe(Silent())
+    tree.tick_once()
+    with pytest.raises(NodeRaised):
+        tree.tick_once()

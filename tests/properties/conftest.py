@@ -1,0 +1,11 @@
+"""How the property tests draw: at random on a developer's machine, always the same in CI."""
+
+import os
+
+from hypothesis import HealthCheck, settings
+
+settings.register_profile(
+    "btcore", max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("btcore-ci", settings.get_profile("btcore"), derandomize=True, database=None)
+settings.load_profile("btcore-ci" if os.environ.get("CI") else "btcore")

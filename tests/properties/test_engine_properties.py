@@ -1,0 +1,257 @@
+"""What holds for every tree, tried on random trees of planned leaves."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from hypothesis import HealthCheck, assume, event, given, reject, settings
+from hypothesis import strategies as st
+
+import btcore
+from btcore import NodeRaised, NodeType, Observer, SimClock, Status, Transition, Tree
+from btcore.testing.planned import Journal, PlanFault
+from btcore.testing.recorded_trees import planned_registry
+from btcore.testing.strategies import trees
+
+NODES = planned_registry()
+LEAVES = (NodeType.ACTION, NodeType.CONDITION)
+REACTIVE = ("ReactiveSequence", "ReactiveFallback")
+MANY_CALLS = 500
+
+
+class TooBusy(Exception):
+    """A tree that wakes itself for ever was ticked by a method that serves every wake-up."""
+
+
+class Limited(Journal):
+    """A journal that ends a tree which would never end."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.written = 0
+
+    def note(self, name: str, what: str) -> None:
+        super().note(name, what)
+        self.written += 1
+        if self.written > MANY_CALLS:
+            raise TooBusy
+
+
+class Enough(Exception):
+    """The clock has been waited for often enough."""
+
+
+class ImpatientClock(SimClock):
+    """Jumps as SimClock does, but only *waits* times."""
+
+    def __init__(self, waits: int) -> None:
+        super().__init__()
+        self.left = waits
+
+    def wait_until(self, deadline: int, wake: threading.Event) -> bool:
+        if not self.left:
+            raise Enough
+        self.left -= 1
+        return super().wait_until(deadline, wake)
+
+
+class Everything(Observer):
+    """Keeps the transitions, but for their numbers of ticks."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, int, int, Status, Status]] = []
+
+    def transition(self, change: Transition) -> None:
+        self.seen.append((change.number, change.stamp, change.uid, change.previous, change.status))
+
+
+def planted(xml: str, clock: SimClock | None = None) -> tuple[Tree, Limited]:
+    journal = Limited()
+    return btcore.loads(xml, nodes=NODES, resources=[journal], clock=clock or SimClock()), journal
+
+
+@contextmanager
+def giving_up_on_busy_trees() -> Iterator[None]:
+    try:
+        yield
+    except NodeRaised as error:
+        if not isinstance(error.cause, TooBusy):
+            raise
+        reject()
+
+
+def statuses(tree: Tree) -> list[Status]:
+    return [node.status for node in tree]
+
+
+@given(trees(timed=True), st.integers(1, 12))
+def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(xml: str, ticks: int) -> None:
+    tree, _ = planted(xml)
+    for _ in range(ticks):
+        status = tree.tick_exactly_once()
+        assert status is not Status.IDLE
+        if status in (Status.SUCCESS, Status.FAILURE):
+            event("completed")
+            assert tree.root.status is Status.IDLE
+            assert [node.path for node in tree if node.type in LEAVES and node.status is Status.RUNNING] == []
+        tree.sleep(0.01)
+
+
+@given(trees(timed=True), st.integers(0, 5))
+def test_a_tree_that_was_halted_is_idle_in_every_node(xml: str, ticks: int) -> None:
+    tree, journal = planted(xml)
+    for _ in range(ticks):
+        tree.tick_exactly_once()
+        tree.sleep(0.01)
+    running = [node for node in tree if node.id == "PlanAction" and node.status is Status.RUNNING]
+    event(f"{min(len(running), 3)} actions halted")
+    journal.take()
+    tree.halt()
+    assert set(statuses(tree)) == {Status.IDLE}
+    assert {f"{node.name}:halted" for node in running} <= set(journal.take())
+
+
+@given(trees(timed=True), st.integers(1, 12), st.integers(1, 3))
+def test_a_halted_tree_starts_anew_as_if_nothing_had_happened_to_its_statuses(
+    xml: str, ticks: int, more: int
+) -> None:
+    tree, _ = planted(xml)
+    for _ in range(ticks):
+        tree.tick_exactly_once()
+    tree.halt()
+    for _ in range(more):
+        tree.tick_exactly_once()
+        tree.halt()
+        assert set(statuses(tree)) == {Status.IDLE}
+        assert tree.context.deadlines == {}
+
+
+@given(trees(timed=True), st.integers(1, 12))
+def test_observers_change_nothing(xml: str, ticks: int) -> None:
+    silent, written = planted(xml)
+    watched, heard = planted(xml)
+    watched.subscribe(Everything())
+    for _ in range(ticks):
+        assert silent.tick_exactly_once() is watched.tick_exactly_once()
+        assert statuses(silent) == statuses(watched)
+        silent.sleep(0.01)
+        watched.sleep(0.01)
+    assert written.calls == heard.calls
+
+
+@given(trees(timed=True), st.integers(1, 12))
+def test_transitions_have_no_holes_and_add_up_to_what_the_nodes_say(xml: str, ticks: int) -> None:
+    tree, _ = planted(xml)
+    everything = Everything()
+    tree.subscribe(everything)
+    known = {node.uid: Status.IDLE for node in tree}
+    for _ in range(ticks):
+        tree.tick_exactly_once()
+        tree.sleep(0.01)
+    tree.halt()
+    for expected, (number, _, uid, previous, status) in enumerate(everything.seen, start=1):
+        assert number == expected
+        assert known[uid] is previous
+        assert status is not previous
+        known[uid] = status
+    assert [known[node.uid] for node in tree] == statuses(tree)
+
+
+@given(trees(max_nodes=40, timed=True), st.integers(1, 12))
+def test_a_reactive_node_never_leaves_two_of_its_children_running(xml: str, ticks: int) -> None:
+    tree, _ = planted(xml)
+    reactive = [node for node in tree if node.id in REACTIVE]
+    assume(reactive)
+    for _ in range(ticks):
+        tree.tick_exactly_once()
+        tree.sleep(0.01)
+        for node in reactive:
+            assert [child.status for child in node.children].count(Status.RUNNING) <= 1
+
+
+@given(trees(), st.integers(1, 12))
+def test_tick_once_does_what_as_many_exact_ticks_do(xml: str, steps: int) -> None:
+    together, calls = planted(xml)
+    one_by_one, same_calls = planted(xml)
+    status = Status.IDLE
+    with giving_up_on_busy_trees():
+        for _ in range(steps):
+            status = together.tick_once()
+    last = [one_by_one.tick_exactly_once() for _ in range(together.ticks)][-1]
+    event(f"{'more' if together.ticks > steps else 'as many'} ticks than steps")
+    assert last is status
+    assert same_calls.calls == calls.calls
+    assert statuses(one_by_one) == statuses(together)
+
+
+@given(trees(timed=True), st.integers(0, 12), st.sampled_from([0.005, 0.01, 0.1]))
+def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int, period: float) -> None:
+    def run(tree: Tree) -> Status:
+        return tree.tick_while_running(period)
+
+    def step(tree: Tree) -> Status:
+        due = 0
+        while (status := tree.tick_once()) is Status.RUNNING:
+            if tree.clock.now() >= due:
+                due += round(period * 1e9)
+            tree.context.wait_until(due)
+        return status
+
+    def outcome(drive: Callable[[Tree], Status]) -> tuple[object, ...]:
+        tree, journal = planted(xml, ImpatientClock(waits))
+        everything = Everything()
+        tree.subscribe(everything)
+        end = "still running"
+        with giving_up_on_busy_trees(), suppress(Enough):
+            end = drive(tree).name
+        event(end)
+        return end, tree.ticks, tree.clock.now(), journal.calls, statuses(tree), everything.seen
+
+    assert outcome(run) == outcome(step)
+
+
+def first_error(tree: Tree, ticks: int) -> NodeRaised | None:
+    try:
+        for _ in range(ticks):
+            tree.tick_exactly_once()
+    except NodeRaised as error:
+        return error
+    return None
+
+
+@settings(suppress_health_check=list(HealthCheck))
+@given(trees(raising=True), st.integers(1, 12))
+def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: int) -> None:
+    tree, _ = planted(xml)
+    error = first_error(tree, ticks)
+    assume(error is not None)
+    assert error is not None
+    assert isinstance(error.__cause__, PlanFault)
+    guilty = tree.node(error.path)
+    assert guilty.type in LEAVES
+    assert error.backtrace[0] == tree.root.path
+    assert error.backtrace[-1] == guilty.path
+    assert set(statuses(tree)) == {Status.IDLE}
+    assert tree.status is Status.IDLE
+
+
+@given(trees(timed=True), st.integers(1, 6))
+def test_two_trees_of_one_document_do_not_notice_each_other(xml: str, ticks: int) -> None:
+    alone, calls = planted(xml)
+    for _ in range(ticks):
+        alone.tick_exactly_once()
+    first, first_calls = planted(xml)
+    second, _ = planted(xml)
+    for _ in range(ticks):
+        first.tick_exactly_once()
+        second.tick_exactly_once()
+        second.halt()
+    assert statuses(first) == statuses(alone)
+    assert first_calls.calls == calls.calls
+
+
+@given(trees())
+def test_a_random_tree_names_its_nodes_in_pre_order(xml: str) -> None:
+    tree, _ = planted(xml)
+    assert [node.name for node in tree] == [f"n{number}" for number in range(1, len(tree.nodes) + 1)]
+    assert [node.uid for node in tree] == list(range(1, len(tree.nodes) + 1))

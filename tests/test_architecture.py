@@ -1,0 +1,156 @@
+"""Who may know whom, and how large a file may grow: the house's rules, read from the source."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("btcore", "monitor", "robot_nodes", "sim")
+LAYERS = (
+    {"status", "errors", "clock", "suggest", "builds"},
+    {"values", "value_types", "vector_types", "enum_types", "numerals"},
+    {"blackboard", "legacy_blackboard", "script"},
+    {"ports", "observers", "context", "conditions", "config", "guard", "pacing"},
+    {"node"},
+    {"nodes", "leaf", "coroutine", "threaded", "signature", "functions"},
+    {"manifest", "registry"},
+    {"tree", "hooks"},
+    {"xml"},
+    {"loading", "reload", "logs"},
+    {""},  # btcore/__init__.py
+    {"testing", "cli", "__main__"},
+)
+NAMELESS = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+SOURCES = {module_name(path): path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))}
+
+
+def imports(module: str) -> set[str]:
+    """The modules that *module* imports anywhere in its text, but for types alone."""
+    found: set[str] = set()
+    pending: list[ast.AST] = [ast.parse(SOURCES[module].read_text(encoding="utf-8"))]
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            pending += node.orelse
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            source = origin(module, node)
+            whole = [f"{source}.{alias.name}" for alias in node.names]
+            found |= {name if name in SOURCES else source for name in whole}
+        pending += ast.iter_child_nodes(node)
+    return found
+
+
+def origin(module: str, statement: ast.ImportFrom) -> str:
+    """The absolute name of what *statement* imports from."""
+    if not statement.level:
+        return str(statement.module)
+    package = module.split(".") if SOURCES[module].name == "__init__.py" else module.split(".")[:-1]
+    here = package[: len(package) - statement.level + 1]
+    return ".".join([*here, statement.module] if statement.module else here)
+
+
+EDGES = {module: imports(module) for module in SOURCES}
+
+
+def offenders(importer: str, imported: str, *, but: tuple[str, ...] = ()) -> list[str]:
+    """``importer → imported`` for every edge between two packages, *but* for importers below these."""
+    return [
+        f"{module} → {name}"
+        for module, names in EDGES.items()
+        if inside(module, importer) and not any(inside(module, one) for one in but)
+        for name in names
+        if inside(name, imported)
+    ]
+
+
+def inside(name: str, package: str) -> bool:
+    return name == package or name.startswith(package + ".") or not package
+
+
+def layer(module: str) -> int:
+    room = module.split(".")[1] if "." in module else ""
+    places = [rank for rank, rooms in enumerate(LAYERS) if room in rooms]
+    assert places, f"{module}: give the room '{room}' its place in LAYERS"
+    return places[0]
+
+
+@pytest.mark.parametrize("stranger", ["monitor", "robot_nodes", "sim"])
+def test_the_engine_does_not_know_the_packages_around_it(stranger: str) -> None:
+    assert offenders("btcore", stranger) == []
+
+
+def test_the_monitors_client_side_knows_nothing_of_the_engine() -> None:
+    assert offenders("monitor", "btcore", but=("monitor.serve", "monitor.run", "monitor.commands")) == []
+    assert offenders("monitor", "robot_nodes") + offenders("monitor", "sim") == []
+
+
+def test_the_body_knows_of_the_mind_only_the_robot_protocol() -> None:
+    assert offenders("sim", "btcore") + offenders("sim", "monitor") + offenders("robot_nodes", "sim") == []
+    assert {edge.split(" → ")[1] for edge in offenders("sim", "robot_nodes")} <= {"robot_nodes.robot"}
+    assert {
+        name for name in EDGES["robot_nodes.robot"] if name.split(".")[0] not in sys.stdlib_module_names
+    } <= {
+        "numpy",
+        "numpy.typing",
+    }
+    assert EDGES["robot_nodes"] == set()
+
+
+@pytest.mark.parametrize(("guest", "room"), [("rerun", "monitor.screen"), ("pybullet", "sim")])
+def test_a_heavy_guest_stays_in_its_room(guest: str, room: str) -> None:
+    assert offenders("", guest, but=(room,)) == []
+
+
+def test_inside_the_engine_imports_go_down_the_layers_only() -> None:
+    upward = [
+        f"{module} → {name}"
+        for module in SOURCES
+        if inside(module, "btcore")
+        for name in EDGES[module]
+        if inside(name, "btcore") and layer(name) > layer(module)
+    ]
+    assert upward == []
+
+
+def test_no_module_imports_itself_by_a_detour() -> None:
+    done: set[str] = set()
+
+    def visit(module: str, trail: tuple[str, ...]) -> None:
+        assert module not in trail, " → ".join([*trail[trail.index(module) :], module])
+        if module not in done:
+            for name in EDGES[module] & SOURCES.keys():
+                visit(name, (*trail, module))
+            done.add(module)
+
+    for module in SOURCES:
+        visit(module, ())
+
+
+def test_a_built_in_node_imports_only_what_a_users_node_may() -> None:
+    public = EDGES["btcore"]
+    for module in SOURCES:
+        if inside(module, "btcore.nodes"):
+            own = {name for name in EDGES[module] if inside(name, "btcore")}
+            private = {name for name in own - public if not inside(name, "btcore.nodes")}
+            assert private == set(), f"{module} imports what btcore/__init__.py doesn't offer"
+
+
+def test_no_file_is_longer_than_400_lines() -> None:
+    lengths = {module: len(path.read_text(encoding="utf-8").splitlines()) for module, path in SOURCES.items()}
+    assert {module: length for module, length in lengths.items() if length > 400} == {}
+
+
+def test_every_file_is_named_after_an_idea() -> None:
+    assert [module for module in SOURCES if NAMELESS & set(module.split("."))] == []
