@@ -1,0 +1,204 @@
+"""Robots as data: what a body is made of, and what it can do, read from a small JSON file.
+
+tiago.json beside this file is the example: the URDF (a path from the JSON file), the wheels, the base's
+limits and footprint, the laser, and, for a robot that has them, head and camera. Sensors sit on a link of the
+URDF at a ``position`` (m), facing forward. Lengths are metres, angles radians, frequencies hertz.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from robot_nodes.robot import BaseFacts, HeadFacts, LaserFacts
+from sim.records import Record, read_record
+
+TIAGO = Path(__file__).parent / "tiago.json"
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Wheels:
+    """The two driven wheels: joint names, *radius* and *separation* (m), motor *torque* (N·m).
+
+    *ground* names the links that touch the floor and nothing else, *sliding* those of them without friction.
+    """
+
+    left: str
+    right: str
+    radius: float
+    separation: float
+    torque: float
+    ground: tuple[str, ...]
+    sliding: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserMount:
+    """A planar laser on *link* at *position* (m)."""
+
+    facts: LaserFacts
+    link: str
+    position: Point
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """A camera on *link* at *position* (m); *roll* (rad) turns the link's axes to x forward, z up.
+
+    *fov* (rad) is the horizontal angle of view, *near* and *far* (m) bound what is drawn.
+    """
+
+    link: str
+    position: Point
+    roll: float
+    fov: float
+    near: float
+    far: float
+    frame: str
+
+
+@dataclass(frozen=True, slots=True)
+class HeadJoints:
+    """The joints that turn the head, and their motors' *torque* (N·m)."""
+
+    facts: HeadFacts
+    pan: str
+    tilt: str
+    torque: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeldJoint:
+    """A joint that is held at *position* with *force* (N or N·m) and at most *speed* (m/s or rad/s)."""
+
+    joint: str
+    position: float
+    force: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """All that the simulator needs to know of a robot. *height* (m) is the base link's above the floor."""
+
+    name: str
+    urdf: Path
+    height: float
+    wheels: Wheels
+    base: BaseFacts
+    odometry_rate: float
+    laser: LaserMount
+    head: HeadJoints | None
+    camera: CameraMount | None
+    held: tuple[HeldJoint, ...]
+
+
+def load_description(path: Path = TIAGO) -> Description:
+    """The robot described by the file at *path*; raises `SimError`."""
+    record = read_record(path, "a robot")
+    urdf = path.parent / record.text("urdf")
+    if not urdf.is_file():
+        raise record.mistake(f"'urdf' names {urdf}, and there is no such file")
+    description = Description(
+        name=record.text("name"),
+        urdf=urdf,
+        height=record.number("height", over=0.0),
+        wheels=_wheels(record.record("wheels")),
+        base=_base(record.record("base")),
+        odometry_rate=record.number("odometry_rate", 50.0, over=0.0),
+        laser=_laser(record.record("laser")),
+        head=_head(record.record("head")) if record.has("head") else None,
+        camera=_camera(record.record("camera")) if record.has("camera") else None,
+        held=tuple(map(_held, record.records("held"))) if record.has("held") else (),
+    )
+    record.finish()
+    return description
+
+
+def _point(record: Record, key: str) -> Point:
+    x, y, z = record.numbers(key, [3], [0.0, 0.0, 0.0])
+    return x, y, z
+
+
+def _wheels(record: Record) -> Wheels:
+    wheels = Wheels(
+        left=record.text("left"),
+        right=record.text("right"),
+        radius=record.number("radius", over=0.0),
+        separation=record.number("separation", over=0.0),
+        torque=record.number("torque", over=0.0),
+        ground=tuple(record.texts("ground")),
+        sliding=tuple(record.texts("sliding")),
+    )
+    record.finish()
+    return wheels
+
+
+def _base(record: Record) -> BaseFacts:
+    facts = BaseFacts(
+        v_min=record.number("v_min"),
+        v_max=record.number("v_max", over=0.0),
+        w_max=record.number("w_max", over=0.0),
+        v_rate=record.number("v_rate", over=0.0),
+        w_rate=record.number("w_rate", over=0.0),
+        command_timeout=record.number("command_timeout", over=0.0),
+        radius=record.number("radius", over=0.0),
+    )
+    if facts.v_min > 0.0:
+        raise record.mistake(f"'v_min' is {facts.v_min:g}: a base has to be able to stand, so at most 0")
+    record.finish()
+    return facts
+
+
+def _laser(record: Record) -> LaserMount:
+    rays = record.whole("rays")
+    angle_min, angle_max = record.number("angle_min"), record.number("angle_max")
+    if angle_max <= angle_min:
+        raise record.mistake("'angle_max' has to be greater than 'angle_min'")
+    facts = LaserFacts(
+        rays=rays,
+        angle_min=angle_min,
+        angle_increment=(angle_max - angle_min) / max(1, rays - 1),
+        range_min=record.number("range_min", over=0.0),
+        range_max=record.number("range_max", over=0.0),
+        rate=record.number("rate", over=0.0),
+        sigma=record.number("sigma", 0.0),
+        frame=record.text("frame"),
+    )
+    mount = LaserMount(facts, record.text("link"), _point(record, "position"))
+    record.finish()
+    return mount
+
+
+def _head(record: Record) -> HeadJoints:
+    pan_min, pan_max = record.numbers("pan_limits", [2])
+    tilt_min, tilt_max = record.numbers("tilt_limits", [2])
+    facts = HeadFacts(pan_min, pan_max, tilt_min, tilt_max, record.number("speed", over=0.0))
+    joints = HeadJoints(facts, record.text("pan"), record.text("tilt"), record.number("torque", over=0.0))
+    record.finish()
+    return joints
+
+
+def _camera(record: Record) -> CameraMount:
+    mount = CameraMount(
+        link=record.text("link"),
+        position=_point(record, "position"),
+        roll=record.number("roll", 0.0),
+        fov=record.number("fov", over=0.0),
+        near=record.number("near", over=0.0),
+        far=record.number("far", over=0.0),
+        frame=record.text("frame"),
+    )
+    record.finish()
+    return mount
+
+
+def _held(record: Record) -> HeldJoint:
+    held = HeldJoint(
+        joint=record.text("joint"),
+        position=record.number("position", 0.0),
+        force=record.number("force", over=0.0),
+        speed=record.number("speed", over=0.0),
+    )
+    record.finish()
+    return held

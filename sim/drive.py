@@ -1,0 +1,114 @@
+"""The differential base: who may command it, how fast it may go, and what the wheels say it did."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robot_nodes.robot import BaseFacts, Odometry, Pose2D, Twist2D
+
+NS_PER_S = 1_000_000_000
+
+SILENCE = NS_PER_S // 2
+"""How long (ns) a source's last word keeps lower priorities out (twist_mux's time-out in Tiago's files)."""
+
+
+def wrap(angle: float) -> float:
+    """The same angle (rad) within (-π, π]."""
+    return math.pi - (math.pi - angle) % (2 * math.pi)
+
+
+class CommandMultiplexer:
+    """Several sources of velocity, one base: the highest priority wins, for 0.5 s after its last word."""
+
+    def __init__(self) -> None:
+        self._heard: dict[int, int] = {}
+
+    def admits(self, priority: int, now: int) -> bool:
+        """Whether a command of *priority*, given at *now* (ns), gets through."""
+        self._heard[priority] = now
+        return not any(p > priority and now - stamp <= SILENCE for p, stamp in self._heard.items())
+
+    def clear(self) -> None:
+        """Forget who spoke."""
+        self._heard.clear()
+
+
+class DifferentialBase:
+    """Turns velocity commands into wheel speeds within the base's limits.
+
+    A command over a limit is scaled down as a whole, and speed changes along the straight line between two
+    commands in (v, w): both keep the turning radius, as Tiago's controller does.
+    """
+
+    def __init__(self, facts: BaseFacts, wheel_radius: float, separation: float) -> None:
+        self.facts = facts
+        self._wheel_radius = wheel_radius
+        self._separation = separation
+        self._timeout = round(facts.command_timeout * NS_PER_S)
+        self._asked = Twist2D(0.0, 0.0)
+        self._stamp = 0
+        self.twist = Twist2D(0.0, 0.0)
+        """The velocity that the wheels are asked for now."""
+
+    def command(self, v: float, w: float, now: int) -> None:
+        """Take a command (m/s, rad/s) given at *now* (ns)."""
+        self._asked = self.limited(v, w)
+        self._stamp = now
+
+    def limited(self, v: float, w: float) -> Twist2D:
+        """The command scaled to the base's speed limits."""
+        facts = self.facts
+        scale = 1.0
+        if v > facts.v_max:
+            scale = facts.v_max / v
+        elif v < facts.v_min:
+            scale = facts.v_min / v
+        if abs(w) * scale > facts.w_max:
+            scale = facts.w_max / abs(w)
+        return Twist2D(v * scale, w * scale)
+
+    def step(self, now: int, seconds: float) -> Twist2D:
+        """Ramp towards what is asked for (or towards standing, when that is too old) for *seconds* (s)."""
+        twist = self.twist
+        goal = self._asked if now - self._stamp <= self._timeout else Twist2D(0.0, 0.0)
+        if goal == twist:
+            return twist
+        dv, dw = goal.v - twist.v, goal.w - twist.w
+        needed = max(abs(dv) / (self.facts.v_rate * seconds), abs(dw) / (self.facts.w_rate * seconds))
+        self.twist = goal if needed <= 1.0 else Twist2D(twist.v + dv / needed, twist.w + dw / needed)
+        return self.twist
+
+    def wheel_rates(self) -> tuple[float, float]:
+        """How fast (rad/s) the left and the right wheel turn for the present twist."""
+        half = self.twist.w * self._separation / 2
+        return (self.twist.v - half) / self._wheel_radius, (self.twist.v + half) / self._wheel_radius
+
+
+@dataclass(slots=True)
+class WheelOdometry:
+    """Dead reckoning: the pose since the start, from how far each wheel has turned.
+
+    Between two readings the base is taken to have driven along the arc's chord, whose direction is the
+    heading half-way.
+    """
+
+    wheel_radius: float
+    separation: float
+    angles: Sequence[float]
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+    stamp: int = 0
+
+    def update(self, angles: Sequence[float], stamp: int) -> Odometry:
+        """The odometry after the left and the right wheel have reached *angles* (rad) at *stamp* (ns)."""
+        moved_left = (angles[0] - self.angles[0]) * self.wheel_radius
+        moved_right = (angles[1] - self.angles[1]) * self.wheel_radius
+        moved, turned = (moved_left + moved_right) / 2, (moved_right - moved_left) / self.separation
+        self.x += moved * math.cos(self.yaw + turned / 2)
+        self.y += moved * math.sin(self.yaw + turned / 2)
+        self.yaw = wrap(self.yaw + turned)
+        seconds = (stamp - self.stamp) / NS_PER_S
+        twist = Twist2D(moved / seconds, turned / seconds) if seconds > 0 else Twist2D(0.0, 0.0)
+        self.angles, self.stamp = angles, stamp
+        return Odometry(Pose2D(self.x, self.y, self.yaw), twist, stamp)

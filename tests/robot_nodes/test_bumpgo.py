@@ -1,0 +1,112 @@
+"""Bump-and-go in the simulator: the whole way from the XML to a robot that bumps into nothing."""
+
+import math
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import Registry, Status, Tree
+from sim.body import Body
+from sim.faults import parse_fault
+from sim.scene import load_scene
+from sim.world import World
+
+TREES = Path(__file__).parents[2] / "trees"
+TENTH = 100_000_000
+
+
+@pytest.fixture
+def nodes() -> Registry:
+    made = Registry.standard()
+    made.add_plugin("robot_nodes.leaves")
+    return made
+
+
+@pytest.fixture
+def body(request) -> Iterator[Body]:
+    world, *faults = request.param
+    made = Body(World(load_scene(world), seed=4), faults=[parse_fault(text) for text in faults])
+    yield made
+    made.world.close()
+
+
+def tick(tree: Tree, body: Body, seconds: float) -> None:
+    for _ in range(round(seconds * 10)):
+        tree.tick_once()
+        body.world.wait_until(body.world.now() + TENTH, threading.Event())
+
+
+@pytest.mark.parametrize(
+    ("name", "body"), [("bumpgo", ["arena"]), ("bumpgo_wide", ["arena_boxes"])], indirect=["body"]
+)
+def test_a_minute_without_a_bump(name: str, body: Body, nodes: Registry):
+    tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body])
+    tree.count()
+    tick(tree, body, 60)
+    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
+    assert body.distance > 5.0
+    assert all(node.count().ticks > 0 for node in tree.nodes)
+
+
+@pytest.mark.parametrize("body", [["arena_boxes", "laser:20-25"]], indirect=True)
+def test_blind_for_five_seconds_it_stands_and_then_goes_on(body: Body, nodes: Registry):
+    tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body])
+    tick(tree, body, 21)
+    stopped = body.true_pose()
+    tick(tree, body, 4)
+    still = body.true_pose()
+    assert math.hypot(still.x - stopped.x, still.y - stopped.y) < 0.002
+    assert abs(still.yaw - stopped.yaw) < 0.005
+    before = body.distance
+    tick(tree, body, 20)
+    assert body.distance > before + 2.0
+    assert body.contacts.events == []
+
+
+@pytest.mark.parametrize("leaf", ["Forward", "Back", "Turn"])
+def test_whatever_it_is_doing_it_stands_within_a_second(leaf: str, nodes: Registry):
+    """A first run tells when the leaf is amid its work; in a second one the laser dies then."""
+    seeing = Body(World(load_scene("arena_boxes"), seed=11))
+    tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[seeing])
+    working = next(node for node in tree.nodes if node.id == leaf)
+    ticks = 0
+    while ticks < 10:
+        tick(tree, seeing, 0.1)
+        ticks = ticks + 1 if working.status is Status.RUNNING else 0
+    moment = seeing.world.now() / 1e9
+    seeing.world.close()
+
+    blind = Body(
+        World(load_scene("arena_boxes"), seed=11), faults=[parse_fault(f"laser:{moment}-{moment + 5}")]
+    )
+    tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[blind])
+    tick(tree, blind, moment)
+    assert next(node for node in tree.nodes if node.id == leaf).status is Status.RUNNING
+    tick(tree, blind, 1.0)
+    assert blind.odometry().twist.v == pytest.approx(0.0, abs=0.002)
+    assert blind.odometry().twist.w == pytest.approx(0.0, abs=0.005)
+    place = blind.true_pose()
+    tick(tree, blind, 4.0)
+    assert math.hypot(blind.true_pose().x - place.x, blind.true_pose().y - place.y) < 0.002
+    before = blind.distance
+    tick(tree, blind, 15.0)
+    assert blind.distance > before + 1.0
+    assert blind.contacts.events == []
+    blind.world.close()
+
+
+@pytest.mark.parametrize("name", ["bumpgo", "bumpgo_wide"])
+def test_the_model_in_the_file_is_the_leaves_own(name: str, nodes: Registry):
+    """Groot shows ports from the file's TreeNodesModel; they have to be what the leaves have."""
+    from lxml import etree
+
+    models = etree.parse(str(TREES / f"{name}.xml")).getroot().find("TreeNodesModel")
+    assert models is not None
+    for model in models.iterchildren("*"):
+        manifest = nodes.manifests[model.get("ID")]
+        written = [(port.get("name"), float(port.get("default")), port.text) for port in model]
+        known = [(port.name, float(port.default), port.description) for port in manifest.ports.values()]
+        assert written == known

@@ -1,0 +1,77 @@
+"""Back, Turn and Forward: the book's own tests of them (chapter 6.2), and what they leave open."""
+
+import pytest
+
+import btcore
+from btcore import Registry, Status, Tree
+
+TENTH = 100_000_000
+
+
+def tree_of(leaf: str, robot) -> Tree:
+    nodes = Registry.standard()
+    nodes.add_plugin("robot_nodes.leaves")
+    text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T"><Action ID="{leaf}"/></BehaviorTree></root>'
+    return btcore.loads(text, nodes=nodes, resources=[robot])
+
+
+def tick(tree: Tree, robot, times: int) -> Status:
+    """Tick at 10 Hz until the result is not RUNNING, at most so often."""
+    status = Status.IDLE
+    for _ in range(times):
+        status = tree.tick_once()
+        if status is not Status.RUNNING:
+            break
+        robot.clock.time += TENTH
+    return status
+
+
+def test_turn_ends_after_some_thirty_commands(robot):
+    assert tick(tree_of("Turn", robot), robot, 100) is Status.SUCCESS
+    assert len(robot.commands) == pytest.approx(30, abs=1)
+    v, w = robot.commands[0]
+    assert w > 0.1
+    assert v == pytest.approx(0.0, abs=1e-7)
+
+
+def test_back_ends_after_some_thirty_commands(robot):
+    assert tick(tree_of("Back", robot), robot, 100) is Status.SUCCESS
+    assert len(robot.commands) == pytest.approx(30, abs=1)
+    v, w = robot.commands[0]
+    assert v < -0.1
+    assert w == pytest.approx(0.0, abs=1e-7)
+
+
+def test_forward_goes_on(robot):
+    assert tick(tree_of("Forward", robot), robot, 30) is Status.RUNNING
+    assert len(robot.commands) == pytest.approx(30, abs=1)
+    v, w = robot.commands[0]
+    assert v > 0.1
+    assert w == pytest.approx(0.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("leaf", "command"), [("Forward", (0.3, 0.0)), ("Back", (-0.3, 0.0)), ("Turn", (0.0, 0.5))]
+)
+def test_every_tick_commands_the_books_figure(robot, leaf: str, command: tuple[float, float]):
+    tick(tree_of(leaf, robot), robot, 10)
+    assert robot.commands == [command] * 10
+
+
+@pytest.mark.parametrize("leaf", ["Back", "Turn"])
+def test_a_manoeuvre_takes_three_seconds_from_the_tick_that_began_it(robot, leaf: str):
+    robot.clock.time = 7 * 10**9
+    tree = tree_of(leaf, robot)
+    assert tree.tick_once() is Status.RUNNING
+    robot.clock.time = 10 * 10**9 - 1
+    assert tree.tick_once() is Status.RUNNING
+    robot.clock.time = 10 * 10**9
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_halted_and_started_again_a_manoeuvre_takes_its_whole_time(robot):
+    tree = tree_of("Turn", robot)
+    tick(tree, robot, 20)
+    tree.halt()
+    assert tick(tree, robot, 25) is Status.RUNNING
+    assert tick(tree, robot, 10) is Status.SUCCESS

@@ -1,0 +1,106 @@
+"""IsObstacle and WaitForScan: the book's tests (chapter 6.2), the corridor, and a laser that goes silent."""
+
+import math
+
+import pytest
+
+import btcore
+from btcore import Registry, Status, Tree
+
+SECOND = 1_000_000_000
+INF = math.inf
+
+
+def tree_of(robot, leaf: str = "IsObstacle", **ports: float) -> Tree:
+    nodes = Registry.standard()
+    nodes.add_plugin("robot_nodes.leaves")
+    written = " ".join(f'{port}="{value}"' for port, value in ports.items())
+    text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T"><{leaf} {written}/></BehaviorTree></root>'
+    return btcore.loads(text, nodes=nodes, resources=[robot])
+
+
+def obstacle(robot, **ports: float) -> bool:
+    return tree_of(robot, **ports).tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("reading", "ports", "found"),
+    [
+        (2.0, {}, False),
+        (0.3, {}, True),
+        (0.3, {"distance": 0.5}, True),
+        (0.6, {"distance": 0.5}, False),
+    ],
+)
+def test_the_books_readings(robot, reading: float, ports: dict[str, float], found: bool):
+    robot.see(reading)
+    assert obstacle(robot, **ports) is found
+
+
+def test_before_the_first_scan_there_is_no_obstacle(robot):
+    assert not obstacle(robot)
+    assert not obstacle(robot, corridor=0.8)
+
+
+def test_the_middle_beam_is_the_upper_one_of_two(robot):
+    robot.see(5.0, 5.0, 0.5, 5.0)
+    assert obstacle(robot)
+    robot.see(5.0, 0.5, 5.0, 5.0)
+    assert not obstacle(robot)
+
+
+def test_too_near_to_measure_is_an_obstacle_and_no_echo_is_none(robot):
+    robot.see(-INF)
+    assert obstacle(robot)
+    robot.see(INF)
+    assert not obstacle(robot)
+
+
+CASES = [
+    # x, y of the one echo (m); found in a corridor of 0.8 m up to 1 m?
+    (0.9, 0.0, True),
+    (0.9, 0.39, True),
+    (0.9, -0.39, True),
+    (0.9, 0.41, False),
+    (1.01, 0.0, False),
+    (0.1, -0.3, True),
+    (-0.1, 0.2, False),
+]
+
+
+@pytest.mark.parametrize(("x", "y", "found"), CASES)
+def test_the_corridor_is_a_rectangle_ahead_of_the_laser(robot, x: float, y: float, found: bool):
+    robot.see(math.hypot(x, y), angle_min=math.atan2(y, x))
+    assert obstacle(robot, corridor=0.8) is found
+
+
+def test_in_the_corridor_only_finite_readings_count(robot):
+    robot.see(INF, -INF, math.nan)
+    assert not obstacle(robot, corridor=0.8)
+    robot.see(INF, -INF, 0.5)
+    assert obstacle(robot, corridor=0.8)
+
+
+def test_a_scan_older_than_the_timeout_counts_as_an_obstacle(robot):
+    robot.see(5.0)
+    robot.clock.time = SECOND // 2
+    assert not obstacle(robot, timeout=0.5)
+    robot.clock.time += 1
+    assert obstacle(robot, timeout=0.5)
+    assert not obstacle(robot)
+
+
+def test_with_a_timeout_no_scan_at_all_counts_too(robot):
+    assert obstacle(robot, timeout=0.5)
+
+
+def test_waiting_for_a_scan_is_standing(robot):
+    tree = tree_of(robot, "WaitForScan", timeout=0.5)
+    assert tree.tick_once() is Status.RUNNING
+    assert robot.commands == [(0.0, 0.0)]
+    robot.see(5.0)
+    assert tree.tick_once() is Status.SUCCESS
+    assert len(robot.commands) == 1
+    robot.clock.time = SECOND // 2 + 1
+    assert tree.tick_once() is Status.RUNNING
+    assert len(robot.commands) == 2

@@ -1,0 +1,77 @@
+"""Parts that fail on purpose."""
+
+import pytest
+
+from sim.faults import Fault, Faults, parse_fault
+from sim.mistakes import SimError
+
+SECOND = 1_000_000_000
+
+
+def fault(text: str) -> list[Fault]:
+    return [parse_fault(text)]
+
+
+def test_a_fault_lasts_from_its_start_to_its_end():
+    faults = Faults([parse_fault("laser:20-25"), parse_fault("laser:30-30.5")])
+    moments = [19.9, 20.0, 24.9, 25.0, 30.4, 30.5]
+    assert [faults.dead("laser", int(t * SECOND)) for t in moments] == [False, True, True, False, True, False]
+    assert not faults.dead("camera", 22 * SECOND)
+
+
+def test_a_fault_without_an_end_lasts():
+    assert Faults([parse_fault("wheel:3-")]).dead("wheel", 10**6 * SECOND)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("lasr:20-25", "did you mean 'laser'"),
+        ("arm:1-2", "what can fail is laser, odometry, camera, wheel"),
+        ("laser", "PART:START-END"),
+        ("laser:5", "PART:START-END"),
+        ("laser:-1-2", "PART:START-END"),
+        ("laser:25-20", "ends before it starts"),
+    ],
+)
+def test_a_fault_written_wrongly_is_explained(text: str, said: str):
+    with pytest.raises(SimError, match=said):
+        parse_fault(text)
+
+
+def test_a_dead_laser_leaves_the_last_scan_with_its_old_stamp(stand, steer):
+    body = stand(faults=fault("laser:1-2"))
+    steer(body, 1.9, None)
+    assert body.scan().stamp == 9 * SECOND // 10
+    steer(body, 0.1, None)
+    assert body.scan().stamp == 2 * SECOND
+
+
+def test_dead_odometry_leaves_the_last_reading(stand, steer):
+    body = stand(faults=fault("odometry:1-2"))
+    steer(body, 1.9, (0.3, 0.0))
+    stuck = body.odometry()
+    assert stuck.stamp == 980 * SECOND // 1000
+    steer(body, 0.2, (0.3, 0.0))
+    assert body.odometry().pose.x > stuck.pose.x + 0.3
+
+
+def test_with_a_dead_wheel_driving_straight_is_turning(stand, steer):
+    body = stand(faults=fault("wheel:0-"))
+    steer(body, 2.0, (0.2, 0.0))
+    assert body.true_pose().yaw > 0.5
+
+
+def test_a_dead_camera_shows_the_last_picture(stand, steer):
+    from sim.body import Body
+    from sim.camera import PictureSize
+    from sim.world import World
+
+    world = World(stand().world.scene)
+    body = Body(world, camera=PictureSize(32, 24, 10.0), faults=fault("camera:0.5-1"))
+    first = body.camera()
+    steer(body, 0.7, None)
+    assert body.camera() is first
+    steer(body, 0.4, None)
+    assert body.camera().stamp == 11 * SECOND // 10
+    world.close()

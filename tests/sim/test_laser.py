@@ -1,0 +1,134 @@
+"""The laser: its geometry against the physics engine's own rays, its noise, REP 117."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pybullet
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot_nodes.robot import LaserFacts, Pose2D
+from sim.body import Body
+from sim.description import load_description
+from sim.laser import Laser, Outlines
+from sim.scene import Scene, Thing
+from sim.world import World
+
+FACTS = LaserFacts(180, -math.pi, 2 * math.pi / 180, 0.05, 25.0, 10.0, 0.06, "laser")
+HEIGHT = 0.1
+GREY = (128, 128, 128, 255)
+
+sides = st.floats(0.1, 3.0)
+yaws = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi]), st.floats(-4.0, 4.0))
+
+
+@st.composite
+def things(draw: st.DrawFn) -> list[Thing]:
+    found = []
+    for index in range(draw(st.integers(1, 6))):
+        kind = draw(st.sampled_from(["box", "cylinder"]))
+        x, y = draw(sides), draw(sides)
+        size = (x, y, 1.0) if kind == "box" else (x, x, 1.0)
+        around = draw(st.floats(0.0, 2 * math.pi))
+        away = 2.2 + draw(st.floats(0.0, 8.0))
+        place = (away * math.cos(around), away * math.sin(around), 0.0)
+        found.append(Thing(f"thing_{index}", kind, size, place, draw(yaws), 0.0, GREY))
+    return found
+
+
+@settings(max_examples=60, deadline=None)
+@given(things(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
+def test_geometry_agrees_with_the_engines_rays(scene: list[Thing], x: float, y: float, yaw: float):
+    world = World(Scene("test", "", tuple(scene), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY))
+    try:
+        angles = FACTS.angle_min + FACTS.angle_increment * np.arange(FACTS.rays) + yaw
+        starts = [(x, y, HEIGHT)] * len(angles)
+        ends = [(x + 20 * math.cos(a), y + 20 * math.sin(a), HEIGHT) for a in angles]
+        rays = pybullet.rayTestBatch(starts, ends, physicsClientId=world.client)
+        theirs = np.array([hit[2] * 20 if hit[0] >= 0 else np.inf for hit in rays])
+    finally:
+        world.close()
+    ours = Outlines(scene).distances(x, y, HEIGHT, angles)
+    ours[ours > 20.0] = np.inf
+    differing = ~np.isclose(ours, theirs, atol=5e-3)
+    # A ray that grazes an edge may hit for one and miss for the other: its neighbours then disagree too.
+    for ray in np.flatnonzero(differing):
+        near = ours[[ray - 1, ray, (ray + 1) % len(ours)]]
+        assert min(near) - 0.05 <= theirs[ray] <= max(near) + 0.05
+    assert differing.sum() <= 0.05 * len(ours)
+
+
+@pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-310, -1e-310, 1e-200])
+def test_rays_parallel_to_a_side_are_as_good_as_others(box, tiny: float):
+    outlines = Outlines([box(3.0, 0.0, (2.0, 1.0, 1.0)), box(0.0, 3.0, (1.0, 2.0, 1.0), yaw=1e-14)])
+    found = outlines.distances(0.0, 0.25, HEIGHT, np.array([tiny, math.pi / 2, math.pi]))
+    assert found == pytest.approx([2.0, 1.75, math.inf])
+
+
+def sweep(outlines: Outlines, seed: int = 0, **changes: float) -> np.ndarray:
+    facts = replace(FACTS, **changes)
+    laser = Laser(facts, outlines, np.random.default_rng(seed), 0, ())
+    return laser.sweep(0.0, 0.0, HEIGHT, 0.0, 7).ranges
+
+
+def test_no_echo_is_infinite_and_never_the_maximum(box):
+    outlines = Outlines([box(30.0, 0.0, (1.0, 100.0, 1.0)), box(-2.0, 0.0, (1.0, 1.0, 1.0))])
+    ranges = sweep(outlines, sigma=0.0)
+    assert ranges[len(ranges) // 2] == np.inf
+    assert np.isfinite(ranges).any()
+
+
+def test_an_echo_from_under_the_minimum_is_minus_infinite(box):
+    assert (sweep(Outlines([box(0.0, 0.0, (1.0, 1.0, 1.0))]), sigma=0.0) == -np.inf).all()
+
+
+def test_what_ends_below_the_laser_is_not_seen(box):
+    assert (sweep(Outlines([box(2.0, 0.0, (1.0, 1.0, 0.09))])) == np.inf).all()
+
+
+def test_noise_has_the_sigma_of_the_description():
+    ring = Thing("wall", "box", (0.1, 20.0, 1.0), (2.05, 0.0, 0.0), 0.0, 0.0, GREY)
+    errors = []
+    for seed in range(50):
+        ranges = sweep(Outlines([ring]), seed)
+        middle = slice(85, 96)
+        angles = FACTS.angle_min + FACTS.angle_increment * np.arange(FACTS.rays)
+        errors.append(ranges[middle] - 2.0 / np.cos(angles[middle]))
+    assert np.std(errors) == pytest.approx(0.06, rel=0.1)
+    assert np.mean(errors) == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_movable_box_is_seen_where_it_is_now(stand, steer, box):
+    exact = load_description()
+    exact = replace(exact, laser=replace(exact.laser, facts=replace(exact.laser.facts, sigma=0.0)))
+    body = stand(
+        box(2.0, 0.0, (0.5, 0.5, 0.5), mass=5.0),
+        box(4.0, 0.0, (0.2, 9.0, 1.0), name="wall"),
+        description=exact,
+    )
+    ahead = exact.laser.facts.rays // 2
+    assert body.scan().ranges[ahead] == pytest.approx(1.75 - 0.202, abs=0.01)
+    number = body.world.movable[0]
+    pybullet.resetBasePositionAndOrientation(
+        number, [2.5, 0.0, 0.25], [0.0, 0.0, 0.0, 1.0], physicsClientId=body.world.client
+    )
+    steer(body, 0.2, None)
+    assert body.scan().ranges[ahead] == pytest.approx(2.25 - 0.202, abs=0.01)
+    pybullet.resetBasePositionAndOrientation(
+        number, [2.5, 3.0, 0.25], [0.0, 0.0, 0.0, 1.0], physicsClientId=body.world.client
+    )
+    steer(body, 0.2, None)
+    assert body.scan().ranges[ahead] == pytest.approx(3.9 - 0.202, abs=0.01)
+
+
+def test_the_robot_does_not_see_itself(stand):
+    body: Body = stand()
+    assert (body.scan().ranges == np.inf).all()
+
+
+def test_the_middle_of_666_rays_points_a_little_to_the_left(stand):
+    scan = stand().scan()
+    assert len(scan.ranges) == 666
+    assert math.degrees(scan.angles()[666 // 2]) == pytest.approx(0.165, abs=0.001)

@@ -1,0 +1,175 @@
+"""Worlds: their files, their mistakes, their start poses, and the room between what stands in them."""
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot_nodes.robot import Pose2D
+from sim.mistakes import SimError
+from sim.scene import Scene, Thing, load_scene, scene_names
+
+RADIUS = 0.27
+WALLS = {"wall_east", "wall_north", "wall_west", "wall_south"}
+
+
+def outline(thing: Thing) -> np.ndarray:
+    """The thing's outline on the floor as points at most 5 mm apart, shape (n, 2)."""
+    x, y = thing.size[0] / 2, thing.size[1] / 2
+    if thing.kind == "cylinder":
+        around = np.linspace(0.0, 2 * math.pi, math.ceil(2 * math.pi * x / 0.005))
+        points = np.stack((x * np.cos(around), x * np.sin(around)), axis=1)
+    else:
+        corners = [(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]
+        sides = []
+        for (x0, y0), (x1, y1) in itertools.pairwise(corners):
+            part = np.linspace(0.0, 1.0, max(2, math.ceil(math.hypot(x1 - x0, y1 - y0) / 0.005)))[:, None]
+            sides.append(np.array([[x0, y0]]) * (1 - part) + np.array([[x1, y1]]) * part)
+        points = np.concatenate(sides)
+    cos, sin = math.cos(thing.yaw), math.sin(thing.yaw)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + np.array(thing.position[:2])
+
+
+def gap(one: Thing, other: Thing) -> float:
+    """The distance (m) between two things that don't overlap; to 3 mm, never too large."""
+    return min(other.distance(*point) for point in outline(one)) - 0.0025
+
+
+def test_every_world_that_comes_along_loads():
+    assert {"arena", "arena_boxes"} <= set(scene_names())
+    for name in scene_names():
+        assert load_scene(name).things
+
+
+@pytest.mark.parametrize("name", ["arena", "arena_boxes"])
+def test_walls_are_higher_than_the_robots_camera(name: str):
+    walls = [thing for thing in load_scene(name).things if thing.name in WALLS]
+    assert len(walls) == 4
+    assert all(wall.size[2] >= 2.2 and wall.position[2] == 0.0 for wall in walls)
+
+
+@pytest.mark.parametrize(("name", "inside"), [("arena", 3.0), ("arena_boxes", 6.0)])
+def test_the_walls_close_a_square(name: str, inside: float):
+    scene = load_scene(name)
+    rim = np.linspace(-inside, inside, 200)
+    walls = [thing for thing in scene.things if thing.name in WALLS]
+    for at in rim:
+        for point in ((at, inside), (at, -inside), (inside, at), (-inside, at)):
+            assert min(wall.distance(*point) for wall in walls) < 1e-9
+    assert scene.free(0.9 * inside, 0.9 * inside) == pytest.approx(0.1 * inside, abs=0.01)
+
+
+def test_every_gap_of_arena_boxes_lets_the_robot_back_blindly():
+    """Laser range 1.0 + its offset 0.2 + hull 0.27 + 0.6 of backing + margin."""
+    scene = load_scene("arena_boxes")
+    obstacles = [thing for thing in scene.things if thing.name not in WALLS]
+    assert len(obstacles) >= 5
+    gaps = {
+        (one.name, other.name): gap(one, other)
+        for one in obstacles
+        for other in scene.things
+        if one is not other
+    }
+    assert {pair: width for pair, width in gaps.items() if width < 2.3} == {}
+
+
+def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
+    for thing in load_scene("arena_boxes").things:
+        if thing.name not in WALLS:
+            assert min(thing.size[:2]) >= 0.3
+            assert thing.position[2] == 0.0
+            assert thing.size[2] > 0.3
+
+
+@pytest.mark.parametrize("name", ["arena", "arena_boxes"])
+def test_start_poses_are_clear_and_all_over_the_place(name: str):
+    scene = load_scene(name)
+    poses = [scene.start(np.random.default_rng(seed), RADIUS) for seed in range(300)]
+    assert all(scene.free(pose.x, pose.y) >= 1.0 + RADIUS for pose in poses)
+    quadrants = {(pose.x > 0, pose.y > 0, pose.yaw > 0) for pose in poses}
+    assert len(quadrants) == 8
+    assert len({pose.x for pose in poses}) == len(poses)
+
+
+def test_distance_to_a_turned_box(box):
+    turned = box(1.0, 0.0, (2.0, 0.2, 1.0), yaw=math.pi / 2)
+    assert turned.distance(0.0, 0.5) == pytest.approx(0.9)
+    assert turned.distance(1.0, 2.0) == pytest.approx(1.0)
+    assert turned.distance(1.0, 0.9) == 0.0
+
+
+def test_a_world_from_a_file_may_give_the_pose(tmp_path: Path):
+    scene = load_scene(write(tmp_path, start={"pose": [1, 2, 0.5]}))
+    assert scene.name == "mine"
+    assert scene.start(np.random.default_rng(0), RADIUS) == Pose2D(1.0, 2.0, 0.5)
+
+
+def test_a_world_too_full_to_start_in_says_so(tmp_path: Path):
+    full: Scene = load_scene(
+        write(tmp_path, objects=[{"kind": "box", "size": [4, 4, 1], "position": [0, 0]}])
+    )
+    with pytest.raises(SimError, match=r"world 'mine': no start pose with 1 m of room .* 'clearance'"):
+        full.start(np.random.default_rng(0), RADIUS)
+
+
+def test_an_unknown_world_is_answered_with_the_nearest_and_the_list():
+    with pytest.raises(SimError, match=r"no world 'arena_bokses': did you mean 'arena_boxes'\? .*arena, "):
+        load_scene("arena_bokses")
+
+
+BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"objects": [{**BOX, "kind": "bx"}]}, r"objects\[0\]: 'kind' is 'bx': did you mean 'box'\?"),
+        ({"objects": [BOX, {**BOX, "sice": 1}]}, r"objects\[1\]: 'sice' is unknown: did you mean 'size'\?"),
+        ({"objects": [BOX, BOX]}, "two objects are named 'a'"),
+        ({"objects": [{**BOX, "size": [1, 1]}]}, "'size' is .* a list of 3 numbers is expected"),
+        ({"objects": [{**BOX, "size": [1, 0, 1]}]}, "'size' has to be greater than 0"),
+        ({"objects": [{**BOX, "color": "red"}]}, "'color' is 'red', and a colour like"),
+        ({"objects": [{**BOX, "mass": -1}]}, "'mass' is -1"),
+        (
+            {"objects": [{"kind": "cylinder", "raduis": 1, "height": 1}]},
+            r"'radius' is missing: did you mean 'raduis'",
+        ),
+        ({"objects": 3}, "'objects' is not a list of objects"),
+        ({"start": {"area": [1, 1, 0, 0]}}, "start: 'area' is x and y from"),
+        ({"start": {}}, "start: 'area' is missing"),
+        ({"start": None}, "'start' is null, and an object is expected"),
+        ({"wind": 3}, "'wind' is unknown"),
+    ],
+)
+def test_a_mistake_in_a_world_is_told_with_its_address(tmp_path: Path, changes: dict[str, object], said: str):
+    with pytest.raises(SimError, match=said) as caught:
+        load_scene(write(tmp_path, **changes))
+    assert "mine.json: " in str(caught.value)
+
+
+def test_a_file_that_is_not_json_is_told_with_line_and_column(tmp_path: Path):
+    path = tmp_path / "mine.json"
+    path.write_text('{"objects": [,]}')
+    with pytest.raises(SimError, match=r"mine.json:1:14: this is not JSON"):
+        load_scene(str(path))
+
+
+def test_a_list_is_no_world(tmp_path: Path):
+    path = tmp_path / "mine.json"
+    path.write_text("[]")
+    with pytest.raises(SimError, match="a world is a JSON object"):
+        load_scene(str(path))
+
+
+def test_a_missing_file_is_told():
+    with pytest.raises(SimError, match=r"nowhere/mine\.json: there is no such file"):
+        load_scene("nowhere/mine.json")
+
+
+def write(folder: Path, **changes: object) -> str:
+    path = folder / "mine.json"
+    path.write_text(json.dumps({"start": {"area": [-2, -2, 2, 2]}, "objects": [], **changes}))
+    return str(path)
