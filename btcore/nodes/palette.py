@@ -9,6 +9,7 @@ from btcore.nodes.data import SetBlackboard, UnsetBlackboard
 from btcore.nodes.fallback import AsyncFallback, Fallback, ReactiveFallback
 from btcore.nodes.fixed import AlwaysFailure, AlwaysSuccess
 from btcore.nodes.loop import LoopBool, LoopDouble, LoopInt, LoopString
+from btcore.nodes.manual import ManualSelector
 from btcore.nodes.outcome import ForceFailure, ForceSuccess, Inverter, KeepRunningUntilFailure, RunOnce
 from btcore.nodes.parallel import Parallel, ParallelAll
 from btcore.nodes.repeat import Repeat, RetryUntilSuccessful
@@ -45,6 +46,7 @@ FORMAT_3: Final[_Palette] = {
     "BlackboardCheckInt": legacy.BlackboardCheckInt,
     "BlackboardCheckString": legacy.BlackboardCheckString,
     "Delay": legacy.Delay3,
+    "ManualSelector": ManualSelector,
     "Parallel": legacy.Parallel3,
     "Repeat": legacy.Repeat3,
     "RetryUntilSuccessful": legacy.RetryUntilSuccessful3,

@@ -1,0 +1,166 @@
+"""Nodes that only format 3 has, BlackboardCheck… and SubTreePlus, and its own ways (nodes.md §7, §11)."""
+
+from collections.abc import Callable
+
+import pytest
+
+from btcore import NodeRaised, Status, Tree, TreeError
+from btcore.testing.planned import Journal
+
+Grow = Callable[..., Tree]
+
+R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
+
+
+# --- BlackboardCheck
+
+
+def check(kind: str, a: str, b: str, more: str = "", plan: str = "S") -> str:
+    tag = f"BlackboardCheck{kind}"
+    return f'<{tag} value_A="{a}" value_B="{b}" {more}><PlanAction name="a" plan="{plan}"/></{tag}>'
+
+
+@pytest.mark.parametrize(
+    ("kind", "a", "b", "equal"),
+    [
+        ("Int", "7", "7", True),
+        ("Int", "7", "8", False),
+        ("Int", " 7", "+7", True),
+        ("Double", "0.1", "0.10000001", True),
+        ("Double", "0.1", "0.101", False),
+        ("Double", "1", "1.0", True),
+        ("String", "x", "x", True),
+        ("String", "7", "7.0", False),
+        ("Bool", "true", "1", True),
+        ("Bool", "true", "0", False),
+    ],
+)
+def test_the_child_is_ticked_if_both_values_are_equal_as_that_type(
+    kind: str, a: str, b: str, equal: bool, grow: Grow, journal: Journal
+) -> None:
+    tree = grow(check(kind, a, b), format=3)
+    assert tree.tick_once() is (S if equal else F)
+    assert journal.calls == (["a:start"] if equal else [])
+
+
+def test_values_are_read_from_the_blackboard_at_every_tick(grow: Grow) -> None:
+    tree = grow(check("Int", "{x}", "3"), format=3)
+    tree.blackboard["x"] = 3
+    assert tree.tick_once() is S
+    tree.blackboard["x"] = 4
+    assert tree.tick_once() is F
+
+
+@pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "RUNNING"])
+def test_a_mismatch_gives_what_it_is_told_to(written: str, grow: Grow) -> None:
+    tree = grow(check("Int", "1", "2", f'return_on_mismatch="{written}"'), format=3)
+    assert tree.tick_once() is Status[written]
+
+
+@pytest.mark.parametrize("kind", ["Int", "Double", "String", "Bool"])
+def test_a_missing_value_is_a_mismatch(kind: str, grow: Grow) -> None:
+    assert grow(check(kind, "{x}", "{y}"), format=3).tick_once() is F
+
+
+def test_a_value_that_is_no_such_type_is_a_mismatch(grow: Grow) -> None:
+    assert grow(check("Int", "seven", "seven"), format=3).tick_once() is F
+    assert grow(check("Bool", "yes", "yes"), format=3).tick_once() is F
+
+
+def test_it_is_asked_again_while_the_child_runs_which_a_mismatch_halts(grow: Grow, journal: Journal) -> None:
+    tree = grow(check("Int", "{x}", "1", plan="RRR"), format=3)
+    tree.blackboard["x"] = 1
+    assert [tree.tick_once(), tree.tick_once()] == [R, R]
+    tree.blackboard["x"] = 2
+    assert tree.tick_once() is F
+    assert journal.calls == ["a:start", "a:running", "a:halted"]
+    assert {node.status for node in tree} == {Status.IDLE}
+
+
+def test_format_4_does_not_have_them(grow: Grow) -> None:
+    with pytest.raises(TreeError, match="BlackboardCheckInt"):
+        grow(check("Int", "1", "1"))
+
+
+# --- SubTreePlus
+
+COUNT = (
+    '<BehaviorTree ID="Count"><Sequence><Inc in="{n}" out="{n}"/>'
+    '<SetBlackboard value="done" output_key="said"/></Sequence></BehaviorTree>'
+)
+
+
+def test_braces_connect_two_entries(grow: Grow) -> None:
+    tree = grow('<SubTreePlus ID="Count" n="{outside}"/>', others=COUNT, format=3)
+    tree.blackboard["outside"] = 41
+    assert tree.tick_once() is S
+    assert tree.blackboard["outside"] == 42
+    assert "said" not in tree.blackboard
+
+
+def test_anything_else_is_a_constant_of_the_inner_tree(grow: Grow) -> None:
+    inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
+    tree = grow('<SubTreePlus ID="Check" plan="F"/>', others=inner, format=3)
+    assert tree.tick_once() is F
+    assert "plan" not in tree.blackboard
+
+
+def test_without_autoremap_the_inner_tree_is_alone(grow: Grow) -> None:
+    inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
+    tree = grow('<SubTreePlus ID="Check"/>', others=inner, format=3)
+    tree.blackboard["plan"] = "S"
+    with pytest.raises(NodeRaised, match="plan"):
+        tree.tick_once()
+
+
+@pytest.mark.parametrize("written", ["true", "1"])
+def test_with_autoremap_the_names_of_the_inner_tree_are_those_of_the_outer(written: str, grow: Grow) -> None:
+    tree = grow(f'<SubTreePlus ID="Count" __autoremap="{written}"/>', others=COUNT, format=3)
+    tree.blackboard["n"] = 41
+    assert tree.tick_once() is S
+    assert tree.blackboard["n"] == 42
+
+
+def test_with_autoremap_a_remapping_that_is_written_comes_first(grow: Grow) -> None:
+    tree = grow('<SubTreePlus ID="Count" __autoremap="true" n="{m}"/>', others=COUNT, format=3)
+    tree.blackboard["n"] = 0
+    tree.blackboard["m"] = 41
+    tree.tick_once()
+    assert (tree.blackboard["n"], tree.blackboard["m"]) == (0, 42)
+
+
+def test_its_node_is_called_as_its_tree_whatever_its_name(grow: Grow) -> None:
+    tree = grow('<SubTreePlus ID="Count" name="mine" n="{n}"/>', others=COUNT, format=3)
+    assert tree.root.name == "Count"
+
+
+def test_format_4_does_not_have_it(grow: Grow) -> None:
+    with pytest.raises(TreeError, match="SubTreePlus"):
+        grow('<SubTreePlus ID="Count"/>', others=COUNT)
+
+
+# --- what else format 3 reads differently
+
+
+def test_dollar_braces_point_to_an_entry_too(grow: Grow) -> None:
+    tree = grow('<PlanSync plan="${plan}"/>', format=3)
+    tree.blackboard["plan"] = "F"
+    assert tree.tick_once() is F
+
+
+def test_an_output_may_be_named_without_braces(grow: Grow) -> None:
+    tree = grow('<Inc in="1" out="n"/>', format=3)
+    tree.tick_once()
+    assert tree.blackboard["n"] == 2
+
+
+def test_a_loop_takes_one_tick(grow: Grow, journal: Journal) -> None:
+    tree = grow('<Repeat num_cycles="3"><PlanSync name="p" plan="S"/></Repeat>', format=3)
+    assert tree.tick_exactly_once() is S
+    assert journal.calls == ["p:tick"] * 3
+
+
+def test_while_do_else_has_exactly_three_children(grow: Grow) -> None:
+    tree = grow("<WhileDoElse><AlwaysSuccess/><AlwaysSuccess/></WhileDoElse>", format=3)
+    with pytest.raises(NodeRaised, match="two branches, not 2 children"):
+        tree.tick_once()

@@ -1,0 +1,108 @@
+"""SkipUnlessUpdated, WaitValueUpdate and WasEntryUpdated (nodes.md §5, §6)."""
+
+from collections.abc import Callable
+
+import pytest
+
+from btcore import Status, Tree, TreeError
+from btcore.testing.planned import Journal
+
+Grow = Callable[..., Tree]
+
+R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
+
+DECORATORS = [("SkipUnlessUpdated", K), ("WaitValueUpdate", R)]
+
+
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_the_child_is_ticked_only_when_the_entry_was_written_since_the_last_look(
+    tag: str, otherwise: Status, grow: Grow, journal: Journal
+) -> None:
+    tree = grow(f'<{tag} entry="{{x}}"><PlanSync name="p" plan="SF"/></{tag}>')
+    assert tree.tick_once() is otherwise
+    tree.blackboard["x"] = 1
+    assert tree.tick_once() is S
+    assert tree.tick_once() is otherwise
+    tree.blackboard["x"] = 1
+    assert tree.tick_once() is F
+    assert journal.calls == ["p:tick", "p:tick"]
+
+
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_an_entry_that_was_written_before_the_first_look_counts_as_updated(
+    tag: str, otherwise: Status, grow: Grow
+) -> None:
+    tree = grow(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
+    tree.blackboard["x"] = 1
+    assert tree.tick_once() is S
+
+
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_a_child_that_runs_is_ticked_without_a_look(
+    tag: str, otherwise: Status, grow: Grow, journal: Journal
+) -> None:
+    tree = grow(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="RRS"/></{tag}>')
+    tree.blackboard["x"] = 1
+    assert [tree.tick_once() for _ in range(4)] == [R, R, S, otherwise]
+    assert journal.calls == ["a:start", "a:running", "a:running"]
+
+
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_a_halt_halts_the_child_and_what_was_seen_stays_seen(
+    tag: str, otherwise: Status, grow: Grow, journal: Journal
+) -> None:
+    tree = grow(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="R"/></{tag}>')
+    tree.blackboard["x"] = 1
+    tree.tick_once()
+    tree.halt()
+    assert journal.calls == ["a:start", "a:halted"]
+    assert tree.tick_once() is otherwise
+
+
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, grow: Grow) -> None:
+    tree = grow(f'<{tag} entry="x"><AlwaysSuccess/></{tag}>')
+    tree.blackboard["x"] = 1
+    assert [tree.tick_once(), tree.tick_once()] == [S, otherwise]
+
+
+@pytest.mark.parametrize("entry", ["", 'entry=""'])
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_the_entry_must_be_given(tag: str, otherwise: Status, entry: str, grow: Grow) -> None:
+    with pytest.raises(TreeError, match="entry"):
+        grow(f"<{tag} {entry}><AlwaysSuccess/></{tag}>")
+
+
+def test_two_nodes_look_each_for_itself(grow: Grow) -> None:
+    one = '<SkipUnlessUpdated entry="{x}"><AlwaysSuccess/></SkipUnlessUpdated>'
+    tree = grow(f"<Sequence>{one}{one}</Sequence>")
+    tree.blackboard["x"] = 1
+    assert tree.tick_once() is S
+
+
+def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_look(grow: Grow) -> None:
+    tree = grow('<WasEntryUpdated entry="{x}"/>')
+    assert tree.tick_once() is F
+    tree.blackboard["x"] = 1
+    assert [tree.tick_once(), tree.tick_once()] == [S, F]
+    tree.blackboard["x"] = 1
+    tree.blackboard["x"] = 2
+    assert [tree.tick_once(), tree.tick_once()] == [S, F]
+
+
+def test_it_sees_what_scripts_and_leaves_write(grow: Grow) -> None:
+    tree = grow('<Sequence><Script code="x := 1"/><WasEntryUpdated entry="{x}"/></Sequence>')
+    assert [tree.tick_once(), tree.tick_once()] == [S, S]
+
+
+def test_it_looks_through_the_remapping_of_a_subtree(grow: Grow) -> None:
+    inner = '<BehaviorTree ID="Sub"><WasEntryUpdated entry="{inside}"/></BehaviorTree>'
+    tree = grow('<SubTree ID="Sub" inside="{outside}"/>', others=inner)
+    assert tree.tick_once() is F
+    tree.blackboard["outside"] = 1
+    assert [tree.tick_once(), tree.tick_once()] == [S, F]
+
+
+def test_it_must_be_told_which(grow: Grow) -> None:
+    with pytest.raises(TreeError, match="entry"):
+        grow("<WasEntryUpdated/>")
