@@ -19,8 +19,9 @@ class ThreadedAction(StatefulAction):
     it often, or sleep by :meth:`pause`.
     """
 
-    _thread: Any = None
+    _worker: Any = None
     _asked: Any = None
+    _done: bool = False
     _result: object = None
     _fault: BaseException | None = None
 
@@ -42,15 +43,16 @@ class ThreadedAction(StatefulAction):
         self._asked = threading.Event()
         self._result = None
         self._fault = None
-        self._thread = threading.Thread(target=self._run, name=self.config.path, daemon=True)
-        self._thread.start()
+        self._done = False
+        self._worker = threading.Thread(target=self._run, name=self.config.path, daemon=True)
+        self._worker.start()
         return RUNNING
 
     def on_running(self) -> object:
-        """Look whether the thread is done."""
-        if self._thread is not None and self._thread.is_alive():
+        """Look whether the work is done."""
+        if not self._done:
             return RUNNING
-        self._thread = None
+        self._worker = None
         fault, self._fault = self._fault, None
         if fault is not None:
             raise fault
@@ -58,10 +60,10 @@ class ThreadedAction(StatefulAction):
 
     def on_halted(self) -> None:
         """Ask the thread to end, and wait until it has. What it raises then is forgotten."""
-        if self._thread is not None:
+        if self._worker is not None:
             self._asked.set()
-            self._thread.join()
-            self._thread = None
+            self._worker.join()
+            self._worker = None
 
     def _run(self) -> None:
         try:
@@ -69,4 +71,6 @@ class ThreadedAction(StatefulAction):
         except BaseException as fault:
             self._fault = fault
         finally:
+            # The tick that this wakes may come before the thread has ended, and no other wake-up follows.
+            self._done = True
             self.wake_up()

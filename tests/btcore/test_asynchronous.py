@@ -147,3 +147,24 @@ def test_what_a_thread_raises_is_raised_by_the_next_tick() -> None:
     tree = tree_of('<Work name="arm"/>', Work)
     with pytest.raises(NodeRaised, match="node 'arm' <Work> raised while ticking: ValueError: no arm"):
         tree.tick_while_running(period=3600)
+
+
+def test_the_tick_that_a_thread_wakes_finds_its_result_even_if_the_thread_has_not_ended() -> None:
+    told, release = threading.Event(), threading.Event()
+
+    class Held(ThreadedAction):
+        def work(self) -> bool:
+            return True
+
+        def wake_up(self) -> None:
+            super().wake_up()
+            told.set()
+            release.wait(30)
+
+    tree = tree_of("<Held/>", Held)
+    try:
+        assert tree.tick_exactly_once() is Status.RUNNING
+        assert told.wait(30)
+        assert tree.tick_exactly_once() is Status.SUCCESS
+    finally:
+        release.set()

@@ -1,4 +1,4 @@
-"""What the C++ engines did on thousands of random trees, this engine does too: statuses, events, calls, blackboard."""
+"""What the C++ engines did on thousands of random trees, this engine does too, event by event."""
 
 import copy
 import gzip

@@ -1,0 +1,104 @@
+# Each target sets up what it needs: Python 3.11 or newer, make and a C compiler are enough.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+MAKEFLAGS += --no-builtin-rules
+
+PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11 python; do \
+	if $$name -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$name; break; fi; done)
+CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
+PIP := -m pip --disable-pip-version-check --quiet
+ENGINE := $(shell find btcore trees -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
+ENGINE_TESTS := tests/btcore tests/conformance tests/properties
+VULKAN := mesa-vulkan-drivers libvulkan1
+
+# What the demo runs, and for how long (s of the robot's time).
+DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
+
+# How many seeds each acceptance run is made with.
+SEEDS ?= 200
+
+.PHONY: help setup demo test lint pure compiled vulkan accept bench clean
+
+help:
+	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
+	@echo 'make test    style, types, and every test on both builds of the engine'
+	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
+	@echo 'make lint    style and types only'
+	@echo 'make bench   the benchmarks'
+	@echo 'make clean   everything that the other targets made'
+
+# --- set-up
+
+setup: .venv/ready
+
+.venv/ready: pyproject.toml setup.py
+	@test -n '$(PYTHON)' || { echo 'btcore needs Python 3.11 or newer; none is on the PATH.' \
+		'PYTHON=/path/to/python3 make … names one.' >&2; exit 1; }
+	@echo '· setting up .venv with $(PYTHON), everything included'
+	@$(PYTHON) -m venv .venv
+	@.venv/bin/python $(PIP) install --editable '.[dev]'
+	@touch $@
+
+.venv-compiled/ready: $(ENGINE) .venv/ready
+	@echo '· building the wheel, and installing the compiled engine into .venv-compiled'
+	@rm -rf build dist
+	@BTCORE_COMPILED=1 .venv/bin/python $(PIP) wheel --no-deps --wheel-dir dist .
+	@test -x .venv-compiled/bin/python || $(PYTHON) -m venv .venv-compiled
+	@.venv-compiled/bin/python $(PIP) install --force-reinstall --no-deps dist/btcore-*.whl
+	@.venv-compiled/bin/python $(PIP) install "$$(echo dist/btcore-*.whl)[test]"
+	@touch $@
+
+# Software Vulkan draws the monitor's pictures where there is no graphics card.
+vulkan:
+	@if ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		echo '· installing $(VULKAN)'; \
+		export DEBIAN_FRONTEND=noninteractive; \
+		apt-get install -qq -y $(VULKAN) >/dev/null 2>&1 \
+			|| { apt-get update -qq && apt-get install -qq -y $(VULKAN) >/dev/null; } \
+			|| echo 'note: that failed; picture tests are skipped'; \
+	else echo 'note: without the packages $(VULKAN), picture tests are skipped'; fi
+
+# --- what people ask for
+
+demo: .venv/ready vulkan
+	@mkdir -p out
+	@if [ -n "$${DISPLAY:-}$${WAYLAND_DISPLAY:-}" ]; then \
+		.venv/bin/btcore run $(DEMO) --monitor --save out/bumpgo.rrd; \
+	else \
+		.venv/bin/btcore run $(DEMO) --fast --save out/bumpgo.rrd; \
+		.venv/bin/btcore monitor --no-view --screenshot out/bumpgo.png out/bumpgo.rrd || true; \
+		echo; \
+		echo 'No display here, so the viewer stayed closed.'; \
+		echo '  the recording  out/bumpgo.rrd   (.venv/bin/rerun out/bumpgo.rrd opens it)'; \
+		if [ -e out/bumpgo.png ]; then echo '  the picture    out/bumpgo.png'; fi; \
+	fi
+
+test: lint pure compiled
+
+lint: .venv/ready
+	@echo '· style and types'
+	@.venv/bin/ruff check .
+	@.venv/bin/ruff format --check .
+	@.venv/bin/mypy
+
+pure: .venv/ready vulkan
+	@echo '· every test, on the pure build'
+	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(CORES) --dist loadscope
+
+compiled: .venv-compiled/ready
+	@echo '· the tests of the engine, on the compiled build'
+	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist loadscope $(ENGINE_TESTS)
+
+accept: .venv/ready
+	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
+
+bench: .venv-compiled/ready
+	@for file in benchmarks/*.py; do echo "· $$file"; .venv-compiled/bin/python "$$file"; done
+
+clean:
+	rm -rf .venv .venv-compiled build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,81 @@
+"""``btcore convert``: a tree of format 3 becomes one of format 4."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+from rich.text import Text
+
+from btcore.cli import library, paint, palettes, trees
+from btcore.errors import Diagnostic
+from btcore.xml.convert import Conversion
+from btcore.xml.convert import convert as converted
+from btcore.xml.source import read_file
+
+MISTAKE = 2
+_BYTE_ORDER_MARK = "\ufeff".encode()
+
+
+@click.command(short_help="Turn a tree of format 3 into one of format 4.")
+@click.argument("source", metavar="FILE")
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="The file to write.")
+@click.option("--in-place", is_flag=True, help="Write the result into FILE itself.")
+@library.plugin_option
+@palettes.model_option
+def convert(
+    source: str, output: Path | None, in_place: bool, plugins: Sequence[str], models: Sequence[Path]
+) -> int:
+    """Print FILE in format 4; comments, the order of attributes and the layout stay as they are.
+
+    What is written differently, and what means something else in format 4, is listed on stderr.
+    Exits with 0 when the result can be loaded, 2 when something in it has to be changed by hand.
+    """
+    if in_place and output is not None:
+        raise click.UsageError("--in-place and --output are two places: name one of them.")
+    path = trees.find(source)
+    document = read_file(path)
+    nodes = library.library(plugins).nodes
+    palettes.add_palettes(nodes, models, [document])
+    result = converted(document, nodes)
+    data = result.text.encode()
+    if path.read_bytes().startswith(_BYTE_ORDER_MARK):
+        data = _BYTE_ORDER_MARK + data
+    target = path if in_place else output
+    if target is None:
+        click.echo(data, nl=False)
+    else:
+        _write(target, data)
+    _tell(result)
+    return MISTAKE if result.remaining else 0
+
+
+def _write(target: Path, data: bytes) -> None:
+    try:
+        target.write_bytes(data)
+    except OSError as fault:
+        raise click.ClickException(f"'{target}' can't be written: {fault.strerror}") from fault
+
+
+def _tell(result: Conversion) -> None:
+    """The list of changes, errors of the result, and the count of them, on stderr."""
+    paint.diagnostics([*result.changes, *result.remaining])
+    if not result.changes:
+        paint.notes(["it is of format 4 already; nothing is changed"])
+        return
+    mark = Text("✘ ", style="bold red") if result.remaining else Text("✔ ", style="bold green")
+    counts = [
+        f"{_count(result.changes, 'C1')} rewritten",
+        f"{_count(result.changes, 'C2')} with another meaning",
+    ]
+    if left := _count(result.changes, "C3"):
+        counts.append(f"{left} left to you")
+    if result.remaining:
+        counts.append(f"{len(result.remaining)} that format 4 refuses")
+    mark.append(", ".join(counts), style="bold")
+    console = paint.errors()
+    console.print()
+    console.print(mark)
+
+
+def _count(found: Sequence[Diagnostic], sort: str) -> int:
+    return sum(1 for one in found if one.code.startswith(sort))

@@ -1,0 +1,68 @@
+"""The node libraries that a command works with: built-ins, installed ones, and ``--plugin``."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+
+import click
+
+from btcore.cli import paint
+from btcore.cli.extensions import Missing, distribution_of
+from btcore.errors import Diagnostic, RegistrationError, TreeError
+from btcore.registry import ENTRY_POINTS, Registry
+
+UNKNOWN_NODE = "E101"
+
+plugin_option = click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    metavar="MODULE|FILE.py",
+    help="A node library, by module name or file path; may be given several times.",
+)
+
+
+@dataclass(slots=True)
+class Library:
+    """The nodes at hand, and the installed libraries that lack something to be imported."""
+
+    nodes: Registry
+    absent: list[Missing] = field(default_factory=list)
+
+    def notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:
+        """Where nodes that *diagnostics* call unknown may be, if not here."""
+        if not any(one.code == UNKNOWN_NODE for one in diagnostics):
+            return []
+        return [f"the node library '{one.name}' isn't there: {one.remedy}" for one in self.absent]
+
+    @contextmanager
+    def explaining(self) -> Iterator[None]:
+        """Add :meth:`notes` to a TreeError that passes."""
+        try:
+            yield
+        except TreeError as error:
+            for note in self.notes(error.diagnostics):
+                error.add_note(note)
+            raise
+
+
+def library(plugins: Sequence[str]) -> Library:
+    """Everything installed, and *plugins*.
+
+    An installed library that can't be imported does not stop a tree that does without it: one that
+    lacks a module is remembered, one that raises is told of in a warning. Raises RegistrationError
+    for one of *plugins*.
+    """
+    found = Library(Registry.standard())
+    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
+        try:
+            found.nodes.add_plugin(point.value, name=point.name)
+        except RegistrationError as error:
+            cause = error.__cause__
+            if not isinstance(cause, ModuleNotFoundError):
+                paint.warning(str(error))
+            found.absent.append(Missing(point.name, distribution_of(point), cause or error))
+    for plugin in plugins:
+        found.nodes.add_plugin(plugin)
+    return found

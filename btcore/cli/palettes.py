@@ -1,0 +1,30 @@
+"""``--model FILE``: nodes that a command knows from a TreeNodesModel alone."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import click
+
+from btcore.registry import Registry
+from btcore.xml.model_file import add_explicit, add_models
+from btcore.xml.source import Document
+
+model_option = click.option(
+    "--model",
+    "models",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A TreeNodesModel, say, Groot's: its nodes are known without code; may be given several times.",
+)
+
+
+def add_palettes(nodes: Registry, models: Sequence[Path], documents: Iterable[Document] = ()) -> None:
+    """Add the nodes of *models*, and those that explicit tags of *documents* name, as stand-ins.
+
+    Without *models* nothing is added: an unknown node is a mistake then. Raises TreeError.
+    """
+    for model in models:
+        add_models(nodes, model)
+    if models:
+        add_explicit(nodes, documents)

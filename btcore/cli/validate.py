@@ -1,0 +1,83 @@
+"""``btcore validate``: every fault of some trees, each with its place."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+from rich.text import Text
+
+from btcore.cli import library, paint, trees
+from btcore.errors import Diagnostic
+from btcore.xml.validate import validate as check
+
+MISTAKE = 2
+
+
+@click.command(short_help="Find every fault in trees, with file, line and column.")
+@click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…")
+@library.plugin_option
+@click.option("--strict", is_flag=True, help="Warnings count as errors.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def validate(sources: Sequence[str], plugins: Sequence[str], strict: bool, as_json: bool) -> int:
+    """Check trees: files, names of trees that come with btcore, or folders of XML files.
+
+    Exits with 0 when they can be run, 2 when one can't.
+    """
+    nodes = library.library(plugins)
+    files = [file for source in sources for file in _files(source)]
+    found = [one for file in files for one in check(file, nodes=nodes.nodes)]
+    errors = [one for one in found if one.is_error]
+    warnings = [one for one in found if not one.is_error]
+    good = not errors and not (strict and warnings)
+    if as_json:
+        click.echo(
+            json.dumps({"ok": good, "files": len(files), "diagnostics": [_as_data(one) for one in found]})
+        )
+    else:
+        _print(errors, warnings, len(files), good)
+        paint.notes(nodes.notes(found))
+    return 0 if good else MISTAKE
+
+
+def _files(source: str) -> list[Path]:
+    """The files that *source* means."""
+    if not Path(source).is_dir():
+        return [trees.find(source)]
+    files = sorted(Path(source).rglob("*.xml"))
+    if not files:
+        raise click.UsageError(f"the folder '{source}' holds no XML file.")
+    return files
+
+
+def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, good: bool) -> None:
+    """Errors, then warnings, then the count of both."""
+    console = paint.output()
+    for one in (*errors, *warnings):
+        console.print(paint.diagnostic(one), soft_wrap=True)
+        console.print()
+    mark = Text("✔ ", style="bold green") if good else Text("✘ ", style="bold red")
+    mark.append(
+        ", ".join(
+            [_counted(files, "file"), _counted(len(errors), "error"), _counted(len(warnings), "warning")]
+        ),
+        style="bold",
+    )
+    console.print(mark)
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _as_data(one: Diagnostic) -> dict[str, object]:
+    """A diagnostic as plain data."""
+    return {
+        "code": one.code,
+        "message": one.message,
+        "file": one.file,
+        "line": one.line,
+        "column": one.column,
+        "width": one.width,
+        "hint": one.hint,
+    }

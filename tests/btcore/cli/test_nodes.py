@@ -1,0 +1,57 @@
+"""`btcore nodes`: the palette, for people, for Groot and for programs."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import Result
+
+Cli = Callable[..., Result]
+
+
+def test_the_table_tells_what_a_node_does_its_ports_and_who_brought_it(cli: Cli, library: Path) -> None:
+    shown = cli("nodes", "--plugin", library).stdout
+    assert "Ticks its children in order while they succeed." in shown
+    row = shown.index("◦ BatteryOk")
+    assert "The battery holds more than" in shown[row:]
+    assert "→\u00a0minimum\u00a0double\u00a0=\u00a00.2" in shown[row:]
+    assert "robot_things" in shown[row:]
+
+
+@pytest.mark.parametrize(("format_", "count"), [("4", 42), ("3", 30)])
+def test_each_format_has_the_nodes_that_the_original_registers(cli: Cli, format_: str, count: int) -> None:
+    palette = json.loads(cli("nodes", "--format", format_, "--json").stdout)
+    built_in = [ID for ID, node in palette.items() if node["distribution"] == "btcore"]
+    assert len(built_in) == count
+    # The original's 31st of format 3 needs a terminal to choose in.
+    assert "ManualSelector" not in built_in
+
+
+def test_xml_is_a_model_that_groot_imports(cli: Cli, library: Path) -> None:
+    root = ElementTree.fromstring(cli("nodes", "--xml", "--plugin", library).stdout)
+    assert root.tag == "root"
+    greet = root.find("TreeNodesModel/Action[@ID='Greet']")
+    assert greet is not None
+    assert [(port.tag, port.get("name")) for port in greet] == [
+        ("input_port", "who"),
+        ("output_port", "greeting"),
+    ]
+
+
+def test_ids_narrow_the_list_down(cli: Cli) -> None:
+    assert list(json.loads(cli("nodes", "Delay", "Sequence", "--json").stdout)) == ["Delay", "Sequence"]
+
+
+def test_a_mistyped_id(cli: Cli) -> None:
+    result = cli("nodes", "Sequnce")
+    assert result.exit_code == 2
+    assert "Did you mean 'Sequence'?" in result.stderr
+
+
+def test_a_port_as_data(cli: Cli) -> None:
+    delay = json.loads(cli("nodes", "Delay", "--json").stdout)["Delay"]
+    assert delay["type"] == "DECORATOR"
+    assert delay["ports"]["delay_msec"]["direction"] == "input"
+    assert delay["ports"]["delay_msec"]["type"] == "unsigned int"

@@ -1,0 +1,219 @@
+"""`btcore run`: how a run goes, how it ends, and what is said of it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+import pytest
+from click.testing import Result
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+LastJson = Callable[[Result], dict[str, Any]]
+
+KEYS = ["status", "ticks", "time_s", "real_time_factor", "nodes"]
+
+
+def test_success_exits_with_0_and_failure_with_1(cli: Cli, tree_file: TreeFile) -> None:
+    assert cli("run", tree_file("<AlwaysSuccess/>"), "--fast").exit_code == 0
+    assert cli("run", tree_file("<AlwaysFailure/>"), "--fast").exit_code == 1
+
+
+def test_a_skipped_root_exits_with_0(cli: Cli, tree_file: TreeFile, last_json: LastJson) -> None:
+    result = cli("run", tree_file('<AlwaysFailure _skipIf="true"/>'), "--fast", "--json")
+    assert result.exit_code == 0
+    assert last_json(result)["status"] == "SKIPPED"
+
+
+def test_json_is_the_last_line_of_stdout_and_tells_what_every_node_did(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    tree = tree_file(
+        '<Sequence name="main"><BatteryOk/><Walk name="stroll" steps="4"/>'
+        '<AlwaysFailure _skipIf="true"/><Inverter><AlwaysFailure/></Inverter></Sequence>'
+    )
+    result = cli("run", tree, "--plugin", library, "--fast", "--json")
+    data = last_json(result)
+    assert result.exit_code == 0, result.output
+    assert list(data) == KEYS
+    assert data["status"] == "SUCCESS"
+    assert data["ticks"] == 5
+    assert data["time_s"] == 0.4
+    assert list(data["nodes"]) == [
+        "main",
+        "BatteryOk::2",
+        "stroll",
+        "AlwaysFailure::4",
+        "Inverter::5",
+        "AlwaysFailure::6",
+    ]
+    assert data["nodes"]["stroll"] == {
+        "id": "Walk",
+        "ticks": 5,
+        "success": 1,
+        "failure": 0,
+        "skipped": 0,
+        "halted": 0,
+    }
+    assert data["nodes"]["AlwaysFailure::4"]["skipped"] == 1
+    assert data["nodes"]["AlwaysFailure::6"]["failure"] == 1
+
+
+def test_nodes_of_one_path_are_told_apart_by_their_uid(
+    cli: Cli, tree_file: TreeFile, last_json: LastJson
+) -> None:
+    tree = tree_file('<Sequence name="top"><AlwaysSuccess name="a"/><AlwaysSuccess name="a"/></Sequence>')
+    assert list(last_json(cli("run", tree, "--fast", "--json"))["nodes"]) == ["top", "a#2", "a#3"]
+
+
+def test_duration_ends_a_run_with_0_and_the_tree_is_halted(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    tree = tree_file('<Walk name="far" steps="1000000"/>')
+    result = cli("run", tree, "--plugin", library, "--fast", "--duration", "2", "--rate", "20", "--json")
+    data = last_json(result)
+    assert result.exit_code == 0
+    assert (data["status"], data["ticks"], data["time_s"]) == ("RUNNING", 40, 2.0)
+    assert data["nodes"]["far"]["halted"] == 1
+    assert "halted while walking" in result.stdout
+    assert "by --duration" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("until", "code", "ticks"), [("done", 1, 1), ("failure", 1, 1), ("success", 0, 3), ("never", 0, 50)]
+)
+def test_until_says_what_ends_a_run(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson, until: str, code: int, ticks: int
+) -> None:
+    tree = tree_file("<EveryThird/>")
+    result = cli("run", tree, "--plugin", library, "--fast", "--until", until, "--duration", "5", "--json")
+    assert (result.exit_code, last_json(result)["ticks"]) == (code, ticks)
+
+
+def test_a_delay_is_over_when_it_is_over_not_at_the_next_tick(
+    cli: Cli, tree_file: TreeFile, last_json: LastJson
+) -> None:
+    data = last_json(cli("run", tree_file('<Sleep msec="250"/>'), "--fast", "--rate", "1", "--json"))
+    assert data["time_s"] == 0.25
+
+
+def test_a_leaf_that_raises_is_named_with_its_cause_and_exits_with_3(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    tree = tree_file('<Parallel name="both"><Walk name="stroll"/><Explode name="bomb"/></Parallel>')
+    result = cli("run", tree, "--plugin", library, "--fast", "--json")
+    assert result.exit_code == 3
+    assert "bomb" in result.stderr
+    assert "ValueError: the fuse was lit" in result.stderr
+    assert "Traceback" not in result.output
+    assert "halted while walking" in result.stdout, "the rest of the tree is halted"
+    data = last_json(result)
+    assert list(data) == [*KEYS, "error"]
+    assert data["error"] == {
+        "node": "bomb",
+        "id": "Explode",
+        "while": "ticking",
+        "exception": "ValueError",
+        "message": "the fuse was lit",
+    }
+
+
+def test_a_leaf_that_raises_while_it_is_halted_exits_with_3(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    tree = tree_file('<Stubborn name="mule"/>')
+    result = cli("run", tree, "--plugin", library, "--fast", "--duration", "1", "--json")
+    assert result.exit_code == 3
+    assert "'mule' <Stubborn> raised while being halted: RuntimeError: never!" in result.stderr
+    assert last_json(result)["error"]["while"] == "being halted"
+
+
+def test_which_tree_of_a_file_is_run(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "two.xml"
+    file.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Good"><AlwaysSuccess/></BehaviorTree>'
+        '<BehaviorTree ID="Bad"><AlwaysFailure/></BehaviorTree></root>'
+    )
+    assert cli("run", file, "--fast", "--tree", "Good").exit_code == 0
+    assert cli("run", file, "--fast", "--tree", "Bad").exit_code == 1
+
+
+def test_the_same_seed_gives_the_same_line_but_for_the_factor(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    def run(seed: int) -> dict[str, Any]:
+        tree = tree_file("<RepeatedToss/>")
+        data = last_json(
+            cli("run", tree, "--plugin", library, "--fast", "--seed", seed, "--duration", "50", "--json")
+        )
+        del data["real_time_factor"]
+        return data
+
+    assert run(1) == run(1)
+    assert len({run(seed)["ticks"] for seed in range(8)}) > 1
+
+
+def test_real_time_is_paced_by_the_clock_on_the_wall(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    tree = tree_file('<Walk steps="6"/>')
+    started = time.monotonic()
+    data = last_json(cli("run", tree, "--plugin", library, "--rate", "20", "--json"))
+    assert time.monotonic() - started >= 0.3
+    assert data["ticks"] == 7
+    assert data["time_s"] >= 0.3
+
+
+def test_ticks_that_come_too_late_are_left_out_with_one_warning(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    result = cli("run", tree_file("<Slow/>"), "--plugin", library, "--rate", "100", "--json")
+    assert result.exit_code == 0
+    assert result.stderr.count("a lower --rate fits this tree") == 1
+    assert last_json(result)["ticks"] == 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_the_tree_is_halted_and_the_exit_code_is_130(
+    tree_file: TreeFile, library: Path, number: int
+) -> None:
+    tree = tree_file('<Sequence><Say/><Walk steps="1000000"/></Sequence>')
+    command = [sys.executable, "-m", "btcore", "run", str(tree), "--plugin", str(library), "--json"]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    ) as process:
+        said = _lines(process.stdout)
+        assert next(said) == "here we go"
+        process.send_signal(number)
+        rest = list(said)
+        assert process.stderr is not None
+        complaint = process.stderr.read()
+    assert process.returncode == 130
+    assert rest[0] == "halted while walking"
+    assert rest[-1].startswith('{"status": "RUNNING"')
+    assert "interrupted" in complaint
+    assert "Traceback" not in complaint
+
+
+def _lines(stream: IO[str] | None) -> Any:
+    assert stream is not None
+    return (line.rstrip("\n") for line in stream)
+
+
+def test_the_table_shows_the_tree_and_what_each_node_did(
+    cli: Cli, tree_file: TreeFile, library: Path
+) -> None:
+    tree = tree_file('<Sequence name="day"><BatteryOk/><Walk name="stroll" steps="2"/></Sequence>')
+    shown = cli("run", tree, "--plugin", library, "--fast").stderr
+    assert "SUCCESS" in shown
+    row = next(line for line in shown.splitlines() if "stroll" in line)
+    assert row.split()[-5:] == ["3", "1", "·", "·", "·"]

@@ -1,0 +1,109 @@
+"""`btcore validate`: every fault, with its place, for people and for programs."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from click.testing import Result
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+
+
+def test_a_good_tree_exits_with_0(cli: Cli, tree_file: TreeFile) -> None:
+    result = cli("validate", tree_file("<AlwaysSuccess/>"))
+    assert result.exit_code == 0
+    assert "1 file, no errors, no warnings" in result.stdout
+
+
+def test_every_fault_is_told_with_place_line_and_carets(cli: Cli, tree_file: TreeFile) -> None:
+    file = tree_file('<Sequense>\n      <Delay delay_mesc="5"><AlwaysSuccess/></Delay>\n    </Sequense>')
+    result = cli("validate", file.name)
+    assert result.exit_code == 2
+    assert result.stdout.splitlines()[:4] == [
+        "tree.xml:3:5: E101 unknown node <Sequense>",
+        "   3 |      <Sequense>",
+        "     |      ^^^^^^^^^^",
+        "      did you mean <Sequence>?   searched: btcore and robot_nodes",
+    ] or result.stdout.splitlines()[:3] == [
+        "tree.xml:3:5: E101 unknown node <Sequense>",
+        "   3 |      <Sequense>",
+        "     |      ^^^^^^^^^^",
+    ]
+    assert "tree.xml:4:14: E201 <Delay> has no port 'delay_mesc'" in result.stdout
+    assert "1 file, 2 errors" in result.stdout
+
+
+def test_folders_are_searched_for_xml_files(cli: Cli, tmp_path: Path, tree_file: TreeFile) -> None:
+    (tmp_path / "deep").mkdir()
+    tree_file("<AlwaysSuccess/>", "good.xml")
+    tree_file("<Nonsense/>", "deep/bad.xml")
+    result = cli("validate", tmp_path)
+    assert result.exit_code == 2
+    assert "bad.xml:3:5: E101" in result.stdout
+    assert "2 files, 1 error" in result.stdout
+
+
+def test_a_folder_without_trees_is_a_mistake(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    result = cli("validate", "empty")
+    assert result.exit_code == 2
+    assert "holds no XML file" in result.stderr
+
+
+def test_a_warning_refuses_only_when_strict(cli: Cli, tree_file: TreeFile) -> None:
+    file = tree_file('<AlwaysSuccess _skipIf="1 < 2"/>')
+    lenient = cli("validate", file)
+    assert lenient.exit_code == 0
+    assert "W101" in lenient.stdout
+    assert "&lt;" in lenient.stdout
+    assert "1 warning" in lenient.stdout
+    assert cli("validate", "--strict", file).exit_code == 2
+
+
+def test_a_broken_script_is_a_fault(cli: Cli, tree_file: TreeFile) -> None:
+    result = cli("validate", tree_file('<Script code="a := (1 + "/>'))
+    assert result.exit_code == 2
+    assert "E206" in result.stdout
+
+
+def test_trees_that_the_main_one_does_not_call_are_checked_too(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "two.xml"
+    file.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="A">\n'
+        '<BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree>\n'
+        '<BehaviorTree ID="B"><Delay delay_msec="soon"><AlwaysSuccess/></Delay></BehaviorTree>\n</root>'
+    )
+    result = cli("validate", file)
+    assert result.exit_code == 2
+    assert "two.xml:3:41: E202" in result.stdout
+
+
+def test_a_file_of_subtrees_needs_no_main_tree(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "parts.xml"
+    file.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree>'
+        '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree></root>'
+    )
+    assert cli("validate", file).exit_code == 0
+
+
+def test_plugins_bring_nodes(cli: Cli, tree_file: TreeFile, library: Path) -> None:
+    file = tree_file("<BatteryOk/>")
+    assert cli("validate", file).exit_code == 2
+    assert cli("validate", file, "--plugin", library).exit_code == 0
+
+
+def test_json_for_programs(cli: Cli, tree_file: TreeFile) -> None:
+    data = json.loads(cli("validate", "--json", tree_file("<Nonsense/>")).stdout)
+    assert data["ok"] is False
+    assert data["files"] == 1
+    (only,) = data["diagnostics"]
+    assert (only["code"], only["line"], only["column"]) == ("E101", 3, 5)
+    assert only["file"].endswith("tree.xml")
+
+
+def test_the_trees_that_come_with_btcore_are_good_without_their_libraries(cli: Cli) -> None:
+    result = cli("validate", "bumpgo", "bumpgo_wide")
+    # Without the robot's node library the nodes are unknown, and it is said which library is absent.
+    assert result.exit_code == 0 or "the node library 'robot_nodes' isn't there" in result.stderr
