@@ -1,0 +1,37 @@
+"""Logs of a running tree: files that BehaviorTree.CPP's tools read, traces, the console, statistics.
+
+``with BtLog(tree, "run.btlog"): …`` writes one, ``read_log("run.btlog")`` reads it.
+"""
+
+from btcore.logs.btlog import BtLog, read_btlog
+from btcore.logs.console import ConsoleLog
+from btcore.logs.fbl import read_fbl
+from btcore.logs.files import LogFault
+from btcore.logs.log import Log
+from btcore.logs.opening import open_log, read_log
+from btcore.logs.recording import Change, RecordedNode, Recording
+from btcore.logs.sessions import Session, read_sqlite, sessions
+from btcore.logs.sqlite import SqliteLog
+from btcore.logs.statistics import NodeStatistics, TreeObserver
+from btcore.logs.trace import TraceLog
+
+__all__ = [
+    "BtLog",
+    "Change",
+    "ConsoleLog",
+    "Log",
+    "LogFault",
+    "NodeStatistics",
+    "RecordedNode",
+    "Recording",
+    "Session",
+    "SqliteLog",
+    "TraceLog",
+    "TreeObserver",
+    "open_log",
+    "read_btlog",
+    "read_fbl",
+    "read_log",
+    "read_sqlite",
+    "sessions",
+]

@@ -1,0 +1,114 @@
+"""The tree that BehaviorTree.CPP was recorded with, whose leaves do here what they did there."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, Tree
+from btcore.ports import Direction, Port
+from btcore.testing.planned import LETTERS
+from btcore.values import DOUBLE, INT
+
+SOURCE = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence name="root_seq">
+      <Script code="x:=42; s:='hello'; f:=2.5"/>
+      <Fallback>
+        <AlwaysFailure/>
+        <Count name="cnt" _onSuccess="done:=true" out="{val}" ticks="3"/>
+      </Fallback>
+      <SubTree ID="Sub" lim="7" mode="fast" target="{val}"/>
+      <AlwaysSuccess _skipIf="x==42"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Sub">
+    <Sequence>
+      <Script code="loc:='a'"/>
+      <Count out="{o2}"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+
+class Plans:
+    """For each node by path: what it returns, a text of letters for each start."""
+
+    def __init__(self) -> None:
+        self.of = {
+            "AlwaysFailure::4": ["F", "S", "F"],
+            "cnt": ["RRS", "F"],
+            "Sub::6/Count::9": ["RS", "RS"],
+        }
+
+
+class Planned(StatefulAction):
+    def __init__(self, plans: Plans) -> None:
+        self.plans = plans.of[self.path]
+
+    def on_start(self) -> Status:
+        self.letters = iter(self.plans.pop(0))
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        return LETTERS[next(self.letters)]
+
+
+class Count(Planned):
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        return [
+            Port("out", Direction.OUT, DOUBLE),
+            Port("ticks", type=INT, default="2", description="dddddddd"),
+        ]
+
+
+class Collector(Observer):
+    """Keeps the transitions."""
+
+    def __init__(self) -> None:
+        self.changes: list[Transition] = []
+
+    def transition(self, change: Transition) -> None:
+        self.changes.append(change)
+
+
+@pytest.fixture
+def captures() -> Path:
+    """Files that BehaviorTree.CPP wrote."""
+    return Path(__file__).parent / "captures"
+
+
+@pytest.fixture
+def sample() -> Tree:
+    """The recorded tree; its AlwaysFailure succeeds the second time, as a breakpoint made it do there."""
+    nodes = Registry.standard()
+    nodes.add(Count)
+    nodes.replace(AlwaysFailure=Planned)
+    return btcore.loads(SOURCE, nodes=nodes, resources=[Plans()], clock=SimClock())
+
+
+@pytest.fixture
+def collect() -> Callable[[Tree], list[Transition]]:
+    """Subscribes to a tree, and returns the list that its transitions come into."""
+
+    def subscribe(tree: Tree) -> list[Transition]:
+        collector = Collector()
+        tree.subscribe(collector)
+        return collector.changes
+
+    return subscribe
+
+
+@pytest.fixture
+def small() -> Callable[..., Tree]:
+    """Makes a tree of *body*, on a simulated clock."""
+
+    def make(body: str, nodes: Registry | None = None, clock: SimClock | None = None) -> Tree:
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+        return btcore.loads(text, nodes=nodes or Registry.standard(), clock=clock or SimClock())
+
+    return make

@@ -1,0 +1,192 @@
+"""A .btlog is FileLogger2's file, byte for byte, and reads as far as it goes."""
+
+import random
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from btcore import SimClock, Status, Transition, Tree
+from btcore.logs import BtLog, LogFault, read_btlog
+from btcore.xml.write import tree_to_xml
+
+RUNNING, SUCCESS, FAILURE, IDLE = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.IDLE
+# The listing of the recorded session: what its client was told of the first run, up to the last answer.
+LISTED = [
+    (1, 1),
+    (2, 2),
+    (3, 1),
+    (4, 3),
+    (5, 1),
+    (5, 2),
+    (4, 0),
+    (5, 0),
+    (3, 2),
+    (6, 1),
+    (7, 1),
+    (8, 2),
+    (9, 1),
+]
+HEADER = 23
+XML = 8308
+
+
+def records(data: bytes) -> bytes:
+    """What follows the header."""
+    size = int.from_bytes(data[19:23], "little")
+    return data[HEADER + size + 8 :]
+
+
+def test_the_recorded_file_is_read(captures: Path) -> None:
+    recording = read_btlog(captures / "v4_sample.btlog")
+    assert [(change.uid, change.status) for change in recording.changes[:13]] == LISTED
+    assert len(recording.changes) == 57
+    assert recording.start == 1795223146837310_000
+    assert recording.changes[0].stamp == recording.start + 16664_000
+    assert recording.changes[5] == (1795223146837310_000 + 18263_000, 5, RUNNING, SUCCESS)
+    assert recording.xml.startswith('<root BTCPP_format="4">')
+    assert recording.damage == ""
+    assert set(recording.statuses().values()) == {IDLE}
+
+
+def test_the_recorded_tree_is_read(captures: Path, sample: Tree) -> None:
+    nodes = read_btlog(captures / "v4_sample.btlog").nodes
+    found = [(one.uid, one.name, one.id, one.type, one.path) for one in nodes.values()]
+    assert found == [(node.uid, node.name, node.id, node.type, node.path) for node in sample]
+    assert [one.children for one in nodes.values()] == [
+        tuple(child.uid for child in node.children) for node in sample
+    ]
+
+
+def test_the_same_transitions_at_the_same_times_are_the_same_bytes(
+    captures: Path, sample: Tree, tmp_path: Path
+) -> None:
+    original = (captures / "v4_sample.btlog").read_bytes()
+    recording = read_btlog(captures / "v4_sample.btlog")
+    with BtLog(sample, tmp_path / "run.btlog") as log:
+        for number, change in enumerate(recording.changes, 1):
+            stamp = change.stamp - recording.start
+            log.transition(Transition(number, stamp, 1, change.uid, change.previous, change.status))
+        log.ticked(1, 0, 0, SUCCESS)
+    written = (tmp_path / "run.btlog").read_bytes()
+    assert records(written) == records(original)
+    assert written[:19] == original[:19]
+    models = original.index(b"    <TreeNodesModel>")
+    assert written[HEADER : models - 200] == original[HEADER : models - 200].replace(
+        b"loc:=target", b"loc:=&apos;a&apos;"
+    )
+
+
+def test_the_same_tree_makes_the_same_transitions(captures: Path, sample: Tree, tmp_path: Path) -> None:
+    with BtLog(sample, tmp_path / "run.btlog"):
+        results = [sample.tick_while_running() for _ in range(3)]
+    assert results == [SUCCESS, SUCCESS, FAILURE]
+    ours, theirs = read_btlog(tmp_path / "run.btlog"), read_btlog(captures / "v4_sample.btlog")
+    assert [change[1:] for change in ours.changes] == [change[1:] for change in theirs.changes]
+    assert ours.xml == tree_to_xml(sample)
+
+
+def test_stamps_are_wall_time_at_the_start_plus_the_trees_time_since(
+    small: Callable[..., Tree], tmp_path: Path
+) -> None:
+    clock = SimClock(5_000_000_000)
+    tree = small('<Sleep msec="250"/>', clock=clock)
+    clock.advance(1.0)
+    before = time.time_ns()
+    with BtLog(tree, tmp_path / "run.btlog"):
+        after = time.time_ns()
+        clock.advance(2.0)
+        tree.tick_while_running(period=0.05)
+    recording = read_btlog(tmp_path / "run.btlog")
+    assert before - 1_000 <= recording.start <= after
+    since = [(change.stamp - recording.start, change.status) for change in recording.changes]
+    assert since == [(2_000_000_000, RUNNING), (2_250_000_000, SUCCESS), (2_250_000_000, IDLE)]
+
+
+def test_a_stamp_of_more_than_32_bits(small: Callable[..., Tree], tmp_path: Path) -> None:
+    clock = SimClock()
+    tree = small("<AlwaysSuccess/>", clock=clock)
+    with BtLog(tree, tmp_path / "run.btlog"):
+        clock.advance(5000.0)
+        tree.tick_once()
+    data = (tmp_path / "run.btlog").read_bytes()
+    assert records(data)[:9] == (5_000_000_000).to_bytes(6, "little") + b"\x01\x00\x02"
+    recording = read_btlog(tmp_path / "run.btlog")
+    assert recording.changes[0].stamp - recording.start == 5_000_000_000_000
+
+
+def test_transitions_to_idle_can_be_left_out(sample: Tree, tmp_path: Path) -> None:
+    with BtLog(sample, tmp_path / "run.btlog", idle=False):
+        sample.tick_while_running()
+    assert IDLE not in {change.status for change in read_btlog(tmp_path / "run.btlog").changes}
+
+
+def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path, tmp_path: Path) -> None:
+    data = (captures / "v4_sample.btlog").read_bytes()
+    whole = read_btlog(captures / "v4_sample.btlog").changes
+    first = HEADER + XML + 8
+    path = tmp_path / "cut.btlog"
+    for cut in range(first, len(data)):
+        path.write_bytes(data[:cut])
+        recording = read_btlog(path)
+        count, rest = divmod(cut - first, 9)
+        assert recording.changes == whole[:count]
+        assert bool(recording.damage) == bool(rest)
+    assert recording.damage == ("the file is cut off within a transition, 8 bytes after the last whole one")
+
+
+@pytest.mark.parametrize("cut", [0, 5, 18, 20, 22, 23, 4000, HEADER + XML, HEADER + XML + 7])
+def test_a_file_that_ends_in_its_header_is_an_error(captures: Path, tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "cut.btlog"
+    path.write_bytes((captures / "v4_sample.btlog").read_bytes()[:cut])
+    with pytest.raises(LogFault, match=r"this log ends in its header|this isn't a \.btlog"):
+        read_btlog(path)
+
+
+def test_a_transition_of_a_node_that_the_tree_has_not_ends_the_reading(
+    captures: Path, tmp_path: Path
+) -> None:
+    data = bytearray((captures / "v4_sample.btlog").read_bytes())
+    second = HEADER + XML + 8 + 9
+    data[second + 6] = 200
+    path = tmp_path / "bent.btlog"
+    path.write_bytes(data)
+    recording = read_btlog(path)
+    assert len(recording.changes) == 1
+    assert recording.damage == f"the file is damaged from byte {second} on: there is no node 200"
+
+
+def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_path: Path) -> None:
+    data = (captures / "v4_sample.btlog").read_bytes()
+    chance = random.Random(3)
+    path = tmp_path / "bent.btlog"
+    faults: list[str] = []
+    for _ in range(300):
+        bent = bytearray(data)
+        bent[chance.randrange(len(data))] = chance.randrange(256)
+        path.write_bytes(bent)
+        try:
+            read_btlog(path)
+        except LogFault as fault:
+            faults.append(str(fault))
+    assert 0 < len(faults) < 300
+    assert all(said.startswith(f"{path}: ") for said in faults)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"BTCPP4-FileLogger2\x07\0\0\0\0", "is of protocol 7, and btcore reads protocol 1"),
+        (b"BTCPP4-FileLogger2\x01\xff\xff\xff\xff" + bytes(8), "a tree of -1 bytes is announced"),
+        (b"BTCPP4-FileLogger2\x01\x03\0\0\0<a>" + bytes(8), "the tree in this log is no XML"),
+        (b"BTCPP4-FileLogger2\x01\x04\0\0\0<a/>" + bytes(8), "has no main tree"),
+        (b"SQLite format 3", "doesn't begin with BTCPP4-FileLogger2"),
+    ],
+)
+def test_what_is_no_such_log_is_said(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "other.btlog"
+    path.write_bytes(content)
+    with pytest.raises(LogFault) as caught:
+        read_btlog(path)
+    assert said in str(caught.value)

@@ -1,0 +1,292 @@
+"""What all logs share: one line attaches, each tick is written at its end, and the tree never notices."""
+
+import json
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import NodeRaised, Registry, Status, Tree
+from btcore.logs import BtLog, ConsoleLog, Log, LogFault, SqliteLog, TraceLog, open_log, read_log
+
+PROGRAM = """
+import sys
+import btcore
+from btcore.logs import open_log
+
+ticks = 0
+
+@btcore.action
+def pause() -> bool:
+    if ticks == 4:
+        print("in tick 4", flush=True)
+        sys.stdin.readline()
+    return False
+
+nodes = btcore.Registry.standard()
+nodes.add(pause)
+body = '<Fallback><Inverter><AlwaysSuccess/></Inverter><Pause/></Fallback>'
+tree = btcore.loads(f'<root BTCPP_format="4"><BehaviorTree ID="M">{body}</BehaviorTree></root>', nodes=nodes)
+log = open_log(tree, sys.argv[1])
+while True:
+    ticks += 1
+    tree.tick_once()
+    print(f"ticked {ticks}", flush=True)
+    sys.stdin.readline()
+"""
+ONE_TICK = ["RUNNING", "RUNNING", "SUCCESS", "IDLE", "FAILURE", "FAILURE", "IDLE", "IDLE", "FAILURE", "IDLE"]
+
+
+def run_and_kill(path: Path, last_words: str) -> str:
+    """Run PROGRAM with its log in *path* until it says *last_words*, kill it, and return all it said."""
+    source = str(Path(btcore.__file__).parent.parent)
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": source, "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    with process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        said = ""
+        for line in process.stdout:
+            said += line
+            if line.strip() == last_words:
+                break
+            if line.startswith(("ticked", "in tick")):
+                process.stdin.write("\n")
+                process.stdin.flush()
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        said += process.stdout.read()
+    assert last_words in said
+    return said
+
+
+def logged(path: Path) -> list[str]:
+    """The statuses that nodes came to, as far as *path* tells."""
+    if path.suffix != ".json":
+        recording = read_log(path)
+        assert recording.damage == ""
+        return [change.status.name for change in recording.changes]
+    events = json.loads(path.read_text())["traceEvents"]
+    return [event["args"].get("status", "RUNNING") for event in events]
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
+@pytest.mark.parametrize("last_words", ["ticked 3", "in tick 4"])
+def test_a_killed_process_loses_at_most_the_tick_in_progress(
+    tmp_path: Path, name: str, last_words: str
+) -> None:
+    run_and_kill(tmp_path / name, last_words)
+    expected = [word for word in ONE_TICK if name != "run.json" or word != "IDLE"]
+    assert logged(tmp_path / name) == expected * 3
+
+
+def test_a_killed_process_has_printed_every_tick_that_ended(tmp_path: Path) -> None:
+    said = run_and_kill(Path("-"), "ticked 3")
+    assert re.findall(r"-> (\w+)$", said, re.MULTILINE) == ONE_TICK * 3
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
+def test_nothing_is_written_before_the_ticks_end(
+    small: Callable[..., Tree], tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / name
+    seen = []
+    nodes = Registry.standard()
+    nodes.add(btcore.action(ID="Look")(lambda: seen.append(len(logged(path))) or True))
+    tree = small("<Sequence><AlwaysSuccess/><Look/></Sequence>", nodes=nodes)
+    with open_log(tree, path):
+        tree.tick_once()
+        tree.tick_once()
+    whole = len(logged(path))
+    assert seen == [0, whole // 2]
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3"])
+def test_a_halt_between_two_ticks_is_written_at_once(
+    small: Callable[..., Tree], tmp_path: Path, name: str
+) -> None:
+    tree = small('<Sequence><Sleep msec="100"/></Sequence>')
+    with open_log(tree, tmp_path / name):
+        tree.tick_once()
+        tree.halt()
+        assert logged(tmp_path / name) == ["RUNNING", "RUNNING", "IDLE", "IDLE"]
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3"])
+def test_a_tick_that_raises_is_written_and_so_is_the_halt_after_it(
+    small: Callable[..., Tree], tmp_path: Path, name: str
+) -> None:
+    nodes = Registry.standard()
+
+    @btcore.action(ID="Broken")
+    def broken() -> bool:
+        raise ValueError("broken")
+
+    nodes.add(broken)
+    tree = small("<Sequence><AlwaysSuccess/><Broken/></Sequence>", nodes=nodes)
+    with open_log(tree, tmp_path / name):
+        with pytest.raises(NodeRaised):
+            tree.tick_once()
+        assert logged(tmp_path / name) == ["RUNNING", "SUCCESS", "IDLE", "IDLE"]
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
+def test_a_closed_log_hears_no_more(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
+    tree = small("<AlwaysSuccess/>")
+    log = open_log(tree, tmp_path / name)
+    tree.tick_once()
+    log.close()
+    log.close()
+    before = logged(tmp_path / name)
+    tree.tick_once()
+    assert logged(tmp_path / name) == before != []
+
+
+def test_a_tree_may_have_several_logs(small: Callable[..., Tree], tmp_path: Path) -> None:
+    tree = small("<AlwaysSuccess/>")
+    with open_log(tree, tmp_path / "a.btlog"), open_log(tree, tmp_path / "b.btlog"):
+        tree.tick_once()
+    assert logged(tmp_path / "a.btlog") == logged(tmp_path / "b.btlog") == ["SUCCESS", "IDLE"]
+
+
+def test_a_log_that_can_no_longer_be_written_ends_with_a_warning(
+    small: Callable[..., Tree], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "run.btlog"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    tree = small("<AlwaysSuccess/>")
+    with BtLog(tree, path):
+        tree.tick_once()
+        os.close(reader)
+        with caplog.at_level(logging.WARNING, "btcore"):
+            assert [tree.tick_once() for _ in range(3)] == [Status.SUCCESS] * 3
+    assert [record.getMessage() for record in caplog.records] == [
+        f"the log {path} ends here, it can't be written any more: Broken pipe"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("a.btlog", BtLog),
+        ("a.db3", SqliteLog),
+        ("a.btdb", SqliteLog),
+        ("a.json", TraceLog),
+        ("-", ConsoleLog),
+    ],
+)
+def test_the_extension_says_which_log(
+    small: Callable[..., Tree], tmp_path: Path, name: str, kind: type[Log]
+) -> None:
+    with open_log(small("<AlwaysSuccess/>"), name if name == "-" else tmp_path / name) as log:
+        assert type(log) is kind
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        (
+            "a.btlgo",
+            "a.btlgo: logs that can be written end in .btlog, .db3, .btdb or .json; did you mean a.btlog?",
+        ),
+        ("a", "a: logs that can be written end in .btlog, .db3, .btdb or .json; did you mean a.btlog?"),
+        ("", ".: logs that can be written end in .btlog, .db3, .btdb or .json; say, run.btlog"),
+        ("a.fbl", "a.fbl: .fbl is a log of format 3, which btcore reads; it writes a.btlog"),
+    ],
+)
+def test_an_extension_that_no_log_has(small: Callable[..., Tree], name: str, said: str) -> None:
+    with pytest.raises(LogFault) as caught:
+        open_log(small("<AlwaysSuccess/>"), name)
+    assert str(caught.value) == said
+
+
+def test_each_log_insists_on_its_extension(small: Callable[..., Tree], tmp_path: Path) -> None:
+    tree = small("<AlwaysSuccess/>")
+    with pytest.raises(
+        LogFault, match=r"run.log: this log's file ends in .btlog; did you mean .*run.btlog\?"
+    ):
+        BtLog(tree, tmp_path / "run.log")
+    with pytest.raises(LogFault, match=r"ends in .db3 or .btdb; did you mean .*run.db3\?"):
+        SqliteLog(tree, tmp_path / "run.sqlite")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
+def test_a_place_where_no_file_can_be_is_said(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
+    tree = small("<AlwaysSuccess/>")
+    (tmp_path / "file").touch()
+    (tmp_path / name).mkdir()
+    for place, said in (
+        (tmp_path / "nowhere" / name, "there is no folder .*nowhere; make it first"),
+        (tmp_path / "file" / name, "file is no folder"),
+        (tmp_path / name, "this is a folder; name a file in it"),
+    ):
+        with pytest.raises(
+            LogFault, match=f"^{re.escape(str(place))}: a log can't be written here, .*{said}"
+        ):
+            open_log(tree, place)
+
+
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="there is no /dev/full, the disk that is always full"
+)
+@pytest.mark.parametrize("name", ["run.btlog", "run.json"])
+def test_a_full_disk_is_said_at_the_start(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
+    (tmp_path / name).symlink_to("/dev/full")
+    with pytest.raises(LogFault, match="a log can't be written here: no space left on device"):
+        open_log(small("<AlwaysSuccess/>"), tmp_path / name)
+
+
+@pytest.fixture
+def protected() -> Iterator[Path]:
+    """A folder that this process may not write to, though it be root's."""
+    user = os.geteuid()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "old.btlog").touch()
+        (folder / "old.btlog").chmod(0o444)
+        folder.chmod(0o555)
+        if user == 0:
+            os.seteuid(65_534)
+        yield folder
+        os.seteuid(user)
+        folder.chmod(0o700)
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
+def test_a_write_protected_folder_is_said(small: Callable[..., Tree], protected: Path, name: str) -> None:
+    with pytest.raises(LogFault) as caught:
+        open_log(small("<AlwaysSuccess/>"), protected / name)
+    assert str(caught.value) == (
+        f"{protected / name}: a log can't be written here, {protected} is write-protected for you"
+    )
+
+
+def test_a_write_protected_file_is_said(small: Callable[..., Tree], protected: Path) -> None:
+    with pytest.raises(LogFault, match=r"old\.btlog is write-protected for you$"):
+        BtLog(small("<AlwaysSuccess/>"), protected / "old.btlog")
+
+
+@pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.fbl"])
+def test_a_log_that_is_not_there_is_said(tmp_path: Path, name: str) -> None:
+    with pytest.raises(LogFault, match="this log can't be read: no such file"):
+        read_log(tmp_path / name)
+
+
+def test_a_trace_is_no_log_to_read(tmp_path: Path) -> None:
+    with pytest.raises(LogFault, match=r"logs that can be read end in \.btlog, \.db3, \.btdb or \.fbl"):
+        read_log(tmp_path / "run.json")

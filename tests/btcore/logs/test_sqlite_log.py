@@ -1,0 +1,230 @@
+"""A .db3 is SqliteLogger's database: its tables, its sessions, its stamps."""
+
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from btcore import SimClock, Status, Transition, Tree
+from btcore.logs import LogFault, Session, SqliteLog, read_btlog, read_sqlite, sessions
+from btcore.xml.write import tree_to_xml
+
+
+def rows(path: Path, query: str) -> list[Any]:
+    with closing(sqlite3.connect(path)) as base:
+        return base.execute(query).fetchall()
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> Iterator[sqlite3.Connection]:
+    """Another program that writes into run.db3."""
+    with closing(sqlite3.connect(tmp_path / "run.db3", isolation_level=None)) as base:
+        yield base
+
+
+def test_the_recorded_file_is_read(captures: Path) -> None:
+    recording = read_sqlite(captures / "v4_sample.db3")
+    same_run = read_btlog(captures / "v4_sample.btlog")
+    assert [change[1:] for change in recording.changes] == [change[1:] for change in same_run.changes]
+    assert recording.nodes == same_run.nodes
+    assert recording.start == 1795223146853974_000
+    assert recording.damage == ""
+    assert sessions(captures / "v4_sample.db3") == [Session(5, "2026-11-21 01:05:46", 57)]
+
+
+def test_paths_are_read_as_the_original_wrote_them(captures: Path) -> None:
+    written = rows(captures / "v4_sample.db3", "SELECT node_uid, fullpath FROM Nodes")
+    nodes = read_sqlite(captures / "v4_sample.db3").nodes
+    assert {node.uid: node.path for node in nodes.values()} == dict(written)
+
+
+def test_the_tables_are_those_of_the_original(captures: Path, sample: Tree, tmp_path: Path) -> None:
+    SqliteLog(sample, tmp_path / "run.db3").close()
+    for table in ("Definitions", "Nodes", "Transitions"):
+        query = f"PRAGMA table_info({table})"
+        assert rows(tmp_path / "run.db3", query) == rows(captures / "v4_sample.db3", query)
+    assert rows(
+        tmp_path / "run.db3", "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
+    ) == (
+        rows(captures / "v4_sample.db3", "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")
+    )
+    nodes = "SELECT fullpath, node_uid FROM Nodes ORDER BY rowid"
+    assert rows(tmp_path / "run.db3", nodes) == rows(captures / "v4_sample.db3", nodes)
+
+
+def test_the_same_transitions_at_the_same_times_are_the_same_rows(
+    captures: Path, sample: Tree, tmp_path: Path
+) -> None:
+    recording = read_sqlite(captures / "v4_sample.db3")
+    with SqliteLog(sample, tmp_path / "run.db3") as log:
+        for number, change in enumerate(recording.changes, 1):
+            stamp = change.stamp - recording.start
+            log.transition(Transition(number, stamp, 1, change.uid, change.previous, change.status))
+        log.ticked(1, 0, 0, Status.SUCCESS)
+    query = (
+        "SELECT timestamp - (SELECT min(timestamp) FROM Transitions), node_uid, duration, state, extra_data"
+        " FROM Transitions ORDER BY timestamp"
+    )
+    assert rows(tmp_path / "run.db3", query) == rows(captures / "v4_sample.db3", query)
+
+
+def test_what_is_written_is_read_again(
+    sample: Tree, tmp_path: Path, collect: Callable[[Tree], list[Transition]]
+) -> None:
+    changes = collect(sample)
+    with SqliteLog(sample, tmp_path / "run.btdb"):
+        sample.tick_while_running()
+    recording = read_sqlite(tmp_path / "run.btdb")
+    assert [change[1:] for change in recording.changes] == [change[3:] for change in changes]
+    assert recording.xml == tree_to_xml(sample)
+
+
+def test_stamps_increase_strictly_though_the_clock_stands_still(sample: Tree, tmp_path: Path) -> None:
+    with SqliteLog(sample, tmp_path / "run.db3") as log:
+        sample.tick_exactly_once()
+    stamps = [stamp for (stamp,) in rows(tmp_path / "run.db3", "SELECT timestamp FROM Transitions")]
+    assert stamps == [log.epoch // 1000 + index for index in range(5)]
+
+
+def test_a_session_replaces_the_ones_before_and_the_numbers_go_on(sample: Tree, tmp_path: Path) -> None:
+    for _ in range(2):
+        with SqliteLog(sample, tmp_path / "run.db3"):
+            sample.tick_exactly_once()
+            sample.halt()
+    assert [session.number for session in sessions(tmp_path / "run.db3")] == [2]
+    assert {session for (session,) in rows(tmp_path / "run.db3", "SELECT session_id FROM Transitions")} == {2}
+    assert rows(tmp_path / "run.db3", "SELECT count(*) FROM Nodes") == [(10,)]
+
+
+def test_an_appended_session_stands_beside_the_ones_before(
+    small: Callable[..., Tree], tmp_path: Path
+) -> None:
+    path = tmp_path / "run.db3"
+    for body in ("<AlwaysSuccess/>", "<AlwaysFailure/>"):
+        tree = small(body)
+        with SqliteLog(tree, path, append=True):
+            tree.tick_once()
+    assert [(one.number, one.transitions) for one in sessions(path)] == [(1, 2), (2, 2)]
+    assert read_sqlite(path).nodes[1].id == "AlwaysFailure"
+    first = read_sqlite(path, session=1)
+    assert first.nodes[1].id == "AlwaysSuccess"
+    assert [change.status for change in first.changes] == [Status.SUCCESS, Status.IDLE]
+    with pytest.raises(LogFault, match="has no session 3; there is 1 and 2"):
+        read_sqlite(path, session=3)
+
+
+def test_a_session_after_one_in_simulated_time_begins_right_after_it(
+    small: Callable[..., Tree], tmp_path: Path
+) -> None:
+    path = tmp_path / "run.db3"
+    for _ in range(2):
+        clock = SimClock()
+        tree = small("<AlwaysSuccess/>", clock=clock)
+        with SqliteLog(tree, path, append=True):
+            tree.tick_once()
+            clock.advance(3600.0)
+            tree.tick_once()
+    first, second = (read_sqlite(path, session=number).changes for number in (1, 2))
+    assert second[0].stamp == first[-1].stamp + 1_000
+    assert second[2].stamp - second[0].stamp == 3600 * 10**9
+
+
+def test_a_row_tells_how_long_its_node_was_running(small: Callable[..., Tree], tmp_path: Path) -> None:
+    tree = small('<Sequence><Sleep msec="250"/><Sleep msec="1000"/></Sequence>')
+    with SqliteLog(tree, tmp_path / "run.db3"):
+        tree.tick_while_running(period=0.05)
+        tree.tick_once()
+        tree.sleep(0.1)
+        tree.halt()
+    found = rows(tmp_path / "run.db3", "SELECT node_uid, state, duration FROM Transitions WHERE duration > 0")
+    assert [(uid, state, round(duration, -4)) for uid, state, duration in found] == [
+        (2, 2, 250_000),
+        (3, 2, 1_000_000),
+        (1, 2, 1_250_000),
+        (2, 0, 100_000),
+        (1, 0, 100_000),
+    ]
+
+
+def test_extra_data_comes_from_a_function(sample: Tree, tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    with SqliteLog(sample, path, idle=False, extra=lambda node, change: f"{node.path} {change.status.name}"):
+        sample.tick_while_running()
+    found = rows(path, "SELECT extra_data FROM Transitions ORDER BY timestamp")
+    assert [said for (said,) in found][:3] == ["root_seq RUNNING", "Script::2 SUCCESS", "Fallback::3 RUNNING"]
+    assert not [said for (said,) in found if said.endswith("IDLE")]
+
+
+def test_another_program_reads_while_the_tree_runs(sample: Tree, tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    with SqliteLog(sample, path), closing(sqlite3.connect(path)) as reader:
+        for expected in (5, 5, 13):
+            sample.tick_exactly_once()
+            cursor = reader.execute("SELECT node_uid FROM Transitions")
+            assert len(cursor.fetchall()) == expected
+
+
+def test_a_program_in_the_middle_of_reading_does_not_hold_rows_up(sample: Tree, tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    with SqliteLog(sample, path), closing(sqlite3.connect(path, isolation_level=None)) as reader:
+        reader.execute("BEGIN")
+        reader.execute("SELECT node_uid FROM Transitions").fetchall()
+        sample.tick_exactly_once()
+        assert rows(path, "SELECT count(*) FROM Transitions") == [(5,)]
+
+
+def test_rows_wait_while_another_program_writes(
+    sample: Tree, tmp_path: Path, writer: sqlite3.Connection
+) -> None:
+    path = tmp_path / "run.db3"
+    with SqliteLog(sample, path):
+        writer.execute("BEGIN IMMEDIATE")
+        sample.tick_exactly_once()
+        assert rows(path, "SELECT count(*) FROM Transitions") == [(0,)]
+        writer.execute("COMMIT")
+        sample.tick_exactly_once()
+        sample.tick_exactly_once()
+        assert rows(path, "SELECT count(*) FROM Transitions") == [(13,)]
+
+
+def test_a_closed_log_is_one_file(sample: Tree, tmp_path: Path) -> None:
+    with SqliteLog(sample, tmp_path / "run.db3"):
+        sample.tick_once()
+    assert [path.name for path in tmp_path.iterdir()] == ["run.db3"]
+
+
+def test_a_database_that_another_program_holds_is_said(
+    sample: Tree, tmp_path: Path, writer: sqlite3.Connection
+) -> None:
+    writer.execute("PRAGMA locking_mode = EXCLUSIVE")
+    writer.execute("CREATE TABLE Mine (number)")
+    with pytest.raises(LogFault, match="database is locked; another program writes to it"):
+        SqliteLog(sample, tmp_path / "run.db3")
+
+
+def test_what_is_no_such_log_is_said(sample: Tree, tmp_path: Path) -> None:
+    text, empty = tmp_path / "text.db3", tmp_path / "empty.db3"
+    text.write_text("no database, but a text that is long enough to have a header" * 10)
+    empty.touch()
+    with pytest.raises(LogFault, match="this log can't be read: file is not a database"):
+        read_sqlite(text)
+    with pytest.raises(LogFault, match="this log can't be read: no such table: Definitions"):
+        read_sqlite(empty)
+    with pytest.raises(LogFault, match="this log can't be read: no such file"):
+        sessions(tmp_path / "missing.db3")
+    with pytest.raises(LogFault, match="a log can't be written here: file is not a database"):
+        SqliteLog(sample, text)
+
+
+def test_a_row_that_makes_no_sense_ends_the_reading(sample: Tree, tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    with SqliteLog(sample, path):
+        sample.tick_exactly_once()
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute("UPDATE Transitions SET state = 9 WHERE node_uid = 3")
+    recording = read_sqlite(path)
+    assert len(recording.changes) == 2
+    assert recording.damage.endswith("there is no status 9")

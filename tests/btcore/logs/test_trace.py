@@ -1,0 +1,197 @@
+"""A trace holds what the original's holds, always complete, and its slices are nested."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import btcore
+from btcore import NodeRaised, Registry, SimClock, Status, Transition, Tree
+from btcore.logs import TraceLog
+from btcore.testing.planned import Journal
+from btcore.testing.recorded_trees import planned_registry
+from btcore.testing.strategies import trees
+
+NODES = planned_registry()
+
+
+def events(path: Path) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["traceEvents"]
+    return found
+
+
+def still_open(found: list[dict[str, Any]]) -> list[str]:
+    """Names of the slices that have not ended; every E must end the one that began last on its thread."""
+    stacks: dict[int, list[str]] = {}
+    for event in found:
+        stack = stacks.setdefault(event["tid"], [])
+        if event["ph"] == "B":
+            stack.append(event["name"])
+        elif event["ph"] == "E":
+            assert stack.pop() == event["name"]
+    return [name for stack in stacks.values() for name in stack]
+
+
+def test_the_events_are_those_of_the_original(captures: Path, sample: Tree, tmp_path: Path) -> None:
+    with TraceLog(sample, tmp_path / "run.json"):
+        for _ in range(3):
+            sample.tick_while_running()
+    ours, theirs = events(tmp_path / "run.json"), events(captures / "v4_minitrace.json")
+    shown = ("cat", "ph", "name")
+    assert [[event[key] for key in shown] for event in ours] == [
+        [event[key] for key in shown] for event in theirs
+    ]
+    assert {tuple(event) for event in ours} == {tuple(event) for event in theirs}
+    assert {event["tid"] for event in ours} == {1}
+    first = (tmp_path / "run.json").read_text().splitlines()
+    assert (first[0], first[-1]) == ('{"traceEvents":[', "]}")
+
+
+def test_times_are_microseconds_of_the_trees_clock(small: Callable[..., Tree], tmp_path: Path) -> None:
+    clock = SimClock(7_000_000_000)
+    tree = small('<Sleep msec="250"/>', clock=clock)
+    with TraceLog(tree, tmp_path / "run.json"):
+        clock.advance(0.5)
+        tree.tick_while_running(period=0.05)
+    assert [(event["ph"], event["ts"]) for event in events(tmp_path / "run.json")] == [
+        ("B", 500_000),
+        ("E", 750_000),
+    ]
+
+
+def test_arguments_tell_the_node_and_its_result(small: Callable[..., Tree], tmp_path: Path) -> None:
+    tree = small('<Inverter><AlwaysSuccess name="a"/></Inverter>')
+    with TraceLog(tree, tmp_path / "run.json"):
+        tree.tick_once()
+    assert [(event["ph"], event["args"]) for event in events(tmp_path / "run.json")] == [
+        ("B", {"uid": 1, "path": "Inverter::1"}),
+        ("I", {"uid": 2, "path": "a", "status": "SUCCESS"}),
+        ("E", {"status": "FAILURE"}),
+    ]
+
+
+def test_names_are_escaped(small: Callable[..., Tree], tmp_path: Path) -> None:
+    tree = small('<AlwaysSuccess name="say &quot;hé&quot; \\ twice"/>')
+    with TraceLog(tree, tmp_path / "run.json"):
+        tree.tick_once()
+    assert events(tmp_path / "run.json")[0]["name"] == 'say "hé" \\ twice'
+
+
+def test_a_halted_nodes_slice_ends(small: Callable[..., Tree], tmp_path: Path) -> None:
+    tree = small('<Sequence><Sleep msec="1000"/></Sequence>')
+    log = TraceLog(tree, tmp_path / "run.json")
+    tree.tick_once()
+    assert still_open(events(tmp_path / "run.json")) == ["Sequence", "Sleep"]
+    tree.halt()
+    assert still_open(events(tmp_path / "run.json")) == []
+    assert events(tmp_path / "run.json")[-1]["args"] == {"status": "IDLE"}
+    log.close()
+
+
+def test_what_still_runs_at_the_end_is_ended(small: Callable[..., Tree], tmp_path: Path) -> None:
+    tree = small('<Parallel><Sleep name="a" msec="1000"/><Sleep name="b" msec="500"/></Parallel>')
+    with TraceLog(tree, tmp_path / "run.json"):
+        tree.tick_once()
+    found = events(tmp_path / "run.json")
+    assert still_open(found) == []
+    assert [event["args"]["status"] for event in found if event["ph"] == "E"] == ["RUNNING"] * 3
+
+
+def test_nodes_that_run_at_the_same_time_are_on_lanes_of_their_own(
+    small: Callable[..., Tree], tmp_path: Path
+) -> None:
+    tree = small(
+        '<Parallel><Sleep name="a" msec="100"/><Sleep name="b" msec="300"/>'
+        '<Sleep name="c" msec="200"/></Parallel>'
+    )
+    with TraceLog(tree, tmp_path / "run.json"):
+        tree.tick_while_running()
+    found = events(tmp_path / "run.json")
+    assert still_open(found) == []
+    assert [(event["name"], event["ph"], event["tid"]) for event in found] == [
+        ("Parallel", "B", 1),
+        ("a", "B", 1),
+        ("b", "B", 2),
+        ("c", "B", 3),
+        ("a", "E", 1),
+        ("c", "E", 3),
+        ("b", "E", 2),
+        ("Parallel", "E", 1),
+    ]
+
+
+def test_a_log_attached_while_nodes_run_shows_them_from_their_next_start(
+    small: Callable[..., Tree], tmp_path: Path
+) -> None:
+    tree = small('<Sleep msec="100"/>')
+    tree.tick_once()
+    with TraceLog(tree, tmp_path / "run.json"):
+        tree.tick_while_running()
+        assert events(tmp_path / "run.json") == []
+        tree.tick_while_running()
+    assert [event["ph"] for event in events(tmp_path / "run.json")] == ["B", "E"]
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(text=trees(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
+def test_slices_are_nested_and_ended_in_every_tree(
+    text: str, ticks: int, halt: bool, tmp_path_factory: Any
+) -> None:
+    path = tmp_path_factory.mktemp("trace") / "run.json"
+    tree = btcore.loads(text, nodes=NODES, resources=[Journal()], clock=SimClock(), format=4)
+    with TraceLog(tree, path):
+        try:
+            for _ in range(ticks):
+                tree.tick_exactly_once()
+                still_open(events(path))
+                tree.sleep(0.05)
+            if halt:
+                tree.halt()
+                assert still_open(events(path)) == []
+        except NodeRaised:
+            assert still_open(events(path)) == []
+    assert still_open(events(path)) == []
+
+
+def test_a_status_that_changes_at_once_from_one_result_to_another_is_seen(
+    small: Callable[..., Tree], tmp_path: Path
+) -> None:
+    nodes = Registry.standard()
+    answers = iter([True, False])
+    nodes.add(btcore.condition(ID="Ok")(lambda: next(answers)))
+    tree = small('<ReactiveSequence><Ok/><Sleep msec="1000"/></ReactiveSequence>', nodes=nodes)
+    with TraceLog(tree, tmp_path / "run.json"):
+        tree.tick_once()
+        tree.sleep(0.1)
+        tree.tick_once()
+    instants = [event for event in events(tmp_path / "run.json") if event["ph"] == "I"]
+    assert [event["args"]["status"] for event in instants] == ["SUCCESS", "FAILURE"]
+
+
+def test_a_slice_that_outlives_the_one_around_it_is_cut_and_goes_on_elsewhere(
+    small: Callable[..., Tree], tmp_path: Path
+) -> None:
+    tree = small('<Inverter name="a"><Inverter name="b"><AlwaysSuccess name="c"/></Inverter></Inverter>')
+    running, success, idle = Status.RUNNING, Status.SUCCESS, Status.IDLE
+    steps = [(1, idle, running), (2, idle, running), (3, idle, running), (1, running, success)]
+    with TraceLog(tree, tmp_path / "run.json") as log:
+        for number, (uid, previous, status) in enumerate([*steps, (3, running, idle), (2, running, idle)], 1):
+            log.transition(Transition(number, number * 1000, 1, uid, previous, status))
+        log.ticked(1, 7000, 0, success)
+    found = events(tmp_path / "run.json")
+    assert still_open(found) == []
+    assert [(event["name"], event["ph"], event["tid"], event["ts"]) for event in found] == [
+        ("a", "B", 1, 1),
+        ("b", "B", 1, 2),
+        ("c", "B", 1, 3),
+        ("c", "E", 1, 4),
+        ("b", "E", 1, 4),
+        ("a", "E", 1, 4),
+        ("b", "B", 1, 4),
+        ("c", "B", 1, 4),
+        ("c", "E", 1, 5),
+        ("b", "E", 1, 6),
+    ]

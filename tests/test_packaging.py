@@ -1,0 +1,22 @@
+"""What is installed is what is here."""
+
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+DATA_FOLDERS = {"btcore.trees", "sim.scenes"}
+
+
+def test_every_package_of_the_checkout_is_installed() -> None:
+    found = {
+        ".".join(path.parent.relative_to(ROOT).parts)
+        for name in ("btcore", "monitor", "robot_nodes", "sim")
+        for path in (ROOT / name).rglob("__init__.py")
+    }
+    assert found | DATA_FOLDERS == set(PROJECT["tool"]["setuptools"]["packages"])
+
+
+def test_the_engine_alone_asks_for_no_screen_and_no_robot() -> None:
+    needed = {requirement.split(">")[0] for requirement in PROJECT["project"]["dependencies"]}
+    assert needed == {"click", "lxml", "mypy-extensions", "rich"}
