@@ -15,7 +15,7 @@ LAYERS = (
     {"ports", "observers", "context", "conditions", "config", "guard", "pacing"},
     {"node"},
     {"nodes", "leaf", "coroutine", "threaded", "signature", "functions"},
-    {"manifest", "registry"},
+    {"manifest", "substitution", "registry"},
     {"tree", "hooks"},
     {"xml"},
     {"loading", "reload", "logs"},

@@ -6,6 +6,8 @@ from pathlib import Path
 import click
 
 from btcore.registry import Registry
+from btcore.xml.faults import Faults
+from btcore.xml.includes import with_includes
 from btcore.xml.model_file import add_explicit, add_models
 from btcore.xml.source import Document
 
@@ -20,11 +22,12 @@ model_option = click.option(
 
 
 def add_palettes(nodes: Registry, models: Sequence[Path], documents: Iterable[Document] = ()) -> None:
-    """Add the nodes of *models*, and those that explicit tags of *documents* name, as stand-ins.
+    """Add the nodes of *models*, and those that explicit tags name in *documents* and what they include.
 
     Without *models* nothing is added: an unknown node is a mistake then. Raises TreeError.
     """
     for model in models:
         add_models(nodes, model)
     if models:
-        add_explicit(nodes, documents)
+        # What can't be included is told when the tree is checked.
+        add_explicit(nodes, [one for document in documents for one in with_includes(document, Faults())])

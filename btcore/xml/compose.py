@@ -1,0 +1,249 @@
+"""Trees built in code: nodes by their names, ports as keywords, written as XML and loaded as any other.
+
+::
+
+    b = Builder(nodes)
+    bump = b.Sequence(b.Back(), b.Turn(angle=1.57), name="bump")
+    tree = b.build(b.ReactiveSequence(b.Fallback(b.Inverter(b.IsObstacle()), bump), b.Forward()))
+    print(b.xml(bump))
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final
+
+from lxml import etree
+
+from btcore.blackboard import Blackboard
+from btcore.clock import Clock
+from btcore.errors import ConversionFault, Diagnostic, PortFault, TreeError, UnknownNode
+from btcore.manifest import Manifest
+from btcore.registry import Registry
+from btcore.suggest import nearest
+from btcore.tree import Tree
+from btcore.values import to_text
+from btcore.xml.build import build
+from btcore.xml.lenient import Lenient
+from btcore.xml.models import quoted
+from btcore.xml.places import Part
+from btcore.xml.source import Document, read_text
+
+_STEP: Final = "    "
+
+
+class Twig:
+    """One node of a tree that is being built, with its children: a description, made by a Builder.
+
+    It may stand in several trees, and several times in one. *where* is the ``(file, line)`` that made it.
+    """
+
+    def __init__(
+        self, id: str, children: Sequence["Twig"], attributes: Mapping[str, str], where: tuple[str, int]
+    ) -> None:
+        self.id = id
+        self.children = tuple(children)
+        self.attributes = dict(attributes)
+        self.where = where
+
+    def __repr__(self) -> str:
+        return f"<{' '.join([self.id, *(f'{key}={quoted(text)}' for key, text in self.attributes.items())])}>"
+
+
+def key(name: str) -> str:
+    """The port text for the blackboard entry *name*: ``key("goal")`` is ``"{goal}"``."""
+    return f"{{{name}}}"
+
+
+class Builder:
+    """Makes twigs of the nodes of a registry: ``b.Sequence(…)``, or ``b["Sequence"](…)``.
+
+    Children come first; keywords are ports, ``name``, ``_skipIf`` and the like. A value is written as
+    its text; a keyword that Python has for itself takes an underscore more (``if_``, ``else_``).
+    ``b.SubTree("Dock", goal="{home}")`` calls a tree; :meth:`of` makes a twig of the function or class
+    that is registered.
+    """
+
+    def __init__(self, nodes: Registry) -> None:
+        self._nodes = nodes
+
+    def __getattr__(self, id: str) -> Callable[..., Twig]:
+        if id.startswith("__"):
+            raise AttributeError(id)
+        return self._maker(id, _caller())
+
+    def __getitem__(self, id: str) -> Callable[..., Twig]:
+        return self._maker(id, _caller())
+
+    def of(self, thing: Any, *children: Twig, **ports: object) -> Twig:
+        """A twig of the node that *thing*, a function or a class, is registered as. Raises UnknownNode."""
+        where = _caller()
+        for manifest in self._nodes:
+            if thing in (manifest.function, manifest.cls):
+                return self._twig(manifest, children, ports, where)
+        said = f"{getattr(thing, '__qualname__', thing)!r} is not registered"
+        raise UnknownNode([Diagnostic("E101", said, *where, hint="add it to the registry: nodes.add(…)")])
+
+    def xml(self, main: Twig, id: str = "Main", /, **subtrees: Twig) -> str:
+        """The document of the tree *main*, which is called *id*, and of *subtrees* by their IDs."""
+        return _Writer(main, id, subtrees).text()
+
+    def build(
+        self,
+        main: Twig,
+        id: str = "Main",
+        /,
+        *,
+        resources: Sequence[object] = (),
+        blackboard: Blackboard | None = None,
+        clock: Clock | None = None,
+        **subtrees: Twig,
+    ) -> Tree:
+        """The tree *main*, ready to be ticked, as :func:`btcore.load` makes one.
+
+        Raises TreeError with every fault found, each with the file and line that made the twig.
+        """
+        document = _Writer(main, id, subtrees).document()
+        return build(document, self._nodes, tree=id, resources=resources, blackboard=blackboard, clock=clock)
+
+    def _maker(self, id: str, where: tuple[str, int]) -> Callable[..., Twig]:
+        manifest = self._nodes.get(id)
+        if manifest is None:
+            near = nearest(id, self._nodes.manifests)
+            hint = f"did you mean {near}?" if near is not None else "add it to the registry: nodes.add(…)"
+            raise UnknownNode([Diagnostic("E101", f"unknown node {id}", *where, hint=hint)])
+
+        def make(*children: Any, **ports: object) -> Twig:
+            return self._twig(manifest, children, ports, _caller())
+
+        return make
+
+    def _twig(
+        self, manifest: Manifest, children: Sequence[Any], ports: Mapping[str, object], where: tuple[str, int]
+    ) -> Twig:
+        attributes: dict[str, str] = {}
+        if manifest.id == "SubTree" and children and isinstance(children[0], str):
+            attributes["ID"], *children = children
+        for child in children:
+            if not isinstance(child, Twig):
+                said = f"{child!r} is no child of <{manifest.id}>: children are nodes of a builder"
+                hint = "name the port that it is for" if manifest.ports else ""
+                raise TreeError([Diagnostic("E104", said, *where, hint=hint)])
+        for name, value in ports.items():
+            bare = name[:-1] if name.endswith("_") and name not in manifest.ports else name
+            attributes[bare] = _text(value, manifest, bare, where)
+        return Twig(manifest.id, children, attributes, where)
+
+
+def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) -> str:
+    """*value* as the text of the port *name*. Raises PortFault, with the place of the call."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, (list, tuple)):
+        return ";".join(_text(item, manifest, "", where) for item in value)
+    port = manifest.ports.get(name)
+    try:
+        return port.type.to_text(value) if port is not None and port.type.strong else to_text(value)
+    except ConversionFault as fault:
+        said = f"the port '{name}' of <{manifest.id}> is given {value!r}: {fault}"
+        raise PortFault([Diagnostic("E202", said, *where)]) from fault
+
+
+def _caller() -> tuple[str, int]:
+    """The file and the line that called the builder."""
+    frame = inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename == __file__:
+        frame = frame.f_back
+    if frame is None:
+        return "", 0
+    path = Path(frame.f_code.co_filename)
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path), frame.f_lineno
+
+
+class _Writer:
+    """Writes twigs as a document, one element a line, and remembers which twig is which."""
+
+    def __init__(self, main: Twig, id: str, subtrees: Mapping[str, Twig]) -> None:
+        self._twigs: list[Twig | None] = [None]
+        self._lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
+        self._main = main
+        for name, twig in {id: main, **subtrees}.items():
+            self._twigs.append(twig)
+            self._lines.append(f"{_STEP}<BehaviorTree ID={quoted(name)}>")
+            self._write(twig, 2)
+            self._lines.append(f"{_STEP}</BehaviorTree>")
+        self._lines.append("</root>")
+
+    def _write(self, twig: Twig, depth: int) -> None:
+        self._twigs.append(twig)
+        words = [twig.id, *(f"{key}={quoted(text)}" for key, text in twig.attributes.items())]
+        start = f"{_STEP * depth}<{' '.join(words)}"
+        if not twig.children:
+            self._lines.append(start + "/>")
+            return
+        self._lines.append(start + ">")
+        for child in twig.children:
+            self._write(child, depth + 1)
+        self._lines.append(f"{_STEP * depth}</{twig.id}>")
+
+    def text(self) -> str:
+        """The document."""
+        return "\n".join(self._lines) + "\n"
+
+    def document(self) -> Document:
+        """The document, whose places are those of the code that made the twigs."""
+        text = self.text()
+        return _BuiltDocument(read_text(text).root, text, self._main.where[0], self._twigs)
+
+
+class _BuiltDocument(Document):
+    """A document written by a builder: its faults are told at the lines of the code."""
+
+    def __init__(self, root: etree._Element, text: str, file: str, twigs: Sequence[Twig | None]) -> None:
+        super().__init__(root, Lenient(text, ()), text, file)
+        self._twigs = twigs
+
+    @property
+    def folder(self) -> Path:
+        """The current folder."""
+        return Path()
+
+    def line(self, element: etree._Element) -> int:
+        """The line of the code that made *element*."""
+        twig = self._twigs[self.places.index(element)]
+        return twig.where[1] if twig is not None else 0
+
+    def diagnostic(
+        self,
+        code: str,
+        message: str,
+        element: etree._Element | int,
+        attribute: str = "",
+        part: Part = "value",
+        hint: str = "",
+        within: int = 0,
+    ) -> Diagnostic:
+        """As any document's, at the place in the code; the XML is shown, as nobody has written it."""
+        found = super().diagnostic(code, message, element, attribute, part, hint, within)
+        index = element if isinstance(element, int) else self.places.index(element)
+        twig = self._twigs[index]
+        if twig is None:
+            return replace(found, line=0, column=0, source="", width=1)
+        file, line = twig.where
+        shown = f"it is written {found.source.strip()}"
+        return replace(
+            found,
+            file=file,
+            line=line,
+            column=0,
+            source="",
+            width=1,
+            hint=f"{hint}; {shown}" if hint else shown,
+        )

@@ -1,0 +1,145 @@
+"""Format 3 becomes format 4: what must be written differently is, and all else keeps its bytes."""
+
+import re
+from typing import Final, NamedTuple
+
+from lxml import etree
+
+from btcore.errors import Diagnostic, TreeError
+from btcore.registry import Registry
+from btcore.xml.changes import (
+    COMPACT,
+    FORMAT_WRITTEN,
+    LAST_TREE,
+    LEFT_TO_YOU,
+    NODE_RENAMED,
+    Changes,
+)
+from btcore.xml.check import check_scripts, examine
+from btcore.xml.convert_nodes import successor
+from btcore.xml.convert_ports import convert_ports
+from btcore.xml.convert_subtree import convert_subtree
+from btcore.xml.dialect import DIALECTS, EXPLICIT, format_of
+from btcore.xml.faults import in_order
+from btcore.xml.source import Document, read_text
+
+_TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
+
+
+class Conversion(NamedTuple):
+    """A document in format 4.
+
+    *changes* tell what is written differently (codes ``C1…``), what means something else
+    (``C2…``) and what is left to the user (``C3…``), at their places in the original; *remaining*
+    are the errors that a loader of format 4 finds in *text* and one of format 3 didn't.
+    """
+
+    text: str
+    changes: list[Diagnostic]
+    remaining: list[Diagnostic]
+
+
+def convert(document: Document, registry: Registry) -> Conversion:
+    """*document* in format 4; one that is in format 4 is given back as it is.
+
+    Nodes that *registry* doesn't know are converted too, as far as that can be done without knowing
+    their ports. Included documents are not touched. Raises TreeError for a document that is of
+    neither format, or no tree.
+    """
+    root = document.root
+    if root.tag != "root":
+        said = f"the outermost element is <{root.tag}>, not <root>"
+        raise TreeError([document.diagnostic("E008", said, root)])
+    format = format_of(root.get("BTCPP_format"))
+    if format is None:
+        said = f"BTCPP_format '{root.get('BTCPP_format')}' is not known"
+        raise TreeError([document.diagnostic("E009", said, root, "BTCPP_format")])
+    if format == 4:
+        return Conversion(document.text, [], [])
+    changes = Changes(document, registry)
+    _root(changes, root)
+    _Trees(changes).convert()
+    text = changes.rewriter.text()
+    return Conversion(text, in_order(changes.found), _remaining(document, text, registry))
+
+
+def _root(changes: Changes, root: etree._Element) -> None:
+    if root.get("BTCPP_format") is None:
+        changes.rewriter.add(root, "BTCPP_format", "4")
+    else:
+        changes.rewriter.change(root, "BTCPP_format", "4")
+    changes.note(FORMAT_WRITTEN, 'BTCPP_format="4" is written', root)
+    for include in root.iterchildren("include"):
+        said = "the included file is read in the format of this one: convert it too"
+        changes.note(LEFT_TO_YOU, said, include, "path")
+
+
+class _Trees:
+    """Converts the trees of a document, one after the other."""
+
+    def __init__(self, changes: Changes) -> None:
+        self._changes = changes
+        self._tags = DIALECTS[3].subtree_tags
+
+    def convert(self) -> None:
+        """Convert all."""
+        seen: set[str] = set()
+        for tree in self._changes.document.root.iterchildren("BehaviorTree"):
+            id = str(tree.get("ID") or "")
+            if id in seen:
+                said = f"of the trees '{id}' this one counts in format 4, and the first one in format 3"
+                self._changes.note(LAST_TREE, said, tree, "ID", hint="remove the one that isn't wanted")
+            seen.add(id)
+            names: set[str] = set()
+            for element in tree.iterdescendants("*"):
+                if not any(parent.tag == "Root" for parent in (element, *element.iterancestors())):
+                    self._element(element, names)
+
+    def _element(self, element: etree._Element, names: set[str]) -> None:
+        tag = str(element.tag)
+        if tag in self._tags:
+            convert_subtree(self._changes, element, names)
+            return
+        id = str(element.get("ID") or "") if tag in EXPLICIT else tag
+        new = successor(self._changes, element, id)
+        if new != id:
+            self._changes.note(NODE_RENAMED, f"<{id}> becomes <{new}>", element)
+        if new != "Precondition" or id == new:
+            convert_ports(self._changes, element, id, new)
+        if tag not in EXPLICIT:
+            if new != id:
+                self._changes.rewriter.rename(element, new)
+        elif self._must_be_compact(element) and _TAG.match(new):
+            self._changes.rewriter.rename(element, new)
+            self._changes.rewriter.remove(element, "ID")
+            said = (
+                f'<{tag} ID="{new}"> becomes <{new}>: C++ takes no <{tag}> in a ReactiveSequence of format 4'
+            )
+            self._changes.note(COMPACT, said, element)
+        elif new != id:
+            self._changes.rewriter.change(element, "ID", new)
+
+    @staticmethod
+    def _must_be_compact(element: etree._Element) -> bool:
+        parent = element.getparent()
+        return parent is not None and "ReactiveSequence" in (parent.tag, parent.get("ID"))
+
+
+def _remaining(document: Document, text: str, registry: Registry) -> list[Diagnostic]:
+    """The errors of the result that the original doesn't have."""
+    before = {_fault(one) for one in _errors(document, registry)}
+    after = _errors(read_text(text, document.file), registry)
+    return in_order([one for one in after if _fault(one) not in before])
+
+
+def _fault(one: Diagnostic) -> tuple[str, str]:
+    # A node is quoted by its tag or by its ID, and the tag may have changed.
+    return one.code, re.sub("[<>']", "", one.message)
+
+
+def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
+    planner, _, faults = examine(document, registry)
+    for definition in planner.forest.by_id.values():
+        check_scripts(planner.plan(definition), registry, faults)
+    # The converter looks at this file alone, which may be one of several.
+    return [one for one in faults.errors if one.file == document.file and one.code != "E108"]

@@ -1,0 +1,85 @@
+"""Port texts of format 3 as format 4 writes them."""
+
+from typing import Final
+
+from lxml import etree
+
+from btcore.errors import ConversionFault
+from btcore.ports import Direction, Port, pointer
+from btcore.values import STRING
+from btcore.xml.changes import EMPTY, READ_OTHERWISE, TEXT_REWRITTEN, Changes
+from btcore.xml.rewrite import attributes
+
+_NO_PORTS: Final = ("name", "ID", "_description")
+
+
+def convert_ports(changes: Changes, element: etree._Element, id: str, new_id: str) -> None:
+    """Rewrite the texts of the ports of the node *id*, which format 4 calls *new_id*.
+
+    Of a node that isn't registered only what is written alike for every type is rewritten.
+    """
+    old = changes.registry.get(id, 3)
+    new = changes.registry.get(new_id, 4)
+    for name, text in attributes(element).items():
+        if name in _NO_PORTS:
+            continue
+        port = old.ports.get(name) if old is not None else None
+        target = new.ports.get(_RENAMED.get((id, name), name)) if new is not None else None
+        _convert(changes, element, name, text, port, target)
+
+
+_RENAMED: Final = {
+    ("Parallel", "success_threshold"): "success_count",
+    ("Parallel", "failure_threshold"): "failure_count",
+}
+
+
+def _convert(
+    changes: Changes, element: etree._Element, name: str, text: str, old: Port | None, new: Port | None
+) -> None:
+    key = pointer(text, name, 3)
+    if key is None and old is not None and old.direction is Direction.OUT:
+        key = text or None
+    if key is not None:
+        _pointer(changes, element, name, text, key)
+    elif pointer(text, name, 4) is not None:
+        said = f"'{name}' is the text '{text}' in format 3, and an entry of the blackboard in format 4"
+        changes.note(READ_OTHERWISE, said, element, name)
+    elif new is not None and new.type.strong and new.type is not STRING:
+        _literal(changes, element, name, text, new)
+
+
+def _pointer(changes: Changes, element: etree._Element, name: str, text: str, key: str) -> None:
+    if key == "=" and text != "=":
+        said = f"'{name}' is the entry '=' in format 3, and the entry '{name}' in format 4"
+        changes.note(READ_OTHERWISE, said, element, name)
+        return
+    wanted = "{=}" if text == "=" else f"{{{key}}}"
+    if text != wanted:
+        changes.rewriter.change(element, name, wanted)
+        changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{wanted}"', element, name)
+
+
+def _literal(changes: Changes, element: etree._Element, name: str, text: str, port: Port) -> None:
+    if not text:
+        changes.rewriter.remove(element, name)
+        default = "its default counts" if port.default is not None else "the node lacks it when it is ticked"
+        said = f"the empty '{name}' is removed, which format 4 refuses as {port.type.name}: {default}"
+        changes.note(EMPTY, said, element, name)
+        return
+    if not port.type.converts:
+        return
+    try:
+        value = port.type.from_text(text, 3)
+    except ConversionFault:
+        return
+    try:
+        same = port.type.from_text(text, 4) == value
+    except ConversionFault:
+        same = False
+    if same or not isinstance(value, (int, float)):
+        return
+    wanted = str(value).lower() if isinstance(value, bool) else repr(value)
+    changes.rewriter.change(element, name, wanted)
+    said = f'{name}="{text}" becomes {name}="{wanted}", as format 3 reads it'
+    changes.note(TEXT_REWRITTEN, said, element, name)

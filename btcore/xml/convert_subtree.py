@@ -1,0 +1,141 @@
+"""SubTree and SubTreePlus of format 3 as format 4 writes them."""
+
+import re
+from typing import Final
+
+from lxml import etree
+
+from btcore.errors import ConversionFault
+from btcore.ports import pointer
+from btcore.values import BOOL, constant
+from btcore.xml.changes import (
+    ATTRIBUTE_RENAMED,
+    BRACES,
+    CONNECTED,
+    CONSTANT,
+    EMPTY,
+    EVERY_KEY,
+    NAMED,
+    NODE_RENAMED,
+    SHARED,
+    TEXT_REWRITTEN,
+    WITHOUT_EFFECT,
+    Changes,
+)
+from btcore.xml.dialect import is_port_name
+from btcore.xml.rewrite import attributes
+
+_BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
+
+
+def convert_subtree(changes: Changes, element: etree._Element, names: set[str]) -> None:
+    """Convert a call of a tree. *names* are those that calls in the same tree have already."""
+    given = attributes(element)
+    _name(changes, element, names)
+    if element.tag == "SubTreePlus":
+        changes.rewriter.rename(element, "SubTree")
+        changes.note(NODE_RENAMED, "<SubTreePlus> becomes <SubTree>", element)
+        _plus(changes, element)
+        return
+    shared = given.get("__shared_blackboard")
+    if shared is not None and _true(shared):
+        _share(changes, element)
+        return
+    if shared is not None:
+        changes.rewriter.remove(element, "__shared_blackboard")
+        said = "'__shared_blackboard' is removed: a tree has a blackboard of its own anyway"
+        changes.note(WITHOUT_EFFECT, said, element, "__shared_blackboard", part="name")
+    for name, text in given.items():
+        if name not in ("ID", "name", "__shared_blackboard"):
+            _remap(changes, element, name, text)
+
+
+def _name(changes: Changes, element: etree._Element, names: set[str]) -> None:
+    name = attributes(element).get("name")
+    if name is None:
+        return
+    if name in names:
+        changes.rewriter.remove(element, "name")
+        said = f"the name '{name}' is removed: format 3 ignores it, and in format 4 two calls can't share one"
+        changes.note(WITHOUT_EFFECT, said, element, "name")
+        return
+    names.add(name)
+    said = f"the node is called '{name}', where format 3 calls it by the tree's ID; so are the paths below it"
+    changes.note(NAMED, said, element, "name")
+
+
+def _true(text: str) -> bool:
+    try:
+        return BOOL.from_text(text, 3) is True
+    except ConversionFault:
+        return False
+
+
+def _share(changes: Changes, element: etree._Element) -> None:
+    """One blackboard for both trees: the nearest is to look up every name outside."""
+    changes.rewriter.rename_attribute(element, "__shared_blackboard", "_autoremap")
+    changes.rewriter.change(element, "__shared_blackboard", "true")
+    said = (
+        "'__shared_blackboard' becomes '_autoremap': every name is the outer tree's, but for those that "
+        "begin with '_'"
+    )
+    changes.note(SHARED, said, element, "__shared_blackboard", part="name")
+    for name in attributes(element):
+        if name not in ("ID", "name", "__shared_blackboard"):
+            changes.rewriter.remove(element, name)
+            said = f"'{name}' is removed: with one blackboard for both trees it connects nothing in format 3"
+            changes.note(WITHOUT_EFFECT, said, element, name, part="name")
+
+
+def _remap(changes: Changes, element: etree._Element, name: str, text: str) -> None:
+    """``inner="outer"``, which has braces in format 4."""
+    braced = _BRACED.match(text)
+    if not is_port_name(name):
+        said = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
+        changes.note(CONNECTED, said, element, name, hint="rename it, here and inside the tree", part="name")
+    elif not text:
+        changes.rewriter.remove(element, name)
+        said = f"the empty '{name}' is removed: in format 4 it would be a constant, the empty text"
+        changes.note(EMPTY, said, element, name)
+    elif braced is not None:
+        if text != f"{{{braced[1]}}}":
+            changes.rewriter.change(element, name, f"{{{braced[1]}}}")
+        said = (
+            f"'{name}' is connected with the entry '{braced[1]}'; format 3 takes the braces for a part of "
+            "the key, and connects nothing that others know"
+        )
+        changes.note(CONNECTED, said, element, name)
+    else:
+        changes.rewriter.change(element, name, f"{{{text}}}")
+        changes.note(BRACES, f'{name}="{text}" becomes {name}="{{{text}}}"', element, name)
+
+
+def _plus(changes: Changes, element: etree._Element) -> None:
+    for name, text in attributes(element).items():
+        if name in ("ID", "name"):
+            continue
+        if name == "__autoremap":
+            changes.rewriter.rename_attribute(element, name, "_autoremap")
+            if _true(text):
+                said = (
+                    "'__autoremap' becomes '_autoremap': every name is the outer tree's but for those that "
+                    "begin with '_', where format 3 connects the names that the tree's ports have"
+                )
+                changes.note(EVERY_KEY, said, element, name, part="name")
+            else:
+                said = "'__autoremap' becomes '_autoremap'"
+                changes.note(ATTRIBUTE_RENAMED, said, element, name, part="name")
+            continue
+        key = pointer(text, name, 3) if text != "=" else None
+        if not is_port_name(name):
+            said = (
+                f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
+            )
+            hint = "rename it, here and inside the tree"
+            changes.note(CONNECTED, said, element, name, hint=hint, part="name")
+        elif key is not None and text != f"{{{key}}}":
+            changes.rewriter.change(element, name, f"{{{key}}}")
+            changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{{{key}}}"', element, name)
+        elif key is None and not isinstance(constant(text), str):
+            said = f"the constant '{name}' is the number {constant(text)!r}, in format 3 the text '{text}'"
+            changes.note(CONSTANT, said, element, name)

@@ -1,0 +1,168 @@
+"""A palette without code: the nodes that a TreeNodesModel describes, registered as stand-ins.
+
+So trees whose leaves are C++ can be checked, drawn, converted, and run with planned leaves.
+"""
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from lxml import etree
+
+from btcore.errors import Diagnostic, RegistrationError, TreeError
+from btcore.ports import Direction, Port, pointer
+from btcore.registry import Registry
+from btcore.status import NodeType
+from btcore.values import ANY, ValueType
+from btcore.xml.dialect import EXPLICIT, SCRIPTS, is_port_name
+from btcore.xml.faults import Faults
+from btcore.xml.includes import PackageResolver, with_includes
+from btcore.xml.source import Document, read_file
+from btcore.xml.stubs import stub
+
+_DIRECTIONS: Final = {
+    "input_port": Direction.IN,
+    "output_port": Direction.OUT,
+    "inout_port": Direction.INOUT,
+}
+# What people, and other compilers, write for a type of BehaviorTree.CPP's.
+_ALIASES: Final = {
+    "string": "std::string",
+    "str": "std::string",
+    "std::string_view": "std::string",
+    "unsigned": "unsigned int",
+    "uint": "unsigned int",
+    "uint32_t": "unsigned int",
+    "int32_t": "int",
+    "int64_t": "long",
+    "uint64_t": "unsigned long",
+    "uint8_t": "unsigned char",
+    "uint16_t": "unsigned short",
+    "int8_t": "signed char",
+    "int16_t": "short",
+    "NodeStatus": "BT::NodeStatus",
+    "Any": "BT::Any",
+}
+
+
+class Project(NamedTuple):
+    """A Groot 2 project: its *name*, and its *documents*, the included ones first, itself last."""
+
+    name: str
+    documents: list[Document]
+
+
+def read_project(path: str | os.PathLike[str], packages: PackageResolver | None = None) -> Project:
+    """Read a project (``.btproj``), or any document, with all that it includes.
+
+    *packages* finds the folders of ROS packages. Raises TreeError for what can't be read.
+    """
+    faults = Faults()
+    document = read_file(path)
+    documents = with_includes(document, faults, packages)
+    faults.raise_errors()
+    name = str(document.root.get("project_name") or Path(path).stem)
+    return Project(name, documents)
+
+
+def add_models(
+    nodes: Registry, path: str | os.PathLike[str], packages: PackageResolver | None = None
+) -> list[str]:
+    """Register a stand-in for every model in *path*; the IDs that are new.
+
+    *path* is what Groot exports, a project of Groot 2, or a file of trees with their models. Nodes
+    that are registered already stay as they are. Explicit tags of trees in it count as models too.
+    Raises TreeError.
+    """
+    documents = read_project(path, packages).documents
+    added = [id for document in documents for id in _add_models(nodes, document)]
+    added += add_explicit(nodes, documents)
+    if not added and not any(_models(document) for document in documents):
+        said = "the file holds no model of a node"
+        hint = "a palette is a <TreeNodesModel>: Groot exports one, and so does `btcore nodes --xml`"
+        raise TreeError([Diagnostic("E003", said, os.fspath(path), hint=hint)])
+    return added
+
+
+def add_explicit(nodes: Registry, documents: Iterable[Document]) -> list[str]:
+    """Register a stand-in for each unknown node that an explicit tag names, as ``<Action ID="Move"/>``.
+
+    The tag tells the family, the attributes tell the ports. Returns the new IDs.
+    """
+    found: dict[str, tuple[Document, str, dict[str, Port]]] = {}
+    for document in documents:
+        for tree in document.root.iterchildren("BehaviorTree"):
+            for element in tree.iterdescendants(*EXPLICIT):
+                id = str(element.get("ID") or "")
+                if id and nodes.get(id, 3) is None and nodes.get(id, 4) is None:
+                    ports = found.setdefault(id, (document, str(element.tag), {}))[2]
+                    _seen_ports(element, ports)
+    for id, (document, tag, seen) in found.items():
+        _add(nodes, id, EXPLICIT[tag], list(seen.values()), "", document)
+    return list(found)
+
+
+def _seen_ports(element: etree._Element, ports: dict[str, Port]) -> None:
+    """Add the attributes of *element* to *ports*: one with a ``{key}`` may be read, or written."""
+    for name, text in element.items():
+        if is_port_name(str(name)) and name not in SCRIPTS:
+            known = ports.get(str(name))
+            leads = pointer(str(text), str(name), 3) is not None
+            if known is None or (leads and known.direction is Direction.IN):
+                ports[str(name)] = Port(str(name), Direction.INOUT if leads else Direction.IN)
+
+
+def _models(document: Document) -> list[etree._Element]:
+    root = document.root
+    tables = [root] if root.tag == "TreeNodesModel" else list(root.iterchildren("TreeNodesModel"))
+    return [model for table in tables for model in table.iterchildren(*EXPLICIT)]
+
+
+def _add_models(nodes: Registry, document: Document) -> list[str]:
+    added: list[str] = []
+    faults = Faults()
+    for model in _models(document):
+        id = model.get("ID")
+        if id is None:
+            said = f"this model of <{model.tag}> does not say which node: it has no ID"
+            faults.add(document.diagnostic("E102", said, model, hint=f'write <{model.tag} ID="…">'))
+            continue
+        if nodes.get(str(id), 3) is not None or nodes.get(str(id), 4) is not None:
+            continue
+        ports = [_port(nodes, one) for one in model.iterchildren(*_DIRECTIONS) if one.get("name")]
+        about = " ".join((model.findtext("description") or "").split())
+        try:
+            _add(nodes, str(id), EXPLICIT[str(model.tag)], ports, about, document)
+            added.append(str(id))
+        except RegistrationError as fault:
+            faults.add(document.diagnostic("E107", str(fault), model, "ID"))
+    faults.raise_errors()
+    return added
+
+
+def _port(nodes: Registry, element: etree._Element) -> Port:
+    return Port(
+        str(element.get("name")),
+        _DIRECTIONS[str(element.tag)],
+        _type(nodes, str(element.get("type") or "")),
+        str(element.get("default") or "") or None,
+        " ".join(str(element.get("description") or element.text or "").split()),
+    )
+
+
+def _type(nodes: Registry, name: str) -> ValueType:
+    """The type that C++ calls *name*; one that isn't known is a type of its own, without a text form."""
+    name = re.sub(r"\bconst\b|&", "", name).strip()
+    if not name:
+        return ANY
+    known = nodes.types.named(_ALIASES.get(name, name))
+    return known if known is not None else ValueType(name, object, converts=False)
+
+
+def _add(
+    nodes: Registry, id: str, kind: NodeType, ports: list[Port], description: str, document: Document
+) -> None:
+    origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
+    nodes.add(stub(id, kind, ports, description, origin), ID=id)

@@ -1,0 +1,170 @@
+"""An XML schema (XSD 1.0) of all registered nodes, for editors that complete and check as one types."""
+
+import re
+from collections.abc import Mapping
+from enum import Enum
+from typing import Final
+
+from lxml import etree
+
+from btcore.enum_types import EnumType
+from btcore.manifest import Manifest
+from btcore.ports import Port
+from btcore.registry import Registry
+from btcore.status import NodeType, Status
+from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, ValueType
+from btcore.xml.dialect import AFTER, BEFORE, DIALECTS, EXPLICIT
+from btcore.xml.schema_parts import Part, add_frame, attribute, documented, enumeration, union
+
+_TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
+_POINTER: Final = r"\s*\{.+\}\s*|="
+_TYPES: Final[Mapping[str, str]] = {
+    BOOL.name: "boolean",
+    INT.name: "integer",
+    INT64.name: "integer",
+    UINT.name: "cardinal",
+    UINT64.name: "cardinal",
+    DOUBLE.name: "decimal",
+    NODE_STATUS.name: "status",
+}
+# How many children: at least, at most (None = any number). Others go by their family.
+_CHILDREN: Final[Mapping[str, tuple[int, int | None]]] = {
+    "TryCatch": (2, None),
+    "IfThenElse": (2, 3),
+    "WhileDoElse": (2, 3),
+    **{f"Switch{number}": (number + 1, number + 1) for number in range(2, 7)},
+}
+# Ports without a default that the node does without.
+_OPTIONAL: Final = re.compile(r"Switch\d\.case_\d|BlackboardCheck\w+\.return_on_mismatch|Loop\w+\.value")
+
+
+def write_schema(registry: Registry, format: int = 4) -> str:
+    """The schema of the trees of *format* that *registry* has the nodes for.
+
+    As BehaviorTree.CPP's writeTreeXSD it is for the compact form (a type ``<ID>Type`` a node, the ports
+    its attributes, those without a default required); tags such as ``<Action ID="…">`` pass with any
+    attributes. IDs that can't be tags are left out.
+    """
+    manifests = registry.manifests_of(format)
+    schema = Part("schema", elementFormDefault="qualified")
+    _simple_types(schema)
+    _groups(schema, format)
+    nodes = schema.add("group", name="nodeGroup").add("choice")
+    subtrees = DIALECTS[format].subtree_tags
+    for id, manifest in manifests.items():
+        if _TAG.match(id) and id not in EXPLICIT and id not in subtrees:
+            nodes.add("element", name=id, type=f"{id}Type")
+            _node(schema, manifest, format)
+    for tag in sorted(EXPLICIT):
+        nodes.add("element", name=tag, type=f"explicit{tag}Type")
+        _explicit(schema, tag)
+    for tag in sorted(subtrees):
+        nodes.add("element", name=tag, type=f"{tag}Type")
+        _subtree(schema, tag, manifests.get(tag))
+    add_frame(schema, format)
+    text: bytes = etree.tostring(schema.element, pretty_print=True, xml_declaration=True, encoding="UTF-8")
+    return text.decode()
+
+
+def _simple_types(schema: Part) -> None:
+    """The types of attributes: each a literal, or a blackboard entry in braces."""
+    schema.add("simpleType", name="blackboard").add("restriction", base="xs:string").add(
+        "pattern", value=_POINTER
+    )
+    literals = {
+        "boolean": ["0", "1", "true", "TRUE", "True", "false", "FALSE", "False"],
+        "status": [status.name for status in Status],
+    }
+    for name, values in literals.items():
+        enumeration(schema, name, values)
+        union(schema, name)
+    numbers = {"integer": "xs:integer", "cardinal": "xs:nonNegativeInteger", "decimal": "xs:double"}
+    for name, known in numbers.items():
+        schema.add("simpleType", name=name).add("restriction", base=known)
+        union(schema, name)
+
+
+def _groups(schema: Part, format: int) -> None:
+    group = schema.add("attributeGroup", name="anyNodeAttributes")
+    attribute(group, "name", "xs:string", about="what this node is called, in logs and paths")
+    attribute(group, "_description", "xs:string", about="a remark for the reader")
+    if format == 3:
+        return
+    for name in ("_uid", "_fullpath"):
+        attribute(group, name, "xs:string", about="written by monitors; it has no effect")
+    for title, names, about in (
+        ("preconditions", BEFORE, "a script that is asked before the node is ticked"),
+        ("postconditions", AFTER, "a script that is run afterwards"),
+    ):
+        scripts = schema.add("attributeGroup", name=title)
+        for name in names:
+            attribute(scripts, name, "xs:string", about=about)
+        group.add("attributeGroup", ref=title)
+
+
+def _node(schema: Part, manifest: Manifest, format: int) -> None:
+    """The type of one node: its children and its ports."""
+    kind = schema.add("complexType", name=f"{manifest.id}Type")
+    documented(kind, manifest.description)
+    _children(kind, *_number_of_children(manifest, format))
+    for port in manifest.ports.values():
+        required = port.default is None and not _OPTIONAL.match(f"{manifest.id}.{port.name}")
+        # What is only written has to be an entry; format 3 takes its name without braces too.
+        type = _type_of(schema, port.type) if port.reads or format == 3 else "blackboard"
+        attribute(kind, port.name, type, required, _about(port))
+    kind.add("attributeGroup", ref="anyNodeAttributes")
+
+
+def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | None]:
+    if manifest.id in _CHILDREN and manifest.distribution == "btcore":
+        return _CHILDREN[manifest.id]
+    if manifest.type is NodeType.DECORATOR:
+        return 1, 1
+    if manifest.type is not NodeType.CONTROL:
+        return 0, 0
+    needy = DIALECTS[format].controls_need_children
+    return (1 if needy is None or manifest.id in needy else 0), None
+
+
+def _children(kind: Part, least: int, most: int | None) -> None:
+    if most != 0:
+        bounds = {"minOccurs": str(least), "maxOccurs": "unbounded" if most is None else str(most)}
+        kind.add("sequence").add("group", ref="nodeGroup", **bounds)
+
+
+def _type_of(schema: Part, kind: ValueType) -> str:
+    """The name of the attribute type for *kind*, which is made when it is an enum met first."""
+    if isinstance(kind, EnumType) and issubclass(kind.python_type, Enum):
+        name = re.sub(r"\W", "_", kind.name)
+        if not schema.has("simpleType", name):
+            schema.add("simpleType", name=name).add("union", memberTypes=f"{name}Name xs:integer")
+            enumeration(schema, f"{name}Name", list(kind.python_type.__members__))
+            union(schema, name)
+        return f"{name}OrBlackboard"
+    known = _TYPES.get(kind.name)
+    return "xs:string" if known is None else f"{known}OrBlackboard"
+
+
+def _about(port: Port) -> str:
+    about = [f"{port.direction.value}, {port.type.name}"]
+    if port.default is not None:
+        about.append(f"default {port.default!r}")
+    return ", ".join(about) + (f": {port.description}" if port.description else "")
+
+
+def _explicit(schema: Part, tag: str) -> None:
+    """``<Action ID="…">`` and the like: whatever its node takes."""
+    kind = schema.add("complexType", name=f"explicit{tag}Type")
+    documented(kind, f"A node of the family {tag}, named by its ID.")
+    if tag in ("Control", "Decorator"):
+        _children(kind, 1, 1 if tag == "Decorator" else None)
+    attribute(kind, "ID", "xs:string", required=True)
+    kind.add("anyAttribute", processContents="skip")
+
+
+def _subtree(schema: Part, tag: str, manifest: Manifest | None) -> None:
+    kind = schema.add("complexType", name=f"{tag}Type")
+    documented(kind, manifest.description if manifest is not None else "")
+    attribute(kind, "ID", "xs:string", required=True, about="the tree that is called")
+    attribute(kind, "name", "xs:string")
+    kind.add("anyAttribute", processContents="skip")

@@ -1,0 +1,110 @@
+"""`btcore convert`: format 4 on stdout or in a file, and the list of what changed on stderr."""
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+
+Cli = Callable[..., Result]
+
+OLD = """<root main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <SequenceStar name="all"> <!-- in order -->
+      <Action ID="Move" goal="${home}"/>
+      <AlwaysSuccess/>
+    </SequenceStar>
+  </BehaviorTree>
+</root>
+"""
+NEW = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <SequenceWithMemory name="all"> <!-- in order -->
+      <Action ID="Move" goal="{home}"/>
+      <AlwaysSuccess/>
+    </SequenceWithMemory>
+  </BehaviorTree>
+</root>
+"""
+
+
+@pytest.fixture(autouse=True)
+def listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command is one of btcore's own."""
+    commands = import_module("btcore.cli.main")
+    monkeypatch.setattr(commands, "OWN", tuple(dict.fromkeys((*commands.OWN, "convert"))))
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    path = tmp_path / "old.xml"
+    path.write_bytes(OLD.encode())
+    return path
+
+
+def test_the_result_goes_to_stdout_and_the_list_to_stderr(cli: Cli, old: Path) -> None:
+    result = cli("convert", old.name)
+    assert result.exit_code == 0
+    assert result.stdout == NEW
+    assert old.read_text() == OLD
+    assert "old.xml:3:5: C202 <SequenceWithMemory> yields" in result.stderr
+    assert "✔ 3 rewritten, 1 with another meaning" in result.stderr
+
+
+def test_the_result_goes_into_a_file_or_takes_the_place_of_the_old_one(cli: Cli, old: Path) -> None:
+    assert cli("convert", old.name, "-o", "new.xml").stdout == ""
+    assert (old.parent / "new.xml").read_text() == NEW
+    cli("convert", old.name, "--in-place")
+    assert old.read_text() == NEW
+    again = cli("convert", old.name, "--in-place")
+    assert old.read_text() == NEW
+    assert "it is of format 4 already" in again.stderr
+
+
+def test_a_byte_order_mark_and_line_ends_stay(cli: Cli, old: Path) -> None:
+    old.write_bytes(b"\xef\xbb\xbf" + OLD.replace("\n", "\r\n").encode())
+    cli("convert", old.name, "--in-place")
+    assert old.read_bytes() == b"\xef\xbb\xbf" + NEW.replace("\n", "\r\n").encode()
+
+
+def test_what_format_4_refuses_ends_with_2_and_is_written_all_the_same(cli: Cli, old: Path) -> None:
+    old.write_text('<root><BehaviorTree ID="Main"><ReactiveSequence/></BehaviorTree></root>')
+    result = cli("convert", old.name)
+    assert result.exit_code == 2
+    assert result.stdout.startswith('<root BTCPP_format="4">')
+    assert "E104 <ReactiveSequence> has no child" in result.stderr
+    assert "1 that format 4 refuses" in result.stderr
+
+
+def test_a_model_tells_which_ports_are_written(cli: Cli, old: Path) -> None:
+    model = old.parent / "model.xml"
+    model.write_text(
+        '<root><TreeNodesModel><Action ID="Find"><output_port name="place"/></Action></TreeNodesModel></root>'
+    )
+    old.write_text('<root><BehaviorTree ID="Main"><Find place="here"/></BehaviorTree></root>')
+    assert '<Find place="{here}"/>' in cli("convert", old.name, "--model", model).stdout
+    assert '<Find place="here"/>' in cli("convert", old.name).stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("old.xml", "--in-place", "-o", "x.xml"), "two places"),
+        (("odl.xml",), "Did you mean 'old.xml'?"),
+        (("old.xml", "-o", "no/such/folder.xml"), "can't be written"),
+        (("old.xml", "--model", "none.xml"), "no such file"),
+    ],
+)
+def test_mistakes_are_sentences(cli: Cli, old: Path, arguments: tuple[str, ...], said: str) -> None:
+    result = cli("convert", *arguments)
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.split())
+    assert "Traceback" not in result.stderr
+
+
+def test_what_is_no_xml_is_told_with_its_place(cli: Cli, old: Path) -> None:
+    old.write_text("<root><BehaviorTree></root>")
+    result = cli("convert", old.name)
+    assert result.exit_code == 2
+    assert "old.xml:1:21: E002" in result.stderr

@@ -1,0 +1,149 @@
+"""Trees built in code: the same as trees written in XML, with mistakes told at the lines of the code."""
+
+import enum
+import inspect
+
+import pytest
+
+import btcore
+from btcore import In, Put, Registry, SimClock, Status, TreeError, UnknownNode, action, condition
+from btcore.xml.compose import Builder, key
+from btcore.xml.source import read_text
+from btcore.xml.write import tree_to_xml
+
+
+class Gear(enum.Enum):
+    LOW = 1
+    HIGH = 2
+
+
+@condition
+def near(distance: In[float], limit: In[float] = 1.0) -> bool:
+    return distance < limit
+
+
+@action
+def measure(distance: Put[float]) -> bool:
+    distance(0.5)
+    return True
+
+
+@action
+def shift(gear: In[Gear], steps: In[list[int]], quiet: In[bool] = False) -> bool:
+    return gear is Gear.HIGH and steps == [1, 2] and quiet
+
+
+@pytest.fixture
+def nodes() -> Registry:
+    made = Registry.standard()
+    made.add(near, measure, shift)
+    return made
+
+
+@pytest.fixture
+def b(nodes: Registry) -> Builder:
+    return Builder(nodes)
+
+
+def test_a_tree_in_code_is_printed_as_one_would_write_it(b: Builder) -> None:
+    look = b.Sequence(b.Measure(distance=key("d")), b.Near(distance="{d}", limit=0.8), name="look")
+    assert b.xml(b.Fallback(look, b.Repeat(b.AlwaysFailure(), num_cycles=3)), "Watch") == (
+        '<root BTCPP_format="4" main_tree_to_execute="Watch">\n'
+        '    <BehaviorTree ID="Watch">\n'
+        "        <Fallback>\n"
+        '            <Sequence name="look">\n'
+        '                <Measure distance="{d}"/>\n'
+        '                <Near distance="{d}" limit="0.8"/>\n'
+        "            </Sequence>\n"
+        '            <Repeat num_cycles="3">\n'
+        "                <AlwaysFailure/>\n"
+        "            </Repeat>\n"
+        "        </Fallback>\n"
+        "    </BehaviorTree>\n"
+        "</root>\n"
+    )
+
+
+def test_both_ways_make_one_tree(b: Builder, nodes: Registry) -> None:
+    main = b.Sequence(
+        b.SubTree("Look", d="{distance}", _autoremap=True), b.Sleep(msec=50), _skipIf="a < b && c"
+    )
+    look = b.Measure(distance="{d}")
+    built = b.build(main, clock=SimClock(), Look=look)
+    loaded = btcore.loads(b.xml(main, Look=look), nodes=nodes, clock=SimClock())
+    assert tree_to_xml(built) == tree_to_xml(loaded)
+
+
+def test_values_are_written_as_the_port_reads_them(b: Builder) -> None:
+    twig = b.Shift(gear=Gear.HIGH, steps=[1, 2], quiet=True)
+    assert twig.attributes == {"gear": "HIGH", "steps": "1;2", "quiet": "true"}
+    assert b.build(twig).tick_exactly_once() is Status.SUCCESS
+
+
+def test_a_word_that_python_has_takes_an_underscore(b: Builder) -> None:
+    twig = b.Precondition(b.AlwaysFailure(), if_="false", else_=Status.SUCCESS)
+    assert twig.attributes == {"if": "false", "else": "SUCCESS"}
+    assert b.build(twig).tick_exactly_once() is Status.SUCCESS
+
+
+def test_the_function_itself_names_its_node(b: Builder) -> None:
+    assert b.of(near, distance=0.5).id == "Near"
+    assert b["Near"](distance=0.5).id == "Near"
+
+
+def test_a_twig_may_stand_in_several_places(b: Builder) -> None:
+    look = b.Measure(distance="{d}")
+    tree = b.build(b.Sequence(look, look))
+    assert [node.path for node in tree] == ["Sequence::1", "Measure::2", "Measure::3"]
+
+
+def test_what_stands_in_texts_is_escaped(b: Builder) -> None:
+    text = b.xml(b.Script(code="a := 'x' .. \"<&\n\"", name="<é>"))
+    script = next(read_text(text).root.iter("Script"))
+    assert (script.get("code"), script.get("name")) == ("a := 'x' .. \"<&\n\"", "<é>")
+
+
+def this_line() -> int:
+    frame = inspect.currentframe()
+    assert frame is not None
+    assert frame.f_back is not None
+    return int(frame.f_back.f_lineno)
+
+
+def test_a_mistake_is_told_at_the_line_of_the_code_with_all_others(b: Builder) -> None:
+    start = this_line()
+    main = b.Sequence(
+        b.Near(distnace=1),
+        b.Repeat(b.AlwaysSuccess(), b.AlwaysSuccess(), num_cycles="often"),
+    )
+    with pytest.raises(TreeError) as caught:
+        b.build(main)
+    told = [(one.code, one.file.rsplit("/")[-1], one.line - start) for one in caught.value.diagnostics]
+    assert sorted(told) == [
+        ("E104", "test_compose.py", 3),
+        ("E201", "test_compose.py", 2),
+        ("E202", "test_compose.py", 3),
+    ]
+
+
+def test_a_node_says_which_line_of_the_code_made_it(b: Builder) -> None:
+    tree = b.build(b.Sequence(b.Near(distance="{never}")))
+    line = this_line() - 1
+    with pytest.raises(btcore.NodeRaised, match=rf"test_compose\.py:{line}: node 'Near::2'"):
+        tree.tick_exactly_once()
+
+
+def test_an_unknown_node_is_refused_at_once(b: Builder) -> None:
+    with pytest.raises(
+        UnknownNode, match=r"test_compose\.py:\d+: E101 unknown node Sequnce\n +did you mean Sequence"
+    ):
+        b.Sequnce()
+    with pytest.raises(UnknownNode, match="'print' is not registered"):
+        b.of(print)
+
+
+def test_a_child_that_is_no_node_and_a_value_without_a_text_are_refused(b: Builder) -> None:
+    with pytest.raises(TreeError, match="3 is no child of <Near>"):
+        b.Near(3)
+    with pytest.raises(TreeError, match="'distance' of <Near> is given"):
+        b.Near(distance=object())

@@ -1,0 +1,279 @@
+"""Format 3 becomes format 4: what is rewritten, what is said about it, and what stays to the byte."""
+
+import gzip
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from btcore import Registry, TreeError
+from btcore.testing.recorded_trees import planned_registry, run_case
+from btcore.xml.changes import changes_meaning
+from btcore.xml.convert import Conversion, convert
+from btcore.xml.lenient import START_TAG, start_tags
+from btcore.xml.source import read_text
+
+RECORDED = Path(__file__).parents[2] / "conformance" / "data" / "v3_full.jsonl.gz"
+NODES = planned_registry()
+THREE = "<AlwaysSuccess/>" * 3
+
+
+def converted(body: str, *, others: str = "", nodes: Registry = NODES) -> Conversion:
+    text = f'<root><BehaviorTree ID="Main">{body}</BehaviorTree>{others}</root>'
+    return convert(read_text(text), nodes)
+
+
+def body_of(result: Conversion) -> str:
+    found = re.search(r'<BehaviorTree ID="Main">(.*?)</BehaviorTree>', result.text, re.S)
+    assert found is not None
+    return found[1]
+
+
+def codes(result: Conversion) -> list[str]:
+    return [one.code for one in result.changes]
+
+
+def recorded() -> list[dict[str, Any]]:
+    with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
+        return [json.loads(line) for line in lines]
+
+
+# --- what is rewritten
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (
+            "<SequenceStar><AlwaysSuccess/></SequenceStar>",
+            "<SequenceWithMemory><AlwaysSuccess/></SequenceWithMemory>",
+        ),
+        (
+            '<Control ID="SequenceStar"><AlwaysSuccess/></Control>',
+            '<Control ID="SequenceWithMemory"><AlwaysSuccess/></Control>',
+        ),
+        (
+            "<RetryUntilSuccesful num_attempts='2'><AlwaysFailure/></RetryUntilSuccesful >",
+            "<RetryUntilSuccessful num_attempts='2'><AlwaysFailure/></RetryUntilSuccessful >",
+        ),
+        (
+            '<Parallel failure_threshold="1" success_threshold="2"><AlwaysSuccess/></Parallel>',
+            '<Parallel failure_count="1" success_count="2"><AlwaysSuccess/></Parallel>',
+        ),
+        ('<Timeout msec="+500"><AlwaysSuccess/></Timeout>', '<Timeout msec="500"><AlwaysSuccess/></Timeout>'),
+        (
+            '<Repeat num_cycles="${n}"><AlwaysSuccess/></Repeat>',
+            '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>',
+        ),
+        (
+            '<Repeat num_cycles="="><AlwaysSuccess/></Repeat>',
+            '<Repeat num_cycles="{=}"><AlwaysSuccess/></Repeat>',
+        ),
+        ('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>', "<Repeat><AlwaysSuccess/></Repeat>"),
+        ('<Inc in="{a}" out="b"/>', '<Inc in="{a}" out="{b}"/>'),
+        ('<SetBlackboard value="1" output_key="k"/>', '<SetBlackboard value="1" output_key="k"/>'),
+        (
+            '<ReactiveSequence><Condition ID="PlanCondition" plan="S"/></ReactiveSequence>',
+            '<ReactiveSequence><PlanCondition plan="S"/></ReactiveSequence>',
+        ),
+    ],
+)
+def test_nodes_and_ports_are_written_as_format_4_has_them(old: str, new: str) -> None:
+    assert body_of(converted(old)) == new
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<SubTree ID="Sub" in="out"/>', '<SubTree ID="Sub" in="{out}"/>'),
+        ('<SubTree in="{out}" ID="Sub"/>', '<SubTree in="{out}" ID="Sub"/>'),
+        ('<SubTree ID="Sub" in=""/>', '<SubTree ID="Sub"/>'),
+        ('<SubTree ID="Sub" __shared_blackboard="true" in="x"/>', '<SubTree ID="Sub" _autoremap="true"/>'),
+        ('<SubTree ID="Sub" __shared_blackboard="0" in="x"/>', '<SubTree ID="Sub" in="{x}"/>'),
+        (
+            '<SubTreePlus ID="Sub" __autoremap="1"></SubTreePlus>',
+            '<SubTree ID="Sub" _autoremap="1"></SubTree>',
+        ),
+        ('<SubTreePlus ID="Sub" a="${k}" b="text"/>', '<SubTree ID="Sub" a="{k}" b="text"/>'),
+    ],
+)
+def test_calls_of_trees_are_connected_as_format_4_does(old: str, new: str) -> None:
+    result = converted(old, others='<BehaviorTree ID="Sub"><AlwaysSuccess/></BehaviorTree>')
+    assert body_of(result) == new
+    assert result.remaining == []
+
+
+@pytest.mark.parametrize(
+    ("check", "precondition"),
+    [
+        ('Int value_A="{n}" value_B="3"', 'if="n == 3"'),
+        ('Double value_A="{n}" value_B="2.50"', 'if="n == 2.5"'),
+        ('Bool value_B="TRUE" value_A="{n}"', 'if="n == true"'),
+        ('String value_A="{s}" value_B="go" return_on_mismatch="SUCCESS"', 'if="s == \'go\'" else="SUCCESS"'),
+    ],
+)
+def test_a_blackboard_check_becomes_a_precondition(check: str, precondition: str) -> None:
+    name = "BlackboardCheck" + check.split()[0]
+    result = converted(f"<BlackboardCheck{check}><AlwaysSuccess/></{name}>")
+    assert body_of(result) == f"<Precondition {precondition}><AlwaysSuccess/></Precondition>"
+    assert "C211" in codes(result)
+
+
+@pytest.mark.parametrize("key", ["a.b", "@a", "two words"])
+def test_a_comparison_that_no_script_can_say_is_left_and_told(key: str) -> None:
+    body = f'<BlackboardCheckInt value_A="{{{key}}}" value_B="1"><AlwaysSuccess/></BlackboardCheckInt>'
+    result = converted(body)
+    assert body_of(result) == body
+    assert "C301" in codes(result)
+    assert [one.code for one in result.remaining] == ["E101"]
+
+
+# --- what is said
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ('<Repeat num_cycles="3"><AlwaysSuccess/></Repeat>', "C201"),
+        ("<SequenceStar><AlwaysSuccess/><AlwaysSuccess/></SequenceStar>", "C202"),
+        ('<Parallel success_threshold="0"><AlwaysSuccess/></Parallel>', "C203"),
+        (
+            f'<Switch2 variable="{{v}}" case_1="1" case_2="b">{THREE}</Switch2>',
+            "C204",
+        ),
+        ('<SetBlackboard value="1" output_key="k"/>', "C205"),
+        ('<SubTree ID="Main2" name="one"/>', "C206"),
+        ('<SubTree ID="Main2" x="{y}"/>', "C207"),
+        ('<SubTree ID="Main2" __shared_blackboard="1"/>', "C208"),
+        ('<SubTreePlus ID="Main2" __autoremap="1"/>', "C209"),
+        ('<SubTreePlus ID="Main2" x="2.5"/>', "C210"),
+        ('<PlanSync plan=" {x} "/>', "C212"),
+        ('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>', "C214"),
+    ],
+)
+def test_what_means_something_else_is_told_with_its_place(body: str, code: str) -> None:
+    result = converted(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
+    told = [one for one in result.changes if one.code == code]
+    assert len(told) >= 1
+    assert all(changes_meaning(one) and one.line == 1 and one.column > 1 and one.source for one in told)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<Repeat num_cycles="1"><AlwaysSuccess/></Repeat>',
+        "<SequenceStar><AlwaysSuccess/></SequenceStar>",
+        f'<Switch2 variable="{{v}}" case_1="a" case_2="b">{THREE}</Switch2>',
+        '<Sequence><Inc in="{a}" out="b"/></Sequence>',
+        '<SubTreePlus ID="Main2" x="text" y="{z}"/>',
+    ],
+)
+def test_what_means_the_same_is_not_told_as_a_change_of_meaning(body: str) -> None:
+    result = converted(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
+    assert [one for one in result.changes if changes_meaning(one)] == []
+
+
+def test_two_calls_of_one_name_lose_the_second_for_format_4_refuses_it() -> None:
+    result = converted(
+        '<Sequence><SubTree ID="S" name="n"/><SubTree ID="S" name="n"/></Sequence>',
+        others='<BehaviorTree ID="S"><AlwaysSuccess/></BehaviorTree>',
+    )
+    assert body_of(result) == '<Sequence><SubTree ID="S" name="n"/><SubTree ID="S"/></Sequence>'
+
+
+def test_the_later_of_two_trees_of_one_id_counts_in_format_4() -> None:
+    others = '<BehaviorTree ID="S"><AlwaysSuccess/></BehaviorTree>' * 2
+    assert "C213" in codes(converted('<SubTree ID="S"/>', others=others))
+
+
+def test_what_format_4_refuses_is_told_as_its_errors() -> None:
+    result = converted("<ReactiveSequence/>")
+    assert [one.code for one in result.remaining] == ["E104"]
+
+
+def test_a_node_that_nobody_knows_is_converted_as_far_as_it_goes() -> None:
+    result = converted('<Sequence><Action ID="Move" goal="${g}" speed=""/></Sequence>')
+    assert body_of(result) == '<Sequence><Action ID="Move" goal="{g}" speed=""/></Sequence>'
+    assert result.remaining == []
+
+
+def test_a_node_of_the_users_that_is_called_as_one_of_format_4_is_told() -> None:
+    assert "C301" in codes(converted('<Action ID="Sleep" msec="5"/>'))
+
+
+def test_an_included_file_is_not_touched_but_told() -> None:
+    text = '<root><include path="other.xml"/><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree></root>'
+    assert "C301" in codes(convert(read_text(text), NODES))
+
+
+@pytest.mark.parametrize("text", ["<roots/>", '<root BTCPP_format="5"/>'])
+def test_what_is_of_neither_format_is_refused(text: str) -> None:
+    with pytest.raises(TreeError):
+        convert(read_text(text), NODES)
+
+
+# --- what stays
+
+
+def test_comments_layout_order_and_quotes_stay() -> None:
+    text = (
+        "<?xml version='1.0'?>\r\n<!-- <SequenceStar> by Groot -->\r\n"
+        "<root  main_tree_to_execute='Main'>\r\n\t<BehaviorTree ID=\"Main\" >\r\n"
+        "\t\t<SequenceStar\r\n\t\t\tname = 'a < b &amp; c'   >\r\n\t\t\t<!-- <SubTreePlus/> -->"
+        "<AlwaysSuccess />\r\n"
+        "\t\t</SequenceStar>\r\n\t</BehaviorTree>\r\n</root>\r\n\r\n<!-- end -->"
+    )
+    assert convert(read_text(text), NODES).text == text.replace(
+        "<root  main", '<root BTCPP_format="4"  main'
+    ).replace("\t<SequenceStar", "\t<SequenceWithMemory").replace("</SequenceStar", "</SequenceWithMemory")
+
+
+def test_format_4_is_given_back_as_it_is() -> None:
+    text = '<root BTCPP_format="4"><BehaviorTree ID="A"><SequenceStar/></BehaviorTree></root>'
+    assert convert(read_text(text), NODES) == Conversion(text, [], [])
+
+
+GAPS = st.sampled_from([" ", "  ", "\n    ", "\t", "\r\n"])
+BETWEEN = st.sampled_from(["", "\n", "<!-- <Repeat> é -->", "  ", "<?note <SubTree?>", "\n\n\t"])
+CASES = recorded()
+
+
+@settings(max_examples=200, deadline=None)
+@given(case=st.sampled_from(CASES), data=st.data())
+def test_whatever_the_layout_only_tags_are_touched_and_a_second_time_changes_nothing(
+    case: dict[str, Any], data: st.DataObject
+) -> None:
+    def spread(tag: re.Match[str]) -> str:
+        return re.sub(r" (?=[\w]+=)", lambda _: data.draw(GAPS), tag[0]) + data.draw(BETWEEN)
+
+    text = START_TAG.sub(spread, case["xml"])
+    result = convert(read_text(text), NODES)
+    assert re.split(r"<[^<>!?]*>", result.text) == re.split(r"<[^<>!?]*>", text)
+    told = {(one.line, one.source) for one in result.changes}
+    for before, after in zip(start_tags(text), start_tags(result.text), strict=True):
+        if before[0] != after[0]:
+            line = text.count("\n", 0, before.start()) + 1
+            assert any(line <= at <= line + before[0].count("\n") for at, _ in told)
+    assert convert(read_text(result.text), NODES).text == result.text
+
+
+# --- what it does
+
+
+def test_recorded_trees_load_as_format_4_and_tick_the_same_unless_a_change_is_told() -> None:
+    alike = 0
+    for case in CASES:
+        # Format 3 calls a SubTree node by its tree's ID, whatever its name.
+        old = {**case, "xml": re.sub(r'<SubTree name="[^"]*"', "<SubTree", case["xml"])}
+        result = convert(read_text(old["xml"]), NODES)
+        assert result.remaining == []
+        found = run_case({**old, "xml": result.text, "format": 4}, NODES)
+        assert "load_error" not in found, case["id"]
+        if not any(changes_meaning(one) for one in result.changes):
+            alike += 1
+            assert found == run_case(old, NODES), case["id"]
+    assert alike >= 300

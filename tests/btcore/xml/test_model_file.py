@@ -1,0 +1,190 @@
+"""A palette without code: trees whose leaves are C++ are checked, and run with planned leaves."""
+
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
+from btcore.xml.model_file import add_explicit, add_models, read_project
+from btcore.xml.models import write_models
+from btcore.xml.source import read_file, read_text
+from btcore.xml.stubs import Plans
+from btcore.xml.validate import validate
+
+MODELS = """<root BTCPP_format="4">
+  <TreeNodesModel>
+    <Action ID="Move"><input_port name="goal" type="geometry_msgs::Pose"/>
+      <input_port name="speed" type="double" default="0.5">in m/s</input_port>
+      <output_port name="left" type="int"/></Action>
+    <Condition ID="DoorOpen"/>
+    <Decorator ID="Guard"><inout_port name="count" type="uint32_t"/></Decorator>
+    <Control ID="Shuffle"/>
+    <Action ID="Sequence"/>
+    <SubTree ID="Fetch"><input_port name="item"/></SubTree>
+  </TreeNodesModel>
+</root>"""
+TREE = """<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <Shuffle>
+    <Guard count="{n}"><Move goal="{g}" speed="0.3" left="{left}"/></Guard>
+    <DoorOpen name="door"/>
+  </Shuffle>
+</BehaviorTree></root>"""
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> Path:
+    path = tmp_path / "palette.xml"
+    path.write_text(MODELS, encoding="utf-8")
+    return path
+
+
+def test_the_models_of_a_file_become_nodes_with_their_ports(models: Path) -> None:
+    nodes = Registry.standard()
+    assert add_models(nodes, models) == ["Move", "DoorOpen", "Guard", "Shuffle"]
+    kinds = {id: nodes.manifests[id].type for id in ("Move", "DoorOpen", "Guard", "Shuffle")}
+    assert kinds == {
+        "Move": NodeType.ACTION,
+        "DoorOpen": NodeType.CONDITION,
+        "Guard": NodeType.DECORATOR,
+        "Shuffle": NodeType.CONTROL,
+    }
+    ports = nodes.manifests["Move"].ports
+    assert [(one.name, one.direction, one.type.name, one.default) for one in ports.values()] == [
+        ("goal", Direction.IN, "geometry_msgs::Pose", None),
+        ("speed", Direction.IN, "double", "0.5"),
+        ("left", Direction.OUT, "int", None),
+    ]
+    assert ports["speed"].description == "in m/s"
+    assert nodes.manifests["Guard"].ports["count"].type.name == "unsigned int"
+
+
+def test_what_is_registered_stays_as_it_is(models: Path) -> None:
+    nodes = Registry.standard()
+    add_models(nodes, models)
+    assert nodes.manifests["Sequence"].type is NodeType.CONTROL
+    assert add_models(nodes, models) == []
+
+
+def test_what_btcore_exports_as_models_can_be_read_back(tmp_path: Path, models: Path) -> None:
+    nodes = Registry.standard()
+    add_models(nodes, models)
+    path = tmp_path / "export.xml"
+    path.write_text(write_models(nodes.manifests.values()), encoding="utf-8")
+    again = Registry.standard()
+    assert sorted(add_models(again, path)) == ["DoorOpen", "Guard", "Move", "Shuffle"]
+    assert write_models(again.manifests.values()) == write_models(nodes.manifests.values())
+
+
+def test_a_tree_of_such_nodes_is_checked_as_any_other(tmp_path: Path, models: Path) -> None:
+    nodes = Registry.standard()
+    add_models(nodes, models)
+    good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
+    good.write_text(TREE, encoding="utf-8")
+    bad.write_text(TREE.replace('speed="0.3"', 'speed="fast"').replace("goal=", "gaol="), encoding="utf-8")
+    assert [one for one in validate(good, nodes=nodes) if one.is_error] == []
+    assert [one.code for one in validate(bad, nodes=nodes) if one.is_error] == ["E201", "E202"]
+
+
+def test_a_stand_in_succeeds_at_once_or_does_as_planned(models: Path) -> None:
+    nodes = Registry.standard()
+    add_models(nodes, models)
+    assert btcore.loads(TREE, nodes=nodes).tick_exactly_once() is Status.SUCCESS
+    plans = Plans({"Move": "RS|F", "door": "F"})
+    tree = btcore.loads(TREE, nodes=nodes, resources=[plans], clock=SimClock())
+    assert [tree.tick_exactly_once().name for _ in range(4)] == ["RUNNING", "FAILURE", "FAILURE", "RUNNING"]
+
+
+def test_a_plan_of_other_letters_is_told_when_it_is_due(models: Path) -> None:
+    nodes = Registry.standard()
+    add_models(nodes, models)
+    tree = btcore.loads(TREE, nodes=nodes, resources=[Plans({"Move": "RX"})])
+    tree.tick_exactly_once()
+    with pytest.raises(btcore.NodeRaised, match=r"the plan of 'Move' says 'X'"):
+        tree.tick_exactly_once()
+
+
+def test_a_file_of_trees_brings_its_own_models_and_its_explicit_tags(tmp_path: Path) -> None:
+    path = tmp_path / "groot1.xml"
+    path.write_text(
+        """<root><BehaviorTree ID="A"><Sequence>
+        <Condition ID="Ready" limit="3"/><Action ID="Act" to="{x}" how=""/>
+        <Decorator ID="Twice"><Action ID="Act"/></Decorator>
+        </Sequence></BehaviorTree>
+        <TreeNodesModel><Condition ID="Ready"><input_port name="limit"/></Condition></TreeNodesModel>
+        </root>""",
+        encoding="utf-8",
+    )
+    nodes = Registry.standard()
+    assert add_models(nodes, path) == ["Ready", "Act", "Twice"]
+    assert {one.name: one.direction for one in nodes.manifests["Act"].ports.values()} == {
+        "to": Direction.INOUT,
+        "how": Direction.IN,
+    }
+    assert btcore.load(path, nodes=nodes).tick_exactly_once() is Status.SUCCESS
+
+
+def test_a_compact_tag_that_no_model_has_stays_a_mistake() -> None:
+    nodes = Registry.standard()
+    text = '<root BTCPP_format="4"><BehaviorTree ID="A"><Sequense/></BehaviorTree></root>'
+    assert add_explicit(nodes, [read_text(text)]) == []
+    assert "Sequense" not in nodes
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('<root BTCPP_format="4"/>', "holds no model"),
+        ('<root><TreeNodesModel><Action name="x"/></TreeNodesModel></root>', "has no ID"),
+        ('<root><TreeNodesModel><Action ID="a b"/></TreeNodesModel></root>', "'a b' can't be the ID"),
+    ],
+)
+def test_a_file_that_is_no_palette_is_told(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "odd.xml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(TreeError, match=said):
+        add_models(Registry.standard(), path)
+
+
+# --- projects of Groot 2
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees" / "main.xml").write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><SubTree ID="Open"/></BehaviorTree></root>'
+    )
+    (tmp_path / "trees" / "open.xml").write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Open"><Push force="3"/></BehaviorTree></root>'
+    )
+    path = tmp_path / "robot.btproj"
+    path.write_text(
+        '<?xml version="1.0" encoding="UTF-8"?>\n<root BTCPP_format="4" project_name="Robot">\n'
+        '    <include path="trees/main.xml"/>\n    <include path="trees/open.xml"/>\n'
+        "    <!-- Description of Node Models (used by Groot) -->\n    <TreeNodesModel>\n"
+        '        <Action ID="Push"><input_port name="force" type="double"/></Action>\n'
+        "    </TreeNodesModel>\n</root>\n"
+    )
+    return path
+
+
+def test_a_project_is_its_documents_and_its_models(project: Path) -> None:
+    name, documents = read_project(project)
+    assert name == "Robot"
+    assert [Path(one.file).name for one in documents] == ["main.xml", "open.xml", "robot.btproj"]
+    nodes = Registry.standard()
+    assert add_models(nodes, project) == ["Push"]
+    assert btcore.load(project, nodes=nodes, tree="Main").tick_exactly_once() is Status.SUCCESS
+
+
+def test_a_project_that_names_a_missing_file_says_where(project: Path) -> None:
+    (project.parent / "trees" / "open.xml").unlink()
+    with pytest.raises(TreeError, match=r"robot\.btproj:4:\d+: E007 the included file"):
+        read_project(project)
+
+
+def test_any_tree_can_be_read_as_a_project(project: Path) -> None:
+    path = project.parent / "trees" / "main.xml"
+    assert read_project(path).name == "main"
+    assert read_project(path).documents[0].text == read_file(path).text

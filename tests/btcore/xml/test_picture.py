@@ -1,0 +1,169 @@
+"""A tree as an SVG: everything is in it, nothing overlaps, and a browser needs nothing else."""
+
+import re
+from itertools import combinations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lxml import etree
+
+import btcore
+from btcore import Registry
+from btcore.xml.check import examine
+from btcore.xml.picture import sketch_to_svg, tree_to_svg
+from btcore.xml.sketch import sketch_of_document
+from btcore.xml.source import read_text
+from btcore.xml.tidy import Box, Gaps, tidy
+
+SVG = "{http://www.w3.org/2000/svg}"
+TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence name="the &lt;whole&gt; round" _skipIf="late">
+      <SubTree ID="Greet" name="hello" who="{guest}"/>
+      <Parallel success_count="1"><AlwaysSuccess/><Sleep msec="200"/></Parallel>
+      <Script code="a := 1"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Greet"><Inverter><AlwaysFailure/></Inverter></BehaviorTree>
+</root>"""
+
+
+@pytest.fixture
+def drawing() -> etree._Element:
+    return etree.fromstring(tree_to_svg(btcore.loads(TEXT)).encode())
+
+
+def words(drawing: etree._Element) -> list[str]:
+    return ["".join(str(part) for part in one.itertext()) for one in drawing.iter(f"{SVG}text")]
+
+
+def test_names_ids_numbers_ports_and_scripts_are_written(drawing: etree._Element) -> None:
+    assert {"Main", "the <whole> round", "Sequence", "hello", "SubTree Greet", "1", "8"} <= set(
+        words(drawing)
+    )
+    joined = "\n".join(words(drawing))
+    for port in ("who{guest}", "success_count1", "msec200", "codea := 1", "_skipIflate"):
+        assert port in joined
+
+
+def test_a_default_that_nobody_wrote_is_not_drawn(drawing: etree._Element) -> None:
+    assert "failure_count" not in "\n".join(words(drawing))
+
+
+def test_the_picture_stands_for_itself() -> None:
+    text = tree_to_svg(btcore.loads(TEXT))
+    assert not re.search(r"href|url\(|@import|<script|<image", text)
+
+
+def test_a_subtree_has_a_frame_around_its_content_alone(drawing: etree._Element) -> None:
+    frames = [one for one in drawing.iter(f"{SVG}rect") if one.get("class") == "frame"]
+    assert len(frames) == 1
+    inside = [name for name, box in cards(drawing).items() if within(box, rectangle(frames[0]))]
+    assert sorted(inside) == ["AlwaysFailure", "Inverter"]
+
+
+def test_a_checked_document_is_drawn_as_the_tree_made_of_it() -> None:
+    nodes = Registry.standard()
+    examined = examine(read_text(TEXT), nodes)
+    assert sketch_to_svg(sketch_of_document(examined), "Main") == tree_to_svg(btcore.loads(TEXT, nodes=nodes))
+
+
+def test_a_tree_that_is_too_wide_grows_to_the_right() -> None:
+    many = "".join(f'<AlwaysSuccess name="the step with the number {number}"/>' for number in range(30))
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>{many}</Sequence></BehaviorTree></root>'
+    tree = btcore.loads(text)
+    sizes = {
+        direction: float(etree.fromstring(tree_to_svg(tree, direction).encode()).get("width") or 0)
+        for direction in ("auto", "down", "right")
+    }
+    assert sizes["auto"] == sizes["right"] < 1000 < sizes["down"]
+
+
+def test_a_long_text_is_cut_in_the_card_and_whole_under_the_mouse() -> None:
+    code = "a := " + " + ".join(["1"] * 60)
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="A"><Script code="{code}"/></BehaviorTree></root>'
+    drawing = etree.fromstring(tree_to_svg(btcore.loads(text)).encode())
+    assert not any(code in one for one in words(drawing))
+    assert any(code in str(one.text) for one in drawing.iter(f"{SVG}title"))
+
+
+Rectangle = tuple[float, float, float, float]
+
+
+def rectangle(element: etree._Element, x: float = 0, y: float = 0) -> Rectangle:
+    left, top = float(element.get("x", "0")) + x, float(element.get("y", "0")) + y
+    return left, top, left + float(element.get("width", "0")), top + float(element.get("height", "0"))
+
+
+def within(inner: Rectangle, outer: Rectangle) -> bool:
+    return all(one >= other for one, other in zip(inner[:2], outer[:2], strict=True)) and all(
+        one <= other for one, other in zip(inner[2:], outer[2:], strict=True)
+    )
+
+
+def apart(one: Rectangle, other: Rectangle) -> bool:
+    return one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
+
+
+def cards(drawing: etree._Element) -> dict[str, Rectangle]:
+    found = {}
+    for card in drawing.iter(f"{SVG}rect"):
+        group = card.getparent()
+        if str(card.get("class")).startswith("card") and group is not None:
+            x, y = map(float, re.findall(r"[-\d.]+", str(group.get("transform"))))
+            name = next(str(one.text) for one in group.iter(f"{SVG}text") if one.get("class") == "name")
+            found[name] = rectangle(card, x, y)
+    return found
+
+
+def test_no_card_covers_another(drawing: etree._Element) -> None:
+    placed = cards(drawing)
+    assert len(placed) == 8
+    assert all(apart(one, other) for one, other in combinations(placed.values(), 2))
+
+
+# --- the layout by itself
+
+SIZES = st.floats(1, 200)
+BOXES = st.recursive(
+    st.builds(Box, SIZES, SIZES),
+    lambda inner: st.one_of(
+        st.builds(
+            lambda b, d, c: Box(b, d, children=c), SIZES, SIZES, st.lists(inner, min_size=1, max_size=4)
+        ),
+        st.builds(lambda b, d, c: Box(b, d, True, [c]), SIZES, SIZES, inner),
+    ),
+    max_leaves=25,
+)
+
+
+def area(box: Box) -> Rectangle:
+    return box.middle - box.breadth / 2, box.top, box.middle + box.breadth / 2, box.top + box.depth
+
+
+def below(box: Box) -> list[Box]:
+    return [one for child in box.children for one in (child, *below(child))]
+
+
+@settings(max_examples=300, deadline=None)
+@given(BOXES)
+def test_boxes_stand_apart_parents_over_the_middle_and_frames_hold_what_is_theirs(root: Box) -> None:
+    breadth, depth = tidy(root, Gaps(siblings=5, levels=20, frame=6))
+    boxes = [root, *below(root)]
+    slack = 1e-6
+    for one, other in combinations(boxes, 2):
+        a, b = area(one), area(other)
+        assert apart((a[0] + slack, a[1] + slack, a[2] - slack, a[3] - slack), b)
+    for box in boxes:
+        assert within(area(box), (-slack, 0, breadth + slack, depth + slack))
+        if box.children:
+            ends = (box.children[0].middle + box.children[-1].middle) / 2
+            assert box.middle == pytest.approx(ends, abs=1e-6)
+        if box.frame is not None:
+            left, top, right, bottom = box.frame
+            room = (left + slack, top + slack, right - slack, bottom - slack)
+            inside = below(box)
+            assert all(within(area(one), room) for one in inside)
+            assert all(apart(area(one), room) for one in boxes if one not in inside)
+            assert all(within(one.frame, room) for one in inside if one.frame is not None)
