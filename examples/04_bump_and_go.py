@@ -1,0 +1,36 @@
+"""The simulated Tiago, driven by a tree from Python: no command line, no screen."""
+
+import btcore
+from robot_nodes import leaves
+from sim.body import Body
+from sim.scene import load_scene
+from sim.world import World
+
+world = World(load_scene("arena"), seed=3)
+robot = Body(world)
+
+nodes = btcore.Registry.standard()
+nodes.add_plugin(leaves)
+tree = btcore.loads(
+    """
+    <root BTCPP_format="4">
+      <BehaviorTree ID="BumpAndGo">
+        <ReactiveSequence>
+          <Fallback>
+            <Inverter> <IsObstacle distance="1.0"/> </Inverter>
+            <Sequence> <Back/> <Turn/> </Sequence>
+          </Fallback>
+          <Forward/>
+        </ReactiveSequence>
+      </BehaviorTree>
+    </root>""",
+    nodes=nodes,
+    resources=[robot],
+    clock=world,
+)
+for _ in range(300):  # 30 s at 10 Hz
+    tree.tick_once()
+    tree.sleep(0.1)
+tree.halt()
+print(f"{robot.distance:.1f} m, {robot.contacts.collisions} collisions")
+world.close()

@@ -1,0 +1,31 @@
+"""Publish a tree, and be its monitor: what `btcore monitor` and Groot 2 see."""
+
+from btcore import Registry, SimClock, loads
+from monitor.picture import Link, StatusChanged, TreeSeen
+from monitor.serve import serve
+from monitor.watch.feed import Feed
+
+tree = loads(
+    """
+    <root BTCPP_format="4">
+      <BehaviorTree ID="Main">
+        <Repeat num_cycles="3"> <Sleep msec="500"/> </Repeat>
+      </BehaviorTree>
+    </root>""",
+    nodes=Registry.standard(),
+    clock=SimClock(),
+)
+with serve(tree, groot2=0) as publisher:
+    feed = Feed(publisher.address)
+    tree.tick_while_running(period=0.1)
+    publisher.finish()
+    changes = 0
+    for event in feed.events(until_end=True):
+        if isinstance(event, TreeSeen):
+            print("the tree:", ", ".join(node.name for node in event.picture.nodes))
+        elif isinstance(event, StatusChanged):
+            changes += 1
+        elif isinstance(event, Link) and event.state == "ended":
+            break
+    print(changes, "changes of status")
+    feed.close()

@@ -1,0 +1,37 @@
+"""Every example runs, and says what it says here."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+SAYS = {
+    "01_first_tree.py": ["battery 90%: SUCCESS, alarm off", "battery 10%: SUCCESS, alarm on"],
+    "02_an_action_that_lasts.py": [
+        "  gripper at rest",
+        "  gripper at rest",
+        "SUCCESS after 8.0 s, 2.5 m",
+    ],
+    "03_control_node.py": ["working", "resting"],
+    "04_bump_and_go.py": [" m, 0 collisions"],
+    "05_watch_a_tree.py": ["the tree: Repeat, Sleep", "changes of status"],
+}
+
+
+def test_every_example_is_run() -> None:
+    assert sorted(SAYS) == sorted(path.name for path in EXAMPLES.glob("*.py"))
+
+
+@pytest.mark.parametrize("name", sorted(SAYS))
+def test_an_example_says_what_it_should(name: str) -> None:
+    path = EXAMPLES / name
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 60
+    done = subprocess.run(
+        [sys.executable, path], capture_output=True, text=True, timeout=100, check=True, cwd=EXAMPLES.parent
+    )
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(SAYS[name])
+    for line, said in zip(lines, SAYS[name], strict=True):
+        assert line.endswith(said)
