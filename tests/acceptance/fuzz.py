@@ -32,10 +32,10 @@ LIMIT = 1.0
 CHUNK = 500
 PIECES = [
     "<", ">", "&", "&#0;", "&amp;", "'", '"', "/", "{", "}", "{=}", "{@a}", "{ a }", "=", "]]>", "<!--",
-    "<?x", "<!DOCTYPE a>", "\x00", "\ufffe", "é", "𝄞", "\r\n", "\t", " ", ";", ":=", "==", "..", "+=", "?", ":",
-    "&&", "||", "!", "~", "^", "0x", "1e999", "-1", "99999999999999999999", "3.7", "nan", "inf", "json:[", "true",
-    "ID", "name", "_skipIf", "_while", "_autoremap", "Sequence", "SubTree", "Repeat", "Switch2", "num_cycles",
-    "BehaviorTree", "root", "(" * 50, "-" * 300, "a" * 500,
+    "<?x", "<!DOCTYPE a>", "\x00", "\ufffe", "é", "𝄞", "\r\n", "\t", " ", ";", ":=", "==", "..", "+=", "?",
+    ":", "&&", "||", "!", "~", "^", "0x", "1e999", "-1", "99999999999999999999", "3.7", "nan", "inf",
+    "json:[", "true", "ID", "name", "_skipIf", "_while", "_autoremap", "Sequence", "SubTree", "Repeat",
+    "Switch2", "num_cycles", "BehaviorTree", "root", "(" * 50, "-" * 300, "a" * 500,
 ]  # fmt: skip
 
 
