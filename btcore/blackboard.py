@@ -33,6 +33,8 @@ class Entry:
     value that user code gave, and not from a port or a C++ type.
     """
 
+    __slots__ = ("declared", "inferred", "sequence_id", "stamp", "value")
+
     value: object
     declared: ValueType
     sequence_id: int
@@ -128,9 +130,16 @@ class Blackboard:
         Raises BlackboardFault when it was declared with another type. That is no fault when either
         type is untyped, nor when the first is a text, which the reader converts.
         """
-        entry = self._known(key)
-        if entry is None:
-            return self._created(key, declared)
+        if self.parent is None and not self._outside and not self.autoremap and key[:1] != "@":
+            # The most frequent case by far: no route to follow.
+            entry = self._entries.get(key)
+            if entry is None:
+                self._entries[key] = entry = Entry(declared)
+                return entry
+        else:
+            entry = self._known(key)
+            if entry is None:
+                return self._created(key, declared)
         previous = entry.declared
         if not previous.strong or not declared.strong or previous.same(declared) or previous is STRING:
             if entry.inferred and previous.same(declared):

@@ -45,8 +45,11 @@ class StatefulAction(LeafNode):
 
     Override :meth:`on_start`, :meth:`on_running` (which return a Status, True or False) and, to clean
     up, :meth:`on_halted`. A tick must not block: start the work, return RUNNING, and look at it again
-    in the next tick.
+    in the next tick. Set *may_end_at_once* for one whose start may end it within the tick, so that
+    `btcore validate` doesn't count it as asynchronous.
     """
+
+    may_end_at_once: ClassVar[bool] = False
 
     def on_start(self) -> object:
         """Begin. Called by the tick that finds the node IDLE."""

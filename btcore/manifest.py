@@ -12,7 +12,7 @@ from btcore.context import TreeContext
 from btcore.errors import NodeFault, RegistrationError
 from btcore.functions import Call, FunctionAction, FunctionCondition, FunctionSteps, leaf_class
 from btcore.node import ControlNode, DecoratorNode, TreeNode
-from btcore.ports import UNSET, Input, Port
+from btcore.ports import UNSET, Binding, Input, Port
 from btcore.signature import BOUND, Parameter, bind_class, class_ports, function_parameters
 from btcore.status import NodeType
 from btcore.values import Types
@@ -42,6 +42,8 @@ class Manifest:
         self.parameters = list(parameters)
         self.distribution = distribution
         self.function = function
+        self._has_init = bool(self.parameters) or _has_own_init(cls)
+        self._prepares = cls.prepare is not TreeNode.prepare
 
     @property
     def type(self) -> NodeType:
@@ -79,14 +81,31 @@ class Manifest:
         config: NodeConfig,
         context: TreeContext,
         blackboard: Blackboard,
-        resources: Sequence[object],
+        resources: "Resources",
         children: list[TreeNode],
     ) -> TreeNode:
         """A node of a tree. Raises NodeFault when a resource that it wants wasn't handed in."""
-        node: TreeNode = self.cls.__new__(self.cls)
+        cls = self.cls
+        node: TreeNode = cls.__new__(cls)
         node.place(config, context, blackboard)
         if isinstance(node, (ControlNode, DecoratorNode)):
             node.adopt(children)
+        if self.function is not None:
+            call = Call(self.function)
+            call.positional, call.keywords = self._arguments(node, context, resources)
+            if isinstance(node, (FunctionAction, FunctionCondition, FunctionSteps)):
+                node.call = call
+        elif self._has_init:
+            positional, keywords = self._arguments(node, context, resources)
+            _initialiser(cls)(node, *positional, **keywords)
+        if self._prepares:
+            node.prepare()
+        return node
+
+    def _arguments(
+        self, node: TreeNode, context: TreeContext, resources: "Resources"
+    ) -> tuple[list[object], dict[str, object]]:
+        """What fills the parameters: by position, and by name."""
         positional: list[object] = []
         keywords: dict[str, object] = {}
         for parameter in self.parameters:
@@ -95,19 +114,10 @@ class Manifest:
                 keywords[parameter.name] = value
             else:
                 positional.append(value)
-        if self.function is not None:
-            call = Call(self.function)
-            call.positional = positional
-            call.keywords = keywords
-            if isinstance(node, (FunctionAction, FunctionCondition, FunctionSteps)):
-                node.call = call
-        elif self.parameters or _has_own_init(self.cls):
-            _initialiser(self.cls)(node, *positional, **keywords)
-        node.prepare()
-        return node
+        return positional, keywords
 
     def _fill(
-        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: Sequence[object]
+        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: "Resources"
     ) -> object:
         port = parameter.port
         if port is not None:
@@ -125,15 +135,38 @@ class Manifest:
             return context.clock
         if parameter.wanted is Blackboard:
             return node.blackboard
-        for resource in resources:
+        value = resources.of(parameter)
+        if value is UNSET:
+            raise NodeFault(
+                f"<{self.id}> wants a {parameter.type_name} (its parameter '{parameter.name}'), "
+                "and none was handed in: pass one in resources=[…]"
+            )
+        return value
+
+
+class Resources(list[object]):
+    """What was handed in for the leaves of one tree; what a parameter takes of it is looked for once."""
+
+    def __init__(self, given: Sequence[object]) -> None:
+        super().__init__(given)
+        self._found: dict[Parameter, object] = {}
+
+    def of(self, parameter: Parameter) -> object:
+        """The first resource that fits *parameter*, else its default, which may be UNSET."""
+        if parameter not in self._found:
+            self._found[parameter] = self._look_for(parameter)
+        return self._found[parameter]
+
+    def _look_for(self, parameter: Parameter) -> object:
+        for resource in self:
             if fits(resource, parameter.wanted):
                 return resource
-        if parameter.default is not UNSET:
-            return parameter.default
-        raise NodeFault(
-            f"<{self.id}> wants a {parameter.type_name} (its parameter '{parameter.name}'), "
-            "and none was handed in: pass one in resources=[…]"
-        )
+        return parameter.default
+
+
+def takes_children(manifest: Manifest | None) -> bool:
+    """Whether a node of *manifest* is no leaf; so is taken a node that nobody knows."""
+    return manifest is None or manifest.type not in (NodeType.ACTION, NodeType.CONDITION)
 
 
 class _Unconnected:
@@ -151,7 +184,7 @@ class _MissingInput(Input):
     """A mandatory input port that the tree doesn't give; reading it raises."""
 
     def __init__(self, port: Port, node: TreeNode) -> None:
-        super().__init__(port, "", node.blackboard)
+        super().__init__(Binding(port, ""), node.blackboard)
         self.node = node
 
     def read(self) -> object:

@@ -177,6 +177,8 @@ def _json_float(text: str) -> float:
 
 def _bounded(digits: str) -> int:
     """The integer of a sign and digits; one of more than 64 bits only has to stay beyond them."""
+    if len(digits) < _DIGITS_OF_64_BITS:
+        return int(digits)
     sign = digits[:1] if digits[:1] in ("-", "+") else ""
     magnitude = digits[len(sign) :].lstrip("0") or "0"
     if len(magnitude) > _DIGITS_OF_64_BITS:

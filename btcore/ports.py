@@ -1,10 +1,12 @@
 """Ports: what a node declares, and what is bound to it in one tree.
 
-A :class:`Port` is the declaration. An :class:`Input` or :class:`Output` belongs to one node of one
-tree: what the XML says is looked at once, at load, and a tick only reads or writes.
+A :class:`Port` is the declaration, and a :class:`Binding` what one text makes of it, looked at once, at
+load, for all nodes that say the same. An :class:`Input` or :class:`Output` belongs to one node of one
+tree, and a tick only reads or writes.
 """
 
 import enum
+from types import NoneType
 from typing import Final
 
 from mypy_extensions import mypyc_attr
@@ -15,6 +17,7 @@ from btcore.values import ANY, STRING, ValueType
 
 UNSET: Final = object()
 """Stands for "no default", where None is a value."""
+_CONSTANTS: Final = (str, int, float, enum.Enum, NoneType)
 
 
 class Direction(enum.Enum):
@@ -29,7 +32,8 @@ class Port:
     """One declared port: name, direction, type, default and description.
 
     *default* is the text that stands for an absent attribute (None = the port is mandatory),
-    *value* the same as a Python value where the text can't tell it (UNSET = the text tells).
+    *value* the same as a Python value where the text can't tell it (UNSET = the text tells). *reads*
+    and *writes* tell what the node does with it.
     """
 
     def __init__(
@@ -47,16 +51,8 @@ class Port:
         self.default = default
         self.description = description
         self.value = value
-
-    @property
-    def reads(self) -> bool:
-        """Whether the node reads it."""
-        return self.direction is not Direction.OUT
-
-    @property
-    def writes(self) -> bool:
-        """Whether the node writes it."""
-        return self.direction is not Direction.IN
+        self.reads = direction is not Direction.OUT
+        self.writes = direction is not Direction.IN
 
 
 def pointer(text: str, name: str, format: int = 4) -> str | None:
@@ -66,38 +62,38 @@ def pointer(text: str, name: str, format: int = 4) -> str | None:
     ``{=}`` to the key called as the port itself. Format 3 also knows ``${key}``, and no spaces
     around (nodes.md §7, §9.1).
     """
+    if text == "=":
+        return name
     if format == 3:
-        if text == "=":
-            return name
         bare = text[1:] if text.startswith("${") else text
     else:
         bare = text.strip(" ")
-        if text == "=":
-            return name
     if len(bare) >= 3 and bare[0] == "{" and bare[-1] == "}":
         key = bare[1:-1]
         return name if key == "=" and format != 3 else key
     return None
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Input:
-    """An input port of one node, bound to a literal or to a blackboard key.
+class Binding:
+    """What the text of a port means: a blackboard *key*, or else a literal, converted at once.
 
-    *key* is None for a literal, whose value is converted at once; if it doesn't convert, reading
-    raises, as the original does.
+    *written* tells that the document says it, and not the port's default. *fault* is why a literal
+    doesn't convert, and *shared* whether several nodes may have it.
     """
 
-    def __init__(self, port: Port, text: str, blackboard: Blackboard, format: int = 4) -> None:
-        self.name: str = port.name
-        self.type: ValueType = port.type
+    __slots__ = ("fault", "format", "key", "literal", "port", "shared", "text", "written")
+
+    def __init__(self, port: Port, text: str, format: int = 4, written: bool = True) -> None:
+        self.port: Port = port
         self.text: str = text
-        self.blackboard: Blackboard = blackboard
         self.format: int = format
-        self.key: str | None = pointer(text, port.name, format)
+        self.written: bool = written
+        key = pointer(text, port.name, format) if "}" in text or text == "=" else None
+        self.key: str | None = key
         self.fault: str = ""
         self.literal: object = None
-        if self.key is None:
+        self.shared: bool = True
+        if key is None:
             if port.value is not UNSET and text == port.default:
                 self.literal = port.value
             else:
@@ -105,6 +101,38 @@ class Input:
                     self.literal = port.type.from_text(text, format)
                 except ConversionFault as fault:
                     self.fault = str(fault)
+                self.shared = isinstance(self.literal, _CONSTANTS)
+
+    def of_its_own(self) -> "Binding":
+        """The same with a literal of its own, where a leaf could alter a shared one."""
+        return Binding(self.port, self.text, self.format, self.written)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Input:
+    """An input port of one node, bound to a literal or to a blackboard key.
+
+    *key* is None for a literal; if that doesn't convert, reading raises, as the original does.
+    """
+
+    __slots__ = ("binding", "blackboard", "key", "literal", "type")
+
+    def __init__(self, binding: Binding, blackboard: Blackboard) -> None:
+        self.binding: Binding = binding
+        self.type: ValueType = binding.port.type
+        self.blackboard: Blackboard = blackboard
+        self.key: str | None = binding.key
+        self.literal: object = binding.literal
+
+    @property
+    def name(self) -> str:
+        """The port's name."""
+        return self.binding.port.name
+
+    @property
+    def text(self) -> str:
+        """What it is bound to, as written."""
+        return self.binding.text
 
     def read(self) -> object:
         """The value, of the port's type.
@@ -114,9 +142,9 @@ class Input:
         """
         key = self.key
         if key is None:
-            if self.fault:
-                raise ConversionFault(f"port [{self.name}] = '{self.text}': {self.fault}")
             value = self.literal
+            if value is None and self.binding.fault:
+                raise ConversionFault(f"port [{self.name}] = '{self.text}': {self.binding.fault}")
             return list(value) if isinstance(value, list) else value
         entry = self.blackboard.find(key)
         if entry is None or entry.value is None:
@@ -127,7 +155,7 @@ class Input:
             return value
         try:
             if isinstance(value, str) and wanted is not STRING:
-                return wanted.from_text(value, self.format)
+                return wanted.from_text(value, self.binding.format)
             return wanted.cast(value)
         except ConversionFault as fault:
             raise ConversionFault(
@@ -142,15 +170,26 @@ class Input:
 class Output:
     """An output port of one node, bound to a blackboard key."""
 
-    def __init__(self, port: Port, text: str, blackboard: Blackboard, format: int = 4) -> None:
-        self.name: str = port.name
-        self.type: ValueType = port.type
-        self.text: str = text
+    __slots__ = ("binding", "blackboard", "key", "type")
+
+    def __init__(self, binding: Binding, blackboard: Blackboard) -> None:
+        self.binding: Binding = binding
+        self.type: ValueType = binding.port.type
         self.blackboard: Blackboard = blackboard
-        key = pointer(text, port.name, format)
-        if key is None and format == 3 and text:
-            key = text
+        key = binding.key
+        if key is None and binding.format == 3 and binding.text:
+            key = binding.text
         self.key: str | None = key
+
+    @property
+    def name(self) -> str:
+        """The port's name."""
+        return self.binding.port.name
+
+    @property
+    def text(self) -> str:
+        """What it is bound to, as written."""
+        return self.binding.text
 
     def write(self, value: object) -> None:
         """Write *value* to the entry.

@@ -12,11 +12,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from btcore.config import NodeConfig
 from btcore.errors import RegistrationError
 from btcore.functions import CALLED, MARK, camel_case
 from btcore.manifest import Manifest, class_manifest, function_manifest
 from btcore.node import ControlNode, DecoratorNode, TreeNode
 from btcore.nodes.palette import EVERYWHERE, FORMAT_3, FORMAT_4
+from btcore.substitution import Rule, first_that_meets
 from btcore.suggest import nearest
 from btcore.values import Types
 
@@ -36,6 +38,7 @@ class Registry:
         self._shared: dict[str, Manifest] = {}
         self._of_format: dict[int, dict[str, Manifest]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
+        self.substitutions: dict[str, Rule] = {}
 
     @classmethod
     def standard(cls) -> "Registry":
@@ -49,6 +52,16 @@ class Registry:
             for ID, node in nodes.items():
                 table[ID] = class_manifest(ID, node, made.types, {}, "btcore")
         made._libraries.append("btcore")
+        return made
+
+    def copy(self) -> "Registry":
+        """Another registry of the same nodes and rules; types and enums are shared."""
+        made = Registry()
+        made.types = self.types
+        made._shared = dict(self._shared)
+        made._of_format = {format: dict(table) for format, table in self._of_format.items()}
+        made._libraries = list(self._libraries)
+        made.substitutions = dict(self.substitutions)
         return made
 
     # --- looking up
@@ -121,20 +134,33 @@ class Registry:
         """Let scripts and ports use the names of *enum*."""
         self.types.add_enum(enum)
 
+    # --- substitution
+
+    def substitute(self, filter: str, by: Any) -> None:
+        """Let trees made from now on have *by* in the place of every node that *filter* meets.
+
+        *filter* is a registration ID, an instance name, or a full path with ``*`` and ``?``. *by* is the
+        ID of a registered node, a function or a node class, or a ``TestNodeConfig`` of btcore.testing.
+        The node keeps its ID, name, ports and conditions; what was below a node that a leaf replaces is
+        not made. Of several rules the first applies; a filter given again gets another rule in its place.
+        """
+        offered = None if inspect.isclass(by) else getattr(by, "manifest", None)
+        if callable(offered):
+            by = offered()
+        elif not isinstance(by, str):
+            by = self._manifest_of(by, None, _names_of_caller(), _distribution_of(by))
+        self.substitutions[filter] = Rule(filter, by)
+
+    def stand_in(self, config: NodeConfig, manifest: Manifest, children: int) -> Manifest:
+        """What makes the node of *config*: *manifest*, or another by the substitution rules.
+
+        Raises NodeFault where a rule names a node that isn't registered, or wants other *children*.
+        """
+        rule = first_that_meets(self.substitutions, config)
+        return manifest if rule is None else rule.stand_in(config, children, self.manifests_of(config.format))
+
     def _add(self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str) -> None:
-        if inspect.isclass(thing):
-            if not issubclass(thing, TreeNode):
-                raise RegistrationError(
-                    f"{thing.__qualname__} is no node: derive it from StatefulAction, SyncAction, Condition, "
-                    "ControlNode or DecoratorNode"
-                )
-            manifest = class_manifest(ID or thing.__name__, thing, self.types, names, distribution)
-        elif callable(thing):
-            mark = getattr(thing, MARK, None)
-            tag = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))
-            manifest = function_manifest(tag, thing, self.types, names, distribution)
-        else:
-            raise RegistrationError(f"{thing!r} is neither a function nor a node class")
+        manifest = self._manifest_of(thing, ID, names, distribution)
         for format in (3, 4):
             known = self.get(manifest.id, format)
             if known is not None:
@@ -145,6 +171,22 @@ class Registry:
         self._shared[manifest.id] = manifest
         if distribution not in self._libraries:
             self._libraries.append(distribution)
+
+    def _manifest_of(
+        self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str
+    ) -> Manifest:
+        if inspect.isclass(thing):
+            if not issubclass(thing, TreeNode):
+                raise RegistrationError(
+                    f"{thing.__qualname__} is no node: derive it from StatefulAction, SyncAction, Condition, "
+                    "ControlNode or DecoratorNode"
+                )
+            return class_manifest(ID or thing.__name__, thing, self.types, names, distribution)
+        if callable(thing):
+            mark = getattr(thing, MARK, None)
+            tag = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))
+            return function_manifest(tag, thing, self.types, names, distribution)
+        raise RegistrationError(f"{thing!r} is neither a function nor a node class")
 
     # --- node libraries
 

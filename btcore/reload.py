@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from btcore.errors import BtcoreError
-from btcore.loading import load
+from btcore.registry import Registry
 from btcore.tree import Tree
+from btcore.xml.build import Maker
+from btcore.xml.check import Examined, examine
 from btcore.xml.faults import Faults
 from btcore.xml.includes import PackageResolver, with_includes
 from btcore.xml.source import read_file
@@ -47,6 +49,25 @@ def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
     return {path: (one.st_mtime_ns, one.st_size) for path, one in found.items()}
 
 
+def successor(
+    tree: Tree, examined: Examined, resources: Sequence[object] = (), nodes: Registry | None = None
+) -> Tree:
+    """The tree of an *examined* document, on the blackboard and the clock of *tree*, which isn't touched.
+
+    *nodes* are what the document was examined with; default those of *tree*. Halt *tree* before the new
+    one is ticked. Raises TreeError when the document is broken; the blackboard is then as it was.
+    """
+    board = tree.blackboard
+    before = set(board.local())
+    try:
+        examined.faults.raise_errors()
+        return Maker(examined, nodes or tree.registry, board, resources, tree.clock).tree()
+    except BtcoreError:
+        for key in [key for key in board.local() if key not in before]:
+            board.unset(key)
+        raise
+
+
 def reloaded(
     tree: Tree, path: Path, resources: Sequence[object] = (), packages: PackageResolver | None = None
 ) -> Tree:
@@ -54,21 +75,7 @@ def reloaded(
 
     Raises TreeError when the file is broken; then *tree* was not touched and goes on.
     """
-    board = tree.blackboard
-    before = set(board.local())
-    try:
-        made = load(
-            path,
-            nodes=tree.registry,
-            resources=resources,
-            tree=tree.id,
-            blackboard=board,
-            clock=tree.clock,
-            packages=packages,
-        )
-    except BtcoreError:
-        for key in [key for key in board.local() if key not in before]:
-            board.unset(key)
-        raise
+    examined = examine(read_file(path), tree.registry, tree.id, packages=packages)
+    made = successor(tree, examined, resources)
     tree.halt()
     return made

@@ -274,6 +274,10 @@ class Tree:
     def __iter__(self) -> Iterator[TreeNode]:
         return iter(self.nodes)
 
+    def __repr__(self) -> str:
+        count = len(self.nodes)
+        return f"<Tree '{self.id}' of {count} node{'' if count == 1 else 's'}, {self.status.name}>"
+
     def _make_room(self) -> None:
         """Raise the recursion limit to what ticking the deepest node needs; never lower it."""
         depth = 0

@@ -18,7 +18,7 @@ LAYERS = (
     {"manifest", "substitution", "registry"},
     {"tree", "hooks"},
     {"xml"},
-    {"loading", "reload", "logs"},
+    {"loading", "reload", "exchange", "logs"},
     {""},  # btcore/__init__.py
     {"testing", "cli", "__main__"},
 )

@@ -1,32 +1,37 @@
-"""Hypothesis strategies: random trees of planned leaves, as XML, for tests that hold for any tree.
+"""Hypothesis strategies: random trees, plans for their leaves, and blackboards.
 
-The only module that imports hypothesis (``pip install hypothesis``).
+    @given(trees(max_nodes=40), outcomes())
+    def test_halting_leaves_nothing_running(tree, plan):
+        plan.drive(tree, ticks=6)
+        tree.halt()
+        assert all(node.status is Status.IDLE for node in tree)
 
-    @given(trees(max_nodes=30))
-    def test_halting_leaves_nothing_running(xml):
-        tree = btcore.loads(xml, nodes=planned_registry(), resources=[Journal()])
-        ...
+A failing example is reported with the tree that it shrank to, as XML. This module and ``growth`` are
+the only ones that import hypothesis (``pip install hypothesis``).
 """
 
-from collections.abc import Callable
-from typing import Final, NamedTuple
-from xml.sax.saxutils import quoteattr
+from collections.abc import Collection, Mapping
+from itertools import count
+from typing import Any, Final, TypeAlias
 
+from hypothesis import note
 from hypothesis import strategies as st
+from hypothesis.errors import InvalidArgument
 from hypothesis.strategies import DrawFn, SearchStrategy
 
-ORDERED: Final = ("Sequence", "Fallback", "AsyncSequence", "AsyncFallback", "SequenceWithMemory")
-REACTIVE: Final = ("ReactiveSequence", "ReactiveFallback")
-UNARY: Final = ("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure")
-COUNTED: Final = {"Repeat": "num_cycles", "RetryUntilSuccessful": "num_attempts"}
+from btcore.blackboard import Blackboard
+from btcore.clock import SimClock
+from btcore.legacy_blackboard import LegacyBlackboard
+from btcore.loading import loads
+from btcore.manifest import Manifest
+from btcore.registry import Registry
+from btcore.suggest import nearest
+from btcore.testing.growth import GROWN, KEYS, Element, Grower, Wishes, written
+from btcore.testing.leaf_plans import Outcomes, with_planned_leaves
+from btcore.tree import Tree
 
-
-class Element(NamedTuple):
-    """One element of a random tree, before it has a name."""
-
-    tag: str
-    ports: dict[str, str]
-    children: "list[Element]"
+Texts: TypeAlias = Mapping[str, Mapping[str, SearchStrategy[str]]]
+"""Strategies for the texts of ports, by tag and port."""
 
 
 def plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
@@ -34,9 +39,7 @@ def plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
 
     Every start ends, since its last letter isn't R. *skipped* allows K and *raising* X.
     """
-    ends = "SF" + "K" * skipped + "XXXX" * raising
-    start = st.builds(lambda waits, end: "R" * waits + end, st.integers(0, 5), st.sampled_from(ends))
-    return st.lists(start, min_size=1, max_size=3).map("|".join)
+    return st.lists(_starts(skipped, raising), min_size=1, max_size=3).map("|".join)
 
 
 def letters(skipped: bool = True) -> SearchStrategy[str]:
@@ -44,110 +47,170 @@ def letters(skipped: bool = True) -> SearchStrategy[str]:
     return st.text("SF" + "K" * skipped, min_size=1, max_size=5)
 
 
-@st.composite
-def trees(
-    draw: DrawFn, max_nodes: int = 30, skipped: bool = True, raising: bool = False, timed: bool = False
-) -> str:
-    """Documents of format 4 with one tree, *max_nodes* nodes at most, as XML text.
+def outcomes(skipped: bool = False, raising: bool = False, max_starts: int = 12) -> SearchStrategy[Outcomes]:
+    """Plans for all leaves of a tree: one to *max_starts* entries, each taken by the next leaf that starts.
 
-    Its nodes are called n1, n2 … in pre-order; its leaves are PlanAction, PlanCondition and PlanSync,
-    so load it with :func:`~btcore.testing.recorded_trees.planned_registry` and a Journal. Every
-    control node and decorator that takes any child occurs; *timed* adds Delay, Timeout and Sleep.
-    No loop is endless, but a KeepRunningUntilFailure may keep the tree RUNNING for ever, and a
-    WhileDoElse whose branches take turns in waking the tree keeps ``tick_once`` busy for ever.
-    *skipped* and *raising* are as in :func:`plans`.
+    They end in success or failure, where asked for also *skipped*, or *raising* an exception.
     """
-    budget = [draw(st.integers(1, max_nodes))]
-    top = _Grower(draw, budget, skipped, raising, timed).element(top=True)
-    body = _written(top, iter(range(1, max_nodes + 1)).__next__)
-    return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    starts = st.lists(_starts(skipped, raising), min_size=1, max_size=max_starts)
+    return starts.map(lambda entries: Outcomes(*entries))
 
 
-class _Grower:
-    """Draws elements while the budget of nodes lasts."""
-
-    def __init__(self, draw: DrawFn, budget: list[int], skipped: bool, raising: bool, timed: bool) -> None:
-        self.draw = draw
-        self.budget = budget
-        self.skipped = skipped
-        self.raising = raising
-        self.timed = timed
-
-    def element(self, top: bool = False) -> Element:
-        """An element with its children; a tree whose *top* is a leaf has no other node."""
-        self.budget[0] -= 1
-        left = self.budget[0]
-        kinds = [] if top and left >= 1 else [self.leaf]
-        if left >= 1:
-            kinds += [self.decorator, self.control]
-        if left >= 3:
-            kinds += [self.control, self.branch]
-        return self.draw(st.sampled_from(kinds))()
-
-    def leaf(self) -> Element:
-        """A planned leaf, or a Sleep."""
-        kinds = ["PlanCondition", "PlanSync", *["PlanAction"] * 4, *["Sleep"] * self.timed]
-        tag = self.draw(st.sampled_from(kinds))
-        if tag == "Sleep":
-            return Element(tag, {"msec": str(self.draw(st.integers(0, 40)))}, [])
-        plan = plans(self.skipped, self.raising) if tag == "PlanAction" else letters(self.skipped)
-        return Element(tag, {"plan": self.draw(plan)}, [])
-
-    def decorator(self) -> Element:
-        """A node with one child."""
-        timed = ("Delay", "Timeout") if self.timed else ()
-        more = ("RunOnce", "Precondition") if self.skipped else ("Precondition",)
-        tag = self.draw(st.sampled_from((*UNARY, *COUNTED, *more, *timed)))
-        ports: dict[str, str] = {}
-        if tag in COUNTED:
-            ports[COUNTED[tag]] = str(self.draw(st.integers(0, 3)))
-        elif tag == "RunOnce":
-            ports["then_skip"] = self.draw(st.sampled_from(["true", "false"]))
-        elif tag == "Precondition":
-            ports["if"] = self.draw(st.sampled_from(["true", "false"]))
-        elif tag == "Delay":
-            ports["delay_msec"] = str(self.draw(st.integers(0, 40)))
-        elif tag == "Timeout":
-            ports["msec"] = str(self.draw(st.integers(0, 40)))
-        return Element(tag, ports, [self.element()])
-
-    def control(self) -> Element:
-        """A node with any number of children."""
-        children = [self.element()]
-        while self.budget[0] > 0 and len(children) < 4 and self.draw(st.booleans()):
-            children.append(self.element())
-        count = len(children)
-        many = ["TryCatch"] if count > 1 else []
-        tag = self.draw(st.sampled_from([*ORDERED, *REACTIVE, "Parallel", "ParallelAll", *many]))
-        ports: dict[str, str] = {}
-        if tag == "Parallel":
-            ports["success_count"] = str(self.draw(st.integers(-1, count)))
-            ports["failure_count"] = str(self.draw(st.integers(1, count)))
-        elif tag == "ParallelAll":
-            ports["max_failures"] = str(self.draw(st.integers(0, count)))
-        elif tag == "TryCatch":
-            ports["catch_on_halt"] = self.draw(st.sampled_from(["true", "false"]))
-        elif tag == "ReactiveSequence":
-            # The format allows one asynchronous child there.
-            children = [
-                one._replace(tag="Sequence") if one.tag == "AsyncSequence" else one for one in children
-            ]
-        return Element(tag, ports, children)
-
-    def branch(self) -> Element:
-        """A node whose first child decides; one that is skipped there is an error in this format."""
-        self.budget[0] -= 1
-        tag = self.draw(st.sampled_from(["IfThenElse", "WhileDoElse"]))
-        question = Element("PlanCondition", {"plan": self.draw(letters(skipped=False))}, [])
-        count = self.draw(st.integers(1, 2))
-        branches = [self.element() for _ in range(count) if self.budget[0] > 0]
-        return Element(tag, {}, [question, *branches])
+def _starts(skipped: bool, raising: bool) -> SearchStrategy[str]:
+    ends = "SF" + "K" * skipped + "XXXX" * raising
+    return st.builds(lambda waits, end: "R" * waits + end, st.integers(0, 5), st.sampled_from(ends))
 
 
-def _written(element: Element, number: Callable[[], int]) -> str:
-    ports = "".join(f" {key}={quoteattr(text)}" for key, text in element.ports.items())
-    head = f'<{element.tag} name="n{number()}"{ports}'
-    if not element.children:
-        return head + "/>"
-    inside = "".join(_written(child, number) for child in element.children)
-    return f"{head}>{inside}</{element.tag}>"
+@st.composite
+def documents(
+    draw: DrawFn,
+    max_nodes: int = 30,
+    skipped: bool = True,
+    raising: bool = False,
+    timed: bool = False,
+    *,
+    own_plans: bool = True,
+    format: int = 4,
+    max_depth: int = 100,
+    subtrees: int = 0,
+    conditions: bool = False,
+    scripts: bool = False,
+    nodes: Collection[str] | None = None,
+    registry: Registry | None = None,
+    ports: Texts | None = None,
+) -> str:
+    """Documents with *max_nodes* nodes and *max_depth* levels at most, as XML text.
+
+    Nodes are called n1, n2 … in pre-order. Leaves are PlanAction, PlanCondition and PlanSync, each with a
+    plan of its own (load them with :func:`~btcore.testing.recorded_trees.planned_registry` and a Journal)
+    or, without *own_plans*, Act and Ask, which follow an :class:`Outcomes` (load them with
+    :func:`with_planned_leaves`).
+
+    *nodes* are the tags that may occur, by default all control nodes and decorators that take any child.
+    Those of *registry* get a text for each port without a default, drawn from *ports* (by tag and port) or
+    by the port's type; if any is a leaf, only such leaves occur. *timed* adds Delay, Timeout and Sleep;
+    *scripts* adds Script and ScriptCondition and *conditions* the likes of ``_skipIf`` (both format 4), on
+    the entries a, b and c of the root's blackboard, which must be there as numbers; *subtrees* is how many
+    other trees there may be. *skipped* and *raising* are as in :func:`plans`. No loop is endless, but a
+    KeepRunningUntilFailure may keep the tree RUNNING for ever, and a WhileDoElse whose branches take turns
+    in waking the tree keeps ``tick_once`` busy for ever.
+    """
+    skipped = skipped and format == 4
+    leaves: dict[str, SearchStrategy[str] | None] = {"Act": None, "Ask": None}
+    if own_plans:
+        action = plans(skipped, raising)
+        leaves = {"PlanAction": action, "PlanCondition": letters(skipped), "PlanSync": letters(skipped)}
+    wishes = Wishes(
+        leaves,
+        format=format,
+        skipped=skipped,
+        timed=timed,
+        conditions=conditions and format == 4,
+        scripts=scripts and format == 4,
+        max_depth=max_depth,
+        tags=nodes,
+        own=_own_nodes(nodes, registry, format),
+        texts=ports or {},
+    )
+    left = draw(st.integers(1, max_nodes))
+    ids = ["Main", *(f"Sub{number}" for number in range(1, 1 + draw(st.integers(0, subtrees))))]
+    tops = []
+    for place, id in enumerate(ids):
+        grower = Grower(draw, wishes, max(1, left), ids[place + 1 :])
+        tops.append((id, grower.element(top=True)))
+        left = grower.budget
+    note(_document(tops, format, compact=False))
+    return _document(tops, format, compact=True)
+
+
+def trees(
+    max_nodes: int = 30,
+    skipped: bool = True,
+    timed: bool = False,
+    *,
+    format: int = 4,
+    max_depth: int = 100,
+    subtrees: int = 0,
+    conditions: bool = False,
+    scripts: bool = False,
+    nodes: Collection[str] | None = None,
+    registry: Registry | None = None,
+    ports: Texts | None = None,
+) -> SearchStrategy[Tree]:
+    """Trees on a simulated clock whose leaves follow an :class:`Outcomes`; see :func:`documents`."""
+    known = with_planned_leaves(registry if registry is not None else Registry.standard())
+
+    def load(text: str) -> Tree:
+        clock = SimClock()
+        board = Blackboard(clock=clock) if format == 4 else LegacyBlackboard(clock=clock)
+        for key in KEYS if scripts or conditions else ():
+            board[key] = 0
+        return loads(text, nodes=known, blackboard=board, clock=clock)
+
+    return documents(
+        max_nodes,
+        skipped,
+        timed=timed,
+        own_plans=False,
+        format=format,
+        max_depth=max_depth,
+        subtrees=subtrees,
+        conditions=conditions,
+        scripts=scripts,
+        nodes=nodes,
+        registry=known,
+        ports=ports,
+    ).map(load)
+
+
+@st.composite
+def blackboards(draw: DrawFn, entries: Mapping[str, Any]) -> Blackboard:
+    """Blackboards with *entries*: keys and what they hold, strategies or types (int, float, str, bool …).
+
+    Numbers drawn by type are finite, and ints have 32 bits, as the ports of those types.
+    """
+    board = Blackboard(clock=SimClock())
+    shown = {}
+    for key, wanted in entries.items():
+        kind = wanted if isinstance(wanted, SearchStrategy) else _BY_TYPE.get(wanted)
+        board[key] = shown[key] = draw(kind if kind is not None else st.from_type(wanted))
+    note(f"blackboard {shown}")
+    return board
+
+
+_BY_TYPE: Final[Mapping[Any, SearchStrategy[Any]]] = {
+    int: st.integers(-(2**31), 2**31 - 1),
+    float: st.floats(allow_nan=False, allow_infinity=False),
+    str: st.text(st.characters(codec="utf-8", exclude_characters="\0")),
+}
+
+
+def _own_nodes(nodes: Collection[str] | None, registry: Registry | None, format: int) -> dict[str, Manifest]:
+    """The manifests of those of *nodes* that aren't btcore's."""
+    own = {}
+    for tag in nodes if nodes is not None else ():
+        if tag in GROWN:
+            continue
+        manifest = registry.get(tag, format) if registry is not None else None
+        if manifest is None or manifest.distribution == "btcore":
+            known = [*GROWN, *(one.id for one in registry or () if one.distribution != "btcore")]
+            guess = nearest(tag, known)
+            hint = f"did you mean '{guess}'?" if guess else "give the registry that has it: registry=nodes"
+            raise InvalidArgument(f"random trees can't have <{tag}>; {hint}")
+        own[tag] = manifest
+    return own
+
+
+def _document(tops: list[tuple[str, Element]], format: int, compact: bool) -> str:
+    numbers = count(1)
+    bodies = []
+    for id, top in tops:
+        body = written(top, numbers, "    ", compact)
+        bodies.append(
+            f'<BehaviorTree ID="{id}">{body}</BehaviorTree>'
+            if compact
+            else f'  <BehaviorTree ID="{id}">\n{body}  </BehaviorTree>\n'
+        )
+    main = ' main_tree_to_execute="Main"' if len(tops) > 1 else ""
+    start = f'<root BTCPP_format="{format}"{main}>'
+    return f"{start}{'' if compact else chr(10)}{''.join(bodies)}</root>"

@@ -1,6 +1,8 @@
 """From documents to a tree that can be ticked: plan, check, then make the nodes."""
 
-from collections.abc import Sequence
+import gc
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, cast
 
 from btcore.blackboard import Blackboard, Entry
@@ -16,8 +18,9 @@ from btcore.errors import (
     ScriptFault,
 )
 from btcore.legacy_blackboard import LegacyBlackboard
+from btcore.manifest import Manifest, Resources, takes_children
 from btcore.node import TreeNode
-from btcore.ports import Input, Output, Port, pointer
+from btcore.ports import Binding, Input, Output, Port, pointer
 from btcore.registry import Registry
 from btcore.tree import Subtree, Tree
 from btcore.values import constant, type_of
@@ -28,6 +31,26 @@ from btcore.xml.plan import Call, NodePlan, TreePlan, attributes_of
 from btcore.xml.source import Document
 
 
+@contextmanager
+def no_collections() -> Iterator[None]:
+    """Let Python's collector of cyclic garbage rest, as nothing of a tree in the making is garbage.
+
+    Otherwise it would look through the growing tree again and again. What was made lives long: it goes
+    to the collector's oldest generation at once.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            if not gc.get_freeze_count():
+                gc.freeze()
+                gc.unfreeze()
+            gc.enable()
+
+
+@no_collections()
 def build(
     document: Document,
     registry: Registry,
@@ -46,7 +69,7 @@ def build(
     """
     examined = examine(document, registry, tree, format, packages)
     examined.faults.raise_errors()
-    return _Maker(examined, registry, blackboard, resources, clock).tree()
+    return Maker(examined, registry, blackboard, resources, clock).tree()
 
 
 def wanted_by(
@@ -66,7 +89,7 @@ def wanted_by(
     return found
 
 
-class _Maker:
+class Maker:
     """Makes the nodes of one tree, depth-first, and collects what goes wrong on the way."""
 
     def __init__(
@@ -84,26 +107,24 @@ class _Maker:
         self._planner = examined.planner
         self._format = examined.planner.dialect.format
         self._registry = registry
-        self._registry = registry
+        self._rules = registry.substitutions
         self._enums = registry.types.enums
-        self._resources = resources
+        self._resources = Resources(resources)
         self._context = TreeContext(clock)
         self._scopes = Blackboard if self._format == 4 else LegacyBlackboard
         self._blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
         self._subtrees: list[Subtree] = []
         self._nodes: list[TreeNode] = []
         self._paths: set[str] = set()
-        self._declared: dict[Entry, str] = {}
+        self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
         self._uid = 0
         self._faults = Faults()
 
     def tree(self) -> Tree:
         """The tree. Raises TreeError."""
-        main = self._main
-        root = self._instance(self._planner.plan(main), "", self._blackboard)
+        self._instance(self._planner.plan(self._main), "", self._blackboard)
         self._faults.raise_errors()
-        assert root is not None
-        return Tree(main.id, self._format, self._subtrees, self._nodes, self._context, self._registry)
+        return Tree(self._main.id, self._format, self._subtrees, self._nodes, self._context, self._registry)
 
     def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
         """One instance of a definition; its root, or None if it could not be made."""
@@ -114,48 +135,70 @@ class _Maker:
 
     def _node(self, plan: NodePlan, tree: TreePlan, subtree: Subtree, prefix: str) -> TreeNode | None:
         document = tree.definition.document
+        end: Any = plan.element.sourceline
+        line = document.line(plan.element) if document.tags_span_lines else end
         self._uid = uid = self._uid + 1
-        config = NodeConfig(plan.id, "", self._where(document, plan), self._format)
-        config.uid = uid
-        config.enums = self._enums
-        config.scripts = plan.scripts
-        config.attributes = plan.attributes
-        call = plan.call
-        if call is not None:
-            return self._subtree(plan, call, config, tree, subtree, prefix)
-        name = plan.id if plan.name is None else plan.name
-        config.name = name
-        config.path = f"{prefix}{name}::{uid}" if name == plan.id else prefix + name
-        self._ports(plan, config, document, subtree.blackboard)
+        id = plan.id
+        name = id if plan.name is None else plan.name
+        config = NodeConfig(
+            id, name, uid, self._format, document.file, line, plan.scripts, plan.attributes, self._enums
+        )
+        if plan.call is not None:
+            return self._subtree(plan, plan.call, config, tree, subtree, prefix)
+        if name == id:
+            config.path = f"{prefix}{name}::{uid}"
+        elif prefix:
+            config.path = prefix + name
+        blackboard = subtree.blackboard
+        self._ports(plan, config, document, blackboard)
+        manifest = self._substituted(plan, config, document) if self._rules else plan.manifest
+        if not plan.children:
+            leaf = self._make(plan, manifest, config, document, blackboard, ())
+            if leaf is not None:
+                self._nodes.append(leaf)
+                subtree.nodes.append(leaf)
+            return leaf
         at, own_at = len(self._nodes), len(subtree.nodes)
         self._nodes.append(_PLACE_HOLDER)
         subtree.nodes.append(_PLACE_HOLDER)
-        children = [self._node(child, tree, subtree, prefix) for child in plan.children]
-        node = self._make(plan, config, document, subtree.blackboard, children)
+        below = plan.children if not self._rules or takes_children(manifest) else ()
+        children = [self._node(child, tree, subtree, prefix) for child in below]
+        node = self._make(plan, manifest, config, document, blackboard, children)
         if node is not None:
             self._nodes[at] = subtree.nodes[own_at] = node
         return node
 
-    def _where(self, document: Document, plan: NodePlan) -> str:
-        return f"{document.file or '<text>'}:{document.line(plan.element)}"
-
     def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
         """Bind the ports, and declare the entries that the document names."""
-        format = self._format
-        for port, text, written in plan.ports:
-            key = pointer(text, port.name, format)
-            if written and key is not None:
+        if not plan.bindings:
+            return
+        inputs: dict[str, Input] = {}
+        outputs: dict[str, Output] = {}
+        for bound in plan.bindings:
+            port = bound.port
+            key = bound.key
+            if key is not None and bound.written:
                 try:
                     entry = blackboard.create(key, port.type)
                 except BlackboardFault as fault:
                     self._faults.add(self._clash(document, plan, port, blackboard.find(key), fault))
                 else:
-                    if port.type.strong and entry not in self._declared:
-                        self._declared[entry] = f"'{port.name}' of <{plan.id}> ({config.where})"
+                    if port.type.strong:
+                        self._declared.setdefault(entry, (bound, config))
             if port.reads:
-                config.inputs[port.name] = Input(port, text, blackboard, format)
-            if port.writes and (written or (key is not None and format == 4)):
-                config.outputs[port.name] = Output(port, text, blackboard, format)
+                inputs[port.name] = Input(bound if bound.shared else bound.of_its_own(), blackboard)
+            if port.writes and (bound.written or (key is not None and bound.format == 4)):
+                outputs[port.name] = Output(bound, blackboard)
+        config.inputs = inputs
+        if outputs:
+            config.outputs = outputs
+
+    def declared_by(self, entry: Entry) -> str:
+        """Which port gave *entry* its type, or ""."""
+        if entry not in self._declared:
+            return ""
+        bound, config = self._declared[entry]
+        return f"'{bound.port.name}' of <{config.id}> ({config.where})"
 
     def _clash(
         self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, fault: BlackboardFault
@@ -165,7 +208,7 @@ class _Maker:
             return document.diagnostic("E203", str(fault), plan.element, port.name)
         kinds = f"is {port.type.name}, but its entry is {entry.declared.name}"
         said = f"the port '{port.name}' of <{plan.id}> {kinds}"
-        first = self._declared.get(entry)
+        first = self.declared_by(entry)
         by = f"it was declared by {first}" if first else "it was on the blackboard before the tree"
         hint = f"{by}; the type of an entry never changes"
         return document.diagnostic("E203", said, plan.element, port.name, hint=hint)
@@ -173,16 +216,17 @@ class _Maker:
     def _make(
         self,
         plan: NodePlan,
+        manifest: Manifest | None,
         config: NodeConfig,
         document: Document,
         blackboard: Blackboard,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
-        made = [child for child in children if child is not None]
-        if len(made) != len(children) or plan.manifest is None:
+        made = [child for child in children if child is not None] if children else []
+        if len(made) != len(children) or manifest is None:
             return None
         try:
-            return plan.manifest.make(config, self._context, blackboard, self._resources, made)
+            return manifest.make(config, self._context, blackboard, self._resources, made)
         except ScriptFault as fault:
             self._faults.add(self._script_fault(document, plan, fault))
         except (NodeFault, BlackboardFault, ConversionFault) as fault:
@@ -193,6 +237,17 @@ class _Maker:
             said = f"<{plan.id}> raised while it was made: {type(fault).__name__}: {fault}"
             self._faults.add(document.diagnostic("E115", said, plan.element))
         return None
+
+    def _substituted(self, plan: NodePlan, config: NodeConfig, document: Document) -> Manifest | None:
+        """What makes the node by the registry's substitution rules: its own manifest where none applies."""
+        if plan.manifest is None:
+            return None
+        children = len(plan.children) if plan.call is None else 1
+        try:
+            return self._registry.stand_in(config, plan.manifest, children)
+        except NodeFault as fault:
+            self._faults.add(document.diagnostic("E118", str(fault), plan.element))
+            return None
 
     def _script_fault(self, document: Document, plan: NodePlan, fault: ScriptFault) -> Diagnostic:
         texts = {key: text for key, text in attributes_of(plan.element) if text == fault.text}
@@ -224,10 +279,13 @@ class _Maker:
         at, own_at = len(self._nodes), len(subtree.nodes)
         self._nodes.append(_PLACE_HOLDER)
         subtree.nodes.append(_PLACE_HOLDER)
-        inner = self._scope(plan, call, document, subtree.blackboard)
-        content = self._planner.plan(self._planner.forest.by_id[call.tree])
-        child = self._instance(content, config.path, inner)
-        node = self._make(plan, config, document, subtree.blackboard, [child])
+        manifest = self._substituted(plan, config, document) if self._rules else plan.manifest
+        children = []
+        if takes_children(manifest):
+            inner = self._scope(plan, call, document, subtree.blackboard)
+            content = self._planner.plan(self._planner.forest.by_id[call.tree])
+            children.append(self._instance(content, config.path, inner))
+        node = self._make(plan, manifest, config, document, subtree.blackboard, children)
         if node is not None:
             self._nodes[at] = subtree.nodes[own_at] = node
         return node

@@ -62,14 +62,14 @@ def examine(
     palette = Palette(
         registry.manifests_of(dialect.format), registry.manifests_of(7 - dialect.format), dialect.format
     )
-    Shape(forest, palette, faults).check()
+    outlines = Shape(forest, palette, faults).check()
     main = forest.main(tree, faults) if documents[-1].root.tag == "root" else None
-    planner = Planner(forest, palette, subtree_models(documents, faults), faults)
+    planner = Planner(forest, palette, outlines, subtree_models(documents, faults), faults)
     if main is None:
         return Examined(planner, None, faults)
     order = calling_order(planner, main, faults)
     if order is not None:
-        _check_size(order, main, faults)
+        check_size(order, main, faults)
     if faults.errors:
         # No node is made of a tree with faults; its scripts are checked all the same.
         for plan in reachable(planner, main):
@@ -101,7 +101,7 @@ def nodes_of(plan: TreePlan) -> list[NodePlan]:
     return found
 
 
-def _check_size(plans: list[TreePlan], main: Definition, faults: Faults) -> None:
+def check_size(plans: list[TreePlan], main: Definition, faults: Faults) -> None:
     """Refuse a tree that is too large or too deep: trees that call trees grow fast.
 
     *plans* are in calling order.

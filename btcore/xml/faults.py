@@ -9,12 +9,13 @@ class Faults:
     def __init__(self) -> None:
         self.errors: list[Diagnostic] = []
         self.warnings: list[Diagnostic] = []
+        self._noted: set[Diagnostic] = set()
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Note *diagnostic*, unless it was noted already."""
-        kept = self.errors if diagnostic.is_error else self.warnings
-        if diagnostic not in kept:
-            kept.append(diagnostic)
+        if diagnostic not in self._noted:
+            self._noted.add(diagnostic)
+            (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
 
     def raise_errors(self) -> None:
         """Raise all errors as one TreeError, or as a subclass if they are all of its sort."""

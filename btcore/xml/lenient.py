@@ -20,6 +20,7 @@ _REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9a-fA-F]{1,6});"
 REFERENCE: Final = re.compile(_REFERENCE + r"|\r\n")
 _NEEDS_ESCAPE: Final = re.compile(rf"<|(?!{_REFERENCE})&|\r\n|[\n\r\t]")
 _ESCAPED: Final = {"<": "&lt;", "&": "&amp;", "\n": "&#10;", "\r": "&#10;", "\r\n": "&#10;", "\t": "&#9;"}
+_LINE_BREAK_IN_VALUE: Final = re.compile(r"""=\s*+(?:"[^"\n\r\t]*+[\n\r\t]|')""")
 # What stands between `<` and its end is never a tag: comments, character data, instructions.
 _OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
 
@@ -96,13 +97,17 @@ def values(tag: re.Match[str]) -> Iterator[tuple[str, int, int]]:
         yield attribute[1], attribute.start(group), attribute.end(group)
 
 
+def has_one_line_tags(text: str) -> bool:
+    """Whether surely no tag holds a line break or a tab, be it in a value (cheap; errs towards False)."""
+    if any(odd in text for odd in ("\t", "\r", "'", "<!")) or text.rfind("<?") > 0:
+        return False
+    # Every line break follows a ">", and no ">" is anything but the end of a tag.
+    return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
+
+
 def may_keep_line_breaks(text: str) -> bool:
     """Whether an attribute value may hold a line break or tab (cheap; errs towards True)."""
-    if "'" in text and re.search(r"=\s*'", text):
-        return True
-    # In a document without stray quotes every second piece is a value.
-    inside = "\0".join(text.split('"')[1::2])
-    return "\n" in inside or "\t" in inside or "\r" in inside
+    return _LINE_BREAK_IN_VALUE.search(text) is not None
 
 
 def escape(text: str) -> Lenient:

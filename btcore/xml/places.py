@@ -1,12 +1,14 @@
 """Where something stands in a document: looked up only when a message needs it."""
 
-from typing import Literal, NamedTuple
+import re
+from typing import Final, Literal, NamedTuple
 
 from lxml import etree
 
 from btcore.xml.lenient import ATTRIBUTE, REFERENCE, start_tags
 
 Part = Literal["tag", "name", "value"]
+_LINE: Final = re.compile(r"[^\r\n]*")
 
 
 class Place(NamedTuple):
@@ -18,14 +20,19 @@ class Place(NamedTuple):
     source: str
 
 
-def place_at(text: str, offset: int, width: int = 1) -> Place:
-    """The place of the *width* characters of *text* from *offset* on."""
+def place_at(text: str, offset: int, width: int = 1, lines: dict[int, str] | None = None) -> Place:
+    """The place of the *width* characters of *text* from *offset* on.
+
+    *lines* keeps the lines that were met before, by their start: a line may be long, and met often.
+    """
     start = max(text.rfind("\n", 0, offset), text.rfind("\r", 0, offset)) + 1
     line = _line_breaks(text, offset) + 1
-    end = start
-    while end < len(text) and text[end] not in "\r\n":
-        end += 1
-    source = text[start:end]
+    source = None if lines is None else lines.get(start)
+    if source is None:
+        source = _LINE.match(text, start)[0]  # type: ignore[index]
+        if lines is not None:
+            lines[start] = source
+    end = start + len(source)
     return Place(line, offset - start + 1, max(1, min(width, end - offset)), source)
 
 
@@ -57,6 +64,7 @@ class Places:
         self._tags = list(start_tags(text))
         self._elements = list(root.iter("*"))
         self._lines: list[int] | None = None
+        self._sources: dict[int, str] = {}
         self._index = {element: index for index, element in enumerate(self._elements)}
 
     def index(self, element: etree._Element) -> int:
@@ -98,4 +106,4 @@ class Places:
                 elif start == end:  # an empty value: show its quotes
                     start, end = start - 1, end + 1
                 break
-        return place_at(self._text, start, end - start)
+        return place_at(self._text, start, end - start, self._sources)

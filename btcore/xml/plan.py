@@ -1,20 +1,21 @@
 """What a tree is made from: its nodes with their ports sorted out, checked once per definition."""
 
 from collections.abc import Mapping
-from typing import cast
+from typing import Any, cast
 
 from lxml import etree
 
 from btcore.errors import ConversionFault
 from btcore.manifest import Manifest
-from btcore.ports import Port, pointer
+from btcore.ports import Binding, Port, pointer
 from btcore.values import BOOL
 from btcore.xml.dialect import AFTER, BEFORE, EXPLICIT, SCRIPTS, Dialect, is_port_name
 from btcore.xml.faults import Faults
 from btcore.xml.forest import Definition, Forest, tree_hint
+from btcore.xml.node_plan import Call as Call
+from btcore.xml.node_plan import NodePlan as NodePlan
 from btcore.xml.palette import Palette, port_hint
 from btcore.xml.places import Part
-from btcore.xml.shape import element_children
 
 
 def attributes_of(element: etree._Element) -> list[tuple[str, str]]:
@@ -25,45 +26,24 @@ def attributes_of(element: etree._Element) -> list[tuple[str, str]]:
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
-class NodePlan:
-    """One node of a definition.
+class Known:
+    """What is known of the nodes of one manifest: what their ports were bound to so far, by text.
 
-    *ports* are ports with their texts and whether the document writes them: those that it does, in its
-    order, then defaults. *attributes* are all attributes that are neither ports nor scripts.
+    *defaults* are the bindings of the ports that a document may leave out.
     """
 
-    __slots__ = ("attributes", "call", "children", "element", "id", "manifest", "name", "ports", "scripts")
+    __slots__ = ("bindings", "defaults", "id", "manifest", "ports")
 
-    def __init__(self, element: etree._Element, id: str, manifest: Manifest | None) -> None:
-        self.element = element
+    def __init__(self, id: str, manifest: Manifest, format: int) -> None:
         self.id = id
         self.manifest = manifest
-        self.name: str | None = None
-        self.ports: list[tuple[Port, str, bool]] = []
-        self.scripts: dict[str, str] = {}
-        self.attributes: dict[str, str] = {}
-        self.children: list[NodePlan] = []
-        self.call: Call | None = None
-
-
-class Call:
-    """A SubTree element: which tree it is, and how the blackboards are connected.
-
-    *remaps* leads inner keys to outer ones, *constants* are texts for inner keys; *shared* is
-    format 3's one blackboard for both; *every_key* its `__autoremap`, which maps the keys that the
-    inner tree's ports name. *written* are its ports as the document (or the model) has them.
-    """
-
-    __slots__ = ("autoremap", "constants", "every_key", "remaps", "shared", "tree", "written")
-
-    def __init__(self, tree: str) -> None:
-        self.tree = tree
-        self.remaps: dict[str, str] = {}
-        self.constants: dict[str, str] = {}
-        self.written: dict[str, str] = {}
-        self.autoremap = False
-        self.shared = False
-        self.every_key = False
+        self.ports = manifest.ports
+        self.bindings: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
+        self.defaults = [
+            Binding(port, port.default, format, written=False)
+            for port in manifest.ports.values()
+            if port.default is not None
+        ]
 
 
 class TreePlan:
@@ -84,16 +64,20 @@ class Planner:
         self,
         forest: Forest,
         palette: Palette,
+        outlines: Mapping[Definition, list[NodePlan]],
         subtree_models: Mapping[str, Mapping[str, str | None]],
         faults: Faults,
     ) -> None:
         self.forest = forest
         self.dialect: Dialect = forest.dialect
         self._palette = palette
+        self._outlines = outlines
         self._models = subtree_models
         self._faults = faults
         self._plans: dict[str, TreePlan] = {}
-        self._converted: set[tuple[Port, str]] = set()
+        self._known: dict[str, Known] = {}
+        self._by_tag: dict[str, Known] = {}
+        self._kept: set[str] = set()
         self._document = forest.documents[-1]
 
     def plan(self, definition: Definition) -> TreePlan:
@@ -102,11 +86,15 @@ class Planner:
         if known is not None:
             return known
         self._document = definition.document
-        children = element_children(definition.element)
         plan = TreePlan(definition, None)
         self._plans[definition.id] = plan
-        if children:
-            plan.root = self._node(children[0], plan, 1)
+        top, *nodes = self._outlines[definition]
+        if nodes:
+            plan.root = nodes[0]
+            if len(top.children) > 1:
+                # A tree has one root; the others are refused, and not looked at.
+                nodes = nodes[: nodes.index(top.children[1])]
+            self._nodes(nodes, plan)
         return plan
 
     def _error(
@@ -121,97 +109,139 @@ class Planner:
         part: Part = "name" if name else "value"
         self._faults.add(self._document.diagnostic(code, said, element, attribute, part, hint))
 
-    def _node(self, element: etree._Element, tree: TreePlan, depth: int) -> NodePlan | None:
-        """The plan of *element*; None if nobody knows the node (the shape says so)."""
-        tag = element.tag
-        tree.size += 1
-        if depth > tree.depth:
-            tree.depth = depth
-        if tag in self.dialect.subtree_tags:
-            return self._subtree(tag, element, tree)
+    def _nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
+        """Plan *nodes*, and take those that nobody knows (the shape says so) out of the tree."""
+        tree.size = len(nodes)
+        # A child of the deepest node that has children is as deep as any.
+        tree.depth = 1 + max((node.depth for node in nodes if node.children), default=0)
+        known_tags = self._by_tag
+        unknown: set[NodePlan] = set()
+        for node in nodes:
+            tag = node.element.tag
+            known = known_tags.get(tag)
+            if known is None:
+                if tag in self.dialect.subtree_tags:
+                    if not self._subtree(tag, node, tree):
+                        unknown.add(node)
+                    continue
+                known = self._look_up(tag, node.element)
+                if known is None:
+                    unknown.add(node)
+                    continue
+            node.id = known.id
+            node.manifest = known.manifest
+            self._attributes(node, known)
+        if unknown:
+            if tree.root in unknown:
+                tree.root = None
+            for node in nodes:
+                node.children = [child for child in node.children if child not in unknown]
+
+    def _look_up(self, tag: str, element: etree._Element) -> Known | None:
+        """What is known of the nodes that *element* is one of; None if nobody knows them."""
         id = str(element.get("ID") or "") if tag in EXPLICIT else tag
-        manifest = self._palette.manifests.get(id)
-        plan = NodePlan(element, id, manifest)
-        if manifest is not None:
-            self._attributes(plan, manifest)
-        for child in element_children(element) if len(element) else ():
-            planned = self._node(child, tree, depth + 1)
-            if planned is not None:
-                plan.children.append(planned)
-        return plan if manifest is not None else None
+        known = self._known.get(id)
+        if known is None:
+            manifest = self._palette.manifests.get(id)
+            if manifest is None:
+                return None
+            self._known[id] = known = Known(id, manifest, self.dialect.format)
+        if tag not in EXPLICIT:
+            self._by_tag[tag] = known
+        return known
 
-    def _attributes(self, plan: NodePlan, manifest: Manifest) -> None:
-        ports = manifest.ports
-        bound = plan.ports
-        checked = self.dialect.literals_checked
-        for key, text in attributes_of(plan.element):
-            port = ports.get(key)
-            if port is not None:
-                if checked and (port, text) not in self._converted:
-                    self._literal(plan, port, text)
-                bound.append((port, text, True))
+    def _attributes(self, plan: NodePlan, known: Known) -> None:
+        bindings: list[Binding] = []
+        others: dict[str, str] = {}
+        known_bindings = known.bindings
+        attributes: Any = plan.element.items()
+        for key, text in attributes:
+            by_text = known_bindings.get(key)
+            if by_text is not None:
+                bindings.append(by_text.get(text) or self._bind(plan, known.ports[key], text, by_text))
             elif key == "name":
-                self._name(plan, text)
+                plan.name = text
+                if not text.isprintable():
+                    self._check_name(plan, text)
             else:
-                self._attribute(plan, manifest, key, text)
-        if len(plan.scripts) > 1:
-            order = [key for key in (*BEFORE, *AFTER) if key in plan.scripts]
-            plan.scripts = {key: plan.scripts[key] for key in order}
-        if len(bound) < len(ports):
-            given = {port.name for port, _, _ in bound}
-            for port in ports.values():
-                if port.default is not None and port.name not in given:
-                    bound.append((port, port.default, False))
+                others[key] = text
+        if others:
+            if not self._kept.issuperset(others):
+                others = self._sort_out(plan, known.manifest, others)
+            plan.attributes = others
+        if known.defaults and len(bindings) < len(known.bindings):
+            given = {bound.port for bound in bindings}
+            bindings += [bound for bound in known.defaults if bound.port not in given]
+        plan.bindings = bindings
 
-    def _attribute(self, plan: NodePlan, manifest: Manifest, key: str, text: str) -> None:
-        """An attribute that is neither a port nor the name."""
+    def _sort_out(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
+        """What is kept of the attributes that are neither ports nor the name; scripts are set apart."""
         dialect = self.dialect
-        if key in SCRIPTS and dialect.free_underscore:
-            plan.scripts[key] = text
-        elif key == "ID":
-            if dialect.explicit_by_id and plan.element.tag not in EXPLICIT:
-                said = f'<{plan.id}> has an ID, which only explicit tags such as <Action ID="…"> have'
-                self._error("E103", said, plan.element, key, 'to name the node, write name="…"')
-        elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
-            plan.attributes[key] = text
-        else:
-            said = f"<{plan.id}> has no port '{key}'"
-            self._error("E201", said, plan.element, key, port_hint(manifest, key), name=True)
+        scripts: dict[str, str] = {}
+        kept: dict[str, str] = {}
+        for key, text in others.items():
+            if key in SCRIPTS and dialect.free_underscore:
+                scripts[key] = text
+            elif key == "ID":
+                if dialect.explicit_by_id and plan.element.tag not in EXPLICIT:
+                    said = f'<{plan.id}> has an ID, which only explicit tags such as <Action ID="…"> have'
+                    self._error("E103", said, plan.element, key, 'to name the node, write name="…"')
+            elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
+                kept[key] = text
+            else:
+                said = f"<{plan.id}> has no port '{key}'"
+                self._error("E201", said, plan.element, key, port_hint(manifest, key), name=True)
+        if scripts:
+            plan.scripts = {key: scripts[key] for key in (*BEFORE, *AFTER) if key in scripts}
+        self._kept.update(kept)
+        return kept
 
-    def _name(self, plan: NodePlan, text: str) -> None:
-        plan.name = text
-        if (
-            not text.isprintable()
-            and self.dialect.free_underscore
-            and not _CONTROL_CHARACTERS.isdisjoint(text)
-        ):
+    def _check_name(self, plan: NodePlan, text: str) -> None:
+        if self.dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
             self._error("E116", f"a name has no control characters, but {text!r} does", plan.element, "name")
 
-    def _literal(self, plan: NodePlan, port: Port, text: str) -> None:
-        """Refuse a *text* that is no ``{key}`` and doesn't convert to the type of *port*."""
+    def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
+        """The binding of *port* to a *text* that it was not bound to before."""
+        bound = Binding(port, text, self.dialect.format)
+        converted = bound.key is None and not bound.fault and text != port.default
+        if converted or not self.dialect.literals_checked or self._is_convertible(plan, bound):
+            by_text[text] = bound
+        return bound
+
+    def _is_convertible(self, plan: NodePlan, bound: Binding) -> bool:
+        """Refuse a text that is no ``{key}`` and doesn't convert to the type of the port."""
+        port, text = bound.port, bound.text
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
-            return
+            return True
         kind = port.type
         if not kind.strong or not kind.converts:
-            return
-        try:
-            kind.from_text(text)
-        except ConversionFault as fault:
-            hint = ""
-            if pointer(text, port.name) is not None:
-                hint = "write {=}" if "=" in text else f"write {text.strip()}, without spaces around"
-            elif is_port_name(text):
-                hint = f"for the blackboard's entry write {{{text}}}"
-            said = f"the port '{port.name}' of <{plan.id}> takes {kind.name}: {fault}"
-            self._error("E202", said, plan.element, port.name, hint)
-        else:
-            self._converted.add((port, text))
+            return True
+        fault = bound.fault
+        if bound.key is not None or text == port.default:
+            # Then the text was not converted.
+            try:
+                kind.from_text(text)
+            except ConversionFault as found:
+                fault = str(found)
+        if not fault:
+            return True
+        hint = ""
+        if bound.key is not None:
+            hint = "write {=}" if "=" in text else f"write {text.strip()}, without spaces around"
+        elif is_port_name(text):
+            hint = f"for the blackboard's entry write {{{text}}}"
+        said = f"the port '{port.name}' of <{plan.id}> takes {kind.name}: {fault}"
+        self._error("E202", said, plan.element, port.name, hint)
+        return False
 
     # --- SubTree elements
 
-    def _subtree(self, tag: str, element: etree._Element, tree: TreePlan) -> NodePlan | None:
+    def _subtree(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
+        """Plan a call of a tree; whether there is such a tree."""
+        element = plan.element
         id = str(element.get("ID") or "")
-        plan = NodePlan(element, tag, self._palette.manifests.get(tag))
+        plan.id = tag
+        plan.manifest = self._palette.manifests.get(tag)
         call = Call(id)
         plan.call = call
         tree.calls.append(plan)
@@ -219,27 +249,29 @@ class Planner:
             self._call_of_3(plan, call, tag)
         else:
             self._call_of_4(plan, call)
-        if id not in self.forest.by_id:
-            if element.get("ID") is not None and self.forest.complete:
-                self._error(
-                    "E109", f"no tree is called '{id}'", element, "ID", tree_hint(id, self.forest.by_id)
-                )
-            return None
-        return plan
+        if id in self.forest.by_id:
+            return True
+        if element.get("ID") is not None and self.forest.complete:
+            self._error("E109", f"no tree is called '{id}'", element, "ID", tree_hint(id, self.forest.by_id))
+        return False
 
     def _call_of_4(self, plan: NodePlan, call: Call) -> None:
         given: dict[str, str] = {}
+        scripts: dict[str, str] = {}
+        attributes: dict[str, str] = {}
         for key, text in attributes_of(plan.element):
             if key == "_autoremap":
                 call.autoremap = self._truth(plan, key, text)
             elif key == "name":
-                self._name(plan, text)
+                plan.name = text
+                self._check_name(plan, text)
             elif key in SCRIPTS:
-                plan.scripts[key] = text
+                scripts[key] = text
             elif is_port_name(key):
                 given[key] = text
             elif key != "ID":
-                plan.attributes[key] = text
+                attributes[key] = text
+        plan.scripts, plan.attributes = scripts, attributes
         if not call.autoremap:
             for port, default in self._models.get(call.tree, {}).items():
                 if port in given:

@@ -1,4 +1,4 @@
-"""The shape of trees: tags that are known, children that fit, names that may be."""
+"""The shape of trees: tags that are known, children that fit, names that may be; and their outline."""
 
 from collections.abc import Mapping
 
@@ -8,6 +8,7 @@ from btcore.status import NodeType
 from btcore.xml.dialect import EXPLICIT, Dialect, forbidden_in_name
 from btcore.xml.faults import Faults
 from btcore.xml.forest import Definition, Forest
+from btcore.xml.node_plan import NodePlan
 from btcore.xml.palette import Palette
 from btcore.xml.source import Document
 
@@ -35,14 +36,17 @@ class Shape:
         self._faults = faults
         self._document = forest.documents[-1]
         self._kinds: dict[object, NodeType | None] = {}
+        self._leaves: set[object] = set()
 
-    def check(self) -> None:
-        """Check all."""
+    def check(self) -> dict[Definition, list[NodePlan]]:
+        """Check all; the nodes of each definition in pre-order, its ``<BehaviorTree>`` first."""
         for document in self._forest.documents:
             self._models(document)
+        outlines: dict[Definition, list[NodePlan]] = {}
         for definition in self._forest.all:
             self._document = definition.document
-            self._walk(definition.element)
+            outlines[definition] = self._walk(definition.element)
+        return outlines
 
     def _error(
         self, code: str, said: str, element: etree._Element, attribute: str = "", hint: str = ""
@@ -56,37 +60,44 @@ class Shape:
             hint = "move its models into the first"
             self._faults.add(document.diagnostic("E113", said, models[1], hint=hint))
 
-    def _walk(self, top: etree._Element) -> None:
+    def _walk(self, top: etree._Element) -> list[NodePlan]:
         limit = self._dialect.max_depth
         # What is in a SubTree of format 3 is not looked at: its having children is said already.
         closed = self._dialect.subtree_tags if not self._dialect.explicit_by_id else frozenset()
-        pending = [(top, 1)]
+        kinds = self._kinds
+        nodes: list[NodePlan] = []
+        pending = [NodePlan(top, 0)]
         while pending:
-            element, depth = pending.pop()
-            children = NO_ELEMENTS
-            if len(element):
-                children = element_children(element)
-                if len(children) != len(element):
-                    self._obsolete(element)
+            node = pending.pop()
+            nodes.append(node)
+            element = node.element
             tag = element.tag
-            kind = self._compact(tag)
+            size = len(element)
+            if not size and tag in self._leaves:
+                continue
+            children = NO_ELEMENTS
+            if size:
+                children = element_children(element)
+                if len(children) != size:
+                    self._obsolete(element)
+            kind = kinds[tag] if tag in kinds else self._compact(tag)
             if kind is None:
                 self._special(str(tag), element, children)
-            elif children or kind not in _LEAVES:
+            elif children or tag not in self._leaves:
                 self._count(str(tag), kind, element, children)
             if not children:
                 continue
-            if depth > limit:
+            below = node.depth + 1
+            if below > limit:
                 said = f"elements are nested more than {limit} deep"
                 self._error("E006", said, element, hint="split the tree into subtrees")
             elif tag not in closed:
-                for child in children:
-                    pending.append((child, depth + 1))
+                node.children = [NodePlan(child, below) for child in children]
+                pending += reversed(node.children)
+        return nodes
 
     def _compact(self, tag: object) -> NodeType | None:
         """The kind by which children of the compact *tag* are counted; None if it is none or unknown."""
-        if tag in self._kinds:
-            return self._kinds[tag]
         manifest = self._palette.manifests.get(str(tag))
         kind = None
         if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT:
@@ -96,6 +107,8 @@ class Shape:
             if may_be_empty or (kind in _LEAVES and not self._dialect.leaves_checked):
                 kind = NodeType.UNDEFINED
         self._kinds[tag] = kind
+        if kind in _LEAVES:
+            self._leaves.add(tag)
         return kind
 
     def _obsolete(self, element: etree._Element) -> None:

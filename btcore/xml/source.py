@@ -13,7 +13,7 @@ from lxml import etree
 
 from btcore.errors import Diagnostic, SyntaxFault
 from btcore.suggest import nearest
-from btcore.xml.lenient import Lenient, escape, markup, may_keep_line_breaks
+from btcore.xml.lenient import Lenient, escape, has_one_line_tags, markup, may_keep_line_breaks
 from btcore.xml.malformed import EXAMPLE, explain
 from btcore.xml.places import Part, Place, Places, place_at
 
@@ -23,22 +23,25 @@ _BYTE_ORDER_MARKS: Final = (
     (b"\xff\xfe", "UTF-16"),
     (b"\xfe\xff", "UTF-16"),
 )
-_LINE_BREAK_IN_TAG: Final = re.compile(r"<[^>\n\r]*[\n\r]")
+_LINE_BREAK_IN_TAG: Final = re.compile(r"<[^>\n\r]*+[\n\r]")
 
 
 class Document:
     """One XML document: *root* is its element tree, *text* what the user wrote, *file* its name.
 
-    *warnings* tells what was read leniently.
+    *warnings* tells what was read leniently, *tags_span_lines* whether a tag may have a line break in
+    it, so that the parser does not know the line in which it begins.
     """
 
-    def __init__(self, root: etree._Element, lenient: Lenient, text: str, file: str) -> None:
+    def __init__(
+        self, root: etree._Element, lenient: Lenient, text: str, file: str, tags_span_lines: bool = True
+    ) -> None:
         self.root = root
         self.text = text
         self.file = file
         self._lenient = lenient
         self._places: Places | None = None
-        self._tags_span_lines: bool | None = None
+        self.tags_span_lines = tags_span_lines
 
     @property
     def folder(self) -> Path:
@@ -54,10 +57,8 @@ class Document:
 
     def line(self, element: etree._Element) -> int:
         """The line in which *element* begins."""
-        if self._tags_span_lines is None:
-            self._tags_span_lines = _LINE_BREAK_IN_TAG.search(self.text) is not None
         # The parser's line is that in which the start tag ends.
-        return self.places.line(element) if self._tags_span_lines else cast(int, element.sourceline)
+        return self.places.line(element) if self.tags_span_lines else cast(int, element.sourceline)
 
     def place(
         self, element: etree._Element | int, attribute: str = "", part: Part = "value", within: int = 0
@@ -117,14 +118,15 @@ def read_text(text: str, file: str = "") -> Document:
     """Parse *text*; *file* is what messages call it. Raises SyntaxFault."""
     # A byte order mark, and the declaration's encoding, are of no use once the text is a text.
     text = text.removeprefix("\ufeff")
-    if not text.strip():
+    if not text or text.isspace():
         raise SyntaxFault([Diagnostic("E001", "the document is empty", file, hint=EXAMPLE)])
     if "<!DOCTYPE" in text:
         _refuse_document_type(text, file)
     zero = text.find("\0")
     if zero >= 0:
         raise _fault("E002", "a NUL character; this is not an XML document", text, zero, file)
-    lenient = escape(text) if may_keep_line_breaks(text) else Lenient(text, ())
+    one_line_tags = has_one_line_tags(text)
+    lenient = Lenient(text, ()) if one_line_tags or not may_keep_line_breaks(text) else escape(text)
     try:
         root = _parse(lenient.text)
     except etree.XMLSyntaxError as first:
@@ -137,7 +139,10 @@ def read_text(text: str, file: str = "") -> Document:
             root = _parse(lenient.text)
         except etree.XMLSyntaxError as second:
             raise SyntaxFault([explain(second, lenient, text, file)]) from None
-    return Document(root, lenient, text, file)
+    tags_span_lines = bool(lenient.escapes) or (
+        not one_line_tags and _LINE_BREAK_IN_TAG.search(text) is not None
+    )
+    return Document(root, lenient, text, file, tags_span_lines)
 
 
 def read_file(path: str | os.PathLike[str]) -> Document:
@@ -152,7 +157,9 @@ def read_file(path: str | os.PathLike[str]) -> Document:
 
 def _parse(text: str) -> etree._Element:
     # Without huge_tree the parser also limits the depth of elements and the length of texts.
-    parser = etree.XMLParser(encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False)
+    parser = etree.XMLParser(
+        encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, collect_ids=False
+    )
     # A lone surrogate has no UTF-8 form; it becomes '?', in a document that was no text anyway.
     return etree.fromstring(text.encode("utf-8", "replace"), parser)
 

@@ -5,7 +5,9 @@ import os
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
-    "btcore", max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    "btcore", max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
-settings.register_profile("btcore-ci", settings.get_profile("btcore"), derandomize=True, database=None)
+settings.register_profile(
+    "btcore-ci", settings.get_profile("btcore"), max_examples=500, derandomize=True, database=None
+)
 settings.load_profile("btcore-ci" if os.environ.get("CI") else "btcore")

@@ -11,7 +11,7 @@ import btcore
 from btcore import NodeRaised, NodeType, Observer, SimClock, Status, Transition, Tree
 from btcore.testing.planned import Journal, PlanFault
 from btcore.testing.recorded_trees import planned_registry
-from btcore.testing.strategies import trees
+from btcore.testing.strategies import documents
 
 NODES = planned_registry()
 LEAVES = (NodeType.ACTION, NodeType.CONDITION)
@@ -84,7 +84,7 @@ def statuses(tree: Tree) -> list[Status]:
     return [node.status for node in tree]
 
 
-@given(trees(timed=True), st.integers(1, 12))
+@given(documents(timed=True), st.integers(1, 12))
 def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(xml: str, ticks: int) -> None:
     tree, _ = planted(xml)
     for _ in range(ticks):
@@ -97,7 +97,7 @@ def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(xml: str,
         tree.sleep(0.01)
 
 
-@given(trees(timed=True), st.integers(0, 5))
+@given(documents(timed=True), st.integers(0, 5))
 def test_a_tree_that_was_halted_is_idle_in_every_node(xml: str, ticks: int) -> None:
     tree, journal = planted(xml)
     for _ in range(ticks):
@@ -111,7 +111,7 @@ def test_a_tree_that_was_halted_is_idle_in_every_node(xml: str, ticks: int) -> N
     assert {f"{node.name}:halted" for node in running} <= set(journal.take())
 
 
-@given(trees(timed=True), st.integers(1, 12), st.integers(1, 3))
+@given(documents(timed=True), st.integers(1, 12), st.integers(1, 3))
 def test_a_halted_tree_starts_anew_as_if_nothing_had_happened_to_its_statuses(
     xml: str, ticks: int, more: int
 ) -> None:
@@ -126,7 +126,7 @@ def test_a_halted_tree_starts_anew_as_if_nothing_had_happened_to_its_statuses(
         assert tree.context.deadlines == {}
 
 
-@given(trees(timed=True), st.integers(1, 12))
+@given(documents(timed=True), st.integers(1, 12))
 def test_observers_change_nothing(xml: str, ticks: int) -> None:
     silent, written = planted(xml)
     watched, heard = planted(xml)
@@ -139,7 +139,7 @@ def test_observers_change_nothing(xml: str, ticks: int) -> None:
     assert written.calls == heard.calls
 
 
-@given(trees(timed=True), st.integers(1, 12))
+@given(documents(timed=True), st.integers(1, 12))
 def test_transitions_have_no_holes_and_add_up_to_what_the_nodes_say(xml: str, ticks: int) -> None:
     tree, _ = planted(xml)
     everything = Everything()
@@ -157,7 +157,7 @@ def test_transitions_have_no_holes_and_add_up_to_what_the_nodes_say(xml: str, ti
     assert [known[node.uid] for node in tree] == statuses(tree)
 
 
-@given(trees(max_nodes=40, timed=True), st.integers(1, 12))
+@given(documents(max_nodes=40, timed=True), st.integers(1, 12))
 def test_a_reactive_node_never_leaves_two_of_its_children_running(xml: str, ticks: int) -> None:
     tree, _ = planted(xml)
     reactive = [node for node in tree if node.id in REACTIVE]
@@ -169,7 +169,7 @@ def test_a_reactive_node_never_leaves_two_of_its_children_running(xml: str, tick
             assert [child.status for child in node.children].count(Status.RUNNING) <= 1
 
 
-@given(trees(), st.integers(1, 12))
+@given(documents(), st.integers(1, 12))
 def test_tick_once_does_what_as_many_exact_ticks_do(xml: str, steps: int) -> None:
     together, calls = planted(xml)
     one_by_one, same_calls = planted(xml)
@@ -184,7 +184,7 @@ def test_tick_once_does_what_as_many_exact_ticks_do(xml: str, steps: int) -> Non
     assert statuses(one_by_one) == statuses(together)
 
 
-@given(trees(timed=True), st.integers(0, 12), st.sampled_from([0.005, 0.01, 0.1]))
+@given(documents(timed=True), st.integers(0, 12), st.sampled_from([0.005, 0.01, 0.1]))
 def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int, period: float) -> None:
     def run(tree: Tree) -> Status:
         return tree.tick_while_running(period)
@@ -220,7 +220,7 @@ def first_error(tree: Tree, ticks: int) -> NodeRaised | None:
 
 
 @settings(suppress_health_check=list(HealthCheck))
-@given(trees(raising=True), st.integers(1, 12))
+@given(documents(raising=True), st.integers(1, 12))
 def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: int) -> None:
     tree, _ = planted(xml)
     error = first_error(tree, ticks)
@@ -235,7 +235,7 @@ def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: i
     assert tree.status is Status.IDLE
 
 
-@given(trees(timed=True), st.integers(1, 6))
+@given(documents(timed=True), st.integers(1, 6))
 def test_two_trees_of_one_document_do_not_notice_each_other(xml: str, ticks: int) -> None:
     alone, calls = planted(xml)
     for _ in range(ticks):
@@ -250,7 +250,7 @@ def test_two_trees_of_one_document_do_not_notice_each_other(xml: str, ticks: int
     assert first_calls.calls == calls.calls
 
 
-@given(trees())
+@given(documents())
 def test_a_random_tree_names_its_nodes_in_pre_order(xml: str) -> None:
     tree, _ = planted(xml)
     assert [node.name for node in tree] == [f"n{number}" for number in range(1, len(tree.nodes) + 1)]

@@ -13,7 +13,7 @@ from btcore import NodeRaised, Registry, SimClock, Status, Transition, Tree
 from btcore.logs import TraceLog
 from btcore.testing.planned import Journal
 from btcore.testing.recorded_trees import planned_registry
-from btcore.testing.strategies import trees
+from btcore.testing.strategies import documents
 
 NODES = planned_registry()
 
@@ -136,7 +136,7 @@ def test_a_log_attached_while_nodes_run_shows_them_from_their_next_start(
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-@given(text=trees(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
+@given(text=documents(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
 def test_slices_are_nested_and_ended_in_every_tree(
     text: str, ticks: int, halt: bool, tmp_path_factory: Any
 ) -> None:

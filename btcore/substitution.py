@@ -1,0 +1,68 @@
+"""Substitution rules: another node in the place of some of a tree's, as BehaviorTree.CPP has them."""
+
+import re
+from collections.abc import Mapping
+
+from btcore.config import NodeConfig
+from btcore.errors import NodeFault
+from btcore.manifest import Manifest
+from btcore.status import NodeType
+from btcore.suggest import nearest
+
+
+class Rule:
+    """One rule: nodes that *filter* meets are made by *by*, a manifest or the ID of a registered node.
+
+    *filter* is a registration ID, an instance name, or a full path in which ``*`` stands for any text
+    and ``?`` for any character.
+    """
+
+    def __init__(self, filter: str, by: "Manifest | str") -> None:
+        self.filter = filter
+        self.by = by
+        parts = [".*" if char == "*" else "." if char == "?" else re.escape(char) for char in filter]
+        self._path = re.compile("".join(parts), re.DOTALL)
+
+    def meets(self, config: NodeConfig) -> bool:
+        """Whether the rule is for the node of *config*."""
+        return (
+            self.filter == config.name
+            or self.filter == config.id
+            or self._path.fullmatch(config.path) is not None
+        )
+
+    def stand_in(self, config: NodeConfig, children: int, known: Mapping[str, Manifest]) -> Manifest:
+        """What makes the node of *config*, which has *children*; *known* are the registered nodes by ID.
+
+        Raises NodeFault where there is none of that ID, or one that wants other children.
+        """
+        found = self.by if isinstance(self.by, Manifest) else known.get(self.by)
+        if found is None:
+            guess = nearest(str(self.by), known)
+            hint = f"; did you mean '{guess}'?" if guess else ""
+            raise NodeFault(
+                f"the substitution rule '{self.filter}' puts '{self.by}' in the place of <{config.id}>, "
+                f"but no node is registered as that{hint}"
+            )
+        if found.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
+            needs = "has exactly one child"
+        elif found.type is NodeType.CONTROL and not children:
+            needs = "has children"
+        else:
+            return found
+        raise NodeFault(
+            f"the substitution rule '{self.filter}' puts <{found.id}>, which {needs}, in the place of "
+            f"<{config.id}>, which has {children or 'none'}"
+        )
+
+    def __repr__(self) -> str:
+        by = self.by if isinstance(self.by, str) else self.by.cls.__name__
+        return f"<Rule '{self.filter}' → {by}>"
+
+
+def first_that_meets(rules: dict[str, Rule], config: NodeConfig) -> Rule | None:
+    """The first of *rules*, in the order in which they were given, that is for the node of *config*."""
+    for rule in rules.values():
+        if rule.meets(config):
+            return rule
+    return None

@@ -1,0 +1,67 @@
+"""Warnings about one definition, and which leaves are only names so far."""
+
+from dataclasses import replace
+from typing import Final
+
+from btcore.manifest import Manifest
+from btcore.xml.faults import Faults
+from btcore.xml.places import Part
+from btcore.xml.plan import NodePlan
+from btcore.xml.source import Document
+from btcore.xml.stubs import StubAction, StubCondition, StubControl, StubDecorator
+
+_STAND_INS: Final = (StubAction, StubCondition, StubControl, StubDecorator)
+
+
+class Advice:
+    """Takes the warnings, one of each sort a place: a tree that is called twice is one text."""
+
+    def __init__(self, faults: Faults) -> None:
+        self.faults = faults
+        self._told = {(one.code, one.file, one.line, one.column) for one in faults.warnings}
+
+    def warn(
+        self,
+        code: str,
+        said: str,
+        document: Document,
+        node: NodePlan,
+        attribute: str = "",
+        hint: str = "",
+        part: Part = "value",
+        within: int = 0,
+        width: int = 0,
+    ) -> None:
+        """Note a warning about *node*, or one of its attributes (see :meth:`Document.place`).
+
+        *width* is how many characters are meant from *within* on.
+        """
+        found = document.diagnostic(code, said, node.element, attribute, part, hint, within)
+        if width and found.width < width:
+            found = replace(found, width=width)
+        place = (code, found.file, found.line, found.column)
+        if place not in self._told:
+            self._told.add(place)
+            self.faults.add(found)
+
+
+def tag(node: NodePlan) -> str:
+    """*node* as messages name it."""
+    if node.call is not None:
+        return f'<SubTree ID="{node.call.tree}">'
+    return f"<{node.id}>"
+
+
+def line_of(document: Document, node: NodePlan) -> str:
+    """``line 4``."""
+    return f"line {document.line(node.element)}"
+
+
+def is_stand_in(manifest: Manifest) -> bool:
+    """Whether the node is known by a model alone: what it does, and which ports it can do without, isn't."""
+    return issubclass(manifest.cls, _STAND_INS)
+
+
+def is_built_in(manifest: Manifest) -> bool:
+    """Whether it is one of BehaviorTree.CPP's nodes, as btcore brings it."""
+    return manifest.function is None and manifest.cls.__module__.startswith("btcore.nodes")

@@ -1,0 +1,122 @@
+"""W203, W210, W211: texts of ports that are not what they look like."""
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from btcore.errors import ConversionFault
+from btcore.nodes.loop import LoopNode
+from btcore.numerals import whole_float
+from btcore.ports import Direction, Port, pointer
+from btcore.values import IntegerType, RealType, ValueType, VectorType
+from btcore.xml.check import nodes_of
+from btcore.xml.lint.advice import Advice, tag
+from btcore.xml.lint.rehearsal import SCRIPT_PORTS
+from btcore.xml.plan import NodePlan, TreePlan
+
+_LONGEST: Final = 64
+_INTEGER: Final = re.compile(r"-?[0-9]+")
+_HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
+
+
+def check_texts(plan: TreePlan, format: int, advice: Advice) -> None:
+    """Warn of the literals in *plan* that are read in part, or were meant as keys."""
+    document = plan.definition.document
+    for node in nodes_of(plan):
+        cls = node.manifest.cls if node.manifest is not None else None
+        for port, text, is_written in node.ports:
+            if not is_written or pointer(text, port.name, format) is not None:
+                continue
+            if cls is not None and SCRIPT_PORTS.get(cls) == port.name:
+                continue
+            if format == 4 and refused(port.type, text):
+                continue  # said already
+            meant = half_a_pointer(text)
+            if meant:
+                said = f"the port '{port.name}' of {tag(node)} is given the text '{text}', not an entry"
+                advice.warn("W210", said, document, node, port.name, f"for the entry write {{{meant}}}")
+            elif port.direction is Direction.OUT and format == 4:
+                _no_entry(plan, node, port, text, advice)
+            else:
+                for item, part, kind in partly_read(text, _kind(node, port), format):
+                    takes = f"the port '{port.name}' of {tag(node)} takes {kind}"
+                    said = f"{takes}: of '{item}' only '{part}' is read"
+                    hint = f"write {_instead(item, part, kind)}"
+                    advice.warn("W203", said, document, node, port.name, hint)
+        if node.call is not None:
+            for key, text in node.call.constants.items():
+                meant = half_a_pointer(text)
+                if meant:
+                    said = f"'{key}' of {tag(node)} is given the text '{text}', not an entry"
+                    advice.warn("W210", said, document, node, key, f"for the entry write {{{meant}}}")
+
+
+def _no_entry(plan: TreePlan, node: NodePlan, port: Port, text: str, advice: Advice) -> None:
+    said = f"the port '{port.name}' of {tag(node)} is to be written, but '{text}' names no entry"
+    hint = f'write {port.name}="{{{text if text.isidentifier() else "…"}}}"'
+    advice.warn("W211", said, plan.definition.document, node, port.name, hint)
+
+
+def refused(kind: ValueType, text: str) -> bool:
+    """Whether the loader refuses the literal *text* for a port of type *kind*."""
+    try:
+        kind.from_text(text)
+    except ConversionFault:
+        return kind.strong and kind.converts
+    return False
+
+
+def half_a_pointer(text: str) -> str:
+    """The key that *text* was meant to name, if a brace is missing or one too many is written; else ""."""
+    found = _HALF_A_POINTER.fullmatch(text.strip(" "))
+    if found is None:
+        return ""
+    return found["open"] or found["closed"] or ""
+
+
+def _kind(node: NodePlan, port: Port) -> ValueType:
+    """The type of *port*; of a loop's queue that of its elements."""
+    cls = node.manifest.cls if node.manifest is not None else None
+    if port.name == "queue" and cls is not None and issubclass(cls, LoopNode):
+        return VectorType(cls.element)
+    return port.type
+
+
+def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, str, str]]:
+    """The numbers of *text* that are read only in part: each whole, the part, and what it is read as."""
+    if isinstance(kind, VectorType):
+        if not (text.startswith("json:") and format == 4):
+            for item in text.split(";"):
+                yield from partly_read(item, kind.item, format)
+        return
+    if not isinstance(kind, (IntegerType, RealType)) or len(text) > _LONGEST:
+        return
+    try:
+        kind.from_text(text, format)
+    except ConversionFault:
+        return  # refused, at load or when it is read
+    shown = text.strip()
+    # Format 3 skips spaces and a plus sign, and knows hexadecimal reals.
+    bare = shown.removeprefix("+") if format == 3 else shown
+    part = _read_part(bare, isinstance(kind, IntegerType))
+    if part is None or part == bare or re.fullmatch(r"\.0*", bare[len(part) :]):
+        return
+    if format == 3 and isinstance(kind, RealType) and "x" in bare.lower():
+        return
+    yield shown, part, kind.name
+
+
+def _read_part(text: str, integer: bool) -> str | None:
+    """The beginning of *text* that is a number."""
+    if integer:
+        found = _INTEGER.match(text)
+        return None if found is None else found.group()
+    ends = range(len(text), 0, -1)
+    return next((text[:end] for end in ends if whole_float(text[:end]) is not None), None)
+
+
+def _instead(item: str, part: str, kind: str) -> str:
+    comma = item.replace(",", ".", 1)
+    if kind in ("double", "float") and whole_float(comma) is not None:
+        return comma
+    return f"{part}, if that is meant"

@@ -1,0 +1,59 @@
+"""One node as the document has it: first its element and place, then its ports and attributes."""
+
+from collections.abc import Sequence
+
+from lxml import etree
+
+from btcore.config import NOTHING
+from btcore.manifest import Manifest
+from btcore.ports import Binding, Port
+
+
+class Call:
+    """A SubTree element: which tree it is, and how the blackboards are connected.
+
+    *remaps* leads inner keys to outer ones, *constants* are texts for inner keys; *shared* is
+    format 3's one blackboard for both; *every_key* its `__autoremap`, which maps the keys that the
+    inner tree's ports name. *written* are its ports as the document (or the model) has them.
+    """
+
+    __slots__ = ("autoremap", "constants", "every_key", "remaps", "shared", "tree", "written")
+
+    def __init__(self, tree: str) -> None:
+        self.tree = tree
+        self.remaps: dict[str, str] = {}
+        self.constants: dict[str, str] = {}
+        self.written: dict[str, str] = {}
+        self.autoremap = False
+        self.shared = False
+        self.every_key = False
+
+
+class NodePlan:
+    """One node of a definition.
+
+    *depth* counts from the ``<BehaviorTree>``, which has 0. *bindings* are those of its ports: what the
+    document writes, in its order, then defaults. *attributes* are all attributes that are neither ports
+    nor scripts.
+    """
+
+    __slots__ = (
+        "attributes", "bindings", "call", "children", "depth", "element", "id", "manifest", "name", "scripts",
+    )  # fmt: skip
+
+    def __init__(self, element: etree._Element, depth: int) -> None:
+        self.element = element
+        self.depth = depth
+        self.id = ""
+        self.manifest: Manifest | None = None
+        self.name: str | None = None
+        self.scripts = NOTHING
+        self.attributes = NOTHING
+        self.bindings: Sequence[Binding] = ()
+        self.children: Sequence[NodePlan] = ()
+        self.call: Call | None = None
+
+    @property
+    def ports(self) -> list[tuple[Port, str, bool]]:
+        """The ports with their texts, and whether the document writes them."""
+        return [(bound.port, bound.text, bound.written) for bound in self.bindings]

@@ -1,0 +1,51 @@
+"""What the tests of the test kit share: a small tree with leaves of its own."""
+
+from collections.abc import Callable
+
+import pytest
+
+from btcore import Out, Registry, SyncAction, condition
+from btcore.testing import Harness, Outcomes, with_planned_leaves
+
+PATROL = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <ReactiveSequence name="patrol">
+      <BatteryOk/>
+      <SubTree ID="Round" name="round"/>
+    </ReactiveSequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Round">
+    <Sequence name="way">
+      <Drive name="out"/>
+      <Script name="note" code="turns := 1"/>
+      <Drive name="back"/>
+    </Sequence>
+  </BehaviorTree>
+</root>"""
+
+
+@condition
+def battery_ok() -> bool:
+    raise AssertionError("the real leaf is ticked")
+
+
+class Drive(SyncAction):
+    way: Out[float]
+
+    def tick(self) -> bool:
+        raise AssertionError("the real leaf is ticked")
+
+
+@pytest.fixture
+def patrol() -> Callable[..., Harness]:
+    """The tree above in a harness; its leaves follow the entries given."""
+
+    def make(*entries: str) -> Harness:
+        nodes = Registry.standard()
+        nodes.add(battery_ok, Drive)
+        made = Harness.loads(PATROL, nodes=with_planned_leaves(nodes))
+        Outcomes(*entries).attach(made.tree)
+        return made
+
+    return make

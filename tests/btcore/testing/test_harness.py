@@ -1,0 +1,191 @@
+"""Driving a tree on a simulated clock, and the trace of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import Blackboard, NodeRaised, Registry, Status, action, sleep
+from btcore.testing import Change, Harness, PlanFault, Trace
+
+Patrol = Callable[..., Harness]
+
+
+def document(body: str) -> str:
+    return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+
+
+# --- driving
+
+
+def test_a_tick_ticks_once_and_takes_no_time(patrol: Patrol) -> None:
+    harness = patrol("S", "RRRRS")
+    assert harness.tick() is Status.RUNNING
+    assert harness.tick() is Status.RUNNING
+    assert harness.tick(2) is Status.RUNNING
+    assert (harness.tree.ticks, harness.tree.clock.now()) == (4, 0)
+
+
+def test_waiting_takes_time_and_ticks_nothing() -> None:
+    harness = Harness.loads(document('<Sequence><Sleep msec="300"/><AlwaysSuccess/></Sequence>'))
+    harness.tick()
+    harness.wait(0.299)
+    assert harness.tick() is Status.RUNNING
+    harness.wait(5)
+    assert harness.tree.ticks == 2
+    assert harness.tick() is Status.SUCCESS
+    assert harness.tree.clock.now() == 5_299_000_000
+
+
+def test_run_ticks_as_tick_while_running_does() -> None:
+    text = document('<Sequence><Sleep msec="25"/><Delay delay_msec="7"><AlwaysSuccess/></Delay></Sequence>')
+    harness = Harness.loads(text)
+    other = btcore.loads(text, clock=btcore.SimClock())
+    assert harness.run() is other.tick_while_running()
+    assert harness.tree.clock.now() == other.clock.now() == 32_000_000
+    assert harness.tree.ticks == other.ticks
+
+
+def test_a_run_that_does_not_end_fails_and_shows_the_tree() -> None:
+    harness = Harness.loads(document('<Inverter><Sleep name="night" msec="90000"/></Inverter>'))
+    with pytest.raises(AssertionError, match="still runs after 60 s") as failed:
+        harness.run(period=10)
+    assert "Inverter  RUNNING" in str(failed.value)
+    assert "  Sleep 'night'  RUNNING  gave RUNNING" in str(failed.value)
+    assert harness.tree.clock.now() == 60_000_000_000
+
+
+def test_a_tree_that_wakes_itself_for_ever_fails_too() -> None:
+    harness = Harness.loads(document('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>'))
+    with pytest.raises(AssertionError, match="still runs"):
+        harness.run()
+    assert harness.tree.clock.now() == 0
+
+
+def test_run_until_goes_on_over_the_end_of_the_tree() -> None:
+    harness = Harness.loads(document('<Script code="n := n + 1"/>'))
+    harness.blackboard["n"] = 0
+    harness.run_until(lambda: harness.blackboard["n"] == 5)
+    assert harness.tree.ticks == 5
+    with pytest.raises(AssertionError, match="did not come within 2 s"):
+        harness.run_until(lambda: False, limit=2)
+
+
+def test_run_for_takes_as_long_as_it_says() -> None:
+    harness = Harness.loads(document("<AlwaysFailure/>"))
+    assert harness.run_for(1.0, period=0.25) is Status.FAILURE
+    assert (harness.tree.ticks, harness.tree.clock.now()) == (5, 1_000_000_000)
+
+
+def test_a_coroutine_sleeps_by_the_simulated_clock() -> None:
+    @action
+    async def nap() -> bool:
+        await sleep(1200)
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(nap)
+    harness = Harness.loads(document("<Nap/>"), nodes=nodes)
+    assert harness.run(limit=3600) is Status.SUCCESS
+    assert harness.tree.clock.now() == 1_200_000_000_000
+
+
+def test_a_file_is_loaded_like_a_text(tmp_path: Path) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text(document("<AlwaysSuccess/>"), encoding="utf-8")
+    assert Harness.load(file).run() is Status.SUCCESS
+
+
+def test_a_tree_on_the_systems_clock_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"load it with clock=SimClock\(\)"):
+        Harness(btcore.loads(document("<AlwaysSuccess/>")))
+
+
+# --- reading
+
+
+def test_what_a_node_gave_in_the_last_tick_stays_readable_when_it_is_idle_again(patrol: Patrol) -> None:
+    harness = patrol("S")
+    harness.tick()
+    assert harness.status("back") is Status.IDLE
+    assert harness.result("back") is Status.SUCCESS
+    harness = patrol("F")
+    harness.tick()
+    assert harness.result("BatteryOk") is Status.FAILURE
+    assert harness.result("back") is None
+
+
+def test_a_step_tells_the_changes_the_results_what_was_written_and_how_all_stand(patrol: Patrol) -> None:
+    harness = patrol("S", "S", "RF")
+    harness.tick()
+    step = harness.last
+    assert (step.tick, step.stamp, step.status) == (1, 0, Status.RUNNING)
+    assert step.changes[:2] == (
+        Change("patrol", Status.IDLE, Status.RUNNING),
+        Change("BatteryOk::2", Status.IDLE, Status.SUCCESS),
+    )
+    assert step.results["round/out"] == (Status.SUCCESS,)
+    assert step.results["round/back"] == (Status.RUNNING,)
+    assert step.written == {"round/turns": 1.0}
+    assert step.statuses["round/note"] is Status.SUCCESS
+    assert step.statuses["round/back"] is Status.RUNNING
+    assert str(step) == "tick 1, at 0 s: RUNNING"
+
+
+def test_a_node_that_runs_on_is_ticked_though_nothing_changes(patrol: Patrol) -> None:
+    harness = patrol("S", "RRRS", "S", "S")
+    harness.tick(2)
+    assert "round/out" in harness.last.results
+    assert "round/out" not in [change.path for change in harness.last.changes]
+    assert harness.trace.results("out") == [Status.RUNNING, Status.RUNNING]
+
+
+def test_a_halt_between_ticks_is_a_step_of_its_own(patrol: Patrol) -> None:
+    harness = patrol("S", "RRS")
+    harness.wait(0.5)
+    harness.tick()
+    harness.halt()
+    step = harness.last
+    assert (step.tick, step.status, step.results) == (0, Status.IDLE, {})
+    assert set(step.halted) == {"patrol", "round", "round/way", "round/out"}
+    assert str(step) == "after a tick, at 0.5 s"
+
+
+def test_a_node_that_raises_ends_the_step_and_gave_nothing(patrol: Patrol) -> None:
+    harness = patrol("S", "X")
+    with pytest.raises(NodeRaised) as raised:
+        harness.tick()
+    assert isinstance(raised.value.cause, PlanFault)
+    step = harness.last
+    assert step.error is raised.value
+    assert step.results["BatteryOk::2"] == (Status.SUCCESS,)
+    assert step.results["round/out"] == ()
+    assert str(step) == "tick 1, at 0 s: raised round/out"
+
+
+def test_an_entry_that_is_removed_shows_as_none() -> None:
+    board = Blackboard()
+    board["b"] = 2
+    text = document('<Sequence><Script code="a := 1"/><UnsetBlackboard key="b"/></Sequence>')
+    harness = Harness.loads(text, blackboard=board)
+    harness.tick()
+    assert harness.last.written == {"a": 1, "b": None}
+
+
+def test_nodes_with_the_same_path_are_told_apart_by_their_number() -> None:
+    harness = Harness.loads(
+        document('<Sequence><AlwaysSuccess name="x"/><AlwaysSuccess name="x"/></Sequence>')
+    )
+    harness.tick()
+    assert list(harness.last.results) == ["Sequence::1", "x#2", "x#3"]
+    assert harness.result("x#3") is Status.SUCCESS
+
+
+def test_a_trace_that_was_stopped_hears_no_more(patrol: Patrol) -> None:
+    tree = patrol("S").tree
+    trace = Trace(tree)
+    tree.tick_once()
+    trace.stop()
+    tree.tick_once()
+    assert len(trace) == 1

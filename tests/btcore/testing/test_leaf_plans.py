@@ -1,0 +1,132 @@
+"""One plan for all leaves of a tree."""
+
+from collections.abc import Callable
+
+import pytest
+
+import btcore
+from btcore import In, NodeRaised, Registry, SimClock, Status, Tree, action, condition
+from btcore.testing import Harness, Outcomes, PlanFault, PlannedAction, PlannedCondition, with_planned_leaves
+
+Patrol = Callable[..., Harness]
+
+
+def planned(body: str) -> Tree:
+    return btcore.loads(
+        f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>',
+        nodes=with_planned_leaves(Registry.standard()),
+        clock=SimClock(),
+    )
+
+
+def test_leaves_take_entries_in_the_order_in_which_they_start() -> None:
+    tree = planned("<Parallel><Act/><Ask/><Act/></Parallel>")
+    plan = Outcomes("RS", "S", "RRF")
+    assert plan.drive(tree, ticks=3) == [Status.RUNNING, Status.RUNNING, Status.FAILURE]
+
+
+def test_an_action_runs_for_every_r_and_then_ends() -> None:
+    assert Outcomes("RRS").drive(planned("<Act/>"), ticks=4) == [
+        Status.RUNNING,
+        Status.RUNNING,
+        Status.SUCCESS,
+        Status.RUNNING,
+    ]
+
+
+def test_a_condition_gives_the_last_letter_at_once() -> None:
+    assert Outcomes("RRF").drive(planned("<Ask/>"), ticks=2) == [Status.FAILURE, Status.FAILURE]
+
+
+def test_a_condition_fails_where_an_action_is_skipped() -> None:
+    assert Outcomes("K").drive(planned("<Ask/>"), ticks=1) == [Status.FAILURE]
+    assert Outcomes("K").drive(planned("<Act/>"), ticks=1) == [Status.SKIPPED]
+
+
+def test_after_the_last_entry_comes_the_first() -> None:
+    results = Outcomes("S", "F", "K").drive(planned("<Act/>"), ticks=5)
+    assert [status.name for status in results] == ["SUCCESS", "FAILURE", "SKIPPED", "SUCCESS", "FAILURE"]
+
+
+def test_a_plan_may_raise() -> None:
+    with pytest.raises(NodeRaised) as raised:
+        Outcomes("RX").drive(planned("<Act/>"))
+    assert isinstance(raised.value.cause, PlanFault)
+
+
+def test_without_a_plan_leaves_succeed() -> None:
+    assert planned("<Sequence><Act/><Ask/></Sequence>").tick_once() is Status.SUCCESS
+
+
+def test_driving_lets_time_pass_between_ticks() -> None:
+    tree = planned('<Sequence><Act/><Sleep msec="100"/></Sequence>')
+    assert Outcomes("S").drive(tree, ticks=3, period=0.05)[-1] is Status.SUCCESS
+
+
+def test_a_plan_begins_anew_when_it_is_attached() -> None:
+    plan = Outcomes("S", "F")
+    assert plan.drive(planned("<Act/>"), ticks=1) == plan.drive(planned("<Act/>"), ticks=1)
+
+
+@pytest.mark.parametrize("entries", [(), ("",), ("R",), ("SS",), ("S", "RSF"), ("s",), ("RRZ",)])
+def test_what_is_no_plan_is_refused(entries: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match="a plan has entries such as"):
+        Outcomes(*entries)
+
+
+def test_plans_are_compared_and_shown_by_their_entries() -> None:
+    assert Outcomes("S", "RF") == Outcomes("S", "RF") != Outcomes("S")
+    assert repr(Outcomes("S", "RF")) == "Outcomes('S', 'RF')"
+    assert len({Outcomes("S"), Outcomes("S")}) == 1
+
+
+# --- whose leaves
+
+
+class Arm:
+    """What a leaf asks for, and nobody hands in."""
+
+
+@action
+def grasp(force: In[float], arm: Arm) -> bool:
+    raise AssertionError("the real leaf is ticked")
+
+
+@condition
+def holding(arm: Arm) -> bool:
+    raise AssertionError("the real leaf is ticked")
+
+
+def test_leaves_of_a_registry_follow_the_plan_and_need_no_resources() -> None:
+    nodes = Registry.standard()
+    nodes.add(grasp, holding)
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Main">'
+        '<Fallback><Holding/><Grasp force="3"/><AlwaysFailure/></Fallback></BehaviorTree></root>'
+    )
+    tree = btcore.loads(text, nodes=with_planned_leaves(nodes), clock=SimClock())
+    assert [type(node) for node in tree][1:3] == [PlannedCondition, PlannedAction]
+    assert tree.nodes[2].get_input("force") == 3
+    assert Outcomes("F", "RS").drive(tree, ticks=2) == [Status.RUNNING, Status.SUCCESS]
+    assert "Act" not in nodes
+    assert nodes.substitutions == {}
+
+
+def test_a_rule_that_is_there_already_stays() -> None:
+    nodes = Registry.standard()
+    nodes.add(holding)
+    nodes.substitute("Holding", "AlwaysFailure")
+    text = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Holding/></BehaviorTree></root>'
+    tree = btcore.loads(text, nodes=with_planned_leaves(nodes), clock=SimClock())
+    assert tree.tick_once() is Status.FAILURE
+
+
+def test_a_tree_whose_leaves_follow_no_plan_is_refused_with_advice() -> None:
+    nodes = Registry.standard()
+    nodes.add(holding)
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Inverter><Holding/></Inverter></BehaviorTree></root>'
+    )
+    tree = btcore.loads(text, nodes=nodes, resources=[Arm()], clock=SimClock())
+    with pytest.raises(ValueError, match=r"not even 'Holding::2'; load it with nodes=with_planned_leaves"):
+        Outcomes("S").drive(tree)

@@ -1,0 +1,179 @@
+"""The pytest plugin, in runs of pytest of its own."""
+
+import importlib
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import btcore
+
+HOME = Path(btcore.__file__).parent.parent
+
+TREE = """
+XML = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <Sequence name="all"><Drive name="out"/><Sleep name="rest" msec="100"/></Sequence>
+</BehaviorTree></root>'''
+
+from btcore import Status, action
+
+@action
+def drive() -> bool:
+    return True
+"""
+
+
+def run(folder: Path, test: str, *options: str, without: str = "") -> subprocess.CompletedProcess[str]:
+    """Run pytest on *test*, with the plugin alone; modules named *without* can't be imported."""
+    (folder / "test_it.py").write_text(TREE + test, encoding="utf-8")
+    if without:
+        blocked = folder / "blocked"
+        blocked.mkdir()
+        said = f"No module named '{without}'"
+        (blocked / f"{without}.py").write_text(
+            f"raise ModuleNotFoundError({said!r}, name={without!r})\n", encoding="utf-8"
+        )
+    paths = [str(folder / "blocked")] * bool(without) + [str(HOME)]
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "btcore.testing.plugin", "-W", "error", *options],
+        cwd=folder,
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(paths),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+            "PYTEST_ADDOPTS": "-p no:cacheprovider",
+            "NO_COLOR": "1",
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_fixtures_make_trees_on_a_simulated_clock(tmp_path: Path) -> None:
+    done = run(
+        tmp_path,
+        """
+def test_the_harness_takes_text_files_and_trees(registry, clock, harness, tmp_path):
+    registry.add(drive)
+    made = harness(XML)
+    assert made.run() is Status.SUCCESS
+    assert made.tree.clock is clock and clock.now() == 100_000_000
+    file = tmp_path / "tree.xml"
+    file.write_text(XML)
+    assert harness(file).run() is Status.SUCCESS
+    assert harness(made.tree).tree is made.tree
+
+def test_each_test_has_a_registry_and_a_clock_of_its_own(registry, clock):
+    assert "Drive" not in registry
+    assert clock.now() == 0
+
+def test_a_trace_follows_any_tree(registry, clock, trace):
+    import btcore
+    registry.add(drive)
+    tree = btcore.loads(XML, nodes=registry, clock=clock)
+    followed = trace(tree)
+    tree.tick_once()
+    assert followed.results("out") == [Status.SUCCESS]
+""",
+    )
+    assert done.returncode == 0, done.stdout
+    assert "3 passed" in done.stdout
+
+
+def test_a_failing_test_shows_what_happened_in_its_trees(tmp_path: Path) -> None:
+    done = run(
+        tmp_path,
+        """
+def test_it_fails(registry, harness):
+    registry.add(drive)
+    harness(XML).tick()
+    assert False, "on purpose"
+""",
+    )
+    assert done.returncode == 1
+    section = done.stdout.partition("btcore: tree 'Main'")[2].splitlines()
+    assert section[1:4] == ["tick 1, at 0 s: RUNNING", "    all: IDLE → RUNNING", "    out: IDLE → SUCCESS"]
+    assert "  Sleep 'rest'  RUNNING  gave RUNNING" in section
+
+
+def test_a_passing_test_shows_nothing(tmp_path: Path) -> None:
+    done = run(
+        tmp_path,
+        """
+def test_it_passes(registry, harness):
+    registry.add(drive)
+    harness(XML).tick()
+""",
+    )
+    assert "tree 'Main'" not in done.stdout
+
+
+def test_a_failing_property_prints_the_tree_that_it_shrank_to(tmp_path: Path) -> None:
+    done = run(
+        tmp_path,
+        """
+from hypothesis import given, settings
+from btcore.testing import outcomes, trees
+
+@settings(derandomize=True, database=None)
+@given(trees(), outcomes())
+def test_no_tree_has_an_inverter(tree, plan):
+    assert not [node for node in tree if node.id == "Inverter"]
+""",
+    )
+    assert done.returncode == 1
+    lines = [line.removeprefix("E").strip() for line in done.stdout.splitlines()]
+    at = lines.index('<Inverter name="n1">')
+    assert lines[at - 2 : at] == ['<root BTCPP_format="4">', '<BehaviorTree ID="Main">']
+    assert lines[at + 1].startswith("<A")
+    assert lines[at + 2 : at + 5] == ["</Inverter>", "</BehaviorTree>", "</root>"]
+
+
+def test_it_works_where_hypothesis_is_not_installed(tmp_path: Path) -> None:
+    done = run(
+        tmp_path,
+        """
+import pytest
+
+def test_the_harness_works(registry, harness):
+    registry.add(drive)
+    assert harness(XML).run() is Status.SUCCESS
+
+def test_a_strategy_says_what_it_needs():
+    with pytest.raises(ImportError, match="trees draws with hypothesis: pip install hypothesis"):
+        from btcore.testing import trees
+""",
+        without="hypothesis",
+    )
+    assert done.returncode == 0, done.stdout
+    assert "2 passed" in done.stdout
+
+
+def test_it_imports_no_hypothesis_by_itself(tmp_path: Path) -> None:
+    done = run(tmp_path, "\ndef test_it():\n    import sys\n    assert 'hypothesis' not in sys.modules\n")
+    assert done.returncode == 0, done.stdout
+
+
+def test_a_users_fixture_of_the_same_name_goes_before_ours(tmp_path: Path) -> None:
+    done = run(
+        tmp_path,
+        """
+import pytest
+
+@pytest.fixture
+def clock():
+    return "mine"
+
+def test_it(clock):
+    assert clock == "mine"
+""",
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_pytest_finds_it_by_its_entry_point() -> None:
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
+    (module,) = project["project"]["entry-points"]["pytest11"].values()
+    assert hasattr(importlib.import_module(module), "harness")

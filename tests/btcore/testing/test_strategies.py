@@ -1,0 +1,258 @@
+"""Random trees, plans and blackboards: what occurs in them, and how they shrink."""
+
+import re
+from collections.abc import Callable
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import HealthCheck, find, given, settings
+from hypothesis import strategies as st
+from hypothesis.errors import InvalidArgument
+
+import btcore
+from btcore import (
+    Blackboard,
+    ControlNode,
+    DecoratorNode,
+    In,
+    Out,
+    Registry,
+    SimClock,
+    Status,
+    SyncAction,
+    Tree,
+    condition,
+)
+from btcore.testing import Journal, Outcomes, blackboards, documents, outcomes, trees
+from btcore.testing.recorded_trees import planned_registry
+
+RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+SMALLEST = settings(
+    derandomize=True, database=None, max_examples=5000, suppress_health_check=list(HealthCheck)
+)
+
+
+def smallest(strategy: st.SearchStrategy[str], condition: Callable[[str], object]) -> list[str]:
+    """The tags of the smallest document that meets *condition*."""
+    text = find(strategy, lambda text: bool(condition(text)), settings=SMALLEST)
+    return [element.tag for element in ElementTree.fromstring(text).iter()][2:]
+
+
+def levels(text: str) -> int:
+    def below(element: ElementTree.Element) -> int:
+        return 1 + max((below(child) for child in element), default=0)
+
+    return max(below(tree) - 1 for tree in ElementTree.fromstring(text))
+
+
+def tags(text: str) -> set[str]:
+    found = {element.tag for element in ElementTree.fromstring(text).iter()}
+    return found - {"root", "BehaviorTree"}
+
+
+# --- trees
+
+
+def test_the_smallest_tree_is_one_leaf() -> None:
+    (leaf,) = smallest(documents(), lambda _: True)
+    assert leaf.startswith("Plan")
+
+
+@pytest.mark.parametrize(
+    "tag", ["Inverter", "Repeat", "Sequence", "ReactiveFallback", "Parallel", "TryCatch"]
+)
+def test_a_tree_shrinks_to_the_node_that_matters(tag: str) -> None:
+    found = smallest(documents(max_nodes=40), lambda text: f"<{tag} " in text)
+    assert found[0] == tag
+    assert all(other.startswith("Plan") for other in found[1:])
+    assert len(found) == (3 if tag == "TryCatch" else 2)
+
+
+def test_a_subtree_shrinks_away_unless_it_matters() -> None:
+    assert "SubTree" not in smallest(documents(subtrees=3), lambda text: "<Inverter" in text)
+    found = smallest(documents(subtrees=3), lambda text: "<SubTree" in text)
+    assert found[-3:] == ["SubTree", "BehaviorTree", found[-1]]
+    assert found[-1].startswith("Plan")
+
+
+@RELAXED
+@given(documents(max_nodes=12, max_depth=3))
+def test_a_tree_keeps_to_its_size_and_depth(text: str) -> None:
+    assert text.count(" name=") <= 12
+    assert levels(text) <= 3
+
+
+@RELAXED
+@given(documents(nodes=["Sequence", "Inverter", "AlwaysSuccess"]))
+def test_only_chosen_nodes_occur(text: str) -> None:
+    assert tags(text) <= {"Sequence", "Inverter", "AlwaysSuccess"}
+
+
+@RELAXED
+@given(documents(nodes=["Fallback", "Sequence"]))
+def test_where_no_leaf_is_chosen_leaves_are_planned(text: str) -> None:
+    assert tags(text) <= {"Fallback", "Sequence", "PlanAction", "PlanCondition", "PlanSync"}
+
+
+@pytest.mark.parametrize(
+    ("options", "tag"),
+    [
+        ({}, "SequenceWithMemory"),
+        ({}, "WhileDoElse"),
+        ({"timed": True}, "Timeout"),
+        ({"timed": True}, "Sleep"),
+        ({"scripts": True}, "Script"),
+        ({"subtrees": 1}, "SubTree"),
+        ({"format": 3}, "SequenceStar"),
+        ({"format": 3, "timed": True}, "Delay"),
+    ],
+)
+def test_what_may_occur_does(options: dict[str, Any], tag: str) -> None:
+    assert tag in smallest(documents(max_nodes=40, **options), lambda text: f"<{tag} " in text)
+
+
+@pytest.mark.parametrize("key", ["_skipIf", "_while", "_failureIf", "_onHalted", "_post"])
+def test_conditions_of_every_kind_occur(key: str) -> None:
+    assert len(smallest(documents(conditions=True), lambda text: f" {key}=" in text)) == 1
+
+
+@RELAXED
+@given(documents(skipped=False, conditions=True))
+def test_without_skipping_nothing_skips(text: str) -> None:
+    assert not re.search(r'_skipIf|_while|RunOnce|plan="[^"]*K', text)
+
+
+@RELAXED
+@given(documents(max_nodes=40, format=3, timed=True, subtrees=2))
+def test_documents_of_format_3_load_as_such(text: str) -> None:
+    tree = btcore.loads(text, nodes=planned_registry(), resources=[Journal()], clock=SimClock())
+    assert tree.format == 3
+
+
+@RELAXED
+@given(trees(max_nodes=40, conditions=True, scripts=True, timed=True, subtrees=2), outcomes())
+def test_a_tree_with_everything_can_be_driven(tree: Tree, plan: Outcomes) -> None:
+    results = plan.drive(tree, ticks=6)
+    assert len(results) == 6
+    assert Status.IDLE not in results
+    assert set(tree.blackboard) == {"a", "b", "c"}
+
+
+def test_a_failing_property_prints_the_smallest_tree_as_xml() -> None:
+    @settings(SMALLEST, max_examples=500, print_blob=False)
+    @given(trees(max_nodes=40), outcomes())
+    def no_tree_repeats(tree: Tree, plan: Outcomes) -> None:
+        assert "Repeat" not in {node.id for node in tree}
+
+    with pytest.raises(AssertionError) as failed:
+        no_tree_repeats()
+    notes = "\n".join(failed.value.__notes__)
+    assert '  <BehaviorTree ID="Main">\n    <Repeat name="n1" num_cycles="0">\n      <A' in notes
+    assert "plan=Outcomes('" in notes
+
+
+# --- trees of one's own nodes
+
+
+class Guarded(DecoratorNode):
+    limit: In[int]
+    mode: In[str] = "soft"
+
+    def tick(self) -> Status:
+        assert self.limit < 200
+        return self.child.execute_tick()
+
+
+class Last(ControlNode):
+    def tick(self) -> Status:
+        return self.children[-1].execute_tick()
+
+
+class Grab(SyncAction):
+    force: In[float]
+    got: Out[bool]
+
+    def tick(self) -> bool:
+        raise AssertionError("the real leaf is ticked")
+
+
+@condition
+def held(where: In[complex]) -> bool:
+    raise AssertionError("the real leaf is ticked")
+
+
+def own() -> Registry:
+    nodes = Registry.standard()
+    nodes.add_type(complex, complex)
+    nodes.add(Guarded, Last, Grab, held)
+    return nodes
+
+
+OWN = own()
+
+
+@RELAXED
+@given(trees(registry=OWN, nodes=["Guarded", "Last", "Grab", "Sequence"]), outcomes())
+def test_nodes_of_ones_own_get_texts_for_their_ports(tree: Tree, plan: Outcomes) -> None:
+    plan.drive(tree, ticks=2)
+    assert {node.id for node in tree} <= {"Guarded", "Last", "Grab", "Sequence"}
+    for node in tree.find(Guarded):
+        assert node.mode == "soft"
+
+
+@RELAXED
+@given(
+    trees(
+        registry=OWN,
+        nodes=["Held", "Guarded"],
+        ports={"Held": {"where": st.just("1+2j")}, "Guarded": {"mode": st.sampled_from(["hard", "soft"])}},
+    )
+)
+def test_texts_for_ports_may_be_given(tree: Tree) -> None:
+    assert [node.get_input("where") for node in tree if node.id == "Held"] == [1 + 2j]
+
+
+def test_a_port_of_unknown_type_needs_a_text() -> None:
+    with pytest.raises(InvalidArgument, match="the port 'where' of <Held>"):
+        find(documents(registry=OWN, nodes=["Held"]), lambda _: True)
+
+
+@pytest.mark.parametrize(
+    ("tag", "said"),
+    [
+        ("Sequense", "did you mean 'Sequence'"),
+        ("Grip", "did you mean 'Grab'|registry"),
+        ("Switch2", "can't have"),
+    ],
+)
+def test_a_tag_that_nobody_can_grow_is_refused(tag: str, said: str) -> None:
+    with pytest.raises(InvalidArgument, match=said):
+        find(documents(registry=OWN, nodes=[tag]), lambda _: True)
+
+
+# --- plans and blackboards
+
+
+@RELAXED
+@given(outcomes())
+def test_a_plan_ends_every_start_and_neither_skips_nor_raises(plan: Outcomes) -> None:
+    assert 1 <= len(plan.entries) <= 12
+    assert set("".join(plan.entries)) <= set("RSF")
+
+
+def test_a_plan_shrinks_to_one_success() -> None:
+    assert find(outcomes(skipped=True, raising=True), lambda _: True, settings=SMALLEST) == Outcomes("S")
+
+
+def test_a_plan_may_skip_and_raise() -> None:
+    assert find(outcomes(skipped=True), lambda plan: "K" in plan.entries, settings=SMALLEST) == Outcomes("K")
+    assert find(outcomes(raising=True), lambda plan: "X" in plan.entries, settings=SMALLEST) == Outcomes("X")
+
+
+@RELAXED
+@given(blackboards({"battery": st.floats(0, 1), "goal": str, "tries": int, "armed": bool, "gain": float}))
+def test_a_blackboard_holds_what_is_asked_for(board: Blackboard) -> None:
+    assert set(board) == {"battery", "goal", "tries", "armed", "gain"}
+    assert {type(board[key]) for key in ("battery", "gain")} <= {float}
+    assert board["armed"] in (True, False)

@@ -1,0 +1,413 @@
+"""Other nodes in the place of some: rules, TestNode, and both from JSON, as in BehaviorTree.CPP."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import (
+    Blackboard,
+    ControlNode,
+    In,
+    NodeRaised,
+    NodeType,
+    RegistrationError,
+    Registry,
+    SimClock,
+    StatefulAction,
+    Status,
+    Tree,
+    TreeError,
+    action,
+    condition,
+)
+from btcore.testing import SubstitutionFault, TestNode, TestNodeConfig, load_substitution_rules
+
+XML = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <Charged name="charged"/>
+      <SubTree ID="Patrol" name="patrol"/>
+      <Drive name="home" speed="0.5" _onSuccess="arrived := true"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Patrol">
+    <Fallback name="try">
+      <Drive name="out" speed="1.5"/>
+      <Drive name="back" speed="2"/>
+    </Fallback>
+  </BehaviorTree>
+</root>"""
+
+
+class Motors:
+    """What the real leaves ask for, and nobody hands in."""
+
+
+@condition
+def charged(motors: Motors) -> bool:
+    raise AssertionError("the real leaf is ticked")
+
+
+@action
+def drive(speed: In[float], motors: Motors) -> bool:
+    raise AssertionError("the real leaf is ticked")
+
+
+@pytest.fixture
+def nodes() -> Registry:
+    registry = Registry.standard()
+    registry.add(charged, drive)
+    registry.substitute("Charged", "AlwaysSuccess")
+    return registry
+
+
+def load(nodes: Registry, text: str = XML, blackboard: Blackboard | None = None) -> Tree:
+    return btcore.loads(text, nodes=nodes, clock=SimClock(), blackboard=blackboard)
+
+
+# --- which nodes a rule is for
+
+
+@pytest.mark.parametrize(
+    ("filter", "replaced"),
+    [
+        ("Drive", ["patrol/out", "patrol/back", "home"]),
+        ("home", ["home"]),
+        ("out", ["patrol/out"]),
+        ("patrol/*", ["patrol/try"]),
+        ("patrol/???", ["patrol/try"]),
+        ("patrol/???*k", ["patrol/back"]),
+        ("*", ["Sequence::1"]),
+        ("Sequence::?", ["Sequence::1"]),
+        ("patrol", ["patrol"]),
+        ("SubTree", ["patrol"]),
+        ("patrol/[a-z]*", []),
+        ("h.me", []),
+        ("PATROL/OUT", []),
+    ],
+)
+def test_a_rule_is_for_an_id_a_name_or_a_path_with_wildcards(filter: str, replaced: list[str]) -> None:
+    registry = Registry.standard()
+    registry.add(charged, drive)
+    registry.substitute(filter, TestNodeConfig())
+    for ID in {"Charged", "Drive"} - {filter}:
+        registry.substitute(ID, "AlwaysSuccess")
+    assert [node.path for node in load(registry).find(TestNode)] == replaced
+
+
+def test_a_rule_that_meets_no_node_changes_nothing(nodes: Registry) -> None:
+    nodes.substitute("Drive", "AlwaysFailure")
+    before = [node.path for node in load(nodes)]
+    nodes.substitute("nobody/*", TestNodeConfig())
+    tree = load(nodes)
+    assert [node.path for node in tree] == before
+    assert tree.find(TestNode) == []
+
+
+def test_the_first_rule_that_applies_wins(nodes: Registry) -> None:
+    nodes.substitute("home", TestNodeConfig(return_status=Status.FAILURE))
+    nodes.substitute("Drive", TestNodeConfig())
+    assert load(nodes).tick_once() is Status.FAILURE
+
+
+def test_a_filter_given_again_gets_another_rule(nodes: Registry) -> None:
+    nodes.substitute("Drive", TestNodeConfig(return_status=Status.FAILURE))
+    nodes.substitute("Drive", TestNodeConfig())
+    assert load(nodes).tick_once() is Status.SUCCESS
+
+
+def test_a_registry_without_its_rules_makes_the_real_nodes_again(nodes: Registry) -> None:
+    nodes.substitute("Drive", TestNodeConfig())
+    nodes.substitutions.clear()
+    with pytest.raises(TreeError, match="Motors"):
+        load(nodes)
+
+
+def test_a_copy_of_a_registry_has_rules_of_its_own(nodes: Registry) -> None:
+    other = nodes.copy()
+    other.substitute("Drive", TestNodeConfig())
+    other.remove("Charged")
+    assert load(
+        nodes.copy().copy() if False else other, XML.replace("<Charged", "<AlwaysSuccess")
+    ).tick_once()
+    assert list(nodes.substitutions) == ["Charged"]
+    assert "Charged" in nodes
+
+
+# --- what a node keeps
+
+
+def test_the_node_keeps_its_id_name_path_ports_and_conditions(nodes: Registry) -> None:
+    nodes.substitute("Drive", TestNodeConfig())
+    tree = load(nodes)
+    home = tree.node("home")
+    assert isinstance(home, TestNode)
+    assert (home.id, home.name, home.path, home.uid) == ("Drive", "home", "home", 7)
+    assert home.get_input("speed") == 0.5
+    assert home.type is NodeType.ACTION
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.blackboard["arrived"] == 1
+
+
+def test_a_function_or_a_class_may_take_the_place_and_reads_the_same_ports(nodes: Registry) -> None:
+    speeds: list[float] = []
+
+    @action
+    def pretend(speed: In[float]) -> bool:
+        speeds.append(speed)
+        return True
+
+    class Refuse(StatefulAction):
+        speed: In[float]
+
+        def on_start(self) -> Status:
+            speeds.append(-self.speed)
+            return Status.FAILURE
+
+    nodes.substitute("out", Refuse)
+    nodes.substitute("Drive", pretend)
+    assert load(nodes).tick_once() is Status.SUCCESS
+    assert speeds == [-1.5, 2, 0.5]
+    assert "Pretend" not in nodes
+
+
+def test_a_control_node_in_the_place_of_another_takes_its_children(nodes: Registry) -> None:
+    class Backwards(ControlNode):
+        def tick(self) -> Status:
+            return self.children[-1].execute_tick()
+
+    nodes.substitute("Drive", "AlwaysFailure")
+    nodes.substitute("back", "AlwaysSuccess")
+    nodes.substitute("try", Backwards)
+    tree = load(nodes)
+    tree.tick_exactly_once()
+    assert tree.node("out").status is Status.IDLE
+    assert tree.node("try").id == "Fallback"
+
+
+def test_what_is_below_a_node_that_a_leaf_replaces_is_not_made_issue_934(nodes: Registry) -> None:
+    nodes.substitute("patrol", TestNodeConfig())
+    nodes.substitute("home", "AlwaysSuccess")
+    tree = load(nodes)
+    assert [node.path for node in tree] == ["Sequence::1", "charged", "patrol", "home"]
+    assert [subtree.id for subtree in tree.subtrees] == ["Main"]
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_format_3_has_rules_too() -> None:
+    nodes = Registry.standard()
+    nodes.add(charged)
+    nodes.substitute("charged", TestNodeConfig(return_status=Status.FAILURE))
+    tree = load(nodes, '<root><BehaviorTree ID="M"><Charged name="charged"/></BehaviorTree></root>')
+    assert tree.tick_once() is Status.FAILURE
+
+
+def test_a_rule_that_names_no_registered_node_refuses_the_tree_at_the_place(nodes: Registry) -> None:
+    nodes.substitute("patrol/*", "AlwaysSucess")
+    with pytest.raises(TreeError) as refused:
+        load(nodes)
+    said = str(refused.value)
+    assert "<text>:11:5: E118" in said
+    assert "'patrol/*' puts 'AlwaysSucess' in the place of <Fallback>" in said
+    assert "did you mean 'AlwaysSuccess'?" in said
+
+
+@pytest.mark.parametrize(
+    ("filter", "by", "said"),
+    [
+        (
+            "home",
+            "Inverter",
+            "puts <Inverter>, which has exactly one child, in the place of <Drive>, which has none",
+        ),
+        ("try", "Inverter", "in the place of <Fallback>, which has 2"),
+        ("home", "Sequence", "puts <Sequence>, which has children, in the place of <Drive>"),
+        ("home", "SubTree", "which has exactly one child"),
+    ],
+)
+def test_a_rule_whose_node_wants_other_children_refuses_the_tree(
+    nodes: Registry, filter: str, by: str, said: str
+) -> None:
+    nodes.substitute(filter, by)
+    nodes.substitute("Drive", "AlwaysSuccess")
+    with pytest.raises(TreeError, match="E118") as refused:
+        load(nodes)
+    assert said in str(refused.value)
+
+
+def test_what_is_no_node_can_stand_in_for_none(nodes: Registry) -> None:
+    with pytest.raises(RegistrationError, match="3 is neither a function nor a node class"):
+        nodes.substitute("Drive", 3)
+
+
+# --- TestNode
+
+
+def a_test_node(settings: TestNodeConfig, attributes: str = "") -> Tree:
+    nodes = Registry.standard()
+    nodes.substitute("leaf", settings)
+    xml = f'<AlwaysSuccess name="leaf" {attributes}/>'
+    return load(nodes, f'<root BTCPP_format="4"><BehaviorTree ID="M">{xml}</BehaviorTree></root>')
+
+
+@pytest.mark.parametrize("status", [Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.RUNNING])
+def test_without_delay_the_result_comes_in_the_first_tick(status: Status) -> None:
+    assert a_test_node(TestNodeConfig(return_status=status)).tick_exactly_once() is status
+
+
+def test_idle_is_no_result() -> None:
+    with pytest.raises(ValueError, match="can't be IDLE"):
+        TestNodeConfig(return_status=Status.IDLE)
+
+
+def test_with_a_delay_it_runs_until_then_and_wakes_the_tree() -> None:
+    tree = a_test_node(TestNodeConfig(return_status=Status.FAILURE, async_delay=250))
+    assert tree.tick_while_running(period=10.0) is Status.FAILURE
+    assert (tree.ticks, tree.clock.now()) == (2, 250_000_000)
+
+
+def test_halted_it_waits_no_more_and_begins_anew() -> None:
+    tree = a_test_node(TestNodeConfig(async_delay=250))
+    tree.tick_once()
+    tree.sleep(0.2)
+    tree.halt()
+    assert tree.context.deadlines == {}
+    assert tree.tick_once() is Status.RUNNING
+    tree.sleep(0.2)
+    assert tree.tick_once() is Status.RUNNING
+    tree.sleep(0.05)
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_the_script_of_its_result_then_the_last_one_run_at_the_end() -> None:
+    settings = TestNodeConfig(
+        success_script="said := 'yes'",
+        failure_script="said := 'no'",
+        post_script="after := said",
+        async_delay=10,
+    )
+    tree = a_test_node(settings)
+    tree.tick_once()
+    assert "said" not in tree.blackboard
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert (tree.blackboard["said"], tree.blackboard["after"]) == ("yes", "yes")
+
+
+def test_a_failure_runs_the_other_script() -> None:
+    settings = TestNodeConfig(Status.FAILURE, success_script="said := 'yes'", failure_script="said := 'no'")
+    tree = a_test_node(settings)
+    tree.tick_once()
+    assert tree.blackboard["said"] == "no"
+
+
+@pytest.mark.parametrize(
+    ("script", "status"),
+    [
+        ("SUCCESS", Status.SUCCESS),
+        ("FAILURE", Status.FAILURE),
+        ("SKIPPED", Status.SKIPPED),
+        ("'FAILURE'", Status.FAILURE),
+        ("3", Status.FAILURE),
+        ("level < 5 ? FAILURE : SUCCESS", Status.FAILURE),
+    ],
+)
+def test_a_script_may_tell_the_result_issue_995(script: str, status: Status) -> None:
+    tree = a_test_node(TestNodeConfig(return_status_script=script))
+    tree.blackboard["level"] = 4
+    assert tree.tick_once() is status
+
+
+@pytest.mark.parametrize("script", ["'MAYBE'", "7", "2.5"])
+def test_a_script_that_tells_no_status_is_an_error_that_lists_them(script: str) -> None:
+    with pytest.raises(NodeRaised, match="IDLE, RUNNING, SUCCESS, FAILURE or SKIPPED"):
+        a_test_node(TestNodeConfig(return_status_script=script)).tick_once()
+
+
+def test_a_function_may_tell_the_result_and_goes_before_the_rest() -> None:
+    answers = iter([Status.RUNNING, Status.FAILURE])
+    settings = TestNodeConfig(return_status_script="SUCCESS", complete_func=lambda: next(answers))
+    tree = a_test_node(settings)
+    assert [tree.tick_exactly_once(), tree.tick_exactly_once()] == [Status.RUNNING, Status.FAILURE]
+
+
+def test_a_script_with_a_mistake_refuses_the_tree_and_says_which() -> None:
+    with pytest.raises(TreeError, match=r"post_script of the TestNode for 'leaf'"):
+        a_test_node(TestNodeConfig(post_script="a := := 1"))
+
+
+def test_the_nodes_own_conditions_still_count() -> None:
+    tree = a_test_node(TestNodeConfig(return_status=Status.FAILURE), '_successIf="true" _post="done := 1"')
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.blackboard["done"] == 1
+
+
+# --- JSON
+
+
+def test_rules_from_json(nodes: Registry, tmp_path: Path) -> None:
+    rules = {
+        "TestNodeConfigs": {
+            "slow": {"return_status": "SUCCESS", "async_delay": 2000, "post_script": "slept := 1"},
+            "broken": {"return_status": "FAILURE", "failure_script": "tried := 1"},
+            "asked": {"return_status_script": "tried == 1 ? SUCCESS : FAILURE", "success_script": "ok := 1"},
+        },
+        "SubstitutionRules": {"out": "broken", "back": "asked", "home": "slow", "Charged": "AlwaysSuccess"},
+    }
+    file = tmp_path / "rules.json"
+    file.write_text(json.dumps(rules), encoding="utf-8")
+    load_substitution_rules(nodes, file)
+    board = Blackboard()
+    tree = load(nodes, XML.replace('name="patrol"', 'name="patrol" _autoremap="true"'), board)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert tree.clock.now() == 2_000_000_000
+    assert {key: board[key] for key in board} == {"tried": 1, "ok": 1, "slept": 1, "arrived": 1}
+
+
+def test_rules_without_configurations_name_registered_nodes_issue_930(nodes: Registry) -> None:
+    load_substitution_rules(
+        nodes, '{"SubstitutionRules": {"Drive": "AlwaysFailure", "home": "AlwaysSuccess"}}'
+    )
+    assert load(nodes).tick_once() is Status.FAILURE
+
+
+def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes: Registry) -> None:
+    load_substitution_rules(
+        nodes,
+        '{"TestNodeConfigs": {"AlwaysFailure": {"return_status": "SUCCESS"}}, "SubstitutionRules": '
+        '{"Drive": "AlwaysFailure"}}',
+    )
+    assert load(nodes).tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "no JSON"),
+        ("[]", "must be an object"),
+        ("{}", "lack the object 'SubstitutionRules'"),
+        ('{"SubstitutionRules": ["Drive"]}', "'SubstitutionRules' must be an object"),
+        ('{"SubstitutionRules": {"Drive": 3}}', "the rule 'Drive' names a configuration or a node's ID"),
+        ('{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {}}}', "needs 'return_status'"),
+        (
+            '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {"return_status": "IDLE"}}}',
+            "RUNNING, SUCCESS, FAILURE or SKIPPED, not 'IDLE'",
+        ),
+        (
+            '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {"return_status": "SUCCESS", "delay": 3}}}',
+            "did you mean 'async_delay'",
+        ),
+        (
+            '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {"return_status": "FAILURE", '
+            '"async_delay": "3"}}}',
+            "a number of milliseconds, not '3'",
+        ),
+    ],
+)
+def test_what_is_wrong_with_the_json_is_said(nodes: Registry, text: str, said: str) -> None:
+    with pytest.raises(SubstitutionFault) as refused:
+        load_substitution_rules(nodes, text)
+    assert said in str(refused.value)
+    assert list(nodes.substitutions) == ["Charged"]

@@ -1,0 +1,153 @@
+"""Assertions on traces: what they hold, and what a failing one shows."""
+
+from collections.abc import Callable
+
+import pytest
+
+from btcore import BtcoreError, Status
+from btcore.testing import (
+    Harness,
+    assert_ended,
+    assert_halted,
+    assert_never_ran,
+    assert_never_running_together,
+    assert_order,
+    assert_ran,
+    assert_results,
+)
+
+Patrol = Callable[..., Harness]
+
+
+def message(failed: pytest.ExceptionInfo[AssertionError]) -> list[str]:
+    return str(failed.value).splitlines()
+
+
+def test_a_node_that_was_ticked_ran(patrol: Patrol) -> None:
+    harness = patrol("S", "RS")
+    harness.tick()
+    assert_ran(harness, "BatteryOk", "out")
+    assert_ran(harness.trace, "round/out")
+    assert_never_ran(harness, "note", "back")
+
+
+def test_the_message_shows_the_ticks_and_the_tree(patrol: Patrol) -> None:
+    harness = patrol("S", "RS")
+    harness.tick()
+    with pytest.raises(AssertionError) as failed:
+        assert_ran(harness, "out", "back")
+    assert message(failed) == [
+        "'back' never ran in 1 tick",
+        "tick 1, at 0 s: RUNNING",
+        "    patrol: IDLE → RUNNING",
+        "    BatteryOk::2: IDLE → SUCCESS",
+        "    round: IDLE → RUNNING",
+        "    round/way: IDLE → RUNNING",
+        "    round/out: IDLE → RUNNING",
+        "    BatteryOk::2: SUCCESS → IDLE",
+        "ReactiveSequence 'patrol'  RUNNING  gave RUNNING",
+        "  BatteryOk  IDLE  gave SUCCESS",
+        "  SubTree 'round'  RUNNING  gave RUNNING",
+        "    Sequence 'way'  RUNNING  gave RUNNING",
+        "      Drive 'out'  RUNNING  gave RUNNING",
+        "      Script 'note'  IDLE",
+        "      Drive 'back'  IDLE",
+    ]
+
+
+def test_a_long_story_is_cut_to_its_end(patrol: Patrol) -> None:
+    harness = patrol("S", "R" * 20 + "S")
+    harness.tick(9)
+    with pytest.raises(AssertionError, match="never ran in 9 ticks\n4 steps before\ntick 5"):
+        assert_ran(harness, "back")
+
+
+def test_a_node_that_was_only_skipped_did_not_run() -> None:
+    harness = Harness.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main">'
+        '<AlwaysSuccess name="a" _skipIf="true"/></BehaviorTree></root>'
+    )
+    harness.tick()
+    assert_never_ran(harness, "a")
+    with pytest.raises(AssertionError, match="'a' never ran"):
+        assert_ran(harness, "a")
+
+
+def test_a_node_that_ran_against_the_expectation_is_shown_at_its_first_tick(patrol: Patrol) -> None:
+    harness = patrol("F", "S", "RRRS")
+    harness.tick(3)
+    with pytest.raises(AssertionError) as failed:
+        assert_never_ran(harness, "out")
+    assert message(failed)[:2] == ["'out' ran, first in tick 2", "tick 2, at 0 s: RUNNING"]
+
+
+def test_nodes_begin_in_an_order(patrol: Patrol) -> None:
+    harness = patrol("S")
+    harness.tick()
+    assert_order(harness, "BatteryOk", "out", "note", "back")
+    with pytest.raises(
+        AssertionError, match=r"order 'round/back', 'round/out', but it was 'round/out', 'round/back'"
+    ):
+        assert_order(harness, "back", "out")
+
+
+def test_a_node_that_never_began_is_in_no_order(patrol: Patrol) -> None:
+    harness = patrol("S", "F")
+    harness.tick()
+    with pytest.raises(AssertionError, match="'round/back' never ran"):
+        assert_order(harness, "out", "back")
+
+
+def test_the_results_of_a_node_are_those_of_all_its_ticks(patrol: Patrol) -> None:
+    harness = patrol("S", "RS", "S", "F")
+    harness.tick(2)
+    assert_results(harness, "out", [Status.RUNNING, Status.SUCCESS])
+    with pytest.raises(AssertionError, match="'out' gave RUNNING, SUCCESS, not nothing"):
+        assert_results(harness, "out", [])
+
+
+def test_a_node_that_was_halted_while_it_ran(patrol: Patrol) -> None:
+    harness = patrol("S", "RRRS", "F")
+    harness.tick()
+    with pytest.raises(AssertionError, match="'out' was never halted in 1 tick"):
+        assert_halted(harness, "out")
+    harness.tick()
+    assert_halted(harness, "out", "round")
+    with pytest.raises(AssertionError, match="'back' was never halted"):
+        assert_halted(harness, "back")
+
+
+def test_a_halt_by_the_test_counts_without_another_tick(patrol: Patrol) -> None:
+    harness = patrol("S", "RRRS")
+    harness.tick()
+    harness.tree.halt()
+    assert_halted(harness, "out")
+
+
+def test_nodes_that_run_together_are_named_with_the_tick() -> None:
+    harness = Harness.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>'
+        '<Sleep name="a" msec="50"/><Sleep name="b" msec="20"/><AlwaysSuccess/>'
+        "</Parallel></BehaviorTree></root>"
+    )
+    harness.run()
+    assert_never_running_together(harness, "a", "AlwaysSuccess")
+    with pytest.raises(AssertionError, match="'a', 'b' were RUNNING together after tick 1"):
+        assert_never_running_together(harness, "a", "b")
+
+
+def test_how_the_tree_ended(patrol: Patrol) -> None:
+    harness = patrol("S", "F")
+    with pytest.raises(AssertionError, match="never ticked"):
+        assert_ended(harness, Status.FAILURE)
+    harness.tick()
+    assert_ended(harness, Status.FAILURE)
+    harness.halt()
+    with pytest.raises(AssertionError, match="to end SUCCESS, but: FAILURE"):
+        assert_ended(harness, Status.SUCCESS)
+
+
+def test_a_name_that_no_node_has_is_a_mistake_in_the_test(patrol: Patrol) -> None:
+    harness = patrol("S")
+    with pytest.raises(BtcoreError, match="no node 'bak'; did you mean 'back'"):
+        assert_ran(harness, "bak")

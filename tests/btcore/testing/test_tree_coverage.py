@@ -1,0 +1,109 @@
+"""Tree coverage: which nodes ran, which results were seen."""
+
+from collections.abc import Callable
+
+import pytest
+
+from btcore import NodeRaised, Status, Tree
+from btcore.testing import Coverage, Harness, Outcomes
+
+Patrol = Callable[..., Harness]
+
+
+@pytest.fixture
+def tree(patrol: Patrol) -> Tree:
+    return patrol("S").tree
+
+
+def tick(tree: Tree, *entries: str, times: int = 1) -> None:
+    Outcomes(*entries).attach(tree)
+    for _ in range(times):
+        tree.tick_exactly_once()
+    tree.halt()
+
+
+def test_nothing_ran_before_a_tick(tree: Tree) -> None:
+    coverage = Coverage()
+    coverage.watch(tree)
+    assert (coverage.nodes, coverage.results) == (0, 0)
+    assert not any(one.ran for one in coverage.seen)
+
+
+def test_the_report_shows_every_node_with_what_was_seen_of_it(tree: Tree) -> None:
+    coverage = Coverage()
+    coverage.watch(tree)
+    tick(tree, "F")
+    tick(tree, "S", "RF", "S", times=2)
+    assert coverage.report().splitlines() == [
+        "Main: 5 of 7 nodes ran",
+        "  R·F   ReactiveSequence 'patrol'",
+        "   SF     BatteryOk",
+        "  R·F     SubTree 'round'",
+        "  R·F       Sequence 'way'",
+        "  R·F         Drive 'out'",
+        "   ·          Script 'note'  (never ran)",
+        "   ··         Drive 'back'  (never ran)",
+        "nodes 71%, results 46%",
+    ]
+
+
+def test_what_runs_again_adds_up_also_in_another_instance(patrol: Patrol) -> None:
+    coverage = Coverage()
+    for entries in (("F",), ("S",), ("S", "F"), ("S", "S", "F")):
+        tree = patrol().tree if not entries else patrol(*entries).tree
+        coverage.watch(tree)
+        tree.tick_exactly_once()
+    coverage.require(nodes=1.0, results=1.0)
+    assert list(coverage.trees) == ["Main"]
+    assert len(coverage.seen) == 7
+
+
+def test_a_node_that_ends_in_one_way_only_misses_no_other(tree: Tree) -> None:
+    coverage = Coverage()
+    coverage.watch(tree)
+    tick(tree, "S")
+    seen = coverage.trees["Main"]
+    assert seen["round/note"].missing == []
+    assert seen["round/out"].missing == [Status.FAILURE]
+
+
+def test_a_tree_in_which_too_little_was_seen_fails_with_the_report(tree: Tree) -> None:
+    coverage = Coverage()
+    coverage.watch(tree)
+    tick(tree, "S", "F")
+    coverage.require(nodes=0.7)
+    with pytest.raises(AssertionError) as failed:
+        coverage.require(nodes=0.9, results=0.5)
+    said = str(failed.value)
+    assert said.startswith(
+        "tree coverage: 71% of the nodes ran, and 90% are required; "
+        "38% of the results were seen, and 50% are required\n"
+    )
+    assert said.endswith(coverage.report())
+
+
+def test_a_node_that_raised_was_not_running(tree: Tree) -> None:
+    coverage = Coverage()
+    coverage.watch(tree)
+    with pytest.raises(NodeRaised):
+        tick(tree, "S", "X")
+    assert coverage.trees["Main"]["round/out"].results == set()
+    assert coverage.trees["Main"]["BatteryOk::2"].results == {Status.SUCCESS}
+
+
+def test_a_node_that_was_only_skipped_did_not_run() -> None:
+    harness = Harness.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main">'
+        '<AlwaysSuccess name="a" _skipIf="true"/></BehaviorTree></root>'
+    )
+    coverage = Coverage()
+    coverage.watch(harness.tree)
+    harness.tick()
+    assert coverage.nodes == 0
+    assert coverage.report().splitlines()[1] == "   · K  AlwaysSuccess 'a'  (never ran)"
+
+
+def test_without_a_tree_there_is_nothing_to_miss() -> None:
+    coverage = Coverage()
+    coverage.require(nodes=1.0, results=1.0)
+    assert coverage.report() == "nodes 100%, results 100%"

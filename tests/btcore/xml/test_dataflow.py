@@ -1,0 +1,90 @@
+"""Who writes and who reads each entry: across subtrees, remappings, constants and scripts."""
+
+from btcore import In, Put, Registry, action
+from btcore.xml.check import examine
+from btcore.xml.dataflow import DataRow, as_data, data_rows
+from btcore.xml.source import read_text
+
+TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence _skipIf="battery &lt; 0.2">
+      <Find place="{goal}"/>
+      <Script name="count" code="rounds := 1; rounds += step"/>
+      <SubTree ID="GoTo" name="there" target="{goal}" reach="0.5"/>
+      <SubTree ID="GoTo" name="home" _autoremap="true" reach="{=}"/>
+      <SetBlackboard name="keep" value="{goal}" output_key="last"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="GoTo">
+    <Drive name="drive" goal="{target}" reach="{reach}" shout="{@cry}" _onSuccess="_done := 1"/>
+  </BehaviorTree>
+</root>"""
+
+
+@action
+def find(place: Put[str]) -> bool:
+    place("here")
+    return True
+
+
+@action
+def drive(goal: In[str], reach: In[float], shout: Put[str]) -> bool:
+    shout(goal)
+    return reach > 0
+
+
+def table() -> dict[str, DataRow]:
+    nodes = Registry.standard()
+    nodes.add(find, drive)
+    examined = examine(read_text(TEXT, "t.xml"), nodes)
+    examined.faults.raise_errors()
+    return {f"{row.scope}/{row.key}": row for row in data_rows(examined, nodes)}
+
+
+def places(row: DataRow) -> tuple[list[str], list[str]]:
+    return (
+        [f"{one.node} {one.attribute}" for one in row.writers],
+        [f"{one.node} {one.attribute}" for one in row.readers],
+    )
+
+
+def test_an_entry_is_followed_through_remappings_to_where_it_lives() -> None:
+    row = table()["/goal"]
+    assert places(row) == (["Find place"], ["there/drive goal", "keep value"])
+    assert [one.key for one in row.readers] == ["target", "goal"]
+    assert row.type == "std::string"
+
+
+def test_autoremap_leads_outside_but_for_private_names() -> None:
+    rows = table()
+    assert places(rows["/target"]) == ([], ["home/drive goal"])
+    assert places(rows["home/_done"]) == (["home/drive _onSuccess"], [])
+    assert places(rows["there/_done"]) == (["there/drive _onSuccess"], [])
+
+
+def test_a_constant_is_written_inside_by_the_subtree_node() -> None:
+    assert places(table()["there/reach"]) == (["there reach"], ["there/drive reach"])
+    assert places(table()["/reach"]) == ([], ["home/drive reach"])
+
+
+def test_scripts_read_and_write() -> None:
+    rows = table()
+    assert places(rows["/rounds"])[0] == ["count code"]
+    assert places(rows["/step"]) == ([], ["count code"])
+    assert places(rows["/battery"]) == ([], ["Sequence _skipIf"])
+
+
+def test_an_at_sign_means_the_outermost_blackboard() -> None:
+    assert places(table()["/cry"]) == (["there/drive shout", "home/drive shout"], [])
+
+
+def test_set_blackboard_writes_the_entry_that_it_names() -> None:
+    assert places(table()["/last"])[0] == ["keep output_key"]
+
+
+def test_rows_come_sorted_and_as_plain_data_with_lines() -> None:
+    data = as_data(table().values())
+    names = [(row["scope"], row["key"]) for row in data]
+    assert names == sorted(names)
+    goal = next(row for row in data if row["key"] == "goal")
+    assert goal["writers"] == [{"node": "Find", "attribute": "place", "key": "goal", "where": "t.xml:4"}]

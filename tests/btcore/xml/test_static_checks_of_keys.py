@@ -1,0 +1,358 @@
+"""Warnings about keys: read and never written, handed over in vain, of a type that refuses a value."""
+
+from collections.abc import Callable
+from textwrap import dedent
+from typing import Any
+
+import pytest
+
+import btcore
+from btcore import NodeRaised, Registry
+from btcore.clock import SimClock
+
+Check = Callable[..., str]
+ALREADY = "write it before, or fill the blackboard before the first tick"
+
+
+def tree(ID: str, body: str) -> str:
+    return f'  <BehaviorTree ID="{ID}">\n    {body}\n  </BehaviorTree>\n'
+
+
+def children(*of: str) -> str:
+    """A Sequence with a child a line: they stand in lines 4, 5, 6 …"""
+    return "\n      ".join(("<Sequence>", *of)) + "\n    </Sequence>"
+
+
+def said(text: str) -> str:
+    return dedent(text).lstrip("\n")
+
+
+REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
+
+CASES = {
+    "read by a port": (
+        '<Say text="{goal}"/>',
+        "",
+        """
+        t.xml:3:16: W201 the port 'text' of <Say> reads {goal}, which nothing writes
+           3 |      <Say text="{goal}"/>
+             |                 ^^^^^^
+              write it before, or fill the blackboard before the first tick: tree.blackboard["goal"] = …
+        """,
+    ),
+    "a typing mistake": (
+        children('<Script code="goal := 1"/>', '<Say text="{gaol}"/>', '<Say text="{gaol}"/>'),
+        "",
+        """
+        t.xml:5:18: W201 the port 'text' of <Say> reads {gaol}, which nothing writes (1 more place reads it)
+           5 |        <Say text="{gaol}"/>
+             |                   ^^^^^^
+              did you mean 'goal'?
+        """,
+    ),
+    "spaces in a key": (
+        children('<Look found="{door}"/>', '<Say text="{ door }"/>'),
+        "",
+        """
+        t.xml:5:18: W201 the port 'text' of <Say> reads { door }, which nothing writes
+           5 |        <Say text="{ door }"/>
+             |                   ^^^^^^^^
+              spaces between the braces are a part of the key: write {door}
+        """,
+    ),
+    "read by a script": (
+        '<AlwaysSuccess _skipIf="1 &lt; done"/>',
+        "",
+        """
+        t.xml:3:36: W201 the script in '_skipIf' of <AlwaysSuccess> reads 'done', which nothing writes
+           3 |      <AlwaysSuccess _skipIf="1 &lt; done"/>
+             |                                     ^^^^
+              write it before, or fill the blackboard before the first tick: tree.blackboard["done"] = …
+        """,
+    ),
+    "perhaps an enum": (
+        children('<Script code="state := READY"/>'),
+        "",
+        """
+        t.xml:4:30: W201 the script in 'code' of <Script> reads 'READY', which nothing writes
+           4 |        <Script code="state := READY"/>
+             |                               ^^^^^
+              if it is an enum's, register that: nodes.add_enum(…); else write it before, or fill the blackboard before the first tick: tree.blackboard["READY"] = …
+        """,  # noqa: E501 - a hint is one line
+    ),
+    "known to the calling tree alone": (
+        children('<Look found="{door}"/>', '<SubTree ID="Inner"/>'),
+        tree("Inner", '<Say text="{door}"/>'),
+        """
+        t.xml:9:16: W201 the port 'text' of <Say> reads {door}, which nothing writes
+           9 |      <Say text="{door}"/>
+             |                 ^^^^^^
+              a subtree has keys of its own: in the SubTree of 'Inner' in line 5 write door="{door}"
+        """,
+    ),
+    "braces around the key of a SetBlackboard": (
+        '<SetBlackboard value="1" output_key="{x}"/>',
+        "",
+        """
+        t.xml:3:42: W201 the port 'output_key' of <SetBlackboard> reads {x}, which nothing writes
+           3 |      <SetBlackboard value="1" output_key="{x}"/>
+             |                                           ^^^
+              it would name the entry to write; to write x itself, write output_key="x"
+        """,
+    ),
+    "assigned to, and made by nothing": (
+        '<Script code="x += 1"/>',
+        "",
+        """
+        t.xml:3:19: W209 the script in 'code' of <Script> assigns to 'x', an entry that nothing makes
+           3 |      <Script code="x += 1"/>
+             |                    ^
+              to make it, write x := …; or fill the blackboard before the first tick: tree.blackboard["x"] = …
+        """,
+    ),
+    "handed over in vain": (
+        children('<Look found="{door}"/>', '<SubTree ID="Inner" dor="{door}" door="x"/>'),
+        tree("Inner", '<Say text="{door}"/>'),
+        """
+        t.xml:5:27: W204 <SubTree ID="Inner"> is given 'dor', but no port or script in that tree uses it
+           5 |        <SubTree ID="Inner" dor="{door}" door="x"/>
+             |                            ^^^
+              its keys are 'door'
+        """,
+    ),
+    "handed over under a name that is mistyped": (
+        '<SubTree ID="Inner" gate="open" dor="shut"/>',
+        tree("Inner", '<Script code="gate := door"/>'),
+        """
+        t.xml:3:37: W204 <SubTree ID="Inner"> is given 'dor', but no port or script in that tree uses it
+           3 |      <SubTree ID="Inner" gate="open" dor="shut"/>
+             |                                      ^^^
+              did you mean 'door'?
+        t.xml:6:27: W201 the script in 'code' of <Script> reads 'door', which nothing writes
+           6 |      <Script code="gate := door"/>
+             |                            ^^^^
+              did you mean 'dor'?
+        """,
+    ),
+    "an entry that is a text": (
+        children('<Say text="{n}"/>', '<Count start="1" result="{n}"/>'),
+        "",
+        """
+        t.xml:5:32: W206 the port 'result' of <Count> writes int, but the entry 'n' is std::string: every write raises
+           5 |        <Count start="1" result="{n}"/>
+             |                                 ^^^
+              it was declared by 'text' of <Say> (t.xml:4); the type of an entry never changes
+        """,  # noqa: E501 - a message is one line
+    ),
+    "an entry that is a text, in the calling tree": (
+        children('<Say text="{word}" _skipIf="true"/>', '<SubTree ID="Inner" n="{word}"/>'),
+        tree("Inner", '<Count start="1" result="{n}"/>'),
+        """
+        t.xml:9:30: W206 the port 'result' of <Count> writes int, but the entry 'n' is std::string: every write raises
+           9 |      <Count start="1" result="{n}"/>
+             |                               ^^^
+              it was declared by 'text' of <Say> (t.xml:4); the type of an entry never changes
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a script's text for a number": (
+        children('<Count start="1" result="{n}"/>', "<Script code=\"n := 'many'\"/>"),
+        "",
+        """
+        t.xml:5:21: W206 the script in 'code' of <Script> raises whenever it runs: 'n' can't take the value: 'many' is no integer
+           5 |        <Script code="n := 'many'"/>
+             |                      ^
+              'n' is int, declared by 'result' of <Count> (t.xml:4)
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a SetBlackboard's text for a number": (
+        children('<Count start="1" result="{n}"/>', '<SetBlackboard value="many" output_key="n"/>'),
+        "",
+        """
+        t.xml:5:47: W206 <SetBlackboard> writes 'many', but the entry 'n' is int: every write raises
+           5 |        <SetBlackboard value="many" output_key="n"/>
+             |                                                ^
+              it was declared by 'result' of <Count> (t.xml:4); the type of an entry never changes
+        """,
+    ),
+    "a constant that its reader can't read": (
+        '<SubTree ID="Inner" n="soon"/>',
+        tree("Inner", REPEAT),
+        """
+        t.xml:3:28: W206 'n' of <SubTree ID="Inner"> is given the text 'soon': 'soon' is no integer
+           3 |      <SubTree ID="Inner" n="soon"/>
+             |                             ^^^^
+              the port 'num_cycles' of <Repeat> reads it as int; for an entry write {soon}
+        """,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_said_of_a_key(check: Check, name: str) -> None:
+    body, more, expected = CASES[name]
+    assert check(body, more) == said(expected)
+
+
+RAISING = [
+    "read by a port",
+    "read by a script",
+    "perhaps an enum",
+    "known to the calling tree alone",
+    "braces around the key of a SetBlackboard",
+    "assigned to, and made by nothing",
+    "an entry that is a text",
+    "an entry that is a text, in the calling tree",
+    "a script's text for a number",
+    "a SetBlackboard's text for a number",
+    "a constant that its reader can't read",
+]
+
+
+@pytest.mark.parametrize("name", RAISING)
+def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
+    body, more, _ = CASES[name]
+    text = (
+        f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">'
+        f"{body}</BehaviorTree>{more}</root>"
+    )
+    made = btcore.loads(text.replace('<Say text="{n}"/>', '<Say text="{n}" _skipIf="true"/>'), nodes=palette,
+                        clock=SimClock())  # fmt: skip
+    with pytest.raises(NodeRaised):
+        made.tick_once()
+
+
+FINE = {
+    "written by a port": children('<Look found="{door}"/>', '<Say text="{door}"/>'),
+    "written later": children('<Say text="{door}" _skipIf="true"/>', '<Look found="{door}"/>'),
+    "made by a script": children('<Script code="n := 3; n += 1"/>', REPEAT),
+    "made by the script of a condition": children('<AlwaysSuccess _onSuccess="n := 3"/>', REPEAT),
+    "made by a port, and assigned to": children('<Count start="1" result="{n}"/>', '<Script code="n = 2"/>'),
+    "set by name": children('<SetBlackboard value="3" output_key="n"/>', REPEAT),
+    "written under the port's own name": children('<Look found="{=}"/>', '<Say text="{found}"/>'),
+    "written by a loop": '<LoopInt queue="1;2" value="{n}"><Script code="m := n"/></LoopInt>',
+    "written somewhere by a leaf that has the blackboard": children("<Tidy/>", '<Say text="{door}"/>'),
+    "a number that fits": children('<Count start="1" result="{n}"/>', '<Script code="n := 2"/>'),
+    "a text that converts": children('<Count start="1" result="{n}"/>', "<Script code=\"n := '2'\"/>"),
+}
+
+
+@pytest.mark.parametrize("name", FINE)
+def test_keys_that_are_fine(check: Check, name: str) -> None:
+    assert check(FINE[name]) == ""
+
+
+@pytest.mark.parametrize(
+    ("call", "inner"),
+    [
+        ('<SubTree ID="Inner" n="3"/>', REPEAT),
+        ('<SubTree ID="Inner" n="{door}"/>', '<Say text="{n}"/>'),
+        ('<SubTree ID="Inner" _autoremap="true"/>', '<Say text="{door}"/>'),
+        ('<SubTree ID="Inner"/>', '<Say text="{@door}"/>'),
+        ('<SubTree ID="Inner" door="{=}" name="here" _skipIf="false"/>', '<Say text="{door}"/>'),
+        ('<SubTree ID="Inner" door="{door}"/>', '<SubTree ID="Deep" word="{door}"/>'),
+        ('<SubTree ID="Inner" word="{door}"/>', '<SubTree ID="Deep" _autoremap="true"/>'),
+    ],
+)
+def test_keys_that_are_handed_over(check: Check, call: str, inner: str) -> None:
+    deep = tree("Deep", '<Say text="{word}"/>') if "Deep" in inner else ""
+    assert check(children('<Look found="{door}"/>', call), tree("Inner", inner) + deep) == ""
+
+
+def test_a_key_that_a_subtree_writes_is_known_to_its_caller(check: Check) -> None:
+    body = children('<SubTree ID="Inner" place="{door}"/>', '<Say text="{door}"/>')
+    assert check(body, tree("Inner", '<Look found="{place}"/>')) == ""
+
+
+def test_keys_that_the_blackboard_comes_with(check: Check) -> None:
+    body = children('<Say text="{goal}"/>', '<Script code="x += 1"/>')
+    assert check(body, given=["goal", "x"]) == ""
+    assert "W201" in check(body, given=["x"])
+
+
+def test_a_script_on_the_blackboard_must_be_there_at_load(check: Check) -> None:
+    # What the script writes isn't known, so nothing is said of {door}.
+    body = children('<Script code="{code}"/>', '<Say text="{door}"/>')
+    assert check(body, given=["code"]) == ""
+    assert check(body) == said(
+        """
+        t.xml:4:21: W201 <Script> takes its script from {code}, which is empty when the tree is made
+           4 |        <Script code="{code}"/>
+             |                      ^^^^^^
+              load the tree on a blackboard that holds it: load(…, blackboard=…)
+        """
+    )
+
+
+def test_a_subtree_knows_nothing_of_what_the_main_blackboard_comes_with(check: Check) -> None:
+    assert check('<SubTree ID="Inner"/>', tree("Inner", '<Say text="{goal}"/>'), given=["goal"]) == said(
+        """
+        t.xml:6:16: W201 the port 'text' of <Say> reads {goal}, which nothing writes
+           6 |      <Say text="{goal}"/>
+             |                 ^^^^^^
+              a subtree has keys of its own: in the SubTree of 'Inner' in line 3 write goal="{goal}"
+        """
+    )
+
+
+def test_a_tree_with_a_model_is_handed_its_ports(check: Any) -> None:
+    text = (
+        '<root BTCPP_format="4">'
+        '<TreeNodesModel><SubTree ID="Greet"><input_port name="who"/></SubTree></TreeNodesModel>'
+        '<BehaviorTree ID="Greet"><Sequence><Say text="{who}"/><Say text="{what}"/></Sequence></BehaviorTree>'
+        "</root>"
+    )
+    assert [one.message for one in check.found_in(text)] == [
+        "the port 'text' of <Say> reads {what}, which nothing writes"
+    ]
+
+
+def test_a_tree_that_is_called_twice_is_told_of_once(check: Any) -> None:
+    found = check.found(
+        children('<SubTree ID="Inner"/>', '<SubTree ID="Inner"/>'), tree("Inner", '<Say text="{door}"/>')
+    )
+    assert [one.code for one in found] == ["W201"]
+
+
+def test_a_tree_that_is_called_twice_is_told_of_the_call_that_lacks_a_key(check: Check) -> None:
+    body = children('<SubTree ID="Inner" door="shut"/>', '<SubTree ID="Inner"/>')
+    assert "in the SubTree of 'Inner' in line 5 write door=" in check(
+        body, tree("Inner", '<Say text="{door}"/>')
+    )
+
+
+# --- format 3
+
+
+def test_braces_in_a_subtree_of_format_3(check: Check) -> None:
+    body = children('<Look found="{door}"/>', '<SubTree ID="Inner" door="{door}"/>')
+    assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == said(
+        """
+        t.xml:5:33: W205 in format 3 <SubTree ID="Inner"> takes bare keys: with braces 'door' leads to nothing
+           5 |        <SubTree ID="Inner" door="{door}"/>
+             |                                  ^^^^^^
+              write door="door", or <SubTreePlus ID="Inner" door="{door}"/>
+        """
+    )
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        '<SubTree ID="Inner" door="door"/>',
+        '<SubTreePlus ID="Inner" door="{door}"/>',
+        '<SubTreePlus ID="Inner" __autoremap="true"/>',
+        '<SubTree ID="Inner" __shared_blackboard="true"/>',
+    ],
+)
+def test_keys_that_are_handed_over_in_format_3(check: Check, call: str) -> None:
+    body = children('<Look found="{door}"/>', call)
+    assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == ""
+
+
+def test_a_key_that_is_not_handed_over_in_format_3(check: Check) -> None:
+    found = check(
+        children('<Look found="{door}"/>', '<SubTree ID="Inner"/>'),
+        tree("Inner", '<Say text="{door}"/>'),
+        format=3,
+    )
+    assert found.endswith("in the SubTree of 'Inner' in line 5 write door=\"door\"\n")

@@ -1,0 +1,247 @@
+"""Warnings about texts: missing ports, numbers read in part, braces that lack, scripts that raise."""
+
+from collections.abc import Callable
+from textwrap import dedent
+
+import pytest
+
+import btcore
+from btcore import NodeRaised, Registry
+from btcore.clock import SimClock
+
+Check = Callable[..., str]
+
+
+def said(text: str) -> str:
+    return dedent(text).lstrip("\n")
+
+
+REPEAT = "<AlwaysSuccess/></Repeat>"
+
+CASES = {
+    "a leaf without its port": (
+        "<Say/>",
+        """
+        t.xml:3:5: W202 <Say> is not given the port 'text', which has no default
+           3 |      <Say/>
+             |      ^^^^
+              write text="…"
+        """,
+    ),
+    "a leaf without its ports, one of them written": (
+        "<Count/>",
+        """
+        t.xml:3:5: W202 <Count> is not given the ports 'start' and 'result', which have no default
+           3 |      <Count/>
+             |      ^^^^^^
+              write start="…" result="{…}"
+        """,
+    ),
+    "a built-in node without its port": (
+        "<Sleep/>",
+        """
+        t.xml:3:5: W202 <Sleep> is not given the port 'msec', which has no default
+           3 |      <Sleep/>
+             |      ^^^^^^
+              write msec="…"
+        """,
+    ),
+    "a fraction for an integer": (
+        f'<Repeat num_cycles="3.7">{REPEAT}',
+        """
+        t.xml:3:25: W203 the port 'num_cycles' of <Repeat> takes int: of '3.7' only '3' is read
+           3 |      <Repeat num_cycles="3.7"><AlwaysSuccess/></Repeat>
+             |                          ^^^
+              write 3, if that is meant
+        """,
+    ),
+    "a unit": (
+        '<Sleep msec="5s"/>',
+        """
+        t.xml:3:18: W203 the port 'msec' of <Sleep> takes unsigned int: of '5s' only '5' is read
+           3 |      <Sleep msec="5s"/>
+             |                   ^^
+              write 5, if that is meant
+        """,
+    ),
+    "a decimal comma": (
+        '<BatteryOk minimum="1,5"/>',
+        """
+        t.xml:3:25: W203 the port 'minimum' of <BatteryOk> takes double: of '1,5' only '1' is read
+           3 |      <BatteryOk minimum="1,5"/>
+             |                          ^^^
+              write 1.5
+        """,
+    ),
+    "an item of a queue": (
+        '<LoopInt queue="1;2.5;3"><AlwaysSuccess/></LoopInt>',
+        """
+        t.xml:3:21: W203 the port 'queue' of <LoopInt> takes int: of '2.5' only '2' is read
+           3 |      <LoopInt queue="1;2.5;3"><AlwaysSuccess/></LoopInt>
+             |                      ^^^^^^^
+              write 2, if that is meant
+        """,
+    ),
+    "a condition that is a number": (
+        '<AlwaysSuccess _skipIf="2"/>',
+        """
+        t.xml:3:29: W207 '_skipIf' of <AlwaysSuccess> raises whenever it is asked: its result is 2, neither true nor false
+           3 |      <AlwaysSuccess _skipIf="2"/>
+             |                              ^
+              0 and 1 are, and reals from 0 up; or compare it with something
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a condition that is a text": (
+        "<ScriptCondition code=\"'true'\"/>",
+        """
+        t.xml:3:28: W207 'code' of <ScriptCondition> raises whenever it is asked: its result is the text 'true'
+           3 |      <ScriptCondition code="'true'"/>
+             |                             ^^^^^^
+              write true without quotes
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a script that can't be worked out": (
+        "<Script code=\"a := 'x' * 2\"/>",
+        """
+        t.xml:3:28: W207 the script in 'code' of <Script> raises whenever it runs: '*' can't be done with the text 'x' and the number 2
+           3 |      <Script code="a := 'x' * 2"/>
+             |                             ^
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a script that assigns to a comparison": (
+        '<AlwaysSuccess _failureIf="1 == 1 &amp;&amp; a = 2"/>',
+        """
+        t.xml:3:52: W207 the script in '_failureIf' of <AlwaysSuccess> raises whenever it runs: only the name of an entry can stand before '='
+           3 |      <AlwaysSuccess _failureIf="1 == 1 &amp;&amp; a = 2"/>
+             |                                                     ^
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a condition that assigns": (
+        '<AlwaysSuccess _skipIf="x = 3"/>',
+        """
+        t.xml:3:31: W208 '_skipIf' of <AlwaysSuccess> assigns to 'x', and does not compare it
+           3 |      <AlwaysSuccess _skipIf="x = 3"/>
+             |                                ^
+              to compare, write x == …
+        """,
+    ),
+    "a brace that lacks": (
+        '<Say text="{door"/>',
+        """
+        t.xml:3:16: W210 the port 'text' of <Say> is given the text '{door', not an entry
+           3 |      <Say text="{door"/>
+             |                 ^^^^^
+              for the entry write {door}
+        """,
+    ),
+    "a dollar": (
+        '<Say text="${x}"/>',
+        """
+        t.xml:3:16: W210 the port 'text' of <Say> is given the text '${x}', not an entry
+           3 |      <Say text="${x}"/>
+             |                 ^^^^
+              for the entry write {x}
+        """,
+    ),
+    "an output without braces": (
+        '<Look found="door"/>',
+        """
+        t.xml:3:18: W211 the port 'found' of <Look> is to be written, but 'door' names no entry
+           3 |      <Look found="door"/>
+             |                   ^^^^
+              write found="{door}"
+        """,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_said_of_a_text(check: Check, name: str) -> None:
+    body, expected = CASES[name]
+    assert check(body, given=["x", "a"]) == said(expected)
+
+
+RAISING = [
+    "a leaf without its port",
+    "a leaf without its ports, one of them written",
+    "a built-in node without its port",
+    "a condition that is a number",
+    "a condition that is a text",
+    "a script that can't be worked out",
+    "a script that assigns to a comparison",
+    "an output without braces",
+]
+
+
+@pytest.mark.parametrize("name", RAISING)
+def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{CASES[name][0]}</BehaviorTree></root>'
+    made = btcore.loads(text, nodes=palette, clock=SimClock())
+    made.blackboard["a"] = 1
+    with pytest.raises(NodeRaised):
+        made.tick_once()
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "<BatteryOk/>",
+        '<Count start="1" result="{n}"/>',
+        '<Switch2 variable="{x}" case_1="1"><Drive/><Drive/><Drive/></Switch2>',
+        f'<Repeat num_cycles="3">{REPEAT}',
+        f'<Repeat num_cycles="-1">{REPEAT}',
+        f'<Repeat num_cycles="3.0">{REPEAT}',
+        f'<Repeat num_cycles="{{x}}">{REPEAT}',
+        '<BatteryOk minimum="1e-3"/>',
+        '<BatteryOk minimum="inf"/>',
+        '<LoopDouble queue="1;2.5;3;"><AlwaysSuccess/></LoopDouble>',
+        '<LoopInt queue="{x}"><AlwaysSuccess/></LoopInt>',
+        '<Say text="3.7"/>',
+        '<Say text="{x}"/>',
+        '<Say text="{ x"/>',
+        '<Say text="a}, b"/>',
+        '<Look found="{=}"/>',
+        '<Look found="="/>',
+        '<SetBlackboard value="1" output_key="n"/>',
+        '<AlwaysSuccess _skipIf="1"/>',
+        '<AlwaysSuccess _skipIf="2.5"/>',
+        '<AlwaysSuccess _skipIf="true"/>',
+        '<AlwaysSuccess _skipIf="x"/>',
+        '<AlwaysSuccess _skipIf="x == 3"/>',
+        '<AlwaysSuccess _skipIf="x = 2; x &gt; 1"/>',
+        '<AlwaysSuccess _onSuccess="x = 3"/>',
+        '<Script code="x = 3"/>',
+        "<Script code=\"n := 'a' + 'b'\"/>",
+    ],
+)
+def test_texts_that_are_fine(check: Check, body: str) -> None:
+    assert check(body, given=["x"]) == ""
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        f'<Repeat num_cycles=" +3">{REPEAT}',
+        '<BatteryOk minimum="0x1p-2"/>',
+        '<Look found="door"/>',
+        '<Say text="${x}"/>',
+    ],
+)
+def test_texts_that_are_fine_in_format_3(check: Check, body: str) -> None:
+    assert check(body, format=3, given=["x"]) == ""
+
+
+def test_a_fraction_for_an_integer_in_format_3(check: Check) -> None:
+    assert "of '3.7' only '3' is read" in check(f'<Repeat num_cycles="3.7">{REPEAT}', format=3)
+
+
+def test_a_subtrees_constant_with_half_a_pointer(check: Check) -> None:
+    more = '  <BehaviorTree ID="Inner"><Say text="{word}"/></BehaviorTree>\n'
+    assert check('<SubTree ID="Inner" word="door}"/>', more) == said(
+        """
+        t.xml:3:31: W210 'word' of <SubTree ID="Inner"> is given the text 'door}', not an entry
+           3 |      <SubTree ID="Inner" word="door}"/>
+             |                                ^^^^^
+              for the entry write {door}
+        """
+    )

@@ -1,0 +1,81 @@
+"""The validator on thousands of documents whose behaviour was recorded from the C++ engines."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import btcore
+from btcore.errors import Diagnostic, TreeError
+from btcore.testing.conformance import cases
+from btcore.testing.planned import Journal
+from btcore.testing.recorded_trees import planned_registry
+from btcore.xml.source import read_text
+from btcore.xml.validate import validate_document
+
+DATA = Path(__file__).parents[2] / "conformance" / "data"
+NODES = planned_registry()
+WHOLE = ["v4_control", "v4_full", "v4_once", "v4_scopes", "v3_full"]
+MUTATED = ["v4_mutated", "v3_mutated"]
+
+Case = dict[str, Any]
+
+
+def checked(case: Case) -> list[Diagnostic]:
+    try:
+        document = read_text(case["xml"])
+    except TreeError as refused:
+        return list(refused.diagnostics)
+    return validate_document(
+        document, nodes=NODES, tree=case.get("tree"), format=case["format"], given=case.get("bb", {}).keys()
+    )
+
+
+def names_of(xml: str, found: list[Diagnostic], code: str) -> Iterator[str]:
+    """The names of the nodes that the diagnostics of *code* point at; the documents are one line each."""
+    for one in found:
+        named = re.match(r'<\w+ [^>]*?name="(\w+)"', xml[one.column - 1 :])
+        if one.code == code and one.line == 1 and named:
+            yield named[1]
+
+
+@pytest.mark.parametrize(("name", "least"), [("v4_control", 40), ("v4_full", 50), ("v3_full", 100)])
+def test_what_is_never_ticked_never_was(name: str, least: int) -> None:
+    told = 0
+    for case in cases(DATA / f"{name}.jsonl.gz"):
+        for node in names_of(case["xml"], checked(case), "W105"):
+            told += 1
+            for tick in case["expect"].get("ticks", ()):
+                assert node not in [event[0] for event in tick.get("events", ())], case["id"]
+                assert node not in [call.split(":")[0] for call in tick.get("calls", ())], case["id"]
+    assert told >= least
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_what_can_be_run_has_no_errors(name: str) -> None:
+    for case in cases(DATA / f"{name}.jsonl.gz"):
+        if "load_error" not in case["expect"]:
+            assert [one for one in checked(case) if one.is_error] == [], case["id"]
+
+
+@pytest.mark.parametrize("name", MUTATED)
+def test_the_errors_are_those_of_the_loader(name: str) -> None:
+    refused = 0
+    for case in cases(DATA / f"{name}.jsonl.gz"):
+        found = [str(one) for one in checked(case) if one.is_error]
+        try:
+            btcore.loads(
+                case["xml"], nodes=NODES, tree=case.get("tree"), format=case["format"], resources=[Journal()]
+            )
+        except TreeError as fault:
+            refused += 1
+            # Without a main tree a document is a library, and the blackboard may come with a script.
+            loader = {
+                str(one)
+                for one in fault.diagnostics
+                if one.code != "E108" and "which has never been written" not in one.message
+            }
+            assert loader <= set(found), case["id"]
+    assert refused > 200

@@ -1,0 +1,108 @@
+"""Trees whose leaves are C++, known by their models alone: only what is certain is said of them."""
+
+from collections.abc import Collection
+from pathlib import Path
+
+import pytest
+
+from btcore import Registry
+from btcore.xml.model_file import add_models
+from btcore.xml.validate import validate
+
+PALETTE = """<root BTCPP_format="4"><TreeNodesModel>
+  <Control ID="Alternate"/>
+  <Decorator ID="AtRate"><input_port name="hz" type="double"/></Decorator>
+  <Action ID="Plan">
+    <input_port name="goal"/><output_port name="path"/><output_port name="code" type="int"/>
+  </Action>
+  <Action ID="Follow"><input_port name="path"/><input_port name="controller"/></Action>
+  <Action ID="Clear"><input_port name="service"/></Action>
+  <Action ID="Spin"><input_port name="angle" type="double"/></Action>
+  <Condition ID="GoalMoved"/>
+</TreeNodesModel></root>"""
+
+NAVIGATE = """<root BTCPP_format="4" main_tree_to_execute="Navigate">
+  <BehaviorTree ID="Navigate">
+    <RetryUntilSuccessful num_attempts="6">
+      <Fallback>
+        <Sequence>
+          <AtRate hz="1.0"><Plan goal="{goal}" path="{path}" code="{code}"/></AtRate>
+          <Follow path="{path}" _onFailure="reason := NO_CONTROL"/>
+        </Sequence>
+        <ReactiveFallback>
+          <GoalMoved/>
+          <Alternate><Clear service="local"/><Spin angle="1.57"/><Clear/></Alternate>
+          <SubTree ID="Recover" code="{code}" where="{path}"/>
+        </ReactiveFallback>
+      </Fallback>
+    </RetryUntilSuccessful>
+  </BehaviorTree>
+  <BehaviorTree ID="Recover">
+    <Sequence>
+      <ScriptCondition code="code != TOO_FAR"/>
+      <Follow path="{where}"/>
+    </Sequence>
+  </BehaviorTree>
+</root>"""
+
+
+class Files:
+    def __init__(self, folder: Path) -> None:
+        self.nodes = Registry.standard()
+        (folder / "palette.xml").write_text(PALETTE, encoding="utf-8")
+        add_models(self.nodes, folder / "palette.xml")
+        self.tree = folder / "navigate.xml"
+
+    def said_of(self, text: str, given: Collection[str] = ()) -> list[str]:
+        self.tree.write_text(text, encoding="utf-8")
+        found = validate(self.tree, nodes=self.nodes, given=given)
+        return [f"{one.line}:{one.column}: {one.code} {one.message}" for one in found]
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    return Files(tmp_path)
+
+
+def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
+    assert files.said_of(NAVIGATE) == [
+        "6:40: W201 the port 'goal' of <Plan> reads {goal}, which nothing writes"
+    ]
+    assert files.said_of(NAVIGATE, given=["goal"]) == []
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "said"),
+    [
+        (
+            'hz="1.0"',
+            'hz="1Hz"',
+            "6:23: W203 the port 'hz' of <AtRate> takes double: of '1Hz' only '1' is read",
+        ),
+        (
+            'path="{path}" code',
+            'path="path" code',
+            "6:54: W211 the port 'path' of <Plan> is to be written, but 'path' names no entry",
+        ),
+        (
+            'Follow path="{path}"',
+            'Follow path="{pth}"',
+            "7:25: W201 the port 'path' of <Follow> reads {pth}, which nothing writes",
+        ),
+        (
+            'where="{path}"',
+            'wher="{path}"',
+            "12:47: W204 <SubTree ID=\"Recover\"> is given 'wher', "
+            "but no port or script in that tree uses it",
+        ),
+    ],
+)
+def test_the_ports_of_a_model_are_looked_at(files: Files, written: str, instead: str, said: str) -> None:
+    assert said in files.said_of(NAVIGATE.replace(written, instead), given=["goal"])
+
+
+def test_what_a_model_can_not_tell_is_left_open(files: Files) -> None:
+    # Neither whether <Plan> lasts, nor whether <Clear> needs its service, nor what <GoalMoved> may give.
+    body = "<ReactiveSequence><Plan/><GoalMoved/><Follow/></ReactiveSequence>"
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    assert files.said_of(text) == []

@@ -1,0 +1,73 @@
+"""The compiled engine and its pure source do the same with every tree."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import btcore
+from btcore import builds
+from btcore.testing import Outcomes, documents, outcomes
+
+HOME = Path(btcore.__file__).parent.parent
+TREES = 500
+
+
+def drawn_cases() -> list[str]:
+    """A line of JSON for each of many random trees with plans for them."""
+    cases: list[str] = []
+
+    @settings(max_examples=TREES, derandomize=True, database=None, deadline=None)
+    @given(
+        documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
+        outcomes(skipped=True, raising=True),
+        st.integers(1, 8),
+    )
+    def draw(text: str, plan: Outcomes, ticks: int) -> None:
+        cases.append(json.dumps([text, plan.entries, ticks]))
+
+    draw()
+    return cases
+
+
+def retold(cases: list[str], pure: bool) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, str(Path(__file__).with_name("retell.py"))],
+        input="\n".join(cases),
+        env={**os.environ, "PYTHONPATH": str(HOME), "BTCORE_PURE": "1" if pure else "0"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.splitlines()
+
+
+@pytest.mark.skipif(builds.running() == "pure", reason="there is no compiled build here to compare with")
+def test_the_two_builds_tell_the_same_story_of_every_tree() -> None:
+    cases = drawn_cases()
+    compiled, pure = retold(cases, pure=False), retold(cases, pure=True)
+    assert (compiled[0], pure[0]) == ("compiled", "pure")
+    assert len(cases) >= TREES
+    assert len(compiled) == len(pure) == len(cases) + 1
+    differing = [case for case, one, other in zip(cases, compiled[1:], pure[1:], strict=True) if one != other]
+    assert differing == []
+
+
+def test_a_story_tells_every_tick_and_the_end() -> None:
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence name="all">'
+        '<Act name="a"/><Script name="b" code="@a := 1"/><Act name="c"/></Sequence></BehaviorTree></root>'
+    )
+    build, story = retold([json.dumps([text, ["S", "RRRS"], 2])], pure=True)
+    assert build == "pure"
+    first, second, end = json.loads(story)
+    assert first[0] == "tick 1, at 0 s: RUNNING"
+    assert first[1] == ["all: IDLE → RUNNING", "a: IDLE → SUCCESS", "b: IDLE → SUCCESS", "c: IDLE → RUNNING"]
+    assert first[4] == {"a": 1}
+    assert second[2] == {"all": ["RUNNING"], "c": ["RUNNING"]}
+    assert (end[0], end[3], end[5]) == ("after a tick, at 0.02 s", ["all", "c"], [0, 0, 0, 0])

@@ -1,0 +1,143 @@
+"""What holds for trees with everything: subtrees, scripts, conditions, time; drawn by the public test kit."""
+
+from hypothesis import assume, event, given
+from hypothesis import strategies as st
+
+import btcore
+from btcore import NodeType, SimClock, Status, Tree
+from btcore.blackboard import Blackboard
+from btcore.legacy_blackboard import LegacyBlackboard
+from btcore.testing import Harness, Outcomes, Step, outcomes, trees
+from btcore.testing.growth import BRANCHES, COUNTED, ORDERED, ORDERED_3, PARALLEL, REACTIVE, TIMED, UNARY
+from btcore.xml.write import tree_to_xml
+
+DONE = (Status.SUCCESS, Status.FAILURE)
+LEAVES = (NodeType.ACTION, NodeType.CONDITION)
+CLEAN = {
+    *ORDERED,
+    *ORDERED_3,
+    *REACTIVE,
+    *UNARY,
+    *COUNTED,
+    *TIMED,
+    *PARALLEL,
+    *BRANCHES,
+    "TryCatch",
+    "Precondition",
+}
+CLEAN -= {"IfThenElse", "SequenceWithMemory", "SequenceStar"}
+
+everything = trees(max_nodes=30, timed=True, subtrees=2, conditions=True, scripts=True)
+with_reactive = trees(
+    timed=True,
+    subtrees=2,
+    conditions=True,
+    nodes=[*REACTIVE, "Sequence", "Parallel", "Inverter", "KeepRunningUntilFailure", "Delay", "Timeout"],
+)
+format_3 = trees(max_nodes=30, timed=True, subtrees=2, format=3)
+
+
+def running(tree: Tree) -> list[str]:
+    return [node.path for node in tree if node.type in LEAVES and node.status is Status.RUNNING]
+
+
+def steps(tree: Tree, plan: Outcomes, ticks: int) -> list[Step]:
+    """What happens in *ticks* ticks, told with numbers for paths."""
+    harness = Harness(tree)
+    plan.drive(tree, ticks)
+    return harness.trace.steps
+
+
+@given(st.one_of(everything, format_3), outcomes(skipped=True), st.integers(1, 10))
+def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(
+    tree: Tree, plan: Outcomes, ticks: int
+) -> None:
+    assume(tree.format == 4 or "K" not in "".join(plan.entries))
+    plan.attach(tree)
+    for _ in range(ticks):
+        if tree.tick_exactly_once() in DONE:
+            event("completed")
+            assert tree.root.status is Status.IDLE
+            assert running(tree) == []
+        tree.sleep(0.01)
+
+
+@given(st.one_of(everything, format_3), outcomes(), st.integers(0, 6))
+def test_after_a_halt_every_node_is_idle(tree: Tree, plan: Outcomes, ticks: int) -> None:
+    plan.drive(tree, ticks)
+    event(f"{min(len(running(tree)), 3)} leaves ran")
+    tree.halt()
+    assert {node.status for node in tree} == {Status.IDLE}
+    assert tree.context.deadlines == {}
+
+
+@given(
+    st.one_of(
+        trees(skipped=False, nodes=CLEAN, subtrees=2, conditions=True),
+        trees(nodes=CLEAN, subtrees=2, format=3),
+    ),
+    outcomes(),
+    st.integers(1, 10),
+)
+def test_where_nothing_keeps_a_place_or_skips_every_node_is_idle_after_completion(
+    tree: Tree, plan: Outcomes, ticks: int
+) -> None:
+    plan.attach(tree)
+    for _ in range(ticks):
+        if tree.tick_exactly_once() in DONE:
+            event("completed")
+            assert {node.path: node.status for node in tree if node.status is not Status.IDLE} == {}
+        tree.sleep(0.01)
+
+
+@given(with_reactive, outcomes(skipped=True), st.integers(1, 10))
+def test_a_reactive_node_never_leaves_two_of_its_children_running(
+    tree: Tree, plan: Outcomes, ticks: int
+) -> None:
+    reactive = [node for node in tree if node.id in REACTIVE]
+    assume(reactive)
+    plan.attach(tree)
+    for _ in range(ticks):
+        tree.tick_exactly_once()
+        tree.sleep(0.01)
+        for node in reactive:
+            assert [child.status for child in node.children].count(Status.RUNNING) <= 1
+
+
+@given(everything, outcomes(skipped=True), st.integers(1, 10))
+def test_a_tree_that_is_followed_does_what_it_does_alone(tree: Tree, plan: Outcomes, ticks: int) -> None:
+    alone = again(tree)
+    results = plan.drive(alone, ticks)
+    assert [step.status for step in steps(tree, plan, ticks)] == results
+    assert [node.status for node in tree] == [node.status for node in alone]
+    assert held(tree.blackboard) == held(alone.blackboard)
+
+
+@given(st.one_of(everything, format_3), outcomes(), st.integers(1, 10))
+def test_a_tree_written_as_xml_and_read_again_ticks_the_same(tree: Tree, plan: Outcomes, ticks: int) -> None:
+    other = again(tree)
+    assert [(node.uid, node.id) for node in other] == [(node.uid, node.id) for node in tree]
+    for one, same in zip(steps(tree, plan, ticks), steps(other, plan, ticks), strict=True):
+        assert (one.tick, one.stamp, one.status) == (same.tick, same.stamp, same.status)
+        assert [(change.previous, change.status) for change in one.changes] == [
+            (change.previous, change.status) for change in same.changes
+        ]
+        assert list(one.statuses.values()) == list(same.statuses.values())
+        assert list(one.results.values()) == list(same.results.values())
+        assert list(one.written.values()) == list(same.written.values())
+
+
+def again(tree: Tree) -> Tree:
+    """A new tree from what is written of *tree*, which has not been ticked."""
+    clock = SimClock()
+    board = Blackboard(clock=clock) if tree.format == 4 else LegacyBlackboard(clock=clock)
+    for key, value in held(tree.blackboard).items():
+        board[key] = value
+    text = tree_to_xml(tree, metadata=False, builtin_models=False)
+    return btcore.loads(
+        text, nodes=tree.registry, tree=tree.id, format=tree.format, blackboard=board, clock=clock
+    )
+
+
+def held(board: Blackboard) -> dict[str, object]:
+    return {key: board[key] for key in board}
