@@ -64,6 +64,9 @@ class MonitorExtension:
         ),
     )
 
+    def __init__(self) -> None:
+        self._publisher: Publisher | None = None
+
     def provide(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[object]:
         """Nothing for leaves; the options are checked here, before a world is built in vain."""
         if settings["publish"] == "groot1":
@@ -82,41 +85,51 @@ class MonitorExtension:
         self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> AbstractContextManager[None]:
         """Publish *tree* while the run lasts, as the options say."""
-        return _published(tree, resources, settings)
+        return self._published(tree, resources, settings)
+
+    def swap(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
+        """Publish *tree*, which has taken the place of the one before; who listens stays."""
+        if self._publisher is not None:
+            self._publisher.replace(tree, resources)
 
     def report(self) -> dict[str, object]:
         """Nothing: a run's results are the same with and without a monitor."""
         return {}
 
-
-@contextmanager
-def _published(tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> Iterator[None]:
-    save: Path | None = settings["save"]
-    view: bool = settings["monitor"]
-    if settings["publish"] is None and save is None and not view:
-        yield
-        return
-    port = settings["port"]
-    if port is None:
-        port = DEFAULT_PORT if settings["publish"] else 0
-    try:
-        publisher = serve(tree, groot2=port, bind=settings["bind"], resources=resources)
-    except ServeError as error:
-        raise UsersMistake(str(error)) from None
-    with publisher:
-        _say(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
-        listeners = []
-        if save is not None:
-            listeners.append(_Listener(publisher, ["--save", str(save), "--no-view"], f"recording to {save}"))
-        if view:
-            listeners.append(_Listener(publisher, [], "the viewer"))
-        try:
-            _await_start(publisher, listeners)
+    @contextmanager
+    def _published(
+        self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
+    ) -> Iterator[None]:
+        save: Path | None = settings["save"]
+        view: bool = settings["monitor"]
+        if settings["publish"] is None and save is None and not view:
             yield
-        finally:
-            publisher.finish()
-            for listener in listeners:
-                listener.finish()
+            return
+        port = settings["port"]
+        if port is None:
+            port = DEFAULT_PORT if settings["publish"] else 0
+        try:
+            publisher = serve(tree, groot2=port, bind=settings["bind"], resources=resources)
+        except ServeError as error:
+            raise UsersMistake(str(error)) from None
+        with publisher:
+            _say(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
+            listeners = []
+            if save is not None:
+                listeners.append(
+                    _Listener(publisher, ["--save", str(save), "--no-view"], f"recording to {save}")
+                )
+            if view:
+                listeners.append(_Listener(publisher, [], "the viewer"))
+            try:
+                _await_start(publisher, listeners)
+                self._publisher = publisher
+                yield
+            finally:
+                self._publisher = None
+                publisher.finish()
+                for listener in listeners:
+                    listener.finish()
 
 
 class _Listener:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from btcore.cli import library, paint, palettes, trees
+from btcore.cli import files, library, paint, palettes, trees
 from btcore.errors import Diagnostic
 from btcore.xml.convert import Conversion
 from btcore.xml.convert import convert as converted
@@ -44,16 +44,9 @@ def convert(
     if target is None:
         click.echo(data, nl=False)
     else:
-        _write(target, data)
+        files.write(target, data)
     _tell(result)
     return MISTAKE if result.remaining else 0
-
-
-def _write(target: Path, data: bytes) -> None:
-    try:
-        target.write_bytes(data)
-    except OSError as fault:
-        raise click.ClickException(f"'{target}' can't be written: {fault.strerror}") from fault
 
 
 def _tell(result: Conversion) -> None:

@@ -12,11 +12,11 @@ import click
 
 from btcore import builds
 from btcore.cli import extensions, paint
-from btcore.errors import BtcoreError, TreeError
+from btcore.errors import BtcoreError
 from btcore.suggest import listing, nearest
 
 COMMANDS = "btcore.commands"
-OWN = ("run", "validate", "show", "nodes")
+OWN = ("run", "validate", "show", "convert", "nodes", "schema")
 
 _BROUGHT = "btcore.cli.main.brought"
 
@@ -102,13 +102,8 @@ def _leave(error: Exception) -> NoReturn:
     if isinstance(error, click.ClickException):
         paint.mistake(error)
         sys.exit(MISTAKE)
-    if isinstance(error, TreeError):
-        paint.diagnostics(error.diagnostics)
-        paint.notes(getattr(error, "__notes__", ()))
-        sys.exit(MISTAKE)
     if isinstance(error, BtcoreError):
-        paint.error(str(error))
-        paint.notes(getattr(error, "__notes__", ()))
+        paint.fault(error)
         sys.exit(MISTAKE)
     paint.error(f"btcore itself failed: {type(error).__name__}: {error}")
     paint.errors().print(

@@ -17,7 +17,10 @@ from btcore.status import Status
 from btcore.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-Ending = Literal["done", "duration", "interrupted"]
+Ending = Literal["done", "duration", "interrupted", "saved"]
+
+LOOK_EVERY: Final = 0.05
+"""The longest time (s) without a look at whether the file was saved."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "done": (Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.IDLE),
@@ -28,11 +31,12 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
 
 
 class Pace:
-    """The loop of one run.
+    """The loop of one run, whose *tree* may be exchanged between two calls of it.
 
     *rate* is in Hz, *duration* in s of the tree's clock (None = no limit). *on_tick* is called
-    after every tick with its result. Afterwards *late* counts the ticks that were due while an
-    earlier one was still under way, and were left out.
+    after every tick with its result; *saved*, if given, between ticks: when it is true the loop ends.
+    *fast* says that the clock jumps, or runs as fast as it goes. Afterwards *late* counts the ticks
+    that were due while an earlier one was still under way, and were left out.
     """
 
     def __init__(
@@ -42,13 +46,17 @@ class Pace:
         duration: float | None,
         until: Until,
         on_tick: Callable[[Status], None],
+        saved: Callable[[], bool] | None = None,
+        fast: bool = False,
     ) -> None:
         self.tree = tree
         self.period = round(NS_PER_S / rate)
-        self.duration = None if duration is None else round(duration * NS_PER_S)
         self.endings = _STATUSES_THAT_END[until]
         self.on_tick = on_tick
+        self.saved = saved
+        self.fast = fast
         self.start = tree.clock.now()
+        self.end = None if duration is None else self.start + round(duration * NS_PER_S)
         self.status = Status.IDLE
         self.late = 0
         self._stop = False
@@ -60,36 +68,73 @@ class Pace:
         return self.tree.clock.now() - self.start
 
     def run(self) -> Ending:
-        """Tick until the tree's status, the duration or a signal ends it, and say which did."""
-        with self._signals():
-            due = self.start
-            end = None if self.duration is None else self.start + self.duration
-            while True:
-                self.status = self.tree.tick_once()
-                self.on_tick(self.status)
-                if self._stop:
-                    return "interrupted"
-                if self.status in self.endings:
-                    return "done"
-                now = self.tree.clock.now()
-                if now >= due:
-                    missed = (now - due) // self.period
-                    self.late += missed
-                    due += (missed + 1) * self.period
-                self._wait(due if end is None else min(due, end))
-                if self._stop:
-                    return "interrupted"
-                if end is not None and self.tree.clock.now() >= end:
-                    return "duration"
+        """Tick until the tree's status, the duration, a save or a signal ends it, and say which did."""
+        due = self.tree.clock.now()
+        while True:
+            self.status = self.tree.tick_once()
+            self.on_tick(self.status)
+            if self._stop:
+                return "interrupted"
+            if self.status in self.endings:
+                return "done"
+            now = self.tree.clock.now()
+            if now >= due:
+                missed = (now - due) // self.period
+                self.late += missed
+                due += (missed + 1) * self.period
+            saved = self._wait(due if self.end is None else min(due, self.end))
+            if self._stop:
+                return "interrupted"
+            if self.end is not None and self.tree.clock.now() >= self.end:
+                return "duration"
+            if saved:
+                return "saved"
 
-    def _wait(self, moment: int) -> None:
+    def rest(self) -> Ending:
+        """Tick no more until the duration, a save or a signal ends that.
+
+        Real time goes on, and a world with it. With *fast* nothing is left to happen: the clock goes to
+        the end of the duration, or stands still if there is none.
+        """
+        while not self._stop:
+            now = self.tree.clock.now()
+            if self.end is not None and now >= self.end:
+                return "duration"
+            if self.saved is not None and self.saved():
+                return "saved"
+            self._waiting = True
+            if not self._stop:
+                self._rest_until(now)
+            self._waiting = False
+        return "interrupted"
+
+    def _rest_until(self, now: int) -> None:
+        context = self.tree.context
+        if not self.fast:
+            moment = now + round(LOOK_EVERY * NS_PER_S)
+            context.wait_until(moment if self.end is None else min(moment, self.end))
+        elif self.end is not None:
+            context.wait_until(self.end)
+        else:
+            context.wake.wait(LOOK_EVERY)
+            context.wake.clear()
+
+    def _wait(self, moment: int) -> bool:
+        """Wait until *moment*, or less: until woken, stopped or (the answer) the file is saved."""
+        saved = self.saved is not None and self.saved()
         self._waiting = True
-        if not self._stop:
-            self.tree.context.wait_until(moment)
+        while not (self._stop or saved):
+            step = moment
+            if self.saved is not None:
+                step = min(moment, self.tree.clock.now() + round(LOOK_EVERY * NS_PER_S))
+            if self.tree.context.wait_until(step) or step == moment:
+                break
+            saved = self.saved is not None and self.saved()
         self._waiting = False
+        return saved
 
     @contextmanager
-    def _signals(self) -> Iterator[None]:
+    def signals(self) -> Iterator[None]:
         """SIGINT and SIGTERM end the loop instead of the process, where the thread may say so."""
         if threading.current_thread() is not threading.main_thread():
             yield

@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from btcore.errors import Diagnostic, excerpt
+from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt
 from btcore.status import NodeType, Status
 
 STATUS_STYLE: Final = {
@@ -120,10 +120,24 @@ def warning(message: str) -> None:
     errors().print(Text.assemble(("warning: ", "bold yellow"), message), soft_wrap=True)
 
 
+def said(word: str, rest: str) -> None:
+    """Print that something happened, on stderr."""
+    errors().print(Text.assemble((word, "bold"), " ", rest), soft_wrap=True)
+
+
 def notes(sentences: Iterable[str]) -> None:
     """Print what may help besides, on stderr."""
     for sentence in sentences:
         errors().print(Text.assemble(("note: ", "bold"), sentence), soft_wrap=True)
+
+
+def fault(found: BtcoreError) -> None:
+    """Print what is wrong with a user's things, and the notes added to it, on stderr."""
+    if isinstance(found, TreeError):
+        diagnostics(found.diagnostics)
+    else:
+        error(str(found))
+    notes(getattr(found, "__notes__", ()))
 
 
 def mistake(exception: click.ClickException) -> None:

@@ -29,5 +29,10 @@ def add_palettes(nodes: Registry, models: Sequence[Path], documents: Iterable[Do
     for model in models:
         add_models(nodes, model)
     if models:
-        # What can't be included is told when the tree is checked.
-        add_explicit(nodes, [one for document in documents for one in with_includes(document, Faults())])
+        add_named(nodes, documents)
+
+
+def add_named(nodes: Registry, documents: Iterable[Document]) -> None:
+    """Add the unknown nodes that explicit tags name in *documents* and in what they include."""
+    # What can't be included is told when the tree is checked.
+    add_explicit(nodes, [one for document in documents for one in with_includes(document, Faults())])

@@ -1,7 +1,8 @@
 """What `btcore run` shows on stderr: one live line while it runs, a table at its end."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Final
 
 from rich import box
@@ -30,6 +31,10 @@ class Progress:
         self.live: Live | None = None
         self.start = tree.clock.now()
         self.began = self.shown = time.perf_counter()
+        self.line = Text()
+        self._open()
+
+    def _open(self) -> None:
         if self.console.is_terminal:
             self.live = Live(console=self.console, auto_refresh=False, transient=True)
             self.live.start()
@@ -40,7 +45,33 @@ class Progress:
         if now - self.shown < (_LIVE_EVERY if self.live is not None else _PLAIN_EVERY):
             return
         self.shown = now
-        line = self._line(status, now - self.began)
+        self._show(self._line(status, now - self.began))
+
+    def follow(self, tree: Tree) -> None:
+        """Show *tree* from now on."""
+        self.tree = tree
+        self.line = Text()
+
+    def rests(self, status: Status | None, file: str) -> None:
+        """Show that the tree ended with *status* (None = a leaf raised), and that *file* is waited for."""
+        result = Text("✘ RAISED", style="bold red") if status is None else paint.status(status)
+        line = Text.assemble(result, "  ", (self.name, "bold"), f"  tick {self.tree.ticks}")
+        line.append(f"  waiting until {file} is saved", style="dim")
+        self._show(line)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Within it other things can be printed; the line comes back below them."""
+        self.close()
+        try:
+            yield
+        finally:
+            self._open()
+            if self.live is not None:
+                self.live.update(self.line, refresh=True)
+
+    def _show(self, line: Text) -> None:
+        self.line = line
         if self.live is not None:
             self.live.update(line, refresh=True)
         else:

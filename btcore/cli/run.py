@@ -1,33 +1,22 @@
 """``btcore run``: a tree from its file to its end, in the world that other packages bring."""
 
-import json
 import random
-import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any, Final, cast
 
 import click
-from rich.text import Text
 
-from btcore.cli import extensions, library, paint, trees
-from btcore.cli.pace import Ending, Pace, Until
-from btcore.cli.progress import Progress, summary
-from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
-from btcore.errors import NodeRaised, TreeError
-from btcore.status import Status
-from btcore.tree import Tree
-from btcore.xml.build import build
-from btcore.xml.check import examine
-from btcore.xml.source import read_file
+from btcore.cli import extensions, library, paint, palettes, plans, trees
+from btcore.cli.logs import log_option
+from btcore.cli.recipe import Recipe, Saves
+from btcore.cli.session import Session
+from btcore.clock import Clock, SimClock, SystemClock
+from btcore.errors import TreeError
+from btcore.xml.build import Maker
+from btcore.xml.stubs import Plans
 
 RESOURCES: Final = "btcore.resources"
 _META: Final = "btcore.cli.run.extensions"
-
-FAILURE: Final = 1
-RAISED: Final = 3
-INTERRUPTED: Final = 130
 
 
 class Run(click.Command):
@@ -65,6 +54,8 @@ def _extensions(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]
 @click.argument("source", metavar="TREE")
 @click.option("--tree", metavar="ID", help="Which of the file's trees; default: its main one.")
 @library.plugin_option
+@palettes.model_option
+@plans.plan_option
 @click.option(
     "--rate",
     type=click.FloatRange(0, 10_000, min_open=True),
@@ -93,7 +84,20 @@ def _extensions(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]
     show_default=True,
     help="What result ends the run; after any other the tree is ticked on.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object as the last line of stdout.")
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="When the XML is saved, go on with the new tree and the same blackboard; one that is broken is "
+    "reported, and the old one goes on. A tree that is done, or raised, waits for the next save: "
+    "--duration or Ctrl-C ends the run.",
+)
+@log_option
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="One JSON object as the last line of stdout; with --watch, of the last tree.",
+)
 @click.pass_context
 def run(ctx: click.Context, /, **settings: Any) -> int:
     """Run TREE, a file or the name of a tree that comes with btcore (say, bumpgo).
@@ -102,27 +106,27 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
     mistake in the tree or on the command line, 3 when a leaf raised, 130 when interrupted.
     """
     path = trees.find(settings["source"])
+    saves = Saves(path) if settings["watch"] else None
     found = library.library(settings["plugins"])
+    recipe = Recipe(path, settings["tree"], found, settings["models"])
     brought, missing = _extensions(ctx)
-    with found.explaining():
-        document = read_file(path)
-        examined = examine(document, found.nodes, settings["tree"])
-        examined.faults.raise_errors()
-        wanted = [kind for manifest in examined.used() for kind in manifest.wanted]
-        provided = [(one, list(one.provide(settings, wanted))) for one in brought]
-        resources = [thing for _, things in provided for thing in things]
-        clock = _clock(resources, settings["fast"])
-        resources.append(random.Random(settings["seed"]))
-        try:
-            tree = build(document, found.nodes, tree=settings["tree"], resources=resources, clock=clock)
-        except TreeError as error:
-            for one in missing if wanted else ():
-                error.add_note(f"'{one.name}' isn't there, and may bring it: {one.remedy}")
-            raise
+    examined, nodes = recipe.read()
+    plans.check(settings["plans"], examined)
+    wanted = [kind for manifest in examined.used() for kind in manifest.wanted]
+    provided = [(one, list(one.provide(settings, wanted))) for one in brought]
+    resources = [thing for _, things in provided for thing in things]
+    clock = _clock(resources, settings["fast"])
+    resources += [random.Random(settings["seed"]), Plans(settings["plans"])]
+    try:
+        tree = Maker(examined, nodes, None, resources, clock).tree()
+    except TreeError as error:
+        for one in missing if wanted else ():
+            error.add_note(f"'{one.name}' isn't there, and may bring it: {one.remedy}")
+        raise
     paint.diagnostics(examined.faults.warnings)
     # Who brought a world is attached first and leaves last, so that the others see it to its end.
     brought = [one for one, _ in sorted(provided, key=lambda pair: not pair[1])]
-    return Session(tree, path, settings, brought, resources).run()
+    return Session(tree, recipe, settings, brought, resources, saves).run()
 
 
 def _clock(resources: Sequence[object], fast: bool) -> Clock:
@@ -132,120 +136,3 @@ def _clock(resources: Sequence[object], fast: bool) -> Clock:
         if clock is not None:
             return cast(Clock, clock)
     return SimClock() if fast else SystemClock()
-
-
-class Session:
-    """One run of one tree: what is attached, how it ends, and what is said of it."""
-
-    def __init__(
-        self,
-        tree: Tree,
-        path: Path,
-        settings: Mapping[str, Any],
-        brought: Sequence[Any],
-        resources: Sequence[object],
-    ) -> None:
-        self.tree = tree
-        self.name = path.stem if settings["tree"] is None else f"{path.stem}:{settings['tree']}"
-        self.settings = settings
-        self.brought = brought
-        self.resources = resources
-        self.error: NodeRaised | None = None
-        self.elapsed = 0.0
-        self.wall = 0.0
-        self.status = Status.IDLE
-
-    def run(self) -> int:
-        """Run to the end, say how it went, and return the exit code."""
-        self.tree.count()
-        with ExitStack() as attached:
-            for extension in self.brought:
-                attached.enter_context(extension.attach(self.tree, self.resources, self.settings))
-            ending = self._loop()
-        results = self._results()
-        figures = {key: value for one in self.brought for key, value in one.report().items()}
-        summary(self.tree, self._heading(ending), results, figures)
-        if self.error is not None:
-            paint.error(str(self.error))
-        if self.settings["as_json"]:
-            click.echo(json.dumps(self._report(results, figures), ensure_ascii=False))
-        if self.error is not None:
-            return RAISED
-        if ending == "interrupted":
-            return INTERRUPTED
-        return FAILURE if ending == "done" and self.status is Status.FAILURE else 0
-
-    def _loop(self) -> Ending:
-        """Tick until the end; the tree is halted afterwards, however it ended."""
-        settings = self.settings
-        progress = Progress(self.tree, self.name, settings["duration"])
-        until = cast(Until, settings["until"])
-        pace = Pace(self.tree, settings["rate"], settings["duration"], until, progress.ticked)
-        began = time.perf_counter()
-        ending: Ending = "done"
-        try:
-            ending = pace.run()
-            self.tree.halt()
-        except NodeRaised as error:
-            self.error = error
-        except BaseException:
-            self.tree.halt()
-            raise
-        finally:
-            self.status = pace.status
-            self.elapsed = pace.elapsed / NS_PER_S
-            self.wall = time.perf_counter() - began
-            progress.close()
-        if pace.late:
-            paint.warning(
-                f"{pace.late} ticks were left out, because the one before took longer than "
-                f"{1000 / settings['rate']:g} ms; a lower --rate fits this tree"
-            )
-        return ending
-
-    def _results(self) -> dict[str, dict[str, object]]:
-        """What each node did, by full path; where two paths are equal ``#<uid>`` tells them apart."""
-        return {
-            key: {
-                "id": node.id,
-                "ticks": tally.ticks,
-                "success": tally.success,
-                "failure": tally.failure,
-                "skipped": tally.skipped,
-                "halted": tally.halted,
-            }
-            for key, node in self.tree.keys().items()
-            for tally in (node.count(),)
-        }
-
-    @property
-    def _factor(self) -> float:
-        return self.elapsed / self.wall if self.wall > 0 else 0.0
-
-    def _heading(self, ending: Ending) -> Text:
-        """How it ended, in one line."""
-        raised = Text("✘ RAISED", style="bold red")
-        result = paint.status(self.status) if self.error is None else raised
-        how = {"done": "", "duration": ", by --duration", "interrupted": ", interrupted"}[ending]
-        took = f"{self.elapsed:.1f} s, {self.tree.ticks} ticks, ×{self._factor:.1f} real time{how}"
-        return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
-
-    def _report(self, results: Mapping[str, object], figures: Mapping[str, object]) -> dict[str, object]:
-        """The object of ``--json``."""
-        report: dict[str, object] = {
-            "status": self.status.name,
-            "ticks": self.tree.ticks,
-            "time_s": self.elapsed,
-            "real_time_factor": round(self._factor, 3),
-            "nodes": results,
-            **figures,
-        }
-        if self.error is not None:
-            report["error"] = {
-                "node": self.error.path,
-                "id": self.error.node_id,
-                "while": self.error.doing,
-                "exception": type(self.error.cause).__name__,
-                "message": str(self.error.cause),
-            }
-        return report

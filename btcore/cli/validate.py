@@ -7,9 +7,11 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from btcore.cli import library, paint, trees
-from btcore.errors import Diagnostic
-from btcore.xml.validate import validate as check
+from btcore.cli import library, paint, palettes, trees
+from btcore.errors import Diagnostic, TreeError
+from btcore.registry import Registry
+from btcore.xml.source import read_file
+from btcore.xml.validate import validate_document
 
 MISTAKE = 2
 
@@ -17,16 +19,20 @@ MISTAKE = 2
 @click.command(short_help="Find every fault in trees, with file, line and column.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…")
 @library.plugin_option
+@palettes.model_option
 @click.option("--strict", is_flag=True, help="Warnings count as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def validate(sources: Sequence[str], plugins: Sequence[str], strict: bool, as_json: bool) -> int:
+def validate(
+    sources: Sequence[str], plugins: Sequence[str], models: Sequence[Path], strict: bool, as_json: bool
+) -> int:
     """Check trees: files, names of trees that come with btcore, or folders of XML files.
 
     Exits with 0 when they can be run, 2 when one can't.
     """
     nodes = library.library(plugins)
     files = [file for source in sources for file in _files(source)]
-    found = [one for file in files for one in check(file, nodes=nodes.nodes)]
+    palettes.add_palettes(nodes.nodes, models)
+    found = [one for file in files for one in _check(file, nodes.nodes, without_code=bool(models))]
     errors = [one for one in found if one.is_error]
     warnings = [one for one in found if not one.is_error]
     good = not errors and not (strict and warnings)
@@ -48,6 +54,19 @@ def _files(source: str) -> list[Path]:
     if not files:
         raise click.UsageError(f"the folder '{source}' holds no XML file.")
     return files
+
+
+def _check(file: Path, nodes: Registry, without_code: bool) -> list[Diagnostic]:
+    """What is wrong with *file*; nodes that explicit tags name are good *without_code* too."""
+    try:
+        document = read_file(file)
+    except TreeError as fault:
+        return list(fault.diagnostics)
+    if without_code:
+        # Of this file alone: in another one the same tag may have other ports.
+        nodes = nodes.copy()
+        palettes.add_named(nodes, [document])
+    return validate_document(document, nodes=nodes)
 
 
 def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, good: bool) -> None:

@@ -1,12 +1,13 @@
 """The publisher's thread: it owns the sockets, drains the queue, answers and sends.
 
-Nothing here runs on the thread that ticks, but for making and closing a Publisher.
+Nothing here runs on the thread that ticks, but for making and closing a Publisher, and for giving it
+another tree.
 """
 
 import logging
 import threading
 import time
-import uuid
+from collections import deque
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, Self
@@ -14,22 +15,12 @@ from typing import Final, Self
 import zmq
 
 from btcore.tree import Tree
-from btcore.xml.write import tree_to_xml
-from monitor.serve.boards import BoardKeeper, Boards, portable_board
-from monitor.serve.groot2 import Groot2Server, statuses_of
 from monitor.serve.ports import Socket, bind_in_a_row
-from monitor.serve.recorder import BoardsChanged, Changed, Finished, Recorder, SceneSource, SceneTaken
 from monitor.serve.scene import SceneServer
+from monitor.serve.served import Served
 from monitor.wire import scene as wire
-from monitor.wire.values import encode_boards
 
 _POLL_MS: Final = 10
-_SECONDS_A_TURN: Final = 0.02
-"""Time (wall clock) for queued items before the sockets have their turn."""
-
-_FRESH_NS: Final = 1_000_000_000
-"""Blackboards seen after a tick that ended longer ago (wall clock) are read again."""
-
 _REQUEST_AT_MOST: Final = 1 << 20
 _LIVE_AT_MOST: Final = 2_000
 """Messages that wait for one slow client; what it misses beyond, it asks for again."""
@@ -43,22 +34,11 @@ class Publisher:
     def __init__(
         self, tree: Tree, port: int, bind: str, scene: bool, resources: Sequence[object], grace: float
     ) -> None:
-        self._tree = tree
         self._grace = grace
-        sources = [one for one in resources if isinstance(one, SceneSource)] if scene else []
-        self._keeper = BoardKeeper(tree)
-        self._recorder = Recorder(self._keeper, sources)
-        self._boards: Boards | None = None
-        xml = tree_to_xml(tree).encode()
-        identity = uuid.uuid4()
-        self.tree_id = identity.hex
-        """New for every publisher; clients tell a restart by it."""
-        statuses = statuses_of(tree)
-        self._groot2 = Groot2Server(tree, xml, self._answer_boards, identity)
-        self._scene: SceneServer | None = None
-        if scene:
-            statics = [portable_board(one.scene_static()) for one in sources]
-            self._scene = SceneServer(self.tree_id, xml, statics, statuses, tree.clock.now())
+        self._scene = scene
+        # The tree that ticks, and the one that the publisher's thread is at; it follows soon.
+        self._latest = self._served = Served(tree, resources, scene)
+        self._fresh: deque[Served] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
         self._replies = self._context.socket(zmq.REP)
         self._notices = self._context.socket(zmq.PUB)
@@ -84,12 +64,14 @@ class Publisher:
         self._clients = 0
         self._finished = False
         self._stop = threading.Event()
-        self._unsubscribe = tree.subscribe(self._recorder)
-        now = time.time_ns()
-        if sources:
-            self._recorder.look(tree.clock.now(), now)
+        self._latest.hear()
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
         self._thread.start()
+
+    @property
+    def tree_id(self) -> str:
+        """New for every tree that is served; clients tell by it that there is another one."""
+        return self._latest.tree_id
 
     @property
     def clients(self) -> int:
@@ -99,7 +81,7 @@ class Publisher:
     @property
     def dropped(self) -> int:
         """Transitions lost because the publisher could not follow the tree."""
-        return self._groot2.dropped
+        return self._served.groot2.dropped
 
     def wait_for_clients(self, count: int, timeout: float) -> bool:
         """Wait at most *timeout* s (wall clock) until *count* clients or more are here; 0: until none is."""
@@ -108,13 +90,27 @@ class Publisher:
                 lambda: self._clients >= count if count else self._clients == 0, timeout
             )
 
+    def replace(self, tree: Tree, resources: Sequence[object] = ()) -> None:
+        """Serve *tree* from now on, on the thread that ticks it, and no more the one before.
+
+        Ports and connections stay; clients first get what is queued of the tree before, then are told
+        of the new one. *resources* are as for ``serve``.
+        """
+        if self._finished:
+            return
+        fresh = Served(tree, resources, self._scene)
+        # In this order: when the publisher's thread finds the new one, the old one's queue is complete.
+        self._latest.leave()
+        fresh.hear()
+        self._latest = fresh
+        self._fresh.append(fresh)
+
     def finish(self) -> None:
         """Say that nothing follows, and go on answering; for when a recording is still being written."""
         if self._finished:
             return
         self._finished = True
-        self._unsubscribe()
-        self._recorder.queue.append(Finished(self._tree.clock.now(), time.time_ns(), self._tree.status))
+        self._latest.finish()
 
     def close(self, grace: float | None = None) -> None:
         """Send what is queued, say goodbye, and stop.
@@ -126,7 +122,7 @@ class Publisher:
             return
         self.finish()
         try:
-            if self._scene is not None and self._thread.is_alive():
+            if self._scene and self._thread.is_alive():
                 self.wait_for_clients(0, self._grace if grace is None else grace)
         finally:
             self._stop.set()
@@ -148,7 +144,7 @@ class Publisher:
     def _run(self) -> None:
         poller = zmq.Poller()
         poller.register(self._replies, zmq.POLLIN)
-        if self._scene is not None:
+        if self._scene:
             poller.register(self._stream, zmq.POLLIN)
         next_sign = 0.0
         try:
@@ -157,14 +153,15 @@ class Publisher:
                 ready = dict(poller.poll(0 if busy else _POLL_MS))
                 if self._replies in ready:
                     self._answer()
-                if self._scene is None:
+                scene = self._served.scene
+                if scene is None:
                     continue
                 if self._stream in ready:
-                    self._hear(self._scene)
+                    self._hear(scene)
                 now = time.monotonic()
                 if now >= next_sign:
                     next_sign = now + wire.ALIVE_EVERY
-                    self._send(*self._scene.alive())
+                    self._send(*scene.alive())
             while self._drain():
                 pass
         except Exception:
@@ -180,29 +177,25 @@ class Publisher:
                 self._change.notify_all()
 
     def _drain(self) -> bool:
-        """Take queued items in; returns whether there are more."""
-        queue = self._recorder.queue
-        dropped = self.dropped
-        enough = time.monotonic() + _SECONDS_A_TURN
-        for _ in range(len(queue)):
-            item = queue.popleft()
-            if isinstance(item, Changed):
-                self._groot2.heard(item)
-            elif isinstance(item, BoardsChanged | SceneTaken):
-                self._recorder.big_taken += 1
-                if isinstance(item, BoardsChanged):
-                    self._boards = item.boards
-            if self._scene is not None:
-                self._scene.put(item)
-            if time.monotonic() > enough:
-                break
-        if self._scene is not None:
-            self._scene.flush()
-            for topic, data in self._scene.news():
+        """Take queued items in, and send them; returns whether there are more."""
+        followed = bool(self._fresh)
+        more = self._served.drain()
+        scene = self._served.scene
+        if scene is not None:
+            for topic, data in scene.news():
                 self._send(topic, data)
-        if self.dropped != dropped:
-            self._groot2.correct(statuses_of(self._tree))
-        return bool(queue)
+        if followed and not more:
+            self._follow(self._fresh.popleft())
+            return True
+        return more
+
+    def _follow(self, fresh: Served) -> None:
+        """Go over to the next tree, and tell everybody."""
+        before, self._served = self._served, fresh
+        if before.scene is not None and fresh.scene is not None:
+            fresh.scene.clients = before.scene.clients
+            for topic, data in fresh.scene.introduction():
+                self._send(topic, data)
 
     def _send(self, topic: bytes, data: bytes) -> None:
         self._stream.send_multipart([topic, data], zmq.DONTWAIT)
@@ -210,7 +203,7 @@ class Publisher:
     def _answer(self) -> None:
         self._drain()  # all of it, unless the tree floods the queue
         frames = self._replies.recv_multipart()
-        self._replies.send_multipart(self._groot2.answer(frames))
+        self._replies.send_multipart(self._served.groot2.answer(frames))
 
     def _hear(self, scene: SceneServer) -> None:
         while self._stream.poll(0, zmq.POLLIN):
@@ -220,12 +213,6 @@ class Publisher:
             with self._change:
                 self._clients = len(scene.clients)
                 self._change.notify_all()
-
-    def _answer_boards(self, names: list[str]) -> bytes:
-        boards = self._boards
-        if boards is None or time.monotonic_ns() - self._recorder.ended_at > _FRESH_NS:
-            boards = self._keeper.read_now()
-        return encode_boards(self._keeper.for_groot(names, boards))
 
 
 def _reachable(bind: str) -> str:

@@ -132,6 +132,10 @@ class SceneServer:
         elif parts[0] == b"again" and begins and len(parts) >= 2:
             yield from self._again(parts[1], topic)
 
+    def introduction(self) -> Iterator[Frames]:
+        """The tree, for clients that listened to another one here."""
+        return self._again(b"tree", STREAM)
+
     def _again(self, what: bytes, topic: bytes) -> Iterator[Frames]:
         if what == b"tree":
             past = self.history

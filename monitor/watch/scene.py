@@ -52,6 +52,8 @@ class SceneClient:
         self._topic = b""
         self._asked_at = 0.0
         self._here = b""
+        self._questions: list[bytes] = []
+        self._questioned_at = 0.0
         self._context: zmq.Context[Socket] = zmq.Context()
         self.socket = self._context.socket(zmq.SUB)
         for option, value in (
@@ -64,8 +66,7 @@ class SceneClient:
             self.socket.setsockopt(option, value)
         self.socket.subscribe(wire.STREAM)
         self.socket.subscribe(wire.ALIVE)
-        # kept for good: after a reconnection ZMQ subscribes again, and the answer tells which tree it is
-        self.socket.subscribe(b"again/tree/" + _token())
+        self._ask_which()
         self._be_here()
         self.socket.connect(address.at(wire.PORT_OFFSET))
 
@@ -98,14 +99,27 @@ class SceneClient:
             self._here = b"here/" + _token()
             self.socket.subscribe(self._here)
 
+    def _ask_which(self) -> None:
+        """Ask for the tree."""
+        # Kept: after a reconnection ZMQ subscribes again, and the answer tells which tree it is.
+        self._questions.append(b"again/tree/" + _token())
+        self._questioned_at = time.monotonic()
+        self.socket.subscribe(self._questions[-1])
+
     def _take(self, message: Message, came: list[Message]) -> None:
         if isinstance(message, TreeMessage):
             if message.tree_id != self.tree_id:
+                # Nobody answers for the tree before any more: what waited for an answer is all there is.
+                self._gone_up_to = max(self._waiting, default=0)
+                self._advance(came)
                 self._begin(message)
                 came.append(message)
             return
         if message.tree_id != self.tree_id:
-            return  # of a tree whose TreeMessage is on its way
+            # of a tree whose TreeMessage is on its way, or got lost
+            if isinstance(message, AliveMessage) and self._may_be_lost():
+                self._ask_which()
+            return
         self.fault = ""
         if isinstance(message, StaticMessage):
             came.append(message)
@@ -125,6 +139,9 @@ class SceneClient:
                     self.faults += 1
             self._advance(came)
 
+    def _may_be_lost(self) -> bool:
+        return bool(self.tree_id) and time.monotonic() - self._questioned_at >= _ASK_AGAIN_AFTER
+
     def _begin(self, message: TreeMessage) -> None:
         self.tree_id = message.tree_id
         self._next = message.oldest
@@ -133,6 +150,9 @@ class SceneClient:
         self._waiting.clear()
         self._answered()
         self._be_here()
+        for topic in self._questions[:-1]:
+            self.socket.unsubscribe(topic)
+        del self._questions[:-1]
 
     def _keep(self, message: Message, more_room: int) -> None:
         if isinstance(message, PieceMessage | AliveMessage | StaticMessage | TreeMessage):

@@ -3,7 +3,9 @@
 A publisher's XPUB socket sends two frames: a topic and a MessagePack map with ``v`` (1), ``kind``
 and the message's fields. Under the topic ``stream`` it sends :class:`PieceMessage`, which holds
 messages of the stream, each encoded by itself; each has the robot's ``tree_id`` and a ``seq`` that
-counts from 1 without holes, so a client sees what it missed. Under ``alive`` come signs of life.
+counts from 1 without holes, so a client sees what it missed; and, when another tree takes the place of
+the one before, its :class:`TreeMessage` and :class:`StaticMessage`. Under ``alive`` come signs of life;
+one of a tree that a client doesn't know tells it to ask.
 
 A client asks by subscribing, so that any SUB socket will do; the last part of the topic is the
 client's own token, and the answer comes back under that very topic:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from monitor.picture import Gap, Link, SceneMoving, SceneStatic, StatusChanged, Ticked
+from monitor.picture import Gap, Link, SceneMoving, SceneStatic, StatusChanged, Ticked, TreeSeen
 from monitor.serve import serve
 from monitor.watch.feed import Feed
 
@@ -107,6 +107,46 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
     assert process.returncode == 130, rest
     assert "Traceback" not in rest
     assert recording.stat().st_size > 1000
+
+
+def test_a_saved_tree_is_published_at_the_same_port_and_recorded_in_a_file_of_its_own(
+    tmp_path, tree_file, free_port
+):
+    recording = tmp_path / "run.rrd"
+    options = ["--watch", "--publish", "groot2", "--port", str(free_port), "--save", str(recording)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "btcore", "run", tree_file, *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "by btcore's scene channel" in line:
+            break  # the recorder listens
+    seen: list[TreeSeen] = []
+    links: list[str] = []
+    ticks = 0
+    with Feed(f":{free_port}") as feed:
+        for event in feed.events(until_end=True):
+            if isinstance(event, TreeSeen):
+                seen.append(event)
+                ticks = 0
+            elif isinstance(event, Link):
+                links.append(event.state)
+            elif isinstance(event, Ticked):
+                ticks += 1
+                if ticks == 2 and len(seen) == 1:
+                    Path(tree_file).write_text(TREE.replace('"M"', '"Saved"'))
+                elif ticks == 2:
+                    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130, told
+    assert [event.picture.name for event in seen] == ["M", "Saved"]
+    assert links == ["waiting", "connected", "ended"]
+    assert "Traceback" not in told
+    for file in (recording, tmp_path / "run.2.rrd"):
+        assert file.stat().st_size > 1000
 
 
 def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:

@@ -25,6 +25,8 @@ from monitor.serve import serve
 from monitor.watch.address import AddressFault, parse_address
 from monitor.watch.feed import Feed
 from monitor.watch.groot2 import Groot2Client, NoAnswer
+from monitor.watch.scene import SceneClient
+from monitor.wire import scene as wire
 from monitor.wire.fault import RefusedByRobot
 from monitor.wire.groot2 import Request
 
@@ -175,6 +177,77 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
     assert [picture.name for picture in pictures] == ["Main", "Endless"]
     assert pictures[1].tree_id == second.tree_id
     assert [link.state for link in viewer.of(Link)][:4] == ["waiting", "connected", "ended", "connected"]
+
+
+def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(sample, endless, watch, until):
+    with serve(sample, groot2=0, resources=[Scene()]) as publisher:
+        viewer = watch(publisher.address)
+        assert publisher.wait_for_clients(1, 10)
+        sample.tick_exactly_once()
+        sample.halt()
+        publisher.replace(endless, resources=[Scene()])
+        for _ in range(100):
+            endless.tick_exactly_once()
+        assert publisher.clients == 1
+        second = publisher.tree_id
+        changes = endless.context.observers.number
+    until(viewer.ended, "the goodbye")
+    seen = viewer.of(TreeSeen)
+    assert [event.picture.name for event in seen] == ["Main", "Endless"]
+    assert seen[1].picture.tree_id == second
+    assert [link.state for link in viewer.of(Link)][-2:] == ["connected", "ended"], "nobody was lost"
+    kinds = [type(event) for event in viewer.events]
+    assert kinds.index(SceneStatic, viewer.events.index(seen[1]))
+    before = [one for one in viewer.events[: viewer.events.index(seen[1])] if isinstance(one, StatusChanged)]
+    after = numbers(viewer)[len(before) :]
+    assert [one.number for one in before] == list(range(1, sample.context.observers.number + 1))
+    assert before[-1].status == 0, "the last halt of the first tree is not lost"
+    assert after == list(range(1, changes + 1))
+    assert [one.tick for one in viewer.of(Ticked)] == [1, *range(1, 101)]
+
+
+def test_a_client_that_asks_in_groot2s_words_sees_the_next_tree_at_once(sample, endless):
+    with serve(sample, groot2=0) as publisher, Groot2Client(parse_address(publisher.address)) as client:
+        first = client.fulltree()
+        publisher.replace(endless)
+        endless.tick_exactly_once()
+        second = client.fulltree()
+        assert (first.name, second.name) == ("Main", "Endless")
+        assert second.tree_id == publisher.tree_id != first.tree_id
+        assert set(client.statuses()) == {node.uid for node in endless.nodes}
+
+
+def test_a_sign_of_life_of_an_unknown_tree_makes_a_client_ask(until):
+    """So that a client whose queue overflowed just when the tree changed is not left behind."""
+    context: zmq.Context = zmq.Context()
+    with context.socket(zmq.XPUB) as robot:
+        address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
+        client = SceneClient(address)
+
+        def question() -> bytes:
+            heard = [b""]
+
+            def asked() -> bool:
+                # A client is patient: an answer may be on its way.
+                robot.send_multipart([wire.ALIVE, wire.encode(wire.AliveMessage("second", 0))])
+                client.read()
+                while robot.poll(0) and not heard[-1].startswith(b"\x01again/tree/"):
+                    heard.append(robot.recv())
+                return heard[-1].startswith(b"\x01again/tree/")
+
+            until(asked, "a question")
+            return heard[-1][1:]
+
+        try:
+            for name in ("first", "second"):
+                topic = question()
+                tree = wire.TreeMessage(name, 0, 0, b"<root/>", 1, 0, {})
+                robot.send_multipart([topic, wire.encode(tree)])
+                until(client.read, "the tree")
+                assert client.tree_id == name
+        finally:
+            client.close()
+    context.term()
 
 
 def test_what_a_node_raised_arrives(watch, until):

@@ -1,7 +1,6 @@
 """`btcore convert`: format 4 on stdout or in a file, and the list of what changed on stderr."""
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -27,13 +26,6 @@ NEW = """<root BTCPP_format="4" main_tree_to_execute="Main">
   </BehaviorTree>
 </root>
 """
-
-
-@pytest.fixture(autouse=True)
-def listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command is one of btcore's own."""
-    commands = import_module("btcore.cli.main")
-    monkeypatch.setattr(commands, "OWN", tuple(dict.fromkeys((*commands.OWN, "convert"))))
 
 
 @pytest.fixture

@@ -1,21 +1,12 @@
 """`btcore schema`: an XSD on stdout, with the nodes of plugins and models."""
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
-import pytest
 from click.testing import Result
 from lxml import etree
 
 Cli = Callable[..., Result]
-
-
-@pytest.fixture(autouse=True)
-def listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command is one of btcore's own."""
-    commands = import_module("btcore.cli.main")
-    monkeypatch.setattr(commands, "OWN", tuple(dict.fromkeys((*commands.OWN, "schema"))))
 
 
 def schema_of(result: Result) -> etree.XMLSchema:

@@ -1,8 +1,9 @@
-"""`btcore show`: a tree, drawn in the terminal."""
+"""`btcore show`: a tree, drawn in the terminal or as an SVG, and its data."""
 
 import json
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from click.testing import Result
@@ -80,3 +81,66 @@ def test_a_leaf_that_wants_a_robot_is_drawn_without_one(cli: Cli, tmp_path: Path
     result = cli("show", file, "--plugin", plugin)
     assert result.exit_code == 0
     assert "Drive" in result.stdout
+
+
+FLOW = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <Script code="guest := 'Ada'"/>
+      <SubTree ID="Greet" name="hello" who="{guest}"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Greet">
+    <ScriptCondition name="known" code="who == 'Ada'"/>
+  </BehaviorTree>
+</root>
+"""
+
+
+@pytest.fixture
+def flow(tmp_path: Path) -> Path:
+    path = tmp_path / "flow.xml"
+    path.write_text(FLOW, encoding="utf-8")
+    return path
+
+
+def test_data_lists_who_writes_and_who_reads_each_entry(cli: Cli, flow: Path) -> None:
+    (row,) = [line for line in cli("show", "--data", flow).stdout.splitlines() if line.startswith(" guest")]
+    assert row.split() == ["guest", "Script", "code", "hello/known", "code", "as", "who"]
+
+
+def test_data_for_programs(cli: Cli, flow: Path) -> None:
+    (row,) = json.loads(cli("show", "--data", "--json", flow.name).stdout)
+    assert (row["scope"], row["key"]) == ("", "guest")
+    assert row["writers"] == [{"node": "Script", "attribute": "code", "key": "guest", "where": "flow.xml:4"}]
+    assert [reader["key"] for reader in row["readers"]] == ["who"]
+
+
+def test_a_tree_without_data_says_so(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "plain.xml"
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Go"><AlwaysSuccess/></BehaviorTree></root>')
+    assert cli("show", "--data", file).stdout == "no node uses the blackboard\n"
+    assert json.loads(cli("show", "--data", "--json", file).stdout) == []
+
+
+def test_svg_goes_into_a_file_and_nothing_to_stdout(cli: Cli, file: Path, tmp_path: Path) -> None:
+    result = cli("show", file, "--svg", "tree.svg")
+    assert (result.exit_code, result.stdout) == (0, "")
+    drawing = ElementTree.parse(tmp_path / "tree.svg")
+    texts = {text for element in drawing.iter() for text in element.itertext()}
+    assert {"Patrol", "round", "hello", "bow"} <= texts
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--svg", "no/such/folder.svg"], "'no/such/folder.svg' can't be written"),
+        (["--svg", "tree.svg", "--json"], "--svg and --json are two answers"),
+        (["--svg", "tree.svg", "--data"], "--svg and --data are two answers"),
+        (["--svg", "."], "is a directory"),
+    ],
+)
+def test_what_cannot_be_shown_is_a_mistake(cli: Cli, file: Path, options: list[str], said: str) -> None:
+    result = cli("show", file, *options)
+    assert result.exit_code == 2
+    assert said in result.stderr

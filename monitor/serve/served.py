@@ -1,0 +1,91 @@
+"""One tree being served: who hears it on the thread that ticks, and who answers for it on the other."""
+
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from btcore.tree import Tree
+from btcore.xml.write import tree_to_xml
+from monitor.serve.boards import BoardKeeper, Boards, portable_board
+from monitor.serve.groot2 import Groot2Server, statuses_of
+from monitor.serve.recorder import BoardsChanged, Changed, Finished, Recorder, SceneSource, SceneTaken
+from monitor.serve.scene import SceneServer
+from monitor.wire.values import encode_boards
+
+_SECONDS_A_TURN: Final = 0.02
+"""Time (wall clock) for queued items before the sockets have their turn."""
+
+_FRESH_NS: Final = 1_000_000_000
+"""Blackboards seen after a tick that ended longer ago (wall clock) are read again."""
+
+
+class Served:
+    """What a publisher has for *tree*, whose id on the wire is new. *scene*: whether it has the channel.
+
+    Made, and told to hear and to end, on the thread that ticks.
+    """
+
+    def __init__(self, tree: Tree, resources: Sequence[object], scene: bool) -> None:
+        self.tree = tree
+        identity = uuid.uuid4()
+        self.tree_id = identity.hex
+        self._sources = [one for one in resources if isinstance(one, SceneSource)] if scene else []
+        self._keeper = BoardKeeper(tree)
+        self._boards: Boards | None = None
+        self._recorder = Recorder(self._keeper, self._sources)
+        xml = tree_to_xml(tree).encode()
+        statuses = statuses_of(tree)
+        self.groot2 = Groot2Server(tree, xml, self._answer_boards, identity)
+        self.scene: SceneServer | None = None
+        if scene:
+            statics = [portable_board(one.scene_static()) for one in self._sources]
+            self.scene = SceneServer(self.tree_id, xml, statics, statuses, tree.clock.now())
+        self._unsubscribe: Callable[[], None] | None = None
+
+    def hear(self) -> None:
+        """Hear the tree from now on."""
+        self._unsubscribe = self.tree.subscribe(self._recorder)
+        if self._sources:
+            self._recorder.look(self.tree.clock.now(), time.time_ns())
+
+    def leave(self) -> None:
+        """Hear the tree no more."""
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+
+    def finish(self) -> None:
+        """Hear the tree no more, and let clients know that nothing follows."""
+        self.leave()
+        self._recorder.queue.append(Finished(self.tree.clock.now(), time.time_ns(), self.tree.status))
+
+    # what follows runs on the publisher's thread
+
+    def drain(self) -> bool:
+        """Take queued items in, for a turn; returns whether there are more."""
+        queue = self._recorder.queue
+        dropped = self.groot2.dropped
+        enough = time.monotonic() + _SECONDS_A_TURN
+        for _ in range(len(queue)):
+            item = queue.popleft()
+            if isinstance(item, Changed):
+                self.groot2.heard(item)
+            elif isinstance(item, BoardsChanged | SceneTaken):
+                self._recorder.big_taken += 1
+                if isinstance(item, BoardsChanged):
+                    self._boards = item.boards
+            if self.scene is not None:
+                self.scene.put(item)
+            if time.monotonic() > enough:
+                break
+        if self.scene is not None:
+            self.scene.flush()
+        if self.groot2.dropped != dropped:
+            self.groot2.correct(statuses_of(self.tree))
+        return bool(queue)
+
+    def _answer_boards(self, names: list[str]) -> bytes:
+        boards = self._boards
+        if boards is None or time.monotonic_ns() - self._recorder.ended_at > _FRESH_NS:
+            boards = self._keeper.read_now()
+        return encode_boards(self._keeper.for_groot(names, boards))

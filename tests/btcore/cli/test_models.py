@@ -1,0 +1,122 @@
+"""``--model``: trees whose leaves are C++ are checked, drawn, and run with planned leaves."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+LastJson = Callable[[Result], dict[str, Any]]
+
+BODY = (
+    '<Sequence><IsOk/><Fallback name="ways"><Move name="short" goal="a"/><Move name="long" goal="b"/>'
+    '</Fallback><Action ID="Rest"/></Sequence>'
+)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "model.xml"
+    path.write_text(
+        '<root><TreeNodesModel><Action ID="Move"><input_port name="goal" type="std::string"/></Action>'
+        '<Condition ID="IsOk"/></TreeNodesModel></root>'
+    )
+    return path
+
+
+def test_validate_knows_the_nodes_of_models_and_those_of_explicit_tags(
+    cli: Cli, tree_file: TreeFile, model: Path
+) -> None:
+    tree = tree_file(BODY)
+    assert cli("validate", tree).stdout.count("E101") == 4
+    result = cli("validate", tree, "--model", model)
+    assert result.exit_code == 0, result.output
+
+
+def test_validate_checks_the_ports_of_a_model(cli: Cli, tree_file: TreeFile, model: Path) -> None:
+    result = cli("validate", tree_file('<Move gaol="a"/>'), "--model", model)
+    assert result.exit_code == 2
+    assert "E201 <Move> has no port 'gaol'" in result.stdout
+    assert "goal" in result.stdout
+
+
+def test_an_explicit_tag_has_the_ports_of_its_own_file(
+    cli: Cli, tree_file: TreeFile, tmp_path: Path, model: Path
+) -> None:
+    (tmp_path / "trees").mkdir()
+    tree_file('<Action ID="Rest" seconds="1"/>', "trees/a.xml")
+    tree_file('<Action ID="Rest" minutes="1"/>', "trees/b.xml")
+    result = cli("validate", "trees", "--model", model)
+    assert result.exit_code == 0, result.output
+
+
+def test_show_draws_them(cli: Cli, tree_file: TreeFile, model: Path) -> None:
+    tree = tree_file(BODY)
+    assert cli("show", tree).exit_code == 2
+    shown = cli("show", tree, "--model", model).stdout
+    assert "◦ IsOk" in shown
+    assert "▪ short  Move  4  goal=a" in shown
+
+
+def test_a_run_goes_by_plans_for_names_and_for_ids(
+    cli: Cli, tree_file: TreeFile, model: Path, last_json: LastJson
+) -> None:
+    plans = ["--plan", "short=RF", "--plan", "Move=RRS", "--plan", "IsOk=S"]
+    result = cli("run", tree_file(BODY), "--model", model, *plans, "--fast", "--json")
+    assert result.exit_code == 0, result.output
+    nodes = last_json(result)["nodes"]
+    figures = {key: (node["ticks"], node["success"], node["failure"]) for key, node in nodes.items()}
+    assert figures["short"] == (2, 0, 1)
+    assert figures["long"] == (3, 1, 0)
+    assert figures["Rest::6"] == (1, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("plans", "said"),
+    [
+        (["Moev=S"], "Did you mean 'Move'?"),
+        (["Sequence=S"], "Those that it has: "),
+        (["Move=X"], "the letters are R (RUNNING)"),
+        (["Move="], "write NAME=LETTERS"),
+        (["Move=S|"], "write NAME=LETTERS"),
+        (["RRS"], "write NAME=LETTERS"),
+        (["Move=S", "Move=F"], "'Move' has two plans"),
+        (["IsOk=S|F"], "'IsOk' is a condition"),
+    ],
+)
+def test_a_plan_that_nobody_can_follow_is_a_mistake(
+    cli: Cli, tree_file: TreeFile, model: Path, plans: list[str], said: str
+) -> None:
+    options = [part for plan in plans for part in ("--plan", plan)]
+    result = cli("run", tree_file(BODY), "--model", model, "--fast", *options)
+    assert result.exit_code == 2
+    assert said in result.stderr
+
+
+def test_a_plan_without_a_model_is_a_mistake(cli: Cli, tree_file: TreeFile) -> None:
+    result = cli("run", tree_file("<AlwaysSuccess/>"), "--plan", "AlwaysSuccess=F", "--fast")
+    assert result.exit_code == 2
+    assert "the tree has no leaf 'AlwaysSuccess' of a --model. The tree has none." in result.stderr
+
+
+@pytest.mark.parametrize("command", ["run", "show", "validate"])
+def test_a_file_that_is_no_model_is_a_mistake(
+    cli: Cli, tree_file: TreeFile, model: Path, command: str
+) -> None:
+    model.write_text("<root/>")
+    result = cli(command, tree_file("<AlwaysSuccess/>"), "--model", model)
+    assert result.exit_code == 2
+    assert "model.xml: E003 the file holds no model of a node" in result.stderr
+
+
+def test_what_show_prints_as_json_is_what_it_draws(cli: Cli, tree_file: TreeFile, model: Path) -> None:
+    root = json.loads(cli("show", tree_file(BODY), "--model", model, "--json").stdout)
+    ways = root["children"][1]
+    assert [(child["name"], child["ports"]) for child in ways["children"]] == [
+        ("short", {"goal": "a"}),
+        ("long", {"goal": "b"}),
+    ]

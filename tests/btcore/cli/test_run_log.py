@@ -1,0 +1,58 @@
+"""`btcore run --log`: what the tree did, in files that other tools read."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+
+from btcore.logs import read_log
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+
+
+def test_every_log_that_is_asked_for_is_written_down_to_the_last_halt(
+    cli: Cli, tree_file: TreeFile, tmp_path: Path
+) -> None:
+    tree = tree_file('<Sleep name="nap" msec="60000"/>')
+    names = ["run.btlog", "run.db3", "run.json", "-"]
+    logs = [part for name in names for part in ("--log", name)]
+    result = cli("run", tree, "--fast", "--duration", "1", *logs)
+    assert result.exit_code == 0, result.output
+    for name in names[:2]:
+        changes = read_log(tmp_path / name).changes
+        assert [change.status.name for change in changes] == ["RUNNING", "IDLE"], name
+    trace = json.loads((tmp_path / "run.json").read_text())
+    assert any(event.get("name") == "nap" for event in trace["traceEvents"])
+    assert [line.split()[-3:] for line in result.stdout.splitlines()] == [
+        ["IDLE", "->", "RUNNING"],
+        ["RUNNING", "->", "IDLE"],
+    ]
+
+
+def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_file: TreeFile) -> None:
+    result = cli("run", tree_file("<AlwaysSuccess/>"), "--fast", "--log", "-", "--json")
+    assert json.loads(result.stdout.splitlines()[-1])["status"] == "SUCCESS"
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["run.btlgo"], "did you mean run.btlog?"),
+        (["run.fbl"], "it writes run.btlog"),
+        (["nowhere/run.btlog"], "there is no folder nowhere"),
+        (["run.btlog", "./run.btlog"], "--log names './run.btlog' twice"),
+        (["-", "-"], "--log names '-' twice"),
+    ],
+)
+def test_a_log_that_cannot_be_is_a_mistake_before_the_first_tick(
+    cli: Cli, tree_file: TreeFile, library: Path, names: list[str], said: str
+) -> None:
+    logs = [part for name in names for part in ("--log", name)]
+    result = cli("run", tree_file("<Say/>"), "--plugin", library, "--fast", *logs)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert "here we go" not in result.stdout
+    assert "Traceback" not in result.stderr

@@ -1,0 +1,263 @@
+"""`btcore run --watch`: a saved file takes the tree's place; a broken one is told of."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+
+from btcore.logs import read_log
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+LastJson = Callable[[Result], dict[str, Any]]
+
+FIRST = '<Sequence><Script code="n := 1"/><Sleep name="first" msec="60000"/></Sequence>'
+SECOND = '<Sequence><ScriptCondition code="n == 1"/><Sleep name="second" msec="60000"/></Sequence>'
+BLINKS = '<Repeat num_cycles="-1"><Sleep name="blink" msec="20"/></Repeat>'
+
+
+class Running:
+    """A run in a process of its own, and what it has said so far."""
+
+    def __init__(self, *options: str | Path) -> None:
+        command = [sys.executable, "-u", "-m", "btcore", "run", *map(str, options)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.said: list[str] = []
+        self.complained: list[str] = []
+        self.readers: list[threading.Thread] = []
+        self._read(self.process.stdout, self.said)
+        self._read(self.process.stderr, self.complained)
+
+    def _read(self, stream: Any, into: list[str]) -> None:
+        def read() -> None:
+            for line in stream:
+                into.append(line.rstrip("\n"))
+
+        self.readers.append(threading.Thread(target=read))
+        self.readers[-1].start()
+
+    def until(self, words: str, times: int = 1) -> None:
+        """Return when *words* were said, on stdout or stderr, as often as that."""
+        deadline = time.monotonic() + 20
+        while sum(words in line for line in [*self.said, *self.complained]) < times:
+            assert time.monotonic() < deadline, (words, self.said, self.complained)
+            assert self.process.poll() is None, self.complained
+            time.sleep(0.005)
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Interrupt it, and return its exit code."""
+        self.process.send_signal(number)
+        code = self.process.wait(20)
+        self.close()
+        return code
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        for reader in self.readers:
+            reader.join()
+        for stream in (self.process.stdout, self.process.stderr):
+            if stream is not None:
+                stream.close()
+
+    def report(self) -> dict[str, Any]:
+        """The object of ``--json``."""
+        data: dict[str, Any] = json.loads(self.said[-1])
+        return data
+
+
+@pytest.fixture
+def watched() -> Iterator[Callable[..., Running]]:
+    """Start a run that watches, at 20 Hz, with its transitions on stdout."""
+    begun: list[Running] = []
+
+    def begin(*options: str | Path) -> Running:
+        begun.append(Running("--watch", "--rate", "20", "--log", "-", "--json", *options))
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        one.close()
+
+
+def test_a_saved_tree_goes_on_between_two_ticks_with_the_blackboard_of_the_old_one(
+    watched: Callable[..., Running], tree_file: TreeFile
+) -> None:
+    file = tree_file(FIRST)
+    running = watched(file)
+    running.until("first                     IDLE -> RUNNING")
+    tree_file(SECOND)
+    running.until("second                    IDLE -> RUNNING")
+    assert running.end() == 130
+    changes = [line.split("]: ")[1] for line in running.said if "]: " in line]
+    halted = changes.index("first                     RUNNING -> IDLE")
+    began = changes.index("Sequence                  IDLE -> RUNNING", 1)
+    assert halted < began, "the old tree is halted before the new one is ticked"
+    assert f"reloaded {file}" in running.complained
+    report = running.report()
+    assert list(report["nodes"]) == ["Sequence::1", "ScriptCondition::2", "second"], "of the last tree"
+    assert report["nodes"]["second"]["halted"] == 1
+    assert report["reloads"] == 1
+
+
+def test_a_broken_tree_is_told_of_and_the_old_one_goes_on(
+    watched: Callable[..., Running], tree_file: TreeFile
+) -> None:
+    running = watched(tree_file(BLINKS))
+    running.until("blink                     IDLE -> RUNNING")
+    tree_file('<Sequense name="second"/>')
+    running.until("tree.xml:3:5: E101 unknown node <Sequense>")
+    running.until("tree.xml is broken: the tree from before goes on")
+    so_far = sum("blink" in line for line in running.said)
+    running.until("blink", so_far + 20)
+    tree_file(SECOND.replace("n == 1", "true"))
+    running.until("second                    IDLE -> RUNNING")
+    assert running.end(signal.SIGTERM) == 130
+    assert running.report()["reloads"] == 1
+
+
+def test_an_include_that_is_saved_counts_too(
+    watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
+) -> None:
+    part = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Part"><Sleep name="{}" msec="60000"/></BehaviorTree></root>'
+    )
+    (tmp_path / "part.xml").write_text(part.format("old"))
+    file = tree_file('<SubTree ID="Part"/>')
+    file.write_text(file.read_text().replace("<Behav", '<include path="part.xml"/><Behav'))
+    running = watched(file)
+    running.until("old                       IDLE -> RUNNING")
+    (tmp_path / "part.xml").write_text(part.format("new"))
+    running.until("new                       IDLE -> RUNNING")
+
+
+def test_a_tree_that_is_done_waits_for_the_next_save(
+    watched: Callable[..., Running], tree_file: TreeFile
+) -> None:
+    running = watched(tree_file("<AlwaysSuccess/>"))
+    running.until("waiting until tree.xml is saved")
+    tree_file("<AlwaysFailure/>")
+    running.until("✘ FAILURE  tree  tick 1  waiting until tree.xml is saved")
+    assert running.end() == 130
+    assert running.report()["status"] == "FAILURE"
+
+
+def test_a_tree_that_raised_waits_for_its_repair(
+    watched: Callable[..., Running], tree_file: TreeFile
+) -> None:
+    running = watched(tree_file('<ScriptCondition name="early" code="nobody == 1"/>'))
+    running.until("✘ RAISED  tree  tick 1  waiting until tree.xml is saved")
+    tree_file("<AlwaysSuccess/>")
+    running.until("✔ SUCCESS  tree")
+    assert running.end() == 130
+    assert sum("'early' <ScriptCondition> raised while ticking" in line for line in running.complained) == 1
+    assert "error" not in running.report()
+
+
+def test_duration_ends_the_wait(cli: Cli, tree_file: TreeFile, last_json: LastJson) -> None:
+    result = cli("run", tree_file("<AlwaysFailure/>"), "--watch", "--duration", "0.3", "--json")
+    assert result.exit_code == 0
+    assert 0.3 <= last_json(result)["time_s"] < 5
+    assert "by --duration" in result.stderr
+
+
+def test_in_simulated_time_the_wait_is_over_at_once(
+    cli: Cli, tree_file: TreeFile, last_json: LastJson
+) -> None:
+    result = cli("run", tree_file("<AlwaysFailure/>"), "--watch", "--fast", "--duration", "3600", "--json")
+    assert result.exit_code == 0
+    assert (last_json(result)["time_s"], last_json(result)["ticks"]) == (3600.0, 1)
+
+
+def test_in_simulated_time_without_an_end_time_stands_still_until_the_next_save(
+    watched: Callable[..., Running], tree_file: TreeFile
+) -> None:
+    running = watched(tree_file('<Sleep msec="250"/>'), "--fast")
+    running.until("waiting until tree.xml is saved")
+    tree_file('<Sleep msec="500"/>')
+    running.until("waiting until tree.xml is saved", 2)
+    assert running.end() == 130
+    assert running.report()["time_s"] == 0.75
+
+
+def test_what_raised_last_decides_the_exit_code(cli: Cli, tree_file: TreeFile) -> None:
+    tree = tree_file('<ScriptCondition code="nobody == 1"/>')
+    result = cli("run", tree, "--watch", "--fast", "--duration", "1")
+    assert result.exit_code == 3
+    assert result.stderr.count("raised while ticking") == 1
+
+
+def test_a_new_tree_gets_logs_of_its_own_and_the_old_ones_are_whole(
+    watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
+) -> None:
+    logs = [tmp_path / name for name in ("run.btlog", "run.db3")]
+    running = watched(tree_file(FIRST), "--log", logs[0], "--log", logs[1])
+    running.until("first                     IDLE -> RUNNING")
+    tree_file(SECOND)
+    running.until("second                    IDLE -> RUNNING")
+    running.end()
+    for log in logs:
+        for name, path in (("first", log), ("second", log.with_name(f"run.2{log.suffix}"))):
+            recording = read_log(path)
+            told = [
+                change.status.name for change in recording.changes if recording.nodes[change.uid].name == name
+            ]
+            assert told == ["RUNNING", "IDLE"], path
+            assert recording.damage == ""
+
+
+def test_a_log_that_cannot_follow_is_told_of(
+    watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
+) -> None:
+    running = watched(tree_file(FIRST), "--log", tmp_path / "run.btlog")
+    running.until("first                     IDLE -> RUNNING")
+    (tmp_path / "run.2.btlog").mkdir()
+    tree_file(SECOND)
+    running.until("run.2.btlog: a log can't be written here, this is a folder")
+    running.until("second                    IDLE -> RUNNING")
+
+
+def test_a_tree_that_asks_for_what_the_run_does_not_have_is_broken(
+    watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
+) -> None:
+    plugin = tmp_path / "needy.py"
+    plugin.write_text(
+        "from btcore import action\n\nclass Submarine: pass\n\n@action\ndef dive(boat: Submarine) -> bool:\n"
+        "    return True\n"
+    )
+    running = watched(tree_file(FIRST), "--plugin", plugin)
+    running.until("first                     IDLE -> RUNNING")
+    tree_file("<Dive/>")
+    running.until("note: what leaves ask for is made when a run begins: begin another one for this tree")
+    running.until("the tree from before goes on")
+
+
+def test_an_explicit_tag_may_get_other_ports(
+    watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
+) -> None:
+    model = tmp_path / "model.xml"
+    model.write_text('<root><TreeNodesModel><Action ID="Other"/></TreeNodesModel></root>')
+    running = watched(tree_file('<Action ID="Move" name="old" goal="a"/>'), "--model", model)
+    running.until("waiting until tree.xml is saved")
+    tree_file('<Action ID="Move" name="new" goal="a" speed="2"/>')
+    running.until("new                       IDLE -> SUCCESS")
+
+
+def test_a_tree_without_a_tree_id_may_get_another_name(
+    watched: Callable[..., Running], tree_file: TreeFile
+) -> None:
+    file = tree_file(FIRST)
+    running = watched(file)
+    running.until("first                     IDLE -> RUNNING")
+    file.write_text(tree_file(SECOND, "other.xml").read_text().replace("Main", "Other"))
+    running.until("second                    IDLE -> RUNNING")
