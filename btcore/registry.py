@@ -190,10 +190,21 @@ class Registry:
 
     # --- node libraries
 
-    def add_plugins(self) -> None:
-        """Register the node libraries of all installed packages (entry points "btcore.nodes")."""
+    def add_plugins(self) -> list[RegistrationError]:
+        """Register the node libraries of all installed packages (entry points "btcore.nodes").
+
+        One that needs a module which isn't installed (an extra, say) is left out, and told of in the
+        result. Raises RegistrationError for any other fault.
+        """
+        left_out = []
         for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
-            self.add_plugin(point.value, name=point.dist.name if point.dist else point.name)
+            try:
+                self.add_plugin(point.value, name=point.dist.name if point.dist else point.name)
+            except RegistrationError as fault:
+                if not isinstance(fault.__cause__, ModuleNotFoundError):
+                    raise
+                left_out.append(fault)
+        return left_out
 
     def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
         """Register a node library: a module, its name, or the path of its file.

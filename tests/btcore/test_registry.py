@@ -399,6 +399,13 @@ def test_a_broken_entry_point_names_its_distribution(library: Path) -> None:
     assert "out of luck" in said
 
 
+def test_an_installed_library_that_lacks_a_module_is_left_out_and_told_of(library: Path) -> None:
+    library.write_text("import no_such_camera\n", encoding="utf-8")
+    installed(library.parent, "seeing-robot", "gestures = gestures")
+    (told,) = [fault for fault in Registry.standard().add_plugins() if "seeing-robot" in str(fault)]
+    assert "ModuleNotFoundError: No module named 'no_such_camera'" in str(told)
+
+
 def test_an_entry_point_may_name_a_function_of_a_module(library: Path) -> None:
     library.write_text(LIBRARY + "\ndef bring(nodes):\n    nodes.add(Linger, ID='Pause')\n", encoding="utf-8")
     installed(library.parent, "polite-robot", "gestures = gestures:bring")

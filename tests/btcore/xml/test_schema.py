@@ -59,8 +59,9 @@ def test_every_recorded_tree_is_valid(name: str, format: int) -> None:
 
 
 def test_the_trees_that_come_with_btcore_are_valid() -> None:
+    pytest.importorskip("numpy", reason="the robot's leaves need it, and the engine alone doesn't bring it")
     nodes = Registry.standard()
-    nodes.add_plugins()
+    assert nodes.add_plugins() == []
     schemas = {format: schema_of(nodes, format) for format in (3, 4)}
     files = sorted((ROOT / "trees").rglob("*.xml"))
     assert files
