@@ -58,19 +58,6 @@ def test_every_recorded_tree_is_valid(name: str, format: int) -> None:
             assert schema.validate(etree.fromstring(case["xml"])), (case["id"], schema.error_log.last_error)
 
 
-def test_the_trees_that_come_with_btcore_are_valid() -> None:
-    pytest.importorskip("numpy", reason="the robot's leaves need it, and the engine alone doesn't bring it")
-    nodes = Registry.standard()
-    assert nodes.add_plugins() == []
-    schemas = {format: schema_of(nodes, format) for format in (3, 4)}
-    files = sorted((ROOT / "trees").rglob("*.xml"))
-    assert files
-    for path in files:
-        document = etree.parse(path)
-        schema = schemas[4 if document.getroot().get("BTCPP_format") == "4" else 3]
-        assert schema.validate(document), (path, schema.error_log.last_error)
-
-
 def test_what_a_running_tree_is_written_as_is_valid(schema: etree.XMLSchema) -> None:
     nodes = planned_registry()
     nodes.add(drive)

@@ -1,0 +1,33 @@
+"""The trees that come with btcore."""
+
+from pathlib import Path
+
+from lxml import etree
+
+from btcore import Registry
+from btcore.xml.schema import write_schema
+from btcore.xml.validate import validate
+
+TREES = sorted((Path(__file__).parents[2] / "trees").rglob("*.xml"))
+
+
+def palette() -> Registry:
+    nodes = Registry.standard()
+    assert nodes.add_plugins() == []
+    return nodes
+
+
+def test_there_is_nothing_to_say_against_them() -> None:
+    assert TREES
+    assert [one for path in TREES for one in validate(path, nodes=palette())] == []
+
+
+def test_they_are_valid_by_the_schema_for_editors() -> None:
+    nodes = palette()
+    schemas = {
+        format: etree.XMLSchema(etree.fromstring(write_schema(nodes, format).encode())) for format in (3, 4)
+    }
+    for path in TREES:
+        document = etree.parse(path)
+        schema = schemas[4 if document.getroot().get("BTCPP_format") == "4" else 3]
+        assert schema.validate(document), (path, schema.error_log.last_error)
