@@ -11,7 +11,7 @@ PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11 python; d
 CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 PIP := -m pip --disable-pip-version-check --quiet
 ENGINE := $(shell find btcore trees -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
-ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs tests/fuzz
+ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs tests/fuzz tests/regressions/btcore
 VULKAN := mesa-vulkan-drivers libvulkan1
 
 # What the demo runs, and for how long (s of the robot's time).

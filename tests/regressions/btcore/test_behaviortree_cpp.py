@@ -1,0 +1,313 @@
+"""Faults that users of BehaviorTree.CPP met, each named by its issue there: here they don't happen."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import btcore
+from btcore import (
+    DecoratorNode,
+    In,
+    NodeRaised,
+    Out,
+    PortFault,
+    Registry,
+    SimClock,
+    Status,
+    SyncAction,
+    SyntaxFault,
+    Tree,
+    TreeError,
+    action,
+)
+from btcore.testing import load_substitution_rules
+from btcore.xml.source import read_text
+from btcore.xml.validate import validate_document
+
+Grow = Callable[..., Tree]
+
+R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
+
+
+def named(tree: Tree, *names: str) -> list[Any]:
+    nodes = {node.name: node for node in tree}
+    return [nodes[name] for name in names]
+
+
+def ticks(tree: Tree, count: int) -> list[Status]:
+    return [tree.tick_exactly_once() for _ in range(count)]
+
+
+# --- loops
+
+
+def test_cpp_909_a_literal_loop_queue_starts_anew(grow: Grow) -> None:
+    seen: list[int] = []
+
+    @action
+    def visit(number: In[int]) -> bool:
+        seen.append(number)
+        return True
+
+    tree = grow('<LoopInt queue="4;5;6" value="{n}"><Visit number="{n}"/></LoopInt>', visit)
+    assert tree.tick_while_running() is S
+    assert tree.tick_while_running() is S
+    assert seen == [4, 5, 6, 4, 5, 6]
+
+
+def test_cpp_909_it_starts_anew_after_a_halt_and_after_a_failure_too(grow: Grow) -> None:
+    tree = grow(
+        '<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>',
+    )
+    ticks(tree, 2)
+    tree.halt()
+    assert ticks(tree, 2) == [R, F]
+    assert tree.blackboard["n"] == 2
+    assert ticks(tree, 4) == [R, R, R, S]
+    assert tree.blackboard["n"] == 3
+
+
+@pytest.mark.parametrize(("plan", "result"), [("S|RF", F), ("S|RS", S), ("S|F", F)])
+def test_cpp_621_the_last_element_of_a_queue_decides_though_its_leaf_took_several_ticks(
+    plan: str, result: Status, grow: Grow
+) -> None:
+    tree = grow(f'<LoopInt queue="{{q}}" value="{{n}}"><PlanAction name="leaf" plan="{plan}"/></LoopInt>')
+    tree.blackboard["q"] = deque([1, 2])
+    assert tree.tick_while_running() is result
+    assert tree.blackboard["n"] == 2
+    assert list(tree.blackboard["q"]) == []
+
+
+# --- reactive nodes
+
+
+def test_cpp_586_retries_that_take_turns_are_no_two_running_children(grow: Grow) -> None:
+    tree = grow(
+        "<ReactiveSequence>"
+        '<RetryUntilSuccessful name="first" num_attempts="-1"><PlanSync plan="FFS"/></RetryUntilSuccessful>'
+        '<RetryUntilSuccessful name="second" num_attempts="2"><PlanAction name="leaf" plan="RF"/>'
+        "</RetryUntilSuccessful></ReactiveSequence>"
+    )
+    running = []
+    for _ in range(3):
+        assert tree.tick_exactly_once() is R
+        running.append([node.name for node in named(tree, "first", "second") if node.status is R])
+    assert running == [["first"], ["first"], ["second"]]
+
+
+class CheckSensor(DecoratorNode):
+    """SUCCESS while the sensor is good; otherwise the child is to repair it."""
+
+    bad: In[bool]
+
+    def tick(self) -> Status:
+        return self.children[0].execute_tick() if self.bad else S
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_cpp_573_an_earlier_child_that_begins_to_run_replaces_the_later_one(format: int, grow: Grow) -> None:
+    tree = grow(
+        '<ReactiveSequence><CheckSensor name="check" bad="{bad}"><PlanAction name="repair" plan="RRS"/>'
+        '</CheckSensor><PlanAction name="work" plan="R"/></ReactiveSequence>',
+        CheckSensor,
+        format=format,
+    )
+    calls = grow.journal.take
+    tree.blackboard["bad"] = False
+    assert (ticks(tree, 2), calls()) == ([R, R], ["work:start", "work:running"])
+    tree.blackboard["bad"] = True
+    assert (ticks(tree, 1), calls()) == ([R], ["repair:start", "work:halted"])
+    assert [node.status for node in named(tree, "check", "work")] == [R, Status.IDLE]
+    tree.blackboard["bad"] = False
+    assert ticks(tree, 1) == [R]
+    assert named(tree, "work")[0].status is R
+
+
+BACKCHAINED = (
+    '<ReactiveFallback><PlanAction name="a" plan="F|R"/><PlanAction name="b" plan="R"/></ReactiveFallback>'
+)
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_cpp_1031_halt_order_is_the_originals_and_one_child_runs_after_the_tick(
+    format: int, grow: Grow
+) -> None:
+    tree = grow(BACKCHAINED, format=format)
+    ticks(tree, 1)
+    assert grow.journal.take() == ["a:start", "b:start"]
+    ticks(tree, 1)
+    assert grow.journal.take() == ["a:start", "b:halted"]
+    assert [node.status for node in named(tree, "a", "b")] == [R, Status.IDLE]
+
+
+def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_warned_of() -> None:
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><ReactiveFallback>\n'
+        '<Delay delay_msec="5"><AlwaysFailure/></Delay>\n<Sleep msec="7"/>\n'
+        "</ReactiveFallback></BehaviorTree></root>"
+    )
+    found = validate_document(read_text(text, "t.xml"), nodes=Registry.standard())
+    assert [(one.code, one.line) for one in found] == [("W106", 3)]
+
+
+# --- ports and blackboards
+
+
+def test_cpp_605_a_subtrees_write_reaches_the_outer_entry_whose_type_stays(grow: Grow) -> None:
+    @action
+    def look(flag: In[bool]) -> bool:
+        return flag
+
+    tree = grow(
+        '<Sequence><Script code="mine := true"/><Look flag="{mine}"/>'
+        '<SubTree ID="Inner" theirs=" {mine}  "/><Inverter><Look flag="{mine}"/></Inverter></Sequence>',
+        look,
+        others='<BehaviorTree ID="Inner"><Script code="theirs := false"/></BehaviorTree>',
+    )
+    assert tree.blackboard.find("mine").declared.name == "bool"
+    assert tree.tick_once() is S
+    assert not tree.blackboard["mine"]
+    assert tree.blackboard.find("mine").declared.name == "bool"
+    assert list(tree.blackboard) == ["mine"]
+
+
+class Measure(SyncAction):
+    length: Out[float]
+
+    def tick(self) -> Status:
+        self.length = 1.5
+        return S
+
+
+class Ask(SyncAction):
+    answer: Out[bool]
+
+    def tick(self) -> Status:
+        self.answer = True
+        return S
+
+
+EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Ask answer=""/></Sequence>'
+
+
+def test_cpp_716_empty_output_ports_are_refused_at_load_by_name_and_place(grow: Grow) -> None:
+    with pytest.raises(PortFault) as refused:
+        grow(EMPTY_OUTPUTS, Measure, Ask)
+    assert [(one.line, one.column) for one in refused.value.diagnostics] == [(3, 17), (4, 13)]
+    assert "the port 'length' of <Measure>" in str(refused.value)
+    assert "the port 'answer' of <Ask>" in str(refused.value)
+
+
+def test_cpp_716_in_format_3_writing_one_names_the_port_and_never_a_clash_of_types(grow: Grow) -> None:
+    tree = grow(EMPTY_OUTPUTS, Measure, Ask, format=3)
+    with pytest.raises(NodeRaised, match=r"<Measure>.*port \[length\].*no blackboard entry"):
+        tree.tick_once()
+    assert list(tree.blackboard) == []
+
+
+@pytest.mark.parametrize(
+    ("variable", "same"),
+    [
+        ("3", True),
+        ("3.0", True),
+        ("3e0", True),
+        ("3rd", False),
+        ("3.0m", False),
+        ("3;4", False),
+        ("3 ", False),
+        ("0x3", False),
+        ("three", False),
+    ],
+)
+def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, grow: Grow) -> None:
+    tree = grow(
+        f'<Switch2 variable="{variable}" case_1="1" case_2="3"><PlanSync name="one" plan="S"/>'
+        '<PlanSync name="three" plan="S"/><PlanSync name="other" plan="S"/></Switch2>'
+    )
+    assert tree.tick_once() is S
+    assert grow.journal.calls == ["three:tick" if same else "other:tick"]
+
+
+# --- substitution, time
+
+
+def test_cpp_930_substitution_rules_without_configurations(grow: Grow) -> None:
+    nodes = Registry.standard()
+    nodes.add(Measure)
+    load_substitution_rules(nodes, '{"SubstitutionRules": {"Measure": "AlwaysFailure"}}')
+    assert grow("<Measure/>", nodes=nodes).tick_while_running() is F
+
+
+def test_cpp_888_a_synchronous_retry_is_due_again_at_once_so_sleep_returns(grow: Grow) -> None:
+    tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
+    said = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
+    assert said == [(R, True), (R, True), (F, False)]
+    assert tree.clock.now() == 1_000_000_000
+    assert tree.tick_once() is F
+    assert tree.ticks == 6
+
+
+def test_cpp_888_a_retried_leaf_that_runs_keeps_to_the_period(grow: Grow) -> None:
+    tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF"/></RetryUntilSuccessful>')
+    assert tree.tick_while_running(period=0.5) is F
+    assert tree.clock.now() == 1_500_000_000
+
+
+def test_cpp_888_in_format_3_all_attempts_are_one_tick(grow: Grow) -> None:
+    body = '<RetryUntilSuccessful num_attempts="3"><PlanSync name="leaf" plan="F"/></RetryUntilSuccessful>'
+    tree = grow(body, format=3)
+    assert tree.tick_exactly_once() is F
+    assert grow.journal.calls == ["leaf:tick"] * 3
+    assert tree.sleep(1.0) is False
+
+
+# --- hostile XML
+
+
+def nested(levels: int, format: int = 4) -> str:
+    opened, closed = "<Inverter>" * (levels - 1), "</Inverter>" * (levels - 1)
+    body = f'<BehaviorTree ID="Main">{opened}<AlwaysSuccess/>{closed}</BehaviorTree>'
+    return f'<root BTCPP_format="{format}" main_tree_to_execute="Main">{body}</root>'
+
+
+@pytest.mark.parametrize("format", [3, 4])
+@pytest.mark.parametrize("levels", [258, 5_000, 50_000])
+def test_cpp_672_hostile_xml_nesting_is_refused(levels: int, format: int) -> None:
+    with pytest.raises(SyntaxFault, match="nested more than 256 deep"):
+        btcore.loads(nested(levels, format))
+
+
+def test_cpp_672_nesting_within_the_limit_loads_and_ticks() -> None:
+    tree = btcore.loads(nested(254), clock=SimClock())
+    assert len(tree.nodes) == 254
+    assert tree.tick_once() is F
+
+
+@pytest.mark.parametrize(
+    ("trees", "circle"),
+    [
+        ({"Main": "Main"}, "Main → Main"),
+        ({"Main": "Left", "Left": "Right", "Right": "Main"}, "Main → Left → Right → Main"),
+        ({"Main": "Left", "Left": "Right", "Right": "Left"}, "Left → Right → Left"),
+    ],
+)
+def test_cpp_672_trees_that_contain_themselves_are_refused(trees: dict[str, str], circle: str) -> None:
+    text = "".join(
+        f'<BehaviorTree ID="{ID}"><Inverter><SubTree ID="{called}"/></Inverter></BehaviorTree>'
+        for ID, called in trees.items()
+    )
+    with pytest.raises(TreeError, match=f"in a circle: {circle}"):
+        btcore.loads(f'<root BTCPP_format="4" main_tree_to_execute="Main">{text}</root>')
+
+
+def test_cpp_672_trees_that_multiply_are_refused_before_any_node_is_made() -> None:
+    doubling = "".join(
+        f'<BehaviorTree ID="T{level}"><Sequence><SubTree ID="T{level + 1}"/><SubTree ID="T{level + 1}"/>'
+        "</Sequence></BehaviorTree>"
+        for level in range(40)
+    )
+    last = '<BehaviorTree ID="T40"><AlwaysSuccess/></BehaviorTree>'
+    with pytest.raises(TreeError, match="E117 with all its subtrees the tree has more than 65,535 nodes"):
+        btcore.loads(f'<root BTCPP_format="4" main_tree_to_execute="T0">{doubling}{last}</root>')

@@ -1,0 +1,73 @@
+"""Palettes and trees that drifted apart, as Nav2's users met them: all is told at once, with its place."""
+
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import In, PortFault, Put, Registry, action
+from btcore.xml.model_file import add_models
+from btcore.xml.validate import validate
+
+# As Groot saves it after its palette was of another version than the robot's nodes.
+TREE = """<root BTCPP_format="{format}" main_tree_to_execute="Navigate">
+  <BehaviorTree ID="Navigate">
+    <Sequence>
+      <ComputePath goal="{{goal}}" path="{{path}}" service_name="plan"/>
+      <FollowPath path="{{path}}" service_nam="follow" serverr="control"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+MODEL = """<root BTCPP_format="4"><TreeNodesModel>
+  <Action ID="ComputePath"><input_port name="goal"/><output_port name="path"/></Action>
+  <Action ID="FollowPath"><input_port name="path"/><input_port name="server"/></Action>
+</TreeNodesModel></root>"""
+UNKNOWN = [
+    (4, 48, "<ComputePath> has no port 'service_name'"),
+    (5, 33, "<FollowPath> has no port 'service_nam'"),
+    (5, 54, "<FollowPath> has no port 'serverr'"),
+]
+
+
+@action
+def compute_path(goal: In[str], path: Put[str]) -> bool:
+    path(f"to {goal}")
+    return True
+
+
+@action
+def follow_path(path: In[str], server: In[str] = "controller") -> bool:
+    return bool(path and server)
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_nav2_3413_unknown_ports_are_all_told_at_load_with_their_places(format: int) -> None:
+    nodes = Registry.standard()
+    nodes.add(compute_path, follow_path)
+    with pytest.raises(PortFault) as refused:
+        btcore.loads(TREE.format(format=format), nodes=nodes)
+    found = refused.value.diagnostics
+    assert [(one.line, one.column, one.message) for one in found] == UNKNOWN
+    assert found[2].hint == "did you mean 'server'?"
+
+
+def test_nav2_3413_a_palette_without_code_finds_them_before_the_robot_does(tmp_path: Path) -> None:
+    (tmp_path / "palette.xml").write_text(MODEL, encoding="utf-8")
+    (tmp_path / "tree.xml").write_text(TREE.format(format=4), encoding="utf-8")
+    nodes = Registry.standard()
+    add_models(nodes, tmp_path / "palette.xml")
+    errors = [one for one in validate(tmp_path / "tree.xml", nodes=nodes) if one.is_error]
+    assert [(one.line, one.column, one.message) for one in errors] == UNKNOWN
+
+
+def test_nav2_3413_without_them_the_tree_loads(tmp_path: Path) -> None:
+    text = TREE.format(format=4)
+    for surplus in (' service_name="plan"', ' service_nam="follow"', ' serverr="control"'):
+        text = text.replace(surplus, "")
+    nodes = Registry.standard()
+    nodes.add(compute_path, follow_path)
+    tree = btcore.loads(text, nodes=nodes)
+    tree.blackboard["goal"] = "home"
+    assert tree.tick_once() is btcore.Status.SUCCESS
+    assert tree.blackboard["path"] == "to home"

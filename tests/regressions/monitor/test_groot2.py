@@ -1,0 +1,195 @@
+"""Faults that users of Groot 2 and its wire met, each named by its issue, over real sockets."""
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+
+import btcore
+from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, SyncAction, TreeError, values
+from btcore.errors import RegistrationError
+from btcore.xml.model_file import add_models
+from btcore.xml.source import read_text
+from btcore.xml.validate import validate_document
+from monitor.picture import PictureNode
+from monitor.serve import Publisher, serve
+from monitor.watch.address import parse_address
+from monitor.watch.groot2 import Groot2Client
+from monitor.wire import groot2
+from monitor.wire.fault import RefusedByRobot
+from monitor.wire.groot2 import Request, RequestHeader
+
+Connect = Callable[[str], Groot2Client]
+
+PLAIN = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+NESTED = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence><Script code="inner := 1; own := 2"/>
+      <SubTree ID="{ID}" name="{ID}" theirs="{{inner}}"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="{ID}"><Script code="theirs := theirs + 1; local := 5"/></BehaviorTree>
+</root>"""
+
+
+@pytest.fixture
+def connect() -> Iterator[Connect]:
+    clients: list[Groot2Client] = []
+
+    def connect(address: str) -> Groot2Client:
+        clients.append(Groot2Client(parse_address(address), timeout=10))
+        return clients[-1]
+
+    yield connect
+    for client in clients:
+        client.close()
+
+
+def published(xml: str, blackboard: Blackboard | None = None, nodes: Registry | None = None) -> Publisher:
+    """The publisher of a tree that was ticked once."""
+    tree = btcore.loads(xml, nodes=nodes, blackboard=blackboard, clock=SimClock())
+    assert tree.tick_once() is Status.SUCCESS
+    return serve(tree, groot2=0)
+
+
+def only(nodes: tuple[PictureNode, ...], kind: str) -> PictureNode:
+    (found,) = [node for node in nodes if node.kind == kind]
+    return found
+
+
+# --- the blackboard ROOT
+
+
+def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_a_tree_with_an_outer_blackboard(
+    connect: Connect,
+) -> None:
+    outer = Blackboard()
+    outer["shared"] = 42
+    board = Blackboard(outer)
+    board["own"] = 7
+    with published(PLAIN, board) as publisher:
+        assert connect(publisher.address).blackboards(["Main"]) == {
+            "Main": {"own": 7},
+            "ROOT": {"shared": 42},
+        }
+
+
+def test_cpp_pr_1168_root_is_the_main_trees_blackboard_when_a_subtrees_is_asked_for(connect: Connect) -> None:
+    with published(NESTED.format(ID="Inner")) as publisher:
+        boards = connect(publisher.address).blackboards(["Inner"])
+    assert boards == {"Inner": {"local": 5}, "ROOT": {"inner": 2, "own": 2}}
+
+
+def test_cpp_pr_1168_there_is_no_root_beside_the_outermost_blackboard_itself(connect: Connect) -> None:
+    board = Blackboard()
+    board["own"] = 7
+    with published(PLAIN, board) as publisher:
+        assert connect(publisher.address).blackboards(["Main"]) == {"Main": {"own": 7}}
+
+
+def test_cpp_pr_1168_a_subtree_that_is_named_root_is_an_error_and_not_a_mixture(connect: Connect) -> None:
+    with published(NESTED.format(ID="ROOT")) as publisher:
+        client = connect(publisher.address)
+        with pytest.raises(RefusedByRobot, match="named ROOT"):
+            client.blackboards(["ROOT"])
+        assert client.blackboards(["Main"]) == {"Main": {"inner": 2, "own": 2}}
+
+
+# --- hooks
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"enabled":true}',
+        b'{"uid":1}',
+        b'{"uid":65536,"position":99,"mode":-1}',
+        b'[{"uid":1,"position":0},{}]',
+        b"[]",
+        b"{",
+        b"",
+        b"\xff" * 100_000,
+    ],
+    ids=["no uid", "no position", "out of bounds", "half a list", "nothing", "no JSON", "empty", "noise"],
+)
+def test_cpp_pr_1170_hook_insert_that_lacks_its_parts_is_an_error_and_the_publisher_lives_on(
+    body: bytes, connect: Connect
+) -> None:
+    with published(PLAIN) as publisher:
+        client = connect(publisher.address)
+        with pytest.raises(RefusedByRobot, match="hooks are disabled"):
+            client.ask(Request.HOOK_INSERT, body)
+        assert client.fulltree().root.id == "AlwaysSuccess"
+        assert set(client.statuses()) == {1}
+
+
+# --- names of ports, and of subtrees
+
+DOTTED = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main" _fullpath="">
+    <LoadController name="LoadController" _uid="1" request.name="arm" response.ok="{ok}"/>
+  </BehaviorTree>
+  <TreeNodesModel>
+    <Action ID="LoadController">
+      <input_port name="request.name" type="std::string"/>
+      <output_port name="response.ok" type="bool"/>
+    </Action>
+  </TreeNodesModel>
+</root>"""
+
+
+def test_groot2_64_dots_in_port_names_of_an_older_robot_are_shown(connect: Connect) -> None:
+    with zmq.Context() as context, context.socket(zmq.REP) as robot:
+        port = robot.bind_to_random_port("tcp://127.0.0.1")
+
+        def answer() -> None:
+            asked = RequestHeader.decode(robot.recv_multipart()[0])
+            robot.send_multipart(groot2.encode_reply(asked, bytes(16), DOTTED.encode()))
+
+        answering = threading.Thread(target=answer)
+        answering.start()
+        node = connect(f":{port}").fulltree().root
+        answering.join()
+    assert (node.id, node.kind) == ("LoadController", "action")
+    assert node.ports == {"request.name": "arm", "response.ok": "{ok}"}
+
+
+class LoadController(SyncAction):
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        return [Port("request.name"), Port("response.ok", Direction.OUT, type=values.BOOL)]
+
+    def tick(self) -> Status:
+        return Status.SUCCESS
+
+
+def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_path: Path) -> None:
+    said = r"<LoadController> can't have a port called 'request\.name': it holds '\.'"
+    with pytest.raises(RegistrationError, match=said):
+        Registry.standard().add(LoadController)
+    (tmp_path / "palette.xml").write_text(DOTTED, encoding="utf-8")
+    with pytest.raises(TreeError, match=said) as refused:
+        add_models(Registry.standard(), tmp_path / "palette.xml")
+    assert refused.value.diagnostics[0].line == 6
+
+
+def test_groot2_40_name_on_subtree_is_its_name_and_no_port(connect: Connect) -> None:
+    tree = NESTED.format(ID="Inner").replace('name="Inner"', 'name="patrol"')
+    with published(tree) as publisher:
+        client = connect(publisher.address)
+        picture = client.fulltree()
+        boards = client.blackboards(["patrol"])
+    subtree = only(picture.nodes, "subtree")
+    assert (subtree.name, subtree.path) == ("patrol", "patrol")
+    assert subtree.ports == {"theirs": "{inner}"}
+    assert [node.subtree for node in picture.nodes] == ["", "", "", "patrol"]
+    assert boards["patrol"] == {"local": 5}
+
+
+def test_groot2_40_an_attribute_that_the_subtree_does_not_use_is_warned_of_with_its_place() -> None:
+    tree = NESTED.format(ID="Inner").replace("theirs=", 'naem="patrol" theirs=')
+    (found,) = validate_document(read_text(tree, "t.xml"), nodes=Registry.standard())
+    assert (found.is_error, found.line) == (False, 4)
+    assert "naem" in found.message
