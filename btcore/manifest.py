@@ -12,7 +12,7 @@ from btcore.context import TreeContext
 from btcore.errors import NodeFault, RegistrationError
 from btcore.functions import Call, FunctionAction, FunctionCondition, FunctionSteps, leaf_class
 from btcore.node import ControlNode, DecoratorNode, TreeNode
-from btcore.ports import UNSET, Binding, Input, Port
+from btcore.ports import UNSET, Input, Port
 from btcore.signature import BOUND, Parameter, bind_class, class_ports, function_parameters
 from btcore.status import NodeType
 from btcore.values import Types
@@ -43,6 +43,7 @@ class Manifest:
         self.distribution = distribution
         self.function = function
         self._has_init = bool(self.parameters) or _has_own_init(cls)
+        self._adopts = issubclass(cls, (ControlNode, DecoratorNode))
         self._prepares = cls.prepare is not TreeNode.prepare
 
     @property
@@ -88,7 +89,8 @@ class Manifest:
         cls = self.cls
         node: TreeNode = cls.__new__(cls)
         node.place(config, context, blackboard)
-        if isinstance(node, (ControlNode, DecoratorNode)):
+        if self._adopts:
+            assert isinstance(node, (ControlNode, DecoratorNode))
             node.adopt(children)
         if self.function is not None:
             call = Call(self.function)
@@ -184,7 +186,7 @@ class _MissingInput(Input):
     """A mandatory input port that the tree doesn't give; reading it raises."""
 
     def __init__(self, port: Port, node: TreeNode) -> None:
-        super().__init__(Binding(port, ""), node.blackboard)
+        super().__init__(port, "")
         self.node = node
 
     def read(self) -> object:

@@ -1,8 +1,8 @@
 """Ports: what a node declares, and what is bound to it in one tree.
 
 A :class:`Port` is the declaration, and a :class:`Binding` what one text makes of it, looked at once, at
-load, for all nodes that say the same. An :class:`Input` or :class:`Output` belongs to one node of one
-tree, and a tick only reads or writes.
+load, for all nodes that say the same. An :class:`Input` is the binding of a port that is read, on a
+blackboard; an :class:`Output` belongs to one node. A tick only reads or writes.
 """
 
 import enum
@@ -17,6 +17,8 @@ from btcore.values import ANY, STRING, ValueType
 
 UNSET: Final = object()
 """Stands for "no default", where None is a value."""
+NOWHERE: Final = Blackboard()
+"""Where the ports of a plan are."""
 _CONSTANTS: Final = (str, int, float, enum.Enum, NoneType)
 
 
@@ -68,12 +70,15 @@ def pointer(text: str, name: str, format: int = 4) -> str | None:
         bare = text[1:] if text.startswith("${") else text
     else:
         bare = text.strip(" ")
-    if len(bare) >= 3 and bare[0] == "{" and bare[-1] == "}":
-        key = bare[1:-1]
-        return name if key == "=" and format != 3 else key
-    return None
+    if bare[:1] != "{" or bare[-1:] != "}":
+        return None
+    key = bare[1:-1]
+    if key == "=" and format != 3:
+        return name
+    return key or None
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Binding:
     """What the text of a port means: a blackboard *key*, or else a literal, converted at once.
 
@@ -81,13 +86,14 @@ class Binding:
     doesn't convert, and *shared* whether several nodes may have it.
     """
 
-    __slots__ = ("fault", "format", "key", "literal", "port", "shared", "text", "written")
+    __slots__ = ("blackboard", "fault", "format", "key", "literal", "port", "shared", "text", "written")
 
     def __init__(self, port: Port, text: str, format: int = 4, written: bool = True) -> None:
         self.port: Port = port
         self.text: str = text
         self.format: int = format
         self.written: bool = written
+        self.blackboard: Blackboard = NOWHERE
         key = pointer(text, port.name, format) if "}" in text or text == "=" else None
         self.key: str | None = key
         self.fault: str = ""
@@ -103,36 +109,36 @@ class Binding:
                     self.fault = str(fault)
                 self.shared = isinstance(self.literal, _CONSTANTS)
 
-    def of_its_own(self) -> "Binding":
-        """The same with a literal of its own, where a leaf could alter a shared one."""
-        return Binding(self.port, self.text, self.format, self.written)
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Input:
-    """An input port of one node, bound to a literal or to a blackboard key.
-
-    *key* is None for a literal; if that doesn't convert, reading raises, as the original does.
-    """
-
-    __slots__ = ("binding", "blackboard", "key", "literal", "type")
-
-    def __init__(self, binding: Binding, blackboard: Blackboard) -> None:
-        self.binding: Binding = binding
-        self.type: ValueType = binding.port.type
-        self.blackboard: Blackboard = blackboard
-        self.key: str | None = binding.key
-        self.literal: object = binding.literal
-
     @property
     def name(self) -> str:
         """The port's name."""
-        return self.binding.port.name
+        return self.port.name
 
-    @property
-    def text(self) -> str:
-        """What it is bound to, as written."""
-        return self.binding.text
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Input(Binding):
+    """An input port, bound to a literal or to a key of its *blackboard*.
+
+    One of a plan is on no blackboard yet. Nodes of one scope that say the same have the same one, but
+    for a literal that a leaf could alter. *key* is None for a literal; if that doesn't convert, reading
+    raises, as the original does.
+    """
+
+    __slots__ = ()
+
+    def on(self, blackboard: Blackboard) -> "Input":
+        """The same on *blackboard*: this very one, if no other blackboard was first."""
+        if self.shared and self.blackboard is NOWHERE:
+            self.blackboard = blackboard
+            return self
+        if not self.shared:
+            own = Input(self.port, self.text, self.format, self.written)
+        else:
+            own = Input.__new__(Input)
+            own.port, own.text, own.format, own.written = self.port, self.text, self.format, self.written
+            own.key, own.literal, own.fault, own.shared = self.key, self.literal, self.fault, True
+        own.blackboard = blackboard
+        return own
 
     def read(self) -> object:
         """The value, of the port's type.
@@ -143,19 +149,19 @@ class Input:
         key = self.key
         if key is None:
             value = self.literal
-            if value is None and self.binding.fault:
-                raise ConversionFault(f"port [{self.name}] = '{self.text}': {self.binding.fault}")
+            if value is None and self.fault:
+                raise ConversionFault(f"port [{self.name}] = '{self.text}': {self.fault}")
             return list(value) if isinstance(value, list) else value
         entry = self.blackboard.find(key)
         if entry is None or entry.value is None:
             raise self._unreadable(entry)
         value = entry.value
-        wanted = self.type
+        wanted = self.port.type
         if not wanted.strong:
             return value
         try:
             if isinstance(value, str) and wanted is not STRING:
-                return wanted.from_text(value, self.binding.format)
+                return wanted.from_text(value, self.format)
             return wanted.cast(value)
         except ConversionFault as fault:
             raise ConversionFault(

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
@@ -89,7 +88,6 @@ class Tree:
         self.registry = registry
         self.ticks = 0
         self.status: Status = IDLE
-        self._make_room()
 
     @property
     def blackboard(self) -> Blackboard:
@@ -277,14 +275,3 @@ class Tree:
     def __repr__(self) -> str:
         count = len(self.nodes)
         return f"<Tree '{self.id}' of {count} node{'' if count == 1 else 's'}, {self.status.name}>"
-
-    def _make_room(self) -> None:
-        """Raise the recursion limit to what ticking the deepest node needs; never lower it."""
-        depth = 0
-        level: list[TreeNode] = [self.root]
-        while level:
-            depth += 1
-            level = [child for node in level for child in node.children]
-        needed = 6 * depth + 1000
-        if needed > sys.getrecursionlimit():
-            sys.setrecursionlimit(needed)

@@ -102,7 +102,7 @@ def monitor(
         if recordings:
             if watching:
                 raise UsersMistake("a recording and a robot can't be watched at once: name one kind")
-            _show_recordings(recordings, screenshot, at, size, memory_limit)
+            _show_recordings(recordings, screenshot, serve_web, at, size, memory_limit, seconds)
             return
         with contextlib.ExitStack() as stack:
             if screenshot is not None:
@@ -239,11 +239,13 @@ def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
 def _show_recordings(
     recordings: list[Path],
     picture: Path | None,
+    web_port: int | None,
     at: float | None,
     size: tuple[int, int],
     memory_limit: str,
+    seconds: float | None,
 ) -> None:
-    from monitor.screen.sinks import open_window
+    from monitor.screen.sinks import open_window, serve_web
 
     for recording in recordings:
         if not recording.is_file():
@@ -252,7 +254,15 @@ def _show_recordings(
         _check_folder("--screenshot", picture)
         _picture(recordings[-1], picture, at, size)
         return
-    open_window(memory_limit, files=recordings)
+    if web_port is None:
+        open_window(memory_limit, files=recordings)
+        return
+    web = serve_web(web_port, memory_limit=memory_limit)
+    web.show(recordings)
+    click.echo(f"monitor: look at {web.page}; Ctrl-C ends it", err=True)
+    stop = threading.Event()
+    with _stopped_by_signals(stop):
+        stop.wait(seconds)
 
 
 def _picture(recording: Path, picture: Path, at: float | None, size: tuple[int, int]) -> None:

@@ -135,8 +135,7 @@ class Maker:
 
     def _node(self, plan: NodePlan, tree: TreePlan, subtree: Subtree, prefix: str) -> TreeNode | None:
         document = tree.definition.document
-        end: Any = plan.element.sourceline
-        line = document.line(plan.element) if document.tags_span_lines else end
+        line: Any = document.line(plan.element) if document.tags_span_lines else plan.element.sourceline
         self._uid = uid = self._uid + 1
         id = plan.id
         name = id if plan.name is None else plan.name
@@ -183,10 +182,10 @@ class Maker:
                 except BlackboardFault as fault:
                     self._faults.add(self._clash(document, plan, port, blackboard.find(key), fault))
                 else:
-                    if port.type.strong:
-                        self._declared.setdefault(entry, (bound, config))
-            if port.reads:
-                inputs[port.name] = Input(bound if bound.shared else bound.of_its_own(), blackboard)
+                    if entry not in self._declared and port.type.strong:
+                        self._declared[entry] = (bound, config)
+            if isinstance(bound, Input):
+                inputs[port.name] = bound if bound.blackboard is blackboard else bound.on(blackboard)
             if port.writes and (bound.written or (key is not None and bound.format == 4)):
                 outputs[port.name] = Output(bound, blackboard)
         config.inputs = inputs
@@ -222,8 +221,12 @@ class Maker:
         blackboard: Blackboard,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
-        made = [child for child in children if child is not None] if children else []
-        if len(made) != len(children) or manifest is None:
+        made: list[TreeNode] = []
+        if children:
+            made += [child for child in children if child is not None]
+            if len(made) != len(children):
+                return None
+        if manifest is None:
             return None
         try:
             return manifest.make(config, self._context, blackboard, self._resources, made)

@@ -121,8 +121,8 @@ def check_size(plans: list[TreePlan], main: Definition, faults: Faults) -> None:
     elif depths[main.id] > MOST_LEVELS:
         said = f"with all its subtrees the tree is more than {MOST_LEVELS:,} levels deep"
     else:
-        # Nodes are made by recursion: three calls a level at the most.
-        sys.setrecursionlimit(max(sys.getrecursionlimit(), 4 * depths[main.id] + 1000))
+        # Nodes are made and ticked by recursion: six calls a level at the most.
+        sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depths[main.id] + 1000))
         return
     faults.add(main.document.diagnostic("E117", said, main.element, "ID", hint=hint))
 

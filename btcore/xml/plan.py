@@ -1,13 +1,14 @@
 """What a tree is made from: its nodes with their ports sorted out, checked once per definition."""
 
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Any, cast
 
 from lxml import etree
 
 from btcore.errors import ConversionFault
 from btcore.manifest import Manifest
-from btcore.ports import Binding, Port, pointer
+from btcore.ports import Binding, Input, Port, pointer
 from btcore.values import BOOL
 from btcore.xml.dialect import AFTER, BEFORE, EXPLICIT, SCRIPTS, Dialect, is_port_name
 from btcore.xml.faults import Faults
@@ -23,6 +24,7 @@ def attributes_of(element: etree._Element) -> list[tuple[str, str]]:
     return cast("list[tuple[str, str]]", element.items())
 
 
+_DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
@@ -40,7 +42,7 @@ class Known:
         self.ports = manifest.ports
         self.bindings: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
         self.defaults = [
-            Binding(port, port.default, format, written=False)
+            (Input if port.reads else Binding)(port, port.default, format, written=False)
             for port in manifest.ports.values()
             if port.default is not None
         ]
@@ -112,8 +114,7 @@ class Planner:
     def _nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
         """Plan *nodes*, and take those that nobody knows (the shape says so) out of the tree."""
         tree.size = len(nodes)
-        # A child of the deepest node that has children is as deep as any.
-        tree.depth = 1 + max((node.depth for node in nodes if node.children), default=0)
+        tree.depth = max(map(_DEPTH_OF, nodes))
         known_tags = self._by_tag
         unknown: set[NodePlan] = set()
         for node in nodes:
@@ -202,9 +203,12 @@ class Planner:
 
     def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """The binding of *port* to a *text* that it was not bound to before."""
-        bound = Binding(port, text, self.dialect.format)
-        converted = bound.key is None and not bound.fault and text != port.default
-        if converted or not self.dialect.literals_checked or self._is_convertible(plan, bound):
+        bound = (Input if port.reads else Binding)(port, text, self.dialect.format)
+        if bound.key is None:
+            is_fine = not bound.fault and text != port.default
+        else:
+            is_fine = text[0] == "{" and text[-1] == "}"
+        if is_fine or not self.dialect.literals_checked or self._is_convertible(plan, bound):
             by_text[text] = bound
         return bound
 
@@ -212,7 +216,7 @@ class Planner:
         """Refuse a text that is no ``{key}`` and doesn't convert to the type of the port."""
         port, text = bound.port, bound.text
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
-            return True
+            return True  # then it is one, if not of this format
         kind = port.type
         if not kind.strong or not kind.converts:
             return True

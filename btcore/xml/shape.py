@@ -22,7 +22,7 @@ NO_ELEMENTS: list[etree._Element] = []
 
 def element_children(element: etree._Element) -> list[etree._Element]:
     """The elements in *element*: neither comments nor the obsolete ``<Root>`` of Groot 1."""
-    return [child for child in element if isinstance(child.tag, str) and child.tag != "Root"]
+    return [child for child in element.iterchildren("*") if child.tag != "Root"]
 
 
 class Shape:

@@ -120,7 +120,7 @@ def read_text(text: str, file: str = "") -> Document:
     text = text.removeprefix("\ufeff")
     if not text or text.isspace():
         raise SyntaxFault([Diagnostic("E001", "the document is empty", file, hint=EXAMPLE)])
-    if "<!DOCTYPE" in text:
+    if "!" in text and "<!DOCTYPE" in text:
         _refuse_document_type(text, file)
     zero = text.find("\0")
     if zero >= 0:

@@ -107,6 +107,11 @@ class WebView:
     address: str
     _relay: rr.RecordingStream
 
+    def show(self, files: Sequence[Path]) -> None:
+        """Hand the recordings in *files* to whoever looks."""
+        for file in files:
+            self._relay.log_file_from_path(file)
+
 
 def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "25%") -> WebView:
     """Serve the web viewer on *web_port* and a relay for recordings on *grpc_port*; opens no browser."""
