@@ -8,8 +8,8 @@ from rich.text import Text
 
 from btcore.cli import files, library, paint, palettes, trees
 from btcore.errors import Diagnostic
-from btcore.xml.convert import Conversion
-from btcore.xml.convert import convert as converted
+from btcore.xml.conversion.convert import Conversion
+from btcore.xml.conversion.convert import convert as converted
 from btcore.xml.source import read_file
 
 MISTAKE = 2

@@ -13,8 +13,8 @@ from btcore.cli.data import print_data
 from btcore.status import NodeType
 from btcore.xml.check import examine
 from btcore.xml.dataflow import as_data, data_rows
-from btcore.xml.picture import sketch_to_svg
-from btcore.xml.sketch import Sketch, sketch_of_document
+from btcore.xml.drawing.picture import sketch_to_svg
+from btcore.xml.drawing.sketch import Sketch, sketch_of_document
 from btcore.xml.source import read_file
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from btcore import Registry, TreeError
 from btcore.testing.recorded_trees import planned_registry, run_case
-from btcore.xml.changes import changes_meaning
-from btcore.xml.convert import Conversion, convert
+from btcore.xml.conversion.changes import changes_meaning
+from btcore.xml.conversion.convert import Conversion, convert
 from btcore.xml.lenient import START_TAG, start_tags
 from btcore.xml.source import read_text
 

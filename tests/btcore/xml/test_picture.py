@@ -11,10 +11,10 @@ from lxml import etree
 import btcore
 from btcore import Registry
 from btcore.xml.check import examine
-from btcore.xml.picture import sketch_to_svg, tree_to_svg
-from btcore.xml.sketch import sketch_of_document
+from btcore.xml.drawing.picture import sketch_to_svg, tree_to_svg
+from btcore.xml.drawing.sketch import sketch_of_document
+from btcore.xml.drawing.tidy import Box, Gaps, tidy
 from btcore.xml.source import read_text
-from btcore.xml.tidy import Box, Gaps, tidy
 
 SVG = "{http://www.w3.org/2000/svg}"
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">

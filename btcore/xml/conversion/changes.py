@@ -6,8 +6,8 @@ from lxml import etree
 
 from btcore.errors import Diagnostic
 from btcore.registry import Registry
+from btcore.xml.conversion.rewrite import Rewriter
 from btcore.xml.places import Part
-from btcore.xml.rewrite import Rewriter
 from btcore.xml.source import Document
 
 FORMAT_WRITTEN: Final = "C101"

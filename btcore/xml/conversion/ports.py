@@ -7,8 +7,8 @@ from lxml import etree
 from btcore.errors import ConversionFault
 from btcore.ports import Direction, Port, pointer
 from btcore.values import STRING
-from btcore.xml.changes import EMPTY, READ_OTHERWISE, TEXT_REWRITTEN, Changes
-from btcore.xml.rewrite import attributes
+from btcore.xml.conversion.changes import EMPTY, READ_OTHERWISE, TEXT_REWRITTEN, Changes
+from btcore.xml.conversion.rewrite import attributes
 
 _NO_PORTS: Final = ("name", "ID", "_description")
 

@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
 
 from btcore.status import NodeType
-from btcore.xml.sketch import Sketch
+from btcore.xml.drawing.sketch import Sketch
 
 COLOURS: Final = {
     NodeType.CONTROL: ("control", "#2f66c8"),

@@ -5,9 +5,9 @@ from xml.sax.saxutils import escape
 
 from btcore.status import NodeType
 from btcore.tree import Tree
-from btcore.xml.card import COLOURS, Card, card_of, width_of
-from btcore.xml.sketch import Sketch, sketch_of_tree
-from btcore.xml.tidy import Box, Gaps, tidy
+from btcore.xml.drawing.card import COLOURS, Card, card_of, width_of
+from btcore.xml.drawing.sketch import Sketch, sketch_of_tree
+from btcore.xml.drawing.tidy import Box, Gaps, tidy
 
 Direction = Literal["auto", "down", "right"]
 

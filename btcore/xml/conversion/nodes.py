@@ -10,7 +10,7 @@ from btcore.errors import ConversionFault
 from btcore.ports import pointer
 from btcore.script.lexer import NAME, tokenize
 from btcore.values import BOOL, DOUBLE, INT, STRING, ValueType
-from btcore.xml.changes import (
+from btcore.xml.conversion.changes import (
     ATTRIBUTE_RENAMED,
     CHECKED_ONCE,
     EQUALITY,
@@ -21,8 +21,8 @@ from btcore.xml.changes import (
     YIELDS,
     Changes,
 )
+from btcore.xml.conversion.rewrite import attributes
 from btcore.xml.dialect import SUCCESSORS
-from btcore.xml.rewrite import attributes
 from btcore.xml.shape import element_children
 
 # What std::from_chars reads as a number, or nearly so: such cases may be equal without being the same text.

@@ -7,7 +7,8 @@ from lxml import etree
 
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry import Registry
-from btcore.xml.changes import (
+from btcore.xml.check import check_scripts, examine
+from btcore.xml.conversion.changes import (
     COMPACT,
     FORMAT_WRITTEN,
     LAST_TREE,
@@ -15,10 +16,9 @@ from btcore.xml.changes import (
     NODE_RENAMED,
     Changes,
 )
-from btcore.xml.check import check_scripts, examine
-from btcore.xml.convert_nodes import successor
-from btcore.xml.convert_ports import convert_ports
-from btcore.xml.convert_subtree import convert_subtree
+from btcore.xml.conversion.nodes import successor
+from btcore.xml.conversion.ports import convert_ports
+from btcore.xml.conversion.subtree import convert_subtree
 from btcore.xml.dialect import DIALECTS, EXPLICIT, format_of
 from btcore.xml.faults import in_order
 from btcore.xml.source import Document, read_text

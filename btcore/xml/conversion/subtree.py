@@ -8,7 +8,7 @@ from lxml import etree
 from btcore.errors import ConversionFault
 from btcore.ports import pointer
 from btcore.values import BOOL, constant
-from btcore.xml.changes import (
+from btcore.xml.conversion.changes import (
     ATTRIBUTE_RENAMED,
     BRACES,
     CONNECTED,
@@ -22,8 +22,8 @@ from btcore.xml.changes import (
     WITHOUT_EFFECT,
     Changes,
 )
+from btcore.xml.conversion.rewrite import attributes
 from btcore.xml.dialect import is_port_name
-from btcore.xml.rewrite import attributes
 
 _BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
 

@@ -1,0 +1,1 @@
+"""A tree as a picture: what is drawn, where, and how."""
