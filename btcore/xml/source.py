@@ -156,9 +156,15 @@ def read_file(path: str | os.PathLike[str]) -> Document:
 
 
 def _parse(text: str) -> etree._Element:
-    # Without huge_tree the parser also limits the depth of elements and the length of texts.
+    # Of itself the parser allows 256 levels counted from <root>; with huge_tree 2,048, so that the format's
+    # own limit, counted from the BehaviorTree, can hold.
     parser = etree.XMLParser(
-        encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, collect_ids=False
+        encoding="utf-8",
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        collect_ids=False,
+        huge_tree=True,
     )
     # A lone surrogate has no UTF-8 form; it becomes '?', in a document that was no text anyway.
     return etree.fromstring(text.encode("utf-8", "replace"), parser)

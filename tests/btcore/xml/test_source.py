@@ -215,7 +215,7 @@ def test_an_external_entity_is_refused_and_not_fetched(tmp_path: Path) -> None:
 
 def test_elements_nested_too_deep_are_refused() -> None:
     said = refused("<root>" + "<A>" * 5000 + "</A>" * 5000 + "</root>")
-    assert "E002 elements are nested more than 256 deep" in said
+    assert "E002 elements are nested more than 2048 deep" in said
     assert said.endswith("split the tree into subtrees")
 
 

@@ -273,15 +273,15 @@ def nested(levels: int, format: int = 4) -> str:
 
 
 @pytest.mark.parametrize("format", [3, 4])
-@pytest.mark.parametrize("levels", [258, 5_000, 50_000])
+@pytest.mark.parametrize("levels", [257, 5_000, 50_000])
 def test_cpp_672_hostile_xml_nesting_is_refused(levels: int, format: int) -> None:
-    with pytest.raises(SyntaxFault, match="nested more than 256 deep"):
+    with pytest.raises(SyntaxFault, match=r"nested more than (256|2048) deep"):
         btcore.loads(nested(levels, format))
 
 
 def test_cpp_672_nesting_within_the_limit_loads_and_ticks() -> None:
-    tree = btcore.loads(nested(254), clock=SimClock())
-    assert len(tree.nodes) == 254
+    tree = btcore.loads(nested(256), clock=SimClock())
+    assert len(tree.nodes) == 256
     assert tree.tick_once() is F
 
 
