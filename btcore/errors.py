@@ -94,7 +94,8 @@ class NodeRaised(BtcoreError):
     """A node raised while it was ticked or halted; the original is the ``__cause__``.
 
     *path* is the failing node's full path, *node_id* its registration ID, *where* its place in
-    the XML, and *backtrace* the paths from the root to it.
+    the XML, and *backtrace* the paths from the root to it. *also* are those that raised after it,
+    while the tree was halted.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class NodeRaised(BtcoreError):
         self.doing = doing
         self.where = where
         self.backtrace: list[str] = []
+        self.also: list[NodeRaised] = []
         super().__init__(path, node_id, str(cause))
 
     def __str__(self) -> str:
@@ -119,6 +121,8 @@ class NodeRaised(BtcoreError):
         for depth, step in enumerate(self.backtrace):
             mark = "→" if depth == len(self.backtrace) - 1 else " "
             text += f"\n    {mark} {'  ' * depth}{step}"
+        for other in self.also:
+            text += f"\nand {other}"
         return text
 
 

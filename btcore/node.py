@@ -127,7 +127,9 @@ class TreeNode:
         except NodeRaised as error:
             self.trace(error)
             raise
-        except Exception as fault:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as fault:
             raise self.blame(fault, "ticking") from fault
         stored = self._status
         if status is stored and stored is not IDLE:
@@ -152,7 +154,9 @@ class TreeNode:
         except NodeRaised as error:
             self.trace(error)
             raise
-        except Exception as fault:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as fault:
             raise self.blame(fault, "ticking") from fault
         if tally is not None:
             tally.count(status)
@@ -217,11 +221,13 @@ class TreeNode:
             self.reset_status()
             self.trace(error)
             raise
-        except Exception as fault:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as fault:
             self.reset_status()
             raise self.blame(fault, "being halted") from fault
 
-    def blame(self, fault: Exception, doing: str) -> NodeRaised:
+    def blame(self, fault: BaseException, doing: str) -> NodeRaised:
         """*fault* as an error that names this node."""
         error = NodeRaised(self.config.path, self.config.id, fault, doing, self.config.where)
         # Compiled code does not set it by `raise … from`.
@@ -303,7 +309,10 @@ class ControlNode(TreeNode):
                     try:
                         child.halt_node()
                     except NodeRaised as error:
-                        first = error if first is None else first
+                        if first is None:
+                            first = error
+                        else:
+                            first.also.append(error)
                 child.reset_status()
         if first is not None:
             raise first
@@ -345,7 +354,9 @@ class DecoratorNode(TreeNode):
             except NodeRaised as error:
                 self.trace(error)
                 raise
-            except Exception as fault:
+            except KeyboardInterrupt:
+                raise
+            except BaseException as fault:
                 raise self.blame(fault, "ticking") from fault
             stored = self._status
             status = stored if result is stored and stored is not IDLE else self._store(result)

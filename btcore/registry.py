@@ -226,7 +226,13 @@ class Registry:
             if callable(register):
                 register(self)
             else:
-                for thing in _leaves_in(module):
+                leaves = list(_leaves_in(module))
+                if not leaves:
+                    raise RegistrationError(
+                        "it brings no nodes: it has no register(nodes), no node class of its own, and no "
+                        "function marked as @action or @condition"
+                    )
+                for thing in leaves:
                     self._add(thing, None, vars(module), called)
         except RegistrationError as fault:
             raise RegistrationError(f"plugin '{called}': {fault}") from fault

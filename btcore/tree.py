@@ -177,7 +177,7 @@ class Tree:
             self.status = IDLE
             if observers is not None:
                 observers.raised(error)
-            self._halt_everything()
+            error.also += self._halt_everything()
             raise
         return status
 
@@ -190,26 +190,28 @@ class Tree:
     def halt(self) -> None:
         """Halt every node, as BehaviorTree.CPP's haltTree: the root, then all in pre-order.
 
-        All nodes are halted even if one raises; then NodeRaised says which was the first.
+        All nodes are halted even if one raises; then NodeRaised says which was the first, and which *also*.
         """
-        first = self._halt_everything()
+        errors = self._halt_everything()
         self.status = IDLE
-        if first is not None:
+        if errors:
+            first = errors[0]
+            first.also += errors[1:]
             if self.context.observers is not None:
                 self.context.observers.raised(first)
             raise first
 
-    def _halt_everything(self) -> NodeRaised | None:
-        first: NodeRaised | None = None
+    def _halt_everything(self) -> list[NodeRaised]:
+        errors: list[NodeRaised] = []
         for node in [self.root, *self.nodes]:
             try:
                 node.halt_node()
             except NodeRaised as error:
-                first = error if first is None else first
+                errors.append(error)
         for node in self.nodes:
             node.reset_status()
         self.context.deadlines.clear()
-        return first
+        return errors
 
     def __enter__(self) -> "Tree":
         return self

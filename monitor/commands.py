@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from monitor.watch.feed import Feed
 
 DEFAULT_ADDRESS: Final = "tcp://127.0.0.1:1667"
+_RECORDING: Final = b"RRF"
+"""What rerun's files begin with."""
 _WAIT: Final = 0.2
 """s between two looks at a feed that says nothing."""
 _LOOK_EVERY: Final = 2.0
@@ -114,6 +116,9 @@ def monitor(
             wants_window = not no_view and screenshot is None and serve_web is None
             outlets = _outlets(save, serve_web, wants_window, memory_limit)
             files = _watch(feeds, outlets, until_end, seconds)
+            if save is not None and not files and screenshot is None:
+                seen_at = ", ".join(watching)
+                click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
             if screenshot is not None:
                 if not files:
                     raise UsersMistake(f"no tree was seen at {', '.join(watching)}, so there is no picture")
@@ -250,6 +255,9 @@ def _show_recordings(
     for recording in recordings:
         if not recording.is_file():
             raise UsersMistake(f"there is no recording {recording}")
+        with recording.open("rb") as file:
+            if not file.read(4).startswith(_RECORDING):
+                raise UsersMistake(f"{recording} is no recording of rerun")
     if picture is not None:
         _check_folder("--screenshot", picture)
         _picture(recordings[-1], picture, at, size)

@@ -40,7 +40,7 @@ class MonitorExtension:
         click.Option(
             ["--publish"],
             type=click.Choice(["groot2", "groot1"]),
-            help="Let monitors in: Groot 2, and btcore's own.",
+            help="Let monitors in: Groot 2, and btcore's own. (groot1 isn't built yet.)",
         ),
         click.Option(
             ["--bind"],
@@ -74,8 +74,8 @@ class MonitorExtension:
                 "--publish groot1 isn't built yet: --publish groot2 is, and btcore monitor reads it"
             )
         save: Path | None = settings["save"]
-        if save is not None and not save.resolve().parent.is_dir():
-            raise UsersMistake(f"--save {save}: there is no folder {save.resolve().parent}")
+        if save is not None:
+            _check_writable(save)
         if (save is not None or settings["monitor"]) and importlib.util.find_spec("rerun") is None:
             option = "--save" if save is not None else "--monitor"
             raise UsersMistake(f"{option} needs rerun, which isn't installed: pip install 'btcore[monitor]'")
@@ -130,6 +130,20 @@ class MonitorExtension:
                 publisher.finish()
                 for listener in listeners:
                     listener.finish()
+
+
+def _check_writable(save: Path) -> None:
+    """Raise UsersMistake where no recording can be written; an existing file stays as it is."""
+    if not save.resolve().parent.is_dir():
+        raise UsersMistake(f"--save {save}: there is no folder {save.resolve().parent}")
+    is_new = not save.exists()
+    try:
+        with save.open("ab"):
+            pass
+        if is_new:
+            save.unlink()
+    except OSError as fault:
+        raise UsersMistake(f"--save {save}: it can't be written: {fault.strerror or fault}") from None
 
 
 class _Listener:

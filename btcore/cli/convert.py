@@ -28,7 +28,8 @@ def convert(
     """Print FILE in format 4; comments, the order of attributes and the layout stay as they are.
 
     What is written differently, and what means something else in format 4, is listed on stderr.
-    Exits with 0 when the result can be loaded, 2 when something in it has to be changed by hand.
+    Exits with 2 when format 4 refuses something that format 3 took, else 0; what is wrong in both
+    `btcore validate` tells.
     """
     if in_place and output is not None:
         raise click.UsageError("--in-place and --output are two places: name one of them.")

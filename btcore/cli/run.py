@@ -1,5 +1,6 @@
 """``btcore run``: a tree from its file to its end, in the world that other packages bring."""
 
+import math
 import random
 from collections.abc import Sequence
 from typing import Any, Final, cast
@@ -17,6 +18,17 @@ from btcore.xml.stubs import Plans
 
 RESOURCES: Final = "btcore.resources"
 _META: Final = "btcore.cli.run.extensions"
+
+
+class Finite(click.FloatRange):
+    """A range of numbers, of which "nan" is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a number that can be counted to.", param, ctx)
+        return number
 
 
 class Run(click.Command):
@@ -58,20 +70,20 @@ def _extensions(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]
 @plans.plan_option
 @click.option(
     "--rate",
-    type=click.FloatRange(0, 10_000, min_open=True),
+    type=Finite(0, 10_000, min_open=True),
     default=10.0,
     show_default=True,
     help="Ticks per second.",
 )
 @click.option(
     "--duration",
-    type=click.FloatRange(0, min_open=True),
+    type=Finite(0, min_open=True),
     metavar="S",
     help="End after so many seconds of the tree's clock.",
 )
 @click.option(
     "--seed",
-    type=int,
+    type=click.IntRange(0),
     default=0,
     show_default=True,
     help="What chance is drawn from; the same seed gives the same run.",

@@ -103,7 +103,7 @@ class Session:
             self.tree.halt()
             raise
         finally:
-            self.outcome.status = pace.status
+            self.outcome.status = pace.status if self.outcome.error is None else Status.IDLE
             self.outcome.elapsed = pace.elapsed / NS_PER_S
             self.outcome.wall = time.perf_counter() - began
             progress.close()

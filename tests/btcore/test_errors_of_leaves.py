@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import NodeRaised, Observer, Registry, SimClock, StatefulAction, Status, SyncAction, Tree
+from btcore import NodeRaised, Observer, Registry, SimClock, StatefulAction, Status, SyncAction, Tree, action
 from btcore.testing.planned import Journal
 
 Grow = Callable[..., Tree]
@@ -235,3 +235,50 @@ def test_an_error_of_a_halt_is_told_to_observers(grow: Grow) -> None:
     tree.tick_once()
     halt_raises(tree)
     assert heard == ["c"]
+
+
+class Leaving(BaseException):
+    """What no leaf should raise."""
+
+
+@pytest.mark.parametrize("fault", [SystemExit(7), Leaving("gone")])
+def test_whatever_a_leaf_raises_names_it(fault: BaseException) -> None:
+    @action
+    def leave() -> bool:
+        raise fault
+
+    nodes = Registry.standard()
+    nodes.add(leave)
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Leave name="door"/></BehaviorTree></root>',
+        nodes=nodes,
+    )
+    with pytest.raises(NodeRaised, match="node 'door' <Leave> raised while ticking") as caught:
+        tree.tick_once()
+    assert caught.value.__cause__ is fault
+    assert tree.root.status is Status.IDLE
+
+
+def test_what_raises_while_the_tree_is_halted_after_an_error_is_told_too() -> None:
+    class Stubborn(StatefulAction):
+        def on_start(self) -> Status:
+            return Status.RUNNING
+
+        def on_halted(self) -> None:
+            raise ValueError(f"{self.name} is stuck")
+
+    @action
+    def fall() -> bool:
+        raise RuntimeError("fallen")
+
+    nodes = Registry.standard()
+    nodes.add(Stubborn, fall)
+    tree = btcore.loads(
+        """<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>
+        <Stubborn name="left"/><Stubborn name="right"/><Fall/></Parallel></BehaviorTree></root>""",
+        nodes=nodes,
+    )
+    with pytest.raises(NodeRaised, match="fallen") as caught:
+        tree.tick_once()
+    assert "left is stuck" in str(caught.value)
+    assert "right is stuck" in str(caught.value)

@@ -149,3 +149,12 @@ def test_a_thousand_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tm
     condition = next(uid for uid, one in names.items() if one.startswith("IsObstacle"))
     counts = report["nodes"][names[condition]]
     assert (ended[condition, 2], ended[condition, 3]) == (counts["success"], counts["failure"])
+
+
+def test_a_file_that_is_no_recording_is_said_at_once(tmp_path):
+    junk = tmp_path / "junk.rrd"
+    junk.write_text("junk")
+    command = [sys.executable, "-m", "monitor", str(junk), "--screenshot", str(tmp_path / "junk.png")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert f"{junk} is no recording of rerun" in done.stderr

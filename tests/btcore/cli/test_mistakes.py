@@ -184,3 +184,11 @@ def test_without_the_extra_its_command_is_explained() -> None:
     assert done.returncode == 2
     assert "pip install 'btcore[monitor]'" in done.stderr
     assert without_extras("--help").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--seed", "-5"), ("--rate", "nan"), ("--rate", "inf"), ("--duration", "nan"), ("--duration", "-1")],
+)
+def test_a_number_that_makes_no_sense(cli: Cli, tree_file: TreeFile, option: str, value: str) -> None:
+    refused(cli("run", tree_file("<AlwaysSuccess/>"), option, value), f"'{option}'")
