@@ -345,21 +345,7 @@ class DecoratorNode(TreeNode):
 
     def execute_tick(self) -> Status:
         """Tick as any node; a child that has completed is reset."""
-        guard = self._guard
-        if guard is not None:
-            status = self._execute_guarded(guard)
-        else:
-            try:
-                result = self.tick()
-            except NodeRaised as error:
-                self.trace(error)
-                raise
-            except KeyboardInterrupt:
-                raise
-            except BaseException as fault:
-                raise self.blame(fault, "ticking") from fault
-            stored = self._status
-            status = stored if result is stored and stored is not IDLE else self._store(result)
+        status = super().execute_tick()
         child = self.child._status
         if child is SUCCESS or child is FAILURE:
             self.child.reset_status()

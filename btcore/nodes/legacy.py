@@ -11,13 +11,11 @@ from btcore.nodes.ordered import OrderedNode
 from btcore.nodes.parallel import threshold
 from btcore.nodes.repeat import Repeat, RetryUntilSuccessful
 from btcore.nodes.subtree import SubTree
-from btcore.nodes.switch import SwitchNode
+from btcore.nodes.switch import FLOAT_EPSILON, SwitchNode
 from btcore.nodes.timing import Delay
 from btcore.ports import Port
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
-
-_EPSILON = 1.1920928955078125e-07
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -244,7 +242,7 @@ class BlackboardCheck(DecoratorNode):
         except (NodeFault, BlackboardFault, ConversionFault):
             return False
         if isinstance(left, float) and isinstance(right, float):
-            return abs(left - right) <= _EPSILON
+            return abs(left - right) <= FLOAT_EPSILON
         return left == right
 
     def _read(self, name: str) -> object:

@@ -15,7 +15,8 @@ from btcore.values import STRING
 # std::from_chars: no leading space, no plus sign, and nothing left over.
 _INTEGER: Final = re.compile(r"-?[0-9]+\Z")
 _REAL: Final = re.compile(r"-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|inf(?:inity)?|nan)\Z", re.I)
-_EPSILON: Final = 1.1920928955078125e-07
+FLOAT_EPSILON: Final = 1.1920928955078125e-07
+"""Reals that differ by no more are equal: C's FLT_EPSILON."""
 
 
 def _integer(text: str, enums: dict[str, int]) -> int | None:
@@ -48,7 +49,7 @@ def same(left: str, right: str, enums: dict[str, int]) -> bool:
     right_real = _real(right, enums)
     if left_real is None or right_real is None or math.isnan(left_real) or math.isnan(right_real):
         return False
-    return left_real == right_real or abs(left_real - right_real) <= _EPSILON
+    return left_real == right_real or abs(left_real - right_real) <= FLOAT_EPSILON
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
