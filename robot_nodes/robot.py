@@ -6,7 +6,9 @@ where the robot truly is: a body knows its odometry, and no more.
 """
 
 import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -28,6 +30,34 @@ class RobotClock(Protocol):
         ...
 
 
+class Rank(IntEnum):
+    """The order of what is due at the same moment. A tree, which waits for that moment, comes after all."""
+
+    PHYSICS = 0
+    SENSORS = 1
+    TRANSFORMS = 2
+    LOCALISER = 3
+    COSTMAPS = 4
+    PLANNER = 5
+    CONTROLLER = 6
+    HEAD = 7
+    PROCESSES = 8
+    JUDGE = 9
+
+
+class Schedule(Protocol):
+    """The periodic tasks of a world or of a real robot, all run on one thread while somebody waits."""
+
+    def every(
+        self, hertz: float, rank: Rank, task: Callable[[int], None], *, first: int | None = None
+    ) -> Callable[[], None]:
+        """Call *task* with the time (ns) at *hertz*, from *first* (ns; one period from now unless given) on.
+
+        At equal times a lower *rank* goes first. Gives a callable that ends the task.
+        """
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Pose2D:
     """A place on the floor: *x*, *y* (m) and the heading *yaw* (rad, in (-π, π])."""
@@ -43,6 +73,17 @@ class Twist2D:
 
     v: float
     w: float
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Where the frame *child* is in the frame *parent*: *position* (m) and *quaternion* (x, y, z, w)."""
+
+    child: str
+    parent: str
+    position: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+    stamp: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +126,36 @@ class LaserScan:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A camera's picture: *rgb* has shape ``(height, width, 3)``; *frame* has z ahead, x right, y down."""
+    """A camera's picture: *rgb* has shape ``(height, width, 3)``; *frame* has z ahead, x right, y down.
+
+    *depth*, of a camera that measures it, has shape ``(height, width)``: the distance (m) along z, +inf
+    where there is nothing within reach.
+    """
 
     rgb: NDArray[np.uint8]
     stamp: int
     frame: str
+    depth: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SonarReading:
+    """What a sonar hears: the *range* (m; no echo is +inf, too near is -inf) within a cone of *fov* (rad)."""
+
+    range: float
+    stamp: int
+    fov: float
+    range_min: float
+    range_max: float
+    frame: str
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """How full the battery is: *level* in percent, 100 when full."""
+
+    level: float
+    stamp: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,17 +210,51 @@ class HeadFacts:
     speed: float
 
 
+@dataclass(frozen=True, slots=True)
+class CameraFacts:
+    """The pinhole of a camera: *width* and *height* (pixels), focal lengths and centre (pixels), *rate* (Hz).
+
+    The distances of what is drawn lie between *near* and *far* (m); *frame* has z ahead, x right, y down.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    near: float
+    far: float
+    rate: float
+    frame: str
+
+
+@dataclass(frozen=True, slots=True)
+class TorsoFacts:
+    """How far (m) the torso lifts, and how fast (m/s)."""
+
+    lift_min: float
+    lift_max: float
+    speed: float
+
+
 @runtime_checkable
 class Robot(Protocol):
     """A body with a differential base, a planar laser and perhaps a head with a camera.
 
     A leaf asks for it by type. Readings are the newest there are, each with the stamp of the moment
-    it was taken: whoever cares how old one is compares it with ``clock.now()``.
+    it was taken: whoever cares how old one is compares it with ``clock.now()``. What not every robot has
+    (battery, sonars, torso, depth) is none for a class that derives from this one and says nothing of it.
     """
 
     @property
     def clock(self) -> RobotClock:
         """The clock that all stamps are read from."""
+        ...
+
+    @property
+    def schedule(self) -> Schedule:
+        """What runs periodically while somebody waits on the clock."""
         ...
 
     @property
@@ -172,6 +272,20 @@ class Robot(Protocol):
         """The head's limits, or None for a robot without one."""
         ...
 
+    @property
+    def lens(self) -> CameraFacts | None:
+        """The camera's geometry, or None without a camera."""
+        return None
+
+    @property
+    def torso(self) -> TorsoFacts | None:
+        """The torso's limits, or None for a robot that has none or whose torso is fixed."""
+        return None
+
+    def frames(self) -> Sequence[Frame]:
+        """Where the robot's own frames are now, below ``base_footprint``: links and sensors."""
+        ...
+
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         """Ask for *v* (m/s, forward) and *w* (rad/s, counter-clockwise).
 
@@ -183,6 +297,10 @@ class Robot(Protocol):
 
     def stop(self) -> None:
         """Stand still: the same as a command of zero that no earlier command outranks."""
+        ...
+
+    def asked(self) -> Twist2D:
+        """The velocity that was asked for last and still holds; zero once it has lapsed."""
         ...
 
     def scan(self) -> LaserScan | None:
@@ -203,4 +321,44 @@ class Robot(Protocol):
 
     def camera(self) -> Picture | None:
         """The newest picture, or None without a camera."""
+        ...
+
+    def sonars(self) -> Sequence[SonarReading]:
+        """The newest reading of every sonar."""
+        return ()
+
+    def battery(self) -> Battery | None:
+        """The battery, or None for a robot that doesn't tell."""
+        return None
+
+    def recharge(self) -> None:
+        """Fill the battery at once, as a charger would that somebody plugs in."""
+
+    def lift(self, height: float) -> None:
+        """Bring the torso to *height* (m), held within its limits."""
+
+    def lifted(self) -> float | None:
+        """How high (m) the torso is now, or None without one."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class GoalOutcome:
+    """How a drive to a place ended: *goal* in the frame ``map``, the *status* in words, and when (ns)."""
+
+    goal: Pose2D
+    status: str
+    stamp: int
+
+
+@runtime_checkable
+class Navigating(Protocol):
+    """What a judge or a viewer may ask of whoever navigates."""
+
+    def estimate(self) -> Pose2D | None:
+        """Where the robot takes itself to be in the frame ``map``, now; None when it doesn't know."""
+        ...
+
+    def outcomes(self) -> Sequence[GoalOutcome]:
+        """Every goal that has ended, in order."""
         ...
