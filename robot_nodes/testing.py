@@ -6,9 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from robot_nodes.robot import LaserScan, Robot, Twist2D
+from robot_nodes.robot import Frame, LaserScan, Rank, Robot, Twist2D
 
 NS_PER_S = 1_000_000_000
+
+FOOTPRINT = "base_footprint"
 
 
 def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None:
@@ -19,8 +21,12 @@ def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None
     """
     check_facts(make_robot())
     check_scan(make_robot())
+    check_schedule(make_robot())
+    check_frames(make_robot())
     check_camera(make_robot())
+    check_sonars(make_robot())
     check_head(make_robot())
+    check_torso(make_robot())
     if drives:
         check_standing(make_robot())
         check_driving(make_robot())
@@ -29,6 +35,8 @@ def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None
         check_timeout(make_robot())
         check_stop(make_robot())
         check_priority(make_robot())
+        check_asked(make_robot())
+        check_battery(make_robot())
 
 
 def check_facts(robot: Robot) -> None:
@@ -68,16 +76,92 @@ def check_scan(robot: Robot) -> None:
     assert later.stamp > first.stamp, "new scans come, with later stamps, at the laser's rate"
 
 
+def check_schedule(robot: Robot) -> None:
+    """What is scheduled runs at its rate while somebody waits, and no longer when it has been ended."""
+    times: list[int] = []
+    begun = robot.clock.now()
+    end = robot.schedule.every(20.0, Rank.PROCESSES, times.append)
+    wait(robot, 0.5)
+    assert 9 <= len(times) <= 11, f"a task at 20 Hz ran {len(times)} times in 0.5 s"
+    assert times == sorted(times), "a task is called with the time, and that doesn't go back"
+    assert begun < times[0] <= times[-1] <= robot.clock.now(), "a task is called with the time, in ns"
+    end()
+    before = len(times)
+    wait(robot, 0.2)
+    assert len(times) == before, "a task was ended, and runs on"
+
+
+def check_frames(robot: Robot) -> None:
+    """All frames hang together below ``base_footprint``, and sensors have theirs."""
+    wait(robot, 0.1)
+    frames = robot.frames()
+    parents = {frame.child: frame.parent for frame in frames}
+    assert len(parents) == len(frames), "a frame is told of once: it has one parent"
+    wanted = [robot.laser.frame, *(sonar.frame for sonar in robot.sonars())]
+    if robot.lens is not None:
+        wanted.append(robot.lens.frame)
+    for name in wanted:
+        assert name in parents, f"the sensor's frame '{name}' is not among the frames"
+    for child in parents:
+        way = [child]
+        while way[-1] in parents and len(way) <= len(parents):
+            way.append(parents[way[-1]])
+        assert way[-1] == FOOTPRINT, (
+            f"from frame '{child}' the way up ends at '{way[-1]}', not at {FOOTPRINT}"
+        )
+    for frame in frames:
+        check_frame(frame, robot.clock.now())
+
+
+def check_frame(frame: Frame, now: int) -> None:
+    """A frame's quaternion is one, and its stamp is of the time up to *now* (ns)."""
+    length = math.hypot(*frame.quaternion)
+    assert abs(length - 1.0) < 1e-3, f"the quaternion of '{frame.child}' has length {length:.3f}, and not 1"
+    assert math.hypot(*frame.position) < 10.0, (
+        f"'{frame.child}' is over 10 m from its parent: is it in metres?"
+    )
+    assert frame.stamp <= now, f"the stamp of '{frame.child}' is in the future"
+
+
 def check_camera(robot: Robot) -> None:
-    """A picture, if there is one, has height, width and three colours."""
+    """A picture, if there is one, has height, width and three colours, as the lens says; perhaps depth."""
     wait(robot, 0.3)
-    picture = robot.camera()
+    picture, lens = robot.camera(), robot.lens
     if picture is None:
         return
+    assert lens is not None, "a robot that has pictures has a lens"
     assert picture.rgb.dtype == np.uint8, "a picture's dtype is uint8"
     assert picture.rgb.ndim == 3, "a picture has height, width and colours"
     assert picture.rgb.shape[2] == 3, "a picture's colours are red, green and blue"
     assert picture.stamp <= robot.clock.now(), "a picture's stamp is not in the future"
+    assert picture.rgb.shape[:2] == (lens.height, lens.width), (
+        "a picture is as high and wide as the lens says"
+    )
+    assert picture.frame == lens.frame, "a picture's frame is the lens's"
+    assert min(lens.fx, lens.fy) > 0.0, "focal lengths are in pixels, and above 0"
+    assert 0.0 < lens.near < lens.far, "what is drawn lies between near and far, in metres"
+    if picture.depth is None:
+        return
+    assert picture.depth.dtype == np.float32, "depth is float32"
+    assert picture.depth.shape == picture.rgb.shape[:2], "depth has a distance for every pixel"
+    seen = picture.depth[np.isfinite(picture.depth)]
+    assert not (np.isnan(picture.depth) | (picture.depth == -np.inf)).any(), "where nothing is depth is +inf"
+    assert ((seen > 0.0) & (seen <= lens.far * 1.001)).all(), (
+        "depth is in metres, and no farther than the lens"
+    )
+
+
+def check_sonars(robot: Robot) -> None:
+    """Sonars, if there are some, have REP 117's conventions too."""
+    wait(robot, 0.5)
+    for sonar in robot.sonars():
+        assert 0.0 <= sonar.range_min < sonar.range_max, "a sonar's range_max is above its range_min"
+        assert 0.0 < sonar.fov < math.pi, "a sonar's cone is an angle in radians"
+        assert sonar.stamp <= robot.clock.now(), "a sonar's stamp is not in the future"
+        heard = sonar.range
+        assert math.isinf(heard) or sonar.range_min <= heard <= sonar.range_max, (
+            f"{sonar.frame} tells of {heard} m: over its range_max it is +inf, under its range_min -inf"
+        )
 
 
 def check_head(robot: Robot) -> None:
@@ -100,6 +184,22 @@ def check_head(robot: Robot) -> None:
     assert head is not None, "a robot with a neck has a head position"
     assert head.pan <= neck.pan_max + 0.05, "the head stays within pan_max"
     assert head.tilt <= neck.tilt_max + 0.05, "the head stays within tilt_max"
+
+
+def check_torso(robot: Robot) -> None:
+    """The torso, if there is one, lifts as high as it is sent, and no farther than its limits."""
+    torso = robot.torso
+    if torso is None:
+        robot.lift(0.1)
+        assert robot.lifted() is None, "a robot without a torso that lifts has no height of it"
+        return
+    middle = (torso.lift_min + torso.lift_max) / 2
+    for sent, ends in ((middle, middle), (torso.lift_max + 1.0, torso.lift_max)):
+        robot.lift(sent)
+        wait(robot, (torso.lift_max - torso.lift_min) / torso.speed + 1.0)
+        height = robot.lifted()
+        assert height is not None, "a robot with a torso has a height of it"
+        assert abs(height - ends) < 0.02, f"the torso was sent to {sent:.2f} m, and is at {height:.2f} m"
 
 
 def check_standing(robot: Robot) -> None:
@@ -164,6 +264,37 @@ def check_priority(robot: Robot) -> None:
         robot.drive(0.0, -w, priority=10)
         wait(robot, 0.1)
     assert robot.odometry().twist.w > 0.0, "a command of priority 10 won over one of priority 90"
+
+
+def check_asked(robot: Robot) -> None:
+    """What was asked for is told, until it lapses."""
+    w = min(0.3, robot.base.w_max)
+    assert robot.asked() == Twist2D(0.0, 0.0), "nobody has asked for a velocity yet"
+    robot.drive(0.0, w)
+    wait(robot, 0.05)
+    assert robot.asked() == Twist2D(0.0, w), f"w = {w:g} was asked for, and asked() says {robot.asked()}"
+    wait(robot, robot.base.command_timeout + 0.1)
+    assert robot.asked() == Twist2D(0.0, 0.0), "a command that has lapsed is no longer asked for"
+    robot.drive(0.0, w)
+    robot.stop()
+    assert robot.asked() == Twist2D(0.0, 0.0), "after a stop nothing is asked for"
+
+
+def check_battery(robot: Robot) -> None:
+    """The battery, if there is one, falls with driving, and is full when recharged."""
+    before = robot.battery()
+    if before is None:
+        return
+    assert 0.0 <= before.level <= 100.0, f"a battery's level is in percent, and {before.level} is not"
+    assert before.stamp <= robot.clock.now(), "a battery's stamp is not in the future"
+    steered(robot, (0.0, min(0.3, robot.base.w_max)), 1.0)
+    after = robot.battery()
+    assert after is not None, "a battery is there, and then there is none"
+    assert after.level < before.level, f"1 s of turning took nothing from the battery at {before.level:g} %"
+    robot.recharge()
+    full = robot.battery()
+    assert full is not None, "a battery is there, and then there is none"
+    assert full.level > 99.0, f"the battery was recharged, and is at {full.level:g} %"
 
 
 def steered(robot: Robot, command: tuple[float, float] | None, seconds: float) -> Twist2D:

@@ -7,6 +7,9 @@ from typing import Any
 from robot_nodes.robot import (
     CMD_VEL,
     BaseFacts,
+    Battery,
+    CameraFacts,
+    Frame,
     HeadFacts,
     HeadPosition,
     LaserFacts,
@@ -14,29 +17,38 @@ from robot_nodes.robot import (
     Odometry,
     Picture,
     Pose2D,
+    Rank,
     Robot,
+    SonarReading,
+    TorsoFacts,
+    Twist2D,
 )
+from sim.battery import FULL, Cells
 from sim.camera import Camera, PictureSize
 from sim.contacts import ContactCounter
 from sim.description import Description, load_description
-from sim.drive import CommandMultiplexer, DifferentialBase, WheelOdometry
+from sim.drive import CommandMultiplexer, DifferentialBase, WheelErrors, WheelOdometry
 from sim.engine import pybullet
 from sim.faults import Fault, Faults
-from sim.laser import Laser, Outlines
+from sim.kinematics import Kinematics
+from sim.laser import Laser, Moved
 from sim.model import Model
-from sim.schedule import Rank
+from sim.outlines import Outlines
+from sim.schedule import Schedule
 from sim.show import frames, robot_parts, world_parts
-from sim.world import PHYSICS_RATE, World
+from sim.sonar import Sonars
+from sim.visible import Visible
+from sim.world import World
 
 _SETTLING = 0.5  # s in which the wheels find the floor before the run begins
 
 
 class Body(Robot):
-    """A differential base with a planar laser and perhaps a head and a camera, standing in *world*.
+    """A differential base with a planar laser and perhaps head, torso, camera and sonars, in *world*.
 
-    The start pose is drawn by the scene's rule from the world's seed. When this returns there is a scan
-    and an odometry, both of time 0. What the Robot protocol does not offer (the true pose, contacts, the
-    way driven) is for whoever judges a run, not for leaves.
+    The start pose is drawn by the scene's rule from the world's seed, its battery begins at *battery*
+    (percent). When this returns there is a scan and an odometry, both of time 0. What the Robot protocol does
+    not offer (the true pose, contacts, the way driven) is for whoever judges a run, not for leaves.
     """
 
     def __init__(
@@ -46,10 +58,13 @@ class Body(Robot):
         *,
         camera: PictureSize | None = None,
         faults: Sequence[Fault] = (),
+        battery: float = FULL,
     ) -> None:
         self.world = world
         self.description = description if description is not None else load_description()
         self._faults = Faults(faults)
+        self.cells = Cells(battery)
+        """The battery: its level, the lowest that there was, how often it was filled."""
         wheels = self.description.wheels
         start = world.scene.start(world.random("start"), self.description.base.radius)
         self.model = Model(world, self.description, start)
@@ -60,39 +75,59 @@ class Body(Robot):
         self._camera_link = self.model.link(self.description.camera.link) if self.description.camera else -1
         head = self.description.head
         self._head = [self.model.joint(head.pan), self.model.joint(head.tilt)] if head else []
+        torso = self.description.torso
+        self._torso = [self.model.joint(torso.joint)] if torso else []
+        self._kinematics = Kinematics(self.description)
+        self._joints = [self.model.joint(name) for name in self._kinematics.joints]
         self._base = DifferentialBase(self.description.base, wheels.radius, wheels.separation)
         self._sources = CommandMultiplexer()
         self._rates: tuple[float, float] | None = None
         self.look(0.0, 0.0)
+        self.lift(0.0)
         self._obey(0)
         world.settle(_SETTLING)
         self.contacts = ContactCounter(world.client, self.model.number, world.floor)
         self._place = self.model.place()[0]
         self.distance = 0.0
         """The length (m) of the way driven, in truth."""
-        still = [thing for thing in world.scene.things if thing.mass == 0.0]
+        still = [thing for thing in world.scene.things if thing.still]
         facts = self.description.laser.facts
-        self._laser = Laser(facts, Outlines(still), world.random("laser"), world.client, world.movable)
+        moved = Moved(world.client, {body: world.bodies[body] for body in world.movable})
+        self._laser = Laser(facts, Outlines.of(still), world.random("laser"), moved)
         self._camera = (
-            Camera(world.client, self.description.camera, camera)
+            Camera(Visible(world, self.model), self.description.camera, camera)
             if camera and self.description.camera
             else None
         )
+        mounts = self.description.sonars
+        self._sonar_links = [self.model.link(mount.link) for mount in mounts]
+        self._sonars = Sonars(world.client, mounts)
         angles = self.model.angles(self._wheels)
-        self._dead_reckoning = WheelOdometry(wheels.radius, wheels.separation, angles)
+        errors = WheelErrors(self.description.odometry, world.random("odometry"))
+        self._dead_reckoning = WheelOdometry(wheels.radius, wheels.separation, angles, errors)
         self._odometry = self._dead_reckoning.update(angles, 0)
+        self.started = self.true_pose()
+        """Where the base stood, in truth, at time 0."""
         self._scan: LaserScan | None = None
         self._sense_laser(0)
         every = world.schedule.every
-        every(facts.rate, Rank.SENSORS, self._sense_laser, first=round(1e9 / facts.rate))
-        rate = self.description.odometry_rate
-        every(rate, Rank.SENSORS, self._sense_wheels, first=round(1e9 / rate))
+        every(facts.rate, Rank.SENSORS, self._sense_laser)
+        every(self.description.odometry.rate, Rank.SENSORS, self._sense_wheels)
+        self._heard: tuple[SonarReading, ...] = ()
+        if mounts:
+            self._sense_sonars(0)
+            every(self.description.sonar_rate, Rank.SENSORS, self._sense_sonars)
         world.around_steps(self._before_step, self._after_step)
 
     @property
     def clock(self) -> World:
         """The world: to wait on this clock is to run it."""
         return self.world
+
+    @property
+    def schedule(self) -> Schedule:
+        """What runs while somebody waits on the clock."""
+        return self.world.schedule
 
     @property
     def base(self) -> BaseFacts:
@@ -109,6 +144,20 @@ class Body(Robot):
         """The head's limits, or None without a head."""
         return self.description.head.facts if self.description.head else None
 
+    @property
+    def lens(self) -> CameraFacts | None:
+        """The camera's geometry, or None without a camera."""
+        return self._camera.facts if self._camera is not None else None
+
+    @property
+    def torso(self) -> TorsoFacts | None:
+        """The torso's limits, or None for a robot whose torso is fixed."""
+        return self.description.torso.facts if self.description.torso else None
+
+    def frames(self) -> list[Frame]:
+        """Where links and sensors are now, below ``base_footprint``, as the joints tell."""
+        return self._kinematics.frames(self.model.angles(self._joints), self.world.now())
+
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         """Ask for *v* (m/s) and *w* (rad/s); see `Robot.drive`."""
         if not (math.isfinite(v) and math.isfinite(w)):
@@ -121,6 +170,10 @@ class Body(Robot):
         """Stand still, whoever asked for what before."""
         self._sources.clear()
         self._base.command(0.0, 0.0, self.world.now())
+
+    def asked(self) -> Twist2D:
+        """The velocity that was asked for last, as it was asked for; zero once it has lapsed."""
+        return self._base.asked(self.world.now())
 
     def scan(self) -> LaserScan | None:
         """The newest scan; its ranges are read-only."""
@@ -154,10 +207,38 @@ class Body(Robot):
         now = self.world.now()
         return self._camera.picture(self.model, self._camera_link, now, self._faults.dead("camera", now))
 
+    def sonars(self) -> tuple[SonarReading, ...]:
+        """The newest reading of every sonar."""
+        return self._heard
+
+    def battery(self) -> Battery:
+        """The battery; an empty one drives no more."""
+        return Battery(self.cells.level, self.world.now())
+
+    def recharge(self) -> None:
+        """Fill the battery at once."""
+        self.cells.fill()
+
+    def lift(self, height: float) -> None:
+        """Bring the torso to *height* (m), held within its limits, at its speed."""
+        torso = self.description.torso
+        if torso is not None:
+            height = min(max(height, torso.facts.lift_min), torso.facts.lift_max)
+            self.model.hold(self._torso[0], height, torso.force, torso.facts.speed)
+
+    def lifted(self) -> float | None:
+        """How high (m) the torso is now, or None without one that lifts."""
+        return self.model.angles(self._torso)[0] if self._torso else None
+
     def true_pose(self) -> Pose2D:
         """Where the base truly is, in the frame of the world."""
         place, turned = self.model.place()
         return Pose2D(place[0], place[1], pybullet.getEulerFromQuaternion(turned)[2])
+
+    def carry(self, pose: Pose2D) -> None:
+        """Stand at *pose* as if somebody had carried the robot: its wheels tell nothing of it."""
+        self.model.put(pose)
+        self._place = self.model.place()[0]
 
     def twist_asked(self) -> tuple[float, float]:
         """The velocity (m/s, rad/s) that the wheels are asked for now."""
@@ -196,6 +277,7 @@ class Body(Robot):
 
     def _before_step(self, now: int) -> None:
         self._obey(now)
+        self.cells.drain(self._base.asked(now), 1.0 / self.world.rate)
         self.contacts.before_step(now)
 
     def _after_step(self, now: int) -> None:
@@ -205,7 +287,8 @@ class Body(Robot):
         self.contacts.after_step(now)
 
     def _obey(self, now: int) -> None:
-        self._base.step(now, 1.0 / PHYSICS_RATE)
+        seconds = 1.0 / self.world.rate
+        self._base.step(now, seconds, obeys=not self.cells.empty)
         left, right = self._base.wheel_rates()
         if self._faults.dead("wheel", now):
             left = 0.0
@@ -227,3 +310,6 @@ class Body(Robot):
     def _sense_wheels(self, now: int) -> None:
         if not self._faults.dead("odometry", now):
             self._odometry = self._dead_reckoning.update(self.model.angles(self._wheels), now)
+
+    def _sense_sonars(self, now: int) -> None:
+        self._heard = self._sonars.read([self.model.link_place(link) for link in self._sonar_links], now)

@@ -44,7 +44,7 @@ class ContactCounter:
         self._client = client
         self._robot = robot
         self._floor = floor
-        self._links = range(pybullet.getNumJoints(robot, physicsClientId=client))
+        self._links = list(range(pybullet.getNumJoints(robot, physicsClientId=client)))
         self._open: dict[int, Contact] = {}
         self._near: list[int] = []
         self._moving: dict[tuple[int, int], Velocity] = {}
@@ -64,8 +64,8 @@ class ContactCounter:
         self._moving.clear()
         self._note(self._robot)
         if self._near:
-            for link in self._links:
-                state = pybullet.getLinkState(self._robot, link, 1, physicsClientId=self._client)
+            states = pybullet.getLinkStates(self._robot, self._links, 1, physicsClientId=self._client)
+            for link, state in zip(self._links, states, strict=True):
                 self._moving[self._robot, link] = (state[6], state[7], state[0])
             for body in self._near:
                 self._note(body)
@@ -101,7 +101,11 @@ class ContactCounter:
     def _velocity(self, body: int, link: int, at: Sequence[float]) -> tuple[float, float, float]:
         moving = self._moving.get((body, link)) or self._moving.get((body, -1))
         if moving is None:
-            return 0.0, 0.0, 0.0
+            # Who was not near before: what stands still, or what is led, whose velocity no contact changes.
+            if pybullet.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0.0:
+                return 0.0, 0.0, 0.0
+            self._note(body)
+            moving = self._moving[body, -1]
         (vx, vy, vz), (wx, wy, wz), middle = moving
         x, y, z = (a - m for a, m in zip(at, middle, strict=True))
         return vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x

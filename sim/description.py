@@ -1,14 +1,16 @@
 """Robots as data: what a body is made of, and what it can do, read from a small JSON file.
 
 tiago.json beside this file is the example: the URDF (a path from the JSON file), the wheels, the base's
-limits and footprint, the laser, and, for a robot that has them, head and camera. Sensors sit on a link of the
-URDF at a ``position`` (m), facing forward. Lengths are metres, angles radians, frequencies hertz.
+limits and footprint, the laser, and, for a robot that has them, head, torso, camera and sonars. Sensors
+sit on a link of the URDF at a ``position`` (m), facing forward; a sonar may be turned by ``yaw``. ``frames``
+lists further frames, each fixed to a link or to another frame. Lengths are metres, angles radians,
+frequencies hertz.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from robot_nodes.robot import BaseFacts, HeadFacts, LaserFacts
+from robot_nodes.robot import BaseFacts, HeadFacts, LaserFacts, TorsoFacts
 from sim.records import Record, read_record
 
 TIAGO = Path(__file__).parent / "tiago.json"
@@ -68,6 +70,53 @@ class HeadJoints:
 
 
 @dataclass(frozen=True, slots=True)
+class TorsoJoint:
+    """The joint that lifts the torso, and its motor's *force* (N)."""
+
+    facts: TorsoFacts
+    joint: str
+    force: float
+
+
+@dataclass(frozen=True, slots=True)
+class SonarMount:
+    """A sonar on *link* at *position* (m), facing *yaw* (rad); *fov* (rad) is the cone's whole angle."""
+
+    frame: str
+    link: str
+    position: Point
+    yaw: float
+    fov: float
+    range_min: float
+    range_max: float
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryFacts:
+    """How often (Hz) the wheels are read, and how wrong they are.
+
+    *scale_sigma* is the spread of each wheel's scale, drawn once a run: what is taken for its radius against
+    what it is. *slip* is the part of its turning that the base doesn't make though the wheels tell of it, and
+    *slip_sigma* the spread of that from reading to reading. All are fractions, and 0 is perfect.
+    """
+
+    rate: float
+    scale_sigma: float
+    slip: float
+    slip_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class FixedFrame:
+    """A frame that stays where it is in *parent*: *position* (m), turned by *rpy* (rad; about x, y, z)."""
+
+    name: str
+    parent: str
+    position: Point
+    rpy: Point
+
+
+@dataclass(frozen=True, slots=True)
 class HeldJoint:
     """A joint that is held at *position* with *force* (N or N·m) and at most *speed* (m/s or rad/s)."""
 
@@ -86,11 +135,19 @@ class Description:
     height: float
     wheels: Wheels
     base: BaseFacts
-    odometry_rate: float
+    odometry: OdometryFacts
     laser: LaserMount
     head: HeadJoints | None
+    torso: TorsoJoint | None
     camera: CameraMount | None
+    sonar_rate: float
+    sonars: tuple[SonarMount, ...]
+    frames: tuple[FixedFrame, ...]
     held: tuple[HeldJoint, ...]
+
+
+PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)
+"""The odometry of a robot whose description says nothing of it."""
 
 
 def load_description(path: Path = TIAGO) -> Description:
@@ -105,10 +162,14 @@ def load_description(path: Path = TIAGO) -> Description:
         height=record.number("height", over=0.0),
         wheels=_wheels(record.record("wheels")),
         base=_base(record.record("base")),
-        odometry_rate=record.number("odometry_rate", 50.0, over=0.0),
+        odometry=_odometry(record.record("odometry")) if record.has("odometry") else PERFECT,
         laser=_laser(record.record("laser")),
         head=_head(record.record("head")) if record.has("head") else None,
+        torso=_torso(record.record("torso")) if record.has("torso") else None,
         camera=_camera(record.record("camera")) if record.has("camera") else None,
+        sonar_rate=record.number("sonar_rate", 5.0, over=0.0),
+        sonars=tuple(map(_sonar, record.records("sonars"))) if record.has("sonars") else (),
+        frames=tuple(map(_frame, record.records("frames"))) if record.has("frames") else (),
         held=tuple(map(_held, record.records("held"))) if record.has("held") else (),
     )
     record.finish()
@@ -191,6 +252,54 @@ def _camera(record: Record) -> CameraMount:
     )
     record.finish()
     return mount
+
+
+def _torso(record: Record) -> TorsoJoint:
+    low, high = record.numbers("limits", [2])
+    if low >= high:
+        raise record.mistake(f"'limits' is [{low:g}, {high:g}], and the second has to be greater")
+    facts = TorsoFacts(low, high, record.number("speed", over=0.0))
+    joint = TorsoJoint(facts, record.text("joint"), record.number("force", over=0.0))
+    record.finish()
+    return joint
+
+
+def _sonar(record: Record) -> SonarMount:
+    mount = SonarMount(
+        frame=record.text("frame"),
+        link=record.text("link"),
+        position=_point(record, "position"),
+        yaw=record.number("yaw", 0.0),
+        fov=record.number("fov", over=0.0),
+        range_min=record.number("range_min", over=0.0),
+        range_max=record.number("range_max", over=0.0),
+    )
+    if mount.range_max <= mount.range_min:
+        raise record.mistake("'range_max' has to be greater than 'range_min'")
+    record.finish()
+    return mount
+
+
+def _odometry(record: Record) -> OdometryFacts:
+    facts = OdometryFacts(
+        rate=record.number("rate", PERFECT.rate, over=0.0),
+        scale_sigma=record.number("scale_sigma", 0.0),
+        slip=record.number("slip", 0.0),
+        slip_sigma=record.number("slip_sigma", 0.0),
+    )
+    if min(facts.scale_sigma, facts.slip_sigma) < 0.0:
+        raise record.mistake("'scale_sigma' and 'slip_sigma' are spreads, and can't be below 0")
+    record.finish()
+    return facts
+
+
+def _frame(record: Record) -> FixedFrame:
+    roll, pitch, yaw = record.numbers("rpy", [3], [0.0, 0.0, 0.0])
+    frame = FixedFrame(
+        record.text("name"), record.text("parent"), _point(record, "position"), (roll, pitch, yaw)
+    )
+    record.finish()
+    return frame
 
 
 def _held(record: Record) -> HeldJoint:

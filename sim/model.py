@@ -72,6 +72,14 @@ class Model:
         place, turned = pybullet.getBasePositionAndOrientation(self.number, physicsClientId=self._client)
         return place, turned
 
+    def put(self, pose: Pose2D) -> None:
+        """Stand the body at *pose*, upright and as high as it is now, and at rest."""
+        height = self.place()[0][2]
+        turned = [0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)]
+        engine = {"physicsClientId": self._client}
+        pybullet.resetBasePositionAndOrientation(self.number, [pose.x, pose.y, height], turned, **engine)
+        pybullet.resetBaseVelocity(self.number, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], **engine)
+
     def link_place(self, link: int) -> Placed:
         """Where a link's frame is in the world."""
         if link < 0:

@@ -49,6 +49,24 @@ class Record:
             raise self.mistake(f"'{key}' is {json.dumps(value)}, and a list of {wanted} numbers is expected")
         return [float(one) for one in value]
 
+    def rows(self, key: str, length: int) -> list[list[float]]:
+        """A list of lists of *length* numbers each, empty if the field is missing."""
+        value = self._field(key, [])
+        if not isinstance(value, list) or not all(_is_row(one, length) for one in value):
+            raise self.mistake(
+                f"'{key}' is {json.dumps(value)}, and a list of [{length} numbers] is expected"
+            )
+        return [[float(part) for part in one] for one in value]
+
+    def points(self, key: str) -> dict[str, tuple[float, float]]:
+        """An object of points [x, y] by name, empty if the field is missing."""
+        value = self._field(key, {})
+        if not isinstance(value, dict):
+            raise self.mistake(f"'{key}' is {json.dumps(value)}, and an object of points [x, y] is expected")
+        inner = Record(value, self._inner(key))
+        points = {name: inner.numbers(name, [2]) for name in value}
+        return {name: (x, y) for name, (x, y) in points.items()}
+
     def text(self, key: str, default: str | None = None, *, among: Sequence[str] = ()) -> str:
         """A text, one of *among* if that is given."""
         value = self._field(key, default)
@@ -136,6 +154,10 @@ def read_record(path: Path, what: str) -> Record:
     if not isinstance(data, dict):
         raise SimError(f"{path}: {what} is a JSON object {{…}}, and this is something else")
     return Record(data, str(path))
+
+
+def _is_row(value: object, length: int) -> bool:
+    return isinstance(value, list) and len(value) == length and all(map(_is_number, value))
 
 
 def _is_number(value: object) -> bool:

@@ -1,5 +1,6 @@
 """The robot for ``btcore run``: its options, the body that leaves are given, and what it reports."""
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robot_nodes.robot import BaseFacts, Robot
+from robot_nodes.robot import BaseFacts, Pose2D, Robot, Waypoints
 from sim.mistakes import SimError
 
 if TYPE_CHECKING:
     from sim.body import Body
+    from sim.events import Events
+    from sim.judge import Judge
 
 
 class SimMistake(click.ClickException):
@@ -23,6 +26,8 @@ class SimMistake(click.ClickException):
 class RobotExtension:
     """Offers a `Robot` in a simulated world to trees that ask for one; others start no simulator."""
 
+    serves = "leaf that asks for a robot"
+    """Without which its options do nothing."""
     options: Sequence[click.Option] = (
         click.Option(
             ["--world"],
@@ -46,23 +51,68 @@ class RobotExtension:
             help="The size and rate of pictures; they are drawn only when a leaf asks for one.",
         ),
         click.Option(
+            ["--battery"],
+            type=click.FloatRange(0.0, 100.0),
+            default=100.0,
+            show_default=True,
+            metavar="PERCENT",
+            help="How full the robot's battery is at the start.",
+        ),
+        click.Option(
             ["--fault"],
             multiple=True,
             metavar="PART:START-END",
             help="Let laser, odometry, camera or wheel fail between two times (s); repeatable.",
         ),
+        click.Option(
+            ["--people"],
+            type=click.IntRange(min=0),
+            default=0,
+            show_default=True,
+            metavar="N",
+            help="People who walk about in the world; they stop before the robot.",
+        ),
+        click.Option(
+            ["--obstacles"],
+            type=click.IntRange(min=0),
+            default=0,
+            show_default=True,
+            metavar="N",
+            help="Boxes at random places that no map has.",
+        ),
+        click.Option(
+            ["--event"],
+            multiple=True,
+            metavar="KIND:TIME",
+            help="box:30 drops a box before the robot at 30 s, kidnap:60 carries it away; repeatable.",
+        ),
     )
 
     def __init__(self) -> None:
         self._body: Body | None = None
+        self._events: Events | None = None
         self._report: dict[str, object] = {}
 
-    def provide(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[object]:
-        """The robot in its world, if a type in *wanted* is `Robot`; a user's mistake is a `SimMistake`."""
-        if not any(Robot in getattr(kind, "__mro__", ()) for kind in wanted):
+    def provide(
+        self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object] = ()
+    ) -> Sequence[object]:
+        """The robot in its world and the world's map, as far as *wanted* has `Robot` and `OccupancyMap`.
+
+        A user's mistake is a `SimMistake`.
+        """
+        robot = any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
+        # Whoever wants a map has loaded this module: where it isn't loaded nobody does.
+        maps = getattr(sys.modules.get("robot_nodes.navigation.map"), "OccupancyMap", None)
+        charted = maps is not None and maps in wanted
+        if not (robot or charted):
             return ()
+        found: list[object] = []
         try:
-            self._body = _make(settings)
+            if robot:
+                self._body, self._events = _make(settings)
+                found += [self._body, _waypoints(self._body)]
+            if charted:
+                found.append(_chart(settings))
         except SimError as mistake:
             raise SimMistake(str(mistake)) from mistake
         except ModuleNotFoundError as missing:
@@ -70,7 +120,7 @@ class RobotExtension:
                 f"the simulated robot needs the module '{missing.name}'; "
                 "you can have it: pip install 'btcore[sim]'"
             ) from missing
-        return (self._body,)
+        return found
 
     @contextmanager
     def attach(
@@ -78,26 +128,47 @@ class RobotExtension:
     ) -> Iterator[None]:
         """Stop the robot when the run ends, however it ends, note how it went, and close the world."""
         body = self._body
+        judge = _judge(body, resources) if body is not None else None
         try:
             yield
         finally:
-            if body is not None:
+            if body is not None and judge is not None:
                 body.stop()
-                self._report = {"robot": _report(body)}
+                self._report = {"robot": {**_report(body), **judge.figures()}}
+                if self._events is not None:
+                    self._report["events"] = self._events.happened
                 body.world.close()
                 self._body = None
 
     def report(self) -> dict[str, object]:
-        """``{"robot": {"distance_m", "collisions", "grazes", "pose"}}`` of a run that has ended."""
+        """``{"robot": {"distance_m", "collisions", "grazes", "pose", …}}`` of a run that has ended.
+
+        What else is in it, `Judge.figures` tells.
+        With people or events also ``"events"``, a list of what happened, when (s) and where (m).
+        """
         return self._report
 
 
-def _make(settings: Mapping[str, Any]) -> "Body":
+def _waypoints(body: "Body") -> Waypoints:
+    places = body.world.scene.waypoints
+    return Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in places.items()})
+
+
+def _chart(settings: Mapping[str, Any]) -> object:
+    from sim.rasterise import rasterise
+    from sim.scene import load_scene
+
+    return rasterise(load_scene(settings.get("world", "arena")))
+
+
+def _make(settings: Mapping[str, Any]) -> "tuple[Body, Events | None]":
     # Here and not above: a tree without a robot must not load the physics engine.
     from sim.body import Body
     from sim.camera import parse_camera
     from sim.description import TIAGO, load_description
+    from sim.events import parse_event
     from sim.faults import parse_fault
+    from sim.life import Life
     from sim.scene import load_scene
     from sim.world import World
 
@@ -105,11 +176,20 @@ def _make(settings: Mapping[str, Any]) -> "Body":
     _check_rate(settings.get("rate"), description.base)
     camera = parse_camera(settings.get("camera", "off"))
     faults = [parse_fault(text) for text in settings.get("fault", ())]
-    scene = load_scene(settings.get("world", "arena"))
-    world = World(
-        scene, seed=settings.get("seed", 0), fast=settings.get("fast", False), gui=settings.get("gui", False)
-    )
-    return Body(world, description, camera=camera, faults=faults)
+    events = [parse_event(text) for text in settings.get("event", ())]
+    life = Life(settings.get("people", 0), settings.get("obstacles", 0), events)
+    seed = settings.get("seed", 0)
+    scene = life.scene(load_scene(settings.get("world", "arena")), seed)
+    world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
+    level = settings.get("battery", 100.0)
+    body = Body(world, description, camera=camera, faults=faults, battery=level)
+    return body, life.begin(world, body, description.base.radius)
+
+
+def _judge(body: "Body", resources: Sequence[object]) -> "Judge":
+    from sim.judge import Judge, navigator_among
+
+    return Judge(body, navigator_among(resources))
 
 
 def _check_rate(rate: float | None, base: BaseFacts) -> None:

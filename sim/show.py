@@ -84,7 +84,7 @@ def _thing(scene: str, thing: Thing) -> dict[str, Any]:
         "quaternion": [0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2)],
         "color": list(thing.color),
     }
-    if thing.mass > 0.0:
+    if not thing.still:
         part |= {"frame": thing.name, "position": [0.0, 0.0, 0.0], "quaternion": UPRIGHT}
     if thing.kind == "box":
         part["size"] = list(thing.size)

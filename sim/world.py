@@ -16,15 +16,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from robot_nodes.robot import Rank
 from sim.engine import pybullet
 from sim.mistakes import SimError
-from sim.scene import Scene, Thing
-from sim.schedule import NS_PER_S, Rank, Schedule
+from sim.scene import PHYSICS_RATE, Rectangle, Scene, Thing
+from sim.schedule import NS_PER_S, Schedule
 
-PHYSICS_RATE = 240
-"""Steps of the physics a second of simulated time; with 50 solver iterations a base drives true to 0.2 %."""
+__all__ = ["PHYSICS_RATE", "Pacer", "World", "extent", "generator"]
 
 SOLVER_ITERATIONS = 50
+"""With these a base drives true to 0.2 % at 240 steps a second, and to 0.4 % at 120."""
 
 # Collision groups: a pair collides when each one's group is in the other's mask.
 MOVABLE, STATIC, GROUND_LINK, FLOOR, HULL = 1, 2, 4, 8, 16
@@ -47,15 +48,18 @@ class World:
         self._disconnect = weakref.finalize(self, pybullet.disconnect, self.client)
         engine = {"physicsClientId": self.client}
         pybullet.setGravity(0.0, 0.0, -9.81, **engine)
-        pybullet.setTimeStep(1.0 / PHYSICS_RATE, **engine)
+        self.rate = scene.physics_rate
+        """Steps of the physics a second."""
+        pybullet.setTimeStep(1.0 / self.rate, **engine)
         pybullet.setPhysicsEngineParameter(
             numSolverIterations=SOLVER_ITERATIONS, deterministicOverlappingPairs=1, **engine
         )
         self.floor = self._make_floor()
         self.bodies = {self._make(thing): thing for thing in scene.things}
         """Every thing of the scene by its body's number in the engine."""
-        self.movable = tuple(body for body, thing in self.bodies.items() if thing.mass > 0.0)
-        self.schedule.every(PHYSICS_RATE, Rank.PHYSICS, self._step, first=NS_PER_S // PHYSICS_RATE)
+        self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
+        """The bodies that don't always stay where they are: a push moves them, or `lead` does."""
+        self.schedule.every(self.rate, Rank.PHYSICS, self._step)
 
     def now(self) -> int:
         """The simulated time (ns) since the start."""
@@ -79,7 +83,7 @@ class World:
 
     def random(self, purpose: str) -> np.random.Generator:
         """A random generator that depends on seed and *purpose* alone, so that no use disturbs another."""
-        return np.random.default_rng([self._seed, zlib.crc32(purpose.encode())])
+        return generator(self._seed, purpose)
 
     def around_steps(self, before: Callable[[int], None], after: Callable[[int], None]) -> None:
         """Call *before* and *after* with the time (ns) of every step of the physics."""
@@ -88,8 +92,22 @@ class World:
 
     def settle(self, seconds: float) -> None:
         """Let the physics come to rest for *seconds* (s) in which no time passes."""
-        for _ in range(round(seconds * PHYSICS_RATE)):
+        for _ in range(round(seconds * self.rate)):
             pybullet.stepSimulation(physicsClientId=self.client)
+
+    def led(self, prefix: str) -> list[int]:
+        """The bodies for `lead` whose things' names begin with *prefix*, in the scene's order."""
+        return [body for body, thing in self.bodies.items() if thing.led and thing.name.startswith(prefix)]
+
+    def lead(self, body: int, x: float, y: float, yaw: float, *, z: float = 0.0, v: float = 0.0) -> None:
+        """Put a thing that is led at x, y, z (m) with heading *yaw* (rad), to go on that way at *v* (m/s)."""
+        engine = {"physicsClientId": self.client}
+        middle = [x, y, z + self.bodies[body].size[2] / 2]
+        turned = [0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)]
+        pybullet.resetBasePositionAndOrientation(body, middle, turned, **engine)
+        # The engine moves a body without mass by its velocity, and asks nothing in its way.
+        speed = [v * math.cos(yaw), v * math.sin(yaw), 0.0]
+        pybullet.resetBaseVelocity(body, speed, [0.0, 0.0, 0.0], **engine)
 
     def close(self) -> None:
         """Free the engine. The world can't be used afterwards; a second call does nothing."""
@@ -170,18 +188,19 @@ class Pacer:
         return wake.is_set()
 
 
-def extent(scene: Scene) -> tuple[float, float, float, float]:
+def generator(seed: int, purpose: str) -> np.random.Generator:
+    """The random generator that a world of *seed* has for *purpose*."""
+    return np.random.default_rng([seed, zlib.crc32(purpose.encode())])
+
+
+def extent(scene: Scene) -> Rectangle:
     """The rectangle (x and y from, x and y to, m) that holds the scene; in an empty one, some floor."""
     x0, y0, x1, y1 = scene.area
     if not scene.things:
         return x0 - _OPEN, y0 - _OPEN, x1 + _OPEN, y1 + _OPEN
-    for thing in scene.things:
-        cos, sin = abs(math.cos(thing.yaw)), abs(math.sin(thing.yaw))
-        half_x = (cos * thing.size[0] + sin * thing.size[1]) / 2
-        half_y = (sin * thing.size[0] + cos * thing.size[1]) / 2
-        x0, x1 = min(x0, thing.position[0] - half_x), max(x1, thing.position[0] + half_x)
-        y0, y1 = min(y0, thing.position[1] - half_y), max(y1, thing.position[1] + half_y)
-    return x0, y0, x1, y1
+    outlines = [thing.outline() for thing in scene.things if not thing.parked]
+    lows, highs = [(x0, y0), *(one[:2] for one in outlines)], [(x1, y1), *(one[2:] for one in outlines)]
+    return *map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))
 
 
 def _connect(gui: bool) -> int:

@@ -2,7 +2,9 @@
 
 import math
 import threading
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,9 @@ import pytest
 from robot_nodes.robot import (
     CMD_VEL,
     BaseFacts,
+    Battery,
+    CameraFacts,
+    Frame,
     HeadFacts,
     HeadPosition,
     LaserFacts,
@@ -17,7 +22,10 @@ from robot_nodes.robot import (
     Odometry,
     Picture,
     Pose2D,
+    Rank,
     Robot,
+    SonarReading,
+    TorsoFacts,
     Twist2D,
 )
 from robot_nodes.testing import check_robot
@@ -26,12 +34,38 @@ SECOND = 1_000_000_000
 STEP = SECOND // 100
 
 
+class PlainSchedule:
+    """Tasks, run by whoever steps the time."""
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.tasks: list[list[Any]] = []
+
+    def every(
+        self, hertz: float, rank: Rank, task: Callable[[int], None], *, first: int | None = None
+    ) -> Callable[[], None]:
+        period = round(SECOND / hertz)
+        entry = [self.now + period if first is None else first, rank, period, task]
+        self.tasks.append(entry)
+        return lambda: self.tasks.remove(entry)
+
+    def run(self, now: int) -> None:
+        self.now = now
+        for entry in sorted(self.tasks, key=lambda one: (one[0], one[1])):
+            while entry[0] <= now:
+                entry[0] += entry[2]
+                entry[3](now)
+
+
 class PlainRobot(Robot):
     """A point that drives as asked, with a laser in an empty room, on a clock that it steps itself."""
 
     def __init__(self) -> None:
         self.time = 0
-        self.asked = Twist2D(0.0, 0.0)
+        self.tasks = PlainSchedule()
+        self.level = 50.0
+        self.height = 0.0
+        self.goal = Twist2D(0.0, 0.0)
         self.heard = -SECOND
         self.rank = CMD_VEL
         self.twist = Twist2D(0.0, 0.0)
@@ -49,11 +83,12 @@ class PlainRobot(Robot):
         while self.time < deadline and not wake.is_set():
             self.time = min(deadline, self.time + STEP)
             self.step(STEP / SECOND)
+            self.tasks.run(self.time)
         return wake.is_set()
 
     def step(self, seconds: float) -> None:
-        lapsed = self.time - self.heard > self.base.command_timeout * SECOND
-        goal = Twist2D(0.0, 0.0) if lapsed else self.asked
+        goal = self.asked()
+        self.level -= (0.5 * math.hypot(goal.v, goal.w) + 0.01) * seconds
         v_step, w_step = self.base.v_rate * seconds, self.base.w_rate * seconds
         v = self.twist.v + min(max(goal.v - self.twist.v, -v_step), v_step)
         w = self.twist.w + min(max(goal.w - self.twist.w, -w_step), w_step)
@@ -62,6 +97,10 @@ class PlainRobot(Robot):
         self.pose = Pose2D(
             x + v * seconds * math.cos(yaw), y + v * seconds * math.sin(yaw), yaw + w * seconds
         )
+
+    @property
+    def schedule(self) -> PlainSchedule:
+        return self.tasks
 
     @property
     def base(self) -> BaseFacts:
@@ -79,13 +118,17 @@ class PlainRobot(Robot):
         if priority < self.rank and self.time - self.heard <= SECOND // 2:
             return
         self.rank, self.heard = priority, self.time
-        self.asked = Twist2D(
+        self.goal = Twist2D(
             min(max(v, self.base.v_min), self.base.v_max), min(max(w, -self.base.w_max), self.base.w_max)
         )
 
     def stop(self) -> None:
         self.rank = CMD_VEL
-        self.asked, self.heard = Twist2D(0.0, 0.0), self.time
+        self.goal, self.heard = Twist2D(0.0, 0.0), self.time
+
+    def asked(self) -> Twist2D:
+        lapsed = self.time - self.heard > self.base.command_timeout * SECOND
+        return Twist2D(0.0, 0.0) if lapsed else self.goal
 
     def scan(self) -> LaserScan | None:
         facts = self.laser
@@ -109,12 +152,62 @@ class PlainRobot(Robot):
     def head(self) -> HeadPosition | None:
         return HeadPosition(*self.gaze, self.time)
 
+    @property
+    def lens(self) -> CameraFacts | None:
+        return CameraFacts(3, 2, 2.0, 2.0, 1.0, 0.5, 0.1, 10.0, 10.0, "camera")
+
     def camera(self) -> Picture | None:
-        return Picture(np.zeros((2, 3, 3), dtype=np.uint8), self.time, "camera")
+        depth = np.array([[1.0, 2.0, np.inf], [0.5, 9.0, np.inf]], dtype=np.float32)
+        return Picture(np.zeros((2, 3, 3), dtype=np.uint8), self.time, "camera", depth)
+
+    def frames(self) -> Sequence[Frame]:
+        level = (0.0, 0.0, 0.0, 1.0)
+        return [
+            Frame("base_link", "base_footprint", (0.0, 0.0, 0.1), level, self.time),
+            Frame("laser", "base_link", (0.2, 0.0, 0.0), level, self.time),
+            Frame("sonar", "base_link", (-0.2, 0.0, 0.0), level, self.time),
+            Frame("camera", "laser", (0.0, 0.0, 0.3), (-0.5, 0.5, -0.5, 0.5), self.time),
+        ]
+
+    def sonars(self) -> Sequence[SonarReading]:
+        return [SonarReading(math.inf, self.time, 0.5, 0.02, 1.0, "sonar")]
+
+    def battery(self) -> Battery | None:
+        return Battery(self.level, self.time)
+
+    def recharge(self) -> None:
+        self.level = 100.0
+
+    @property
+    def torso(self) -> TorsoFacts | None:
+        return TorsoFacts(0.0, 0.3, 0.1)
+
+    def lift(self, height: float) -> None:
+        self.height = min(max(height, 0.0), 0.3)
+
+    def lifted(self) -> float | None:
+        return self.height
 
 
-def test_a_plain_robot_passes():
-    check_robot(PlainRobot)
+class BareRobot(PlainRobot):
+    """Says nothing of what not every robot has."""
+
+    torso, lens = Robot.torso, Robot.lens
+    sonars, battery, recharge, lift, lifted = (
+        Robot.sonars,
+        Robot.battery,
+        Robot.recharge,
+        Robot.lift,
+        Robot.lifted,
+    )
+
+    def camera(self) -> Picture | None:
+        return None
+
+
+@pytest.mark.parametrize("robot", [PlainRobot, BareRobot])
+def test_a_plain_robot_passes(robot: type[PlainRobot]):
+    check_robot(robot)
 
 
 class Deaf(PlainRobot):
@@ -206,6 +299,91 @@ class LastWordWins(PlainRobot):
         super().drive(v, w)
 
 
+class LateSchedule(PlainRobot):
+    @property
+    def schedule(self) -> PlainSchedule:
+        schedule = PlainSchedule()
+        schedule.now = self.time
+        return schedule
+
+
+class ForeverAfter(PlainSchedule):
+    def every(self, *given: Any, **named: Any) -> Callable[[], None]:
+        super().every(*given, **named)
+        return lambda: None
+
+
+class NeverEnds(PlainRobot):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tasks = ForeverAfter()
+
+
+class NoLaserFrame(PlainRobot):
+    def frames(self) -> Sequence[Frame]:
+        return [frame for frame in super().frames() if frame.child != "laser"]
+
+
+class InPieces(PlainRobot):
+    def frames(self) -> Sequence[Frame]:
+        return [
+            replace(frame, parent=frame.parent.replace("base_link", "torso")) for frame in super().frames()
+        ]
+
+
+class TwoParents(PlainRobot):
+    def frames(self) -> Sequence[Frame]:
+        return [*super().frames(), replace(super().frames()[1], parent="base_footprint")]
+
+
+class LongQuaternion(PlainRobot):
+    def frames(self) -> Sequence[Frame]:
+        return [replace(frame, quaternion=(1.0, 0.0, 0.0, 1.0)) for frame in super().frames()]
+
+
+class Portrait(PlainRobot):
+    @property
+    def lens(self) -> CameraFacts | None:
+        return CameraFacts(2, 3, 2.0, 2.0, 1.0, 0.5, 0.1, 10.0, 10.0, "camera")
+
+
+class ShallowPicture(PlainRobot):
+    def camera(self) -> Picture | None:
+        picture = super().camera()
+        assert picture is not None
+        return replace(picture, depth=np.zeros((2, 3), dtype=np.float32))
+
+
+class LoudSonar(PlainRobot):
+    def sonars(self) -> Sequence[SonarReading]:
+        return [replace(sonar, range=1.0001) for sonar in super().sonars()]
+
+
+class Elevator(PlainRobot):
+    def lift(self, height: float) -> None:
+        self.height = height
+
+
+class Forgetful(PlainRobot):
+    def asked(self) -> Twist2D:
+        return Twist2D(0.0, 0.0)
+
+    def step(self, seconds: float) -> None:
+        self.asked = super().asked  # type: ignore[method-assign]
+        super().step(seconds)
+        del self.asked
+
+
+class PerpetuumMobile(PlainRobot):
+    def battery(self) -> Battery | None:
+        return Battery(50.0, self.time)
+
+
+class WornOut(PlainRobot):
+    def recharge(self) -> None:
+        self.level = 80.0
+
+
 class Restless(PlainRobot):
     def odometry(self) -> Odometry:
         return replace(super().odometry(), twist=Twist2D(0.1, 0.0))
@@ -228,6 +406,19 @@ class Restless(PlainRobot):
         (Unstoppable, "was told to stop"),
         (LastWordWins, "won over one of priority 90"),
         (Restless, "without a command a robot stands"),
+        (LateSchedule, "a task at 20 Hz ran 0 times"),
+        (NeverEnds, "a task was ended, and runs on"),
+        (NoLaserFrame, "'laser' is not among the frames"),
+        (InPieces, "the way up ends at 'torso'"),
+        (TwoParents, "it has one parent"),
+        (LongQuaternion, "has length 1.414"),
+        (Portrait, "as high and wide as the lens says"),
+        (ShallowPicture, "depth is in metres"),
+        (LoudSonar, "over its range_max"),
+        (Elevator, "the torso was sent to 1.30 m"),
+        (Forgetful, r"w = 0.3 was asked for"),
+        (PerpetuumMobile, "took nothing from the battery"),
+        (WornOut, "was recharged, and is at 80 %"),
     ],
 )
 def test_a_breach_is_found_and_said(robot: type[PlainRobot], said: str):

@@ -1,11 +1,13 @@
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import pytest
 
 from robot_nodes.robot import Pose2D
 from sim.body import Body
-from sim.description import TIAGO, Description, load_description
+from sim.camera import PictureSize
+from sim.description import PERFECT, TIAGO, Description, load_description
 from sim.faults import Fault
 from sim.scene import Scene, Thing
 from sim.world import World
@@ -45,14 +47,28 @@ def stand() -> Iterator[Stand]:
         seed: int = 0,
         faults: Sequence[Fault] = (),
         description: Description | None = None,
+        physics_rate: int = 240,
+        camera: PictureSize | None = None,
+        battery: float = 100.0,
     ) -> Body:
-        scene = Scene("test", "", things, (-5, -5, 5, 5), 0.0, Pose2D(*pose), WHITE)
+        scene = Scene(
+            "test", "", things, (-5, -5, 5, 5), 0.0, Pose2D(*pose), WHITE, physics_rate=physics_rate
+        )
         worlds.append(World(scene, seed=seed))
-        return Body(worlds[-1], description or load_description(TIAGO), faults=faults)
+        robot = description or load_description(TIAGO)
+        return Body(worlds[-1], robot, camera=camera, faults=faults, battery=battery)
 
     yield make
     for world in worlds:
         world.close()
+
+
+@pytest.fixture
+def exact() -> Description:
+    """A Tiago whose laser and wheels tell the truth."""
+    tiago = load_description(TIAGO)
+    facts = replace(tiago.laser.facts, sigma=0.0)
+    return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, facts=facts))
 
 
 @pytest.fixture

@@ -34,24 +34,36 @@ def test_commands_that_are_no_numbers_are_refused(stand):
         stand().drive(math.nan, 0.0)
 
 
+@pytest.mark.parametrize("rate", [120, 240])
 @pytest.mark.parametrize(("v", "w"), [(0.3, 0.0), (-0.2, 0.0), (0.0, 0.5), (0.3, 0.5), (1.0, 1.0)])
-def test_odometry_agrees_with_the_truth(stand, steer, v: float, w: float):
-    body = stand()
+def test_odometry_without_errors_agrees_with_the_truth(stand, steer, exact, v: float, w: float, rate: int):
+    body = stand(description=exact, physics_rate=rate)
     steer(body, 10.0, (v, w))
     true, said = body.true_pose(), body.odometry().pose
     assert math.hypot(true.x - said.x, true.y - said.y) < 0.02
     assert math.remainder(true.yaw - said.yaw, 2 * math.pi) == pytest.approx(0.0, abs=0.01)
 
 
-def test_ten_seconds_straight_are_three_metres_less_the_ramp(stand, steer):
-    body = stand()
+@pytest.mark.parametrize("rate", [120, 240])
+def test_ten_seconds_straight_are_three_metres_less_the_ramp(stand, steer, rate: int):
+    body = stand(physics_rate=rate)
     steer(body, 10.0, (0.3, 0.0))
     assert body.true_pose().x == pytest.approx(3.0 - 0.045, abs=0.02)
     assert body.distance == pytest.approx(3.0 - 0.045, abs=0.02)
 
 
-def test_the_velocity_is_reached_by_the_ramp(stand):
-    body = stand()
+@pytest.mark.parametrize("rate", [120, 240])
+def test_ten_seconds_on_the_spot_are_five_radians_less_the_ramp(stand, steer, rate: int):
+    body = stand(physics_rate=rate)
+    steer(body, 10.0, (0.0, 0.5))
+    true = body.true_pose()
+    assert true.yaw == pytest.approx(4.941 - 2 * math.pi, abs=0.02)
+    assert math.hypot(true.x, true.y) < 0.01
+
+
+@pytest.mark.parametrize("rate", [120, 240])
+def test_the_velocity_is_reached_by_the_ramp(stand, rate: int):
+    body = stand(physics_rate=rate)
     for tick in range(1, 11):
         body.drive(1.0, 0.0)
         body.world.wait_until(tick * SECOND // 10, threading.Event())
@@ -104,13 +116,28 @@ def test_the_head_turns_at_its_speed(stand, steer):
     assert body.head().pan == pytest.approx(1.2, abs=0.02)
 
 
-def test_the_camera_is_where_the_data_sheet_has_it(stand):
+def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(stand, steer):
     body = stand()
-    world = World(body.world.scene)
-    seeing = Body(world, camera=PictureSize(32, 24, 10.0))
-    eye, _ = seeing._camera.pose(seeing.model, seeing._camera_link)
+    assert body.lifted() == pytest.approx(0.0, abs=0.001)
+    body.lift(0.15)
+    steer(body, 1.0, None)
+    assert body.lifted() == pytest.approx(0.07, abs=0.01)
+    steer(body, 1.5, None)
+    assert body.lifted() == pytest.approx(0.15, abs=0.002)
+    body.lift(9.0)
+    steer(body, 4.0, None)
+    assert body.lifted() == pytest.approx(0.35, abs=0.002)
+    assert body.torso.lift_max == 0.35
+
+
+def test_the_camera_is_where_the_data_sheet_has_it(stand, steer):
+    body = stand(camera=PictureSize(32, 24, 10.0))
+    eye, _ = body._camera.pose(body.model, body._camera_link)
     assert eye == pytest.approx((0.2158, 0.022, 1.0665), abs=0.006)
-    world.close()
+    body.lift(0.2)
+    steer(body, 4.0, None)
+    eye, _ = body._camera.pose(body.model, body._camera_link)
+    assert eye[2] == pytest.approx(1.2665, abs=0.006)
 
 
 def test_the_camera_sees_what_is_ahead(box):

@@ -43,6 +43,21 @@ def test_another_robot_is_driven_by_its_own_figures(tmp_path: Path, stand: Any, 
     assert body.camera() is None
 
 
+def test_a_robot_of_which_little_is_said_has_little(tmp_path: Path, stand: Any):
+    def bare(data: dict[str, Any]) -> None:
+        for part in ("head", "torso", "camera", "sonars", "frames", "odometry"):
+            del data[part]
+
+    body = stand(description=load_description(write(tmp_path, bare)))
+    body.lift(0.3)
+    assert (body.torso, body.lifted(), body.lens, body.camera()) == (None, None, None, None)
+    assert body.sonars() == ()
+    assert body.description.odometry.scale_sigma == 0.0
+    names = {frame.child for frame in body.frames()}
+    assert {"base_link", "base_laser_link", "head_2_link"} <= names
+    assert not [name for name in names if "sonar" in name or "camera" in name]
+
+
 def test_a_robot_without_a_head_has_none(tmp_path: Path, stand: Any):
     body = stand(description=load_description(write(tmp_path, lambda data: data.pop("head"))))
     body.look(0.3, 0.0)
@@ -64,6 +79,10 @@ def test_a_robot_without_a_head_has_none(tmp_path: Path, stand: Any):
         (lambda d: d["laser"].update(angle_max=-3.0), "'angle_max' has to be greater than 'angle_min'"),
         (lambda d: d["laser"].update(rate="10"), "'rate' is \"10\", and a number is expected"),
         (lambda d: d.update(wings={}), "'wings' is unknown"),
+        (lambda d: d["torso"].update(limits=[0.3, 0.1]), r"torso: 'limits' is \[0.3, 0.1\]"),
+        (lambda d: d["odometry"].update(slip_sigma=-1), "'slip_sigma' are spreads, and can't be below 0"),
+        (lambda d: d["sonars"][1].update(range_min=2.0), r"sonars\[1\]: 'range_max' has to be greater"),
+        (lambda d: d["frames"][0].pop("parent"), r"frames\[0\]: 'parent' is missing"),
     ],
 )
 def test_a_mistake_in_a_description_is_told(tmp_path: Path, change: Any, said: str):

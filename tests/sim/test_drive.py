@@ -3,12 +3,14 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_nodes.robot import BaseFacts, Twist2D
-from sim.drive import CommandMultiplexer, DifferentialBase, WheelOdometry, wrap
+from robot_nodes.robot import BaseFacts, Odometry, Pose2D, Twist2D
+from sim.description import OdometryFacts
+from sim.drive import CommandMultiplexer, DifferentialBase, WheelErrors, WheelOdometry, wrap
 
 SECOND = 1_000_000_000
 STEP = 1 / 240
@@ -96,6 +98,57 @@ def test_dead_reckoning_of_a_circle_comes_back():
             assert (reading.pose.x, reading.pose.y) == pytest.approx((0.0, 2.0), abs=1e-4)
     assert (reading.pose.x, reading.pose.y, reading.pose.yaw) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert reading.twist.v == pytest.approx(2 * math.pi / turns)
+
+
+def noisy(seed: int, facts: OdometryFacts, left: float, right: float) -> Odometry:
+    """The odometry after a thousand readings in which each wheel has turned so far in all (rad)."""
+    errors = WheelErrors(facts, np.random.default_rng(seed))
+    odometry = WheelOdometry(0.1, 0.4, (0.0, 0.0), errors)
+    for k in range(1, 1001):
+        reading = odometry.update((left * k / 1000, right * k / 1000), k * SECOND // 50)
+    return reading
+
+
+def test_wheels_of_wrong_size_tell_a_wrong_way_and_a_drift():
+    facts = OdometryFacts(50.0, 0.01, 0.0, 0.0)
+    ways = [noisy(seed, facts, 10.0, 10.0) for seed in range(200)]
+    drifts = [reading.pose.yaw for reading in ways]
+    assert np.std(drifts) == pytest.approx(0.01 * math.sqrt(2.0) / 0.4, rel=0.2)
+    assert np.mean(drifts) == pytest.approx(0.0, abs=0.01)
+
+
+def test_slip_tells_of_more_turning_than_there_is():
+    facts = OdometryFacts(50.0, 0.0, 0.02, 0.03)
+    turned = [noisy(seed, facts, -5.0, 5.0).pose.yaw for seed in range(100)]
+    assert np.mean(turned) == pytest.approx(2.5 * 1.02, rel=0.001)
+    assert np.std(turned) == pytest.approx(2.5 * 0.03 / math.sqrt(1000), rel=0.3)
+
+
+def test_straight_ahead_nothing_slips():
+    assert noisy(1, OdometryFacts(50.0, 0.0, 0.02, 0.03), 10.0, 10.0).pose == Pose2D(
+        pytest.approx(1.0), 0.0, 0.0
+    )
+
+
+def test_the_same_seed_has_the_same_errors():
+    facts = OdometryFacts(50.0, 0.001, 0.02, 0.03)
+    assert noisy(3, facts, 8.0, 9.0) == noisy(3, facts, 8.0, 9.0)
+    assert noisy(3, facts, 8.0, 9.0) != noisy(4, facts, 8.0, 9.0)
+
+
+def test_what_was_asked_for_is_told_as_it_was_given_until_it_lapses():
+    drive = base()
+    drive.command(3.0, -0.5, SECOND)
+    assert drive.asked(SECOND + SECOND // 4) == Twist2D(3.0, -0.5)
+    assert drive.asked(SECOND + SECOND // 4 + 1) == Twist2D(0.0, 0.0)
+
+
+def test_a_base_that_does_not_obey_comes_to_rest():
+    drive = base()
+    drive.command(0.2, 0.0, 0)
+    drive.step(1, 1.0)
+    assert drive.step(2, 0.1, obeys=False).v == pytest.approx(0.1)
+    assert drive.step(3, 0.1, obeys=False) == Twist2D(0.0, 0.0)
 
 
 @given(st.floats(-100.0, 100.0))

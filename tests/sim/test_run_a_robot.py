@@ -35,7 +35,14 @@ def test_the_robots_figures_join_the_json(run: Run) -> None:
     assert result.exit_code == 0, result.output
     assert list(data) == ["status", "ticks", "time_s", "real_time_factor", "nodes", "robot"]
     assert (data["ticks"], data["time_s"]) == (30, 3.0)
-    assert list(data["robot"]) == ["distance_m", "collisions", "grazes", "pose"]
+    assert list(data["robot"]) == [
+        "distance_m",
+        "collisions",
+        "grazes",
+        "pose",
+        "battery_min",
+        "odometry_error_m",
+    ]
     assert data["robot"]["distance_m"] > 0.1
 
 
@@ -58,6 +65,13 @@ def test_the_same_seed_gives_the_same_line_twice_in_one_process(run: Run) -> Non
 
     assert line(3) == line(3)
     assert line(3) != line(4)
+
+
+def test_a_battery_to_begin_with(run: Run) -> None:
+    result = run("bumpgo", "--fast", "--duration", "2", "--battery", "25", "--camera", "off", "--json")
+    data = json.loads(result.stdout.splitlines()[-1])
+    assert 24.0 < data["robot"]["battery_min"] < 25.0
+    refused(run("bumpgo", "--fast", "--battery", "120"), "--battery", "120")
 
 
 def test_a_world_that_does_not_exist(run: Run) -> None:

@@ -120,6 +120,29 @@ def test_an_unknown_world_is_answered_with_the_nearest_and_the_list():
         load_scene("arena_bokses")
 
 
+def test_a_table_is_a_top_on_four_legs(tmp_path: Path):
+    table = {"name": "desk", "kind": "table", "size": [1.2, 0.6, 0.7], "position": [1, 2], "yaw": math.pi / 2}
+    top, *legs = load_scene(write(tmp_path, objects=[{**table, "top": 0.05, "leg": 0.1}])).things
+    assert (top.name, top.kind, top.size) == ("desk_top", "box", (1.2, 0.6, 0.05))
+    assert top.position == pytest.approx((1.0, 2.0, 0.65))
+    assert [leg.name for leg in legs] == [f"desk_leg_{number}" for number in (1, 2, 3, 4)]
+    assert {(round(leg.position[0], 6), round(leg.position[1], 6)) for leg in legs} == {
+        (0.75, 1.45),
+        (0.75, 2.55),
+        (1.25, 1.45),
+        (1.25, 2.55),
+    }
+    assert all(leg.size == pytest.approx((0.1, 0.1, 0.65)) and leg.position[2] == 0.0 for leg in legs)
+
+
+def test_a_world_may_give_waypoints_keep_outs_and_its_physics_rate(tmp_path: Path):
+    scene = load_scene(write(tmp_path, waypoints={"wp1": [1, 2]}, keepout=[[0, 0, 1, 2]], physics_rate=120))
+    assert (scene.waypoints, scene.keepout) == ({"wp1": (1.0, 2.0)}, ((0.0, 0.0, 1.0, 2.0),))
+    assert scene.physics_rate == 120
+    bare = load_scene(write(tmp_path))
+    assert (bare.waypoints, bare.keepout, bare.physics_rate) == ({}, (), 240)
+
+
 BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
 
 
@@ -142,6 +165,19 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
         ({"start": {}}, "start: 'area' is missing"),
         ({"start": None}, "'start' is null, and an object is expected"),
         ({"wind": 3}, "'wind' is unknown"),
+        (
+            {"objects": [{**BOX, "kind": "table", "leg": 0.6}]},
+            "a 'top' of 0.04 m and legs of 0.6 m don't fit",
+        ),
+        ({"objects": [{**BOX, "kind": "table", "mass": 2}]}, r"objects\[0\]: 'mass' is unknown"),
+        (
+            {"waypoints": [[0, 0]]},
+            r"'waypoints' is \[\[0, 0\]\], and an object of points \[x, y\] is expected",
+        ),
+        ({"waypoints": {"wp1": [0]}}, r"waypoints: 'wp1' is \[0\], and a list of 2 numbers is expected"),
+        ({"keepout": [[0, 0, 1]]}, r"'keepout' is .* a list of \[4 numbers\] is expected"),
+        ({"keepout": [[1, 0, 0, 1]]}, r"'keepout' has \[1, 0, 0, 1\], and x and y from, then x and y to"),
+        ({"physics_rate": 0}, "'physics_rate' is 0, and a whole number of at least 1 is expected"),
     ],
 )
 def test_a_mistake_in_a_world_is_told_with_its_address(tmp_path: Path, changes: dict[str, object], said: str):

@@ -3,13 +3,14 @@
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 
-from robot_nodes.robot import Robot
+from robot_nodes.robot import GoalOutcome, Pose2D, Robot
 from sim.run import RobotExtension, SimMistake
 
 SETTINGS: dict[str, Any] = {
@@ -40,7 +41,11 @@ def test_its_options():
         "gui",
         "robot",
         "camera",
+        "battery",
         "fault",
+        "people",
+        "obstacles",
+        "event",
     ]
 
 
@@ -58,7 +63,7 @@ def test_the_engine_is_loaded_without_a_word():
 
 def test_a_run_from_providing_to_the_report():
     extension = RobotExtension()
-    (robot,) = extension.provide(SETTINGS, [int, Robot])
+    robot, *_ = extension.provide(SETTINGS, [int, Robot])
     assert isinstance(robot, Robot)
     with extension.attach(object(), [robot], SETTINGS):
         for tick in range(1, 21):
@@ -70,9 +75,30 @@ def test_a_run_from_providing_to_the_report():
     assert set(report["pose"]) == {"x", "y", "yaw"}
 
 
+class Navigator:
+    """Somebody who is lost for good, and has failed once."""
+
+    def estimate(self) -> Pose2D | None:
+        return None
+
+    def outcomes(self) -> Sequence[GoalOutcome]:
+        return [GoalOutcome(Pose2D(9.0, 9.0, 0.0), "ABORTED", 0)]
+
+
+def test_who_navigates_is_judged():
+    extension = RobotExtension()
+    robot, *_ = extension.provide({**SETTINGS, "battery": 30.0}, [Robot])
+    with extension.attach(object(), [robot, Navigator()], SETTINGS):
+        robot.clock.wait_until(1_000_000_000, threading.Event())
+        robot.recharge()
+    report: Any = extension.report()["robot"]
+    assert report["battery_min"] == pytest.approx(29.99)
+    assert (report["recharges"], report["goals_failed"], report["waypoints_visited"]) == (1, 1, [])
+
+
 def test_a_run_that_fails_is_reported_too():
     extension = RobotExtension()
-    (robot,) = extension.provide(SETTINGS, [Robot])
+    robot, *_ = extension.provide(SETTINGS, [Robot])
     with pytest.raises(ZeroDivisionError), extension.attach(object(), [robot], SETTINGS):
         raise ZeroDivisionError
     assert extension.report()["robot"]
@@ -110,7 +136,7 @@ def test_a_users_mistake_is_one_sentence_and_exit_code_2(changes: dict[str, Any]
 
 
 def test_four_ticks_a_second_are_enough():
-    (robot,) = RobotExtension().provide({**SETTINGS, "rate": 4.0}, [Robot])
+    robot, *_ = RobotExtension().provide({**SETTINGS, "rate": 4.0}, [Robot])
     for tick in range(1, 13):
         robot.drive(0.2, 0.0)
         robot.clock.wait_until(tick * 250_000_000, threading.Event())

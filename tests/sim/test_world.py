@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from robot_nodes.robot import Pose2D
+from robot_nodes.robot import Pose2D, Rank
 from sim.body import Body
 from sim.scene import Scene, load_scene
-from sim.schedule import Rank, Schedule
+from sim.schedule import Schedule
 from sim.world import World
 
 SECOND = 1_000_000_000

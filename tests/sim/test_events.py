@@ -1,0 +1,208 @@
+"""What happens to a robot in the middle of a run: how it is written, and where and when it happens."""
+
+import math
+import threading
+
+import pytest
+
+from robot_nodes.robot import Pose2D
+from sim.body import Body
+from sim.drive import wrap
+from sim.engine import pybullet
+from sim.events import AHEAD, CLEAR, FAR, SIDE, Event, Events, ahead_of, parse_event
+from sim.floor import Floor
+from sim.life import Life
+from sim.mistakes import SimError
+from sim.obstacles import FROM_WAYPOINTS, PASSAGE
+from sim.scene import load_scene
+from sim.world import World
+
+SECOND = 1_000_000_000
+
+
+def test_how_events_are_written():
+    assert parse_event("box:30") == Event("box", 30 * SECOND, AHEAD, 0.0)
+    assert parse_event("box:30.5@2") == Event("box", 30.5 * SECOND, 2.0, 0.0)
+    assert parse_event("box:30@2,-0.3") == Event("box", 30 * SECOND, 2.0, -0.3)
+    assert parse_event(" kidnap:60 ") == Event("kidnap", 60 * SECOND)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("bx:3", r"did you mean 'box'\? what can happen is box, kidnap"),
+        ("rain:3", "what can happen is box, kidnap"),
+        ("box", "the form is KIND:TIME"),
+        ("box:soon", "the form is KIND:TIME"),
+        ("box:-3", "the form is KIND:TIME"),
+        ("box:3@0.5", r"0\.5 m is too near to avoid a box: 1\.5 m ahead or more is not"),
+        ("kidnap:3@2", "only a box has a distance; kidnap:3 is enough"),
+    ],
+)
+def test_an_event_written_wrongly_is_explained(text: str, said: str):
+    with pytest.raises(SimError, match=said):
+        parse_event(text)
+
+
+@pytest.fixture
+def meet():
+    """A robot in a world in which *events* happen."""
+    worlds = []
+
+    def make(name: str, *events: str, seed: int = 1, people: int = 0) -> tuple[Body, Events]:
+        life = Life(people, 0, [parse_event(text) for text in events])
+        worlds.append(World(life.scene(load_scene(name), seed), seed=seed))
+        body = Body(worlds[-1])
+        begun = life.begin(worlds[-1], body, body.base.radius)
+        assert begun is not None
+        return body, begun
+
+    yield make
+    for world in worlds:
+        world.close()
+
+
+def go(body: Body, seconds: float, v: float = 0.3, w: float = 0.0) -> None:
+    end = body.world.now() + round(seconds * SECOND)
+    while body.world.now() < end:
+        body.drive(v, w)
+        body.world.wait_until(body.world.now() + SECOND // 10, threading.Event())
+
+
+def test_a_box_drops_ahead_and_is_seen_and_shown(meet):
+    body, events = meet("house", "box:1@1.6,0.1")
+    body.carry(Pose2D(-8.0, -0.5, 0.0))
+    number = body.world.led("dropped_box_")[0]
+    go(body, 0.9)
+    assert events.happened == []
+    go(body, 0.3)
+    (happened,) = events.happened
+    assert (happened["event"], happened["t"]) == ("box", 1.0)
+    pose = body.true_pose()
+    assert happened["x"] - SIDE / 2 - 0.27 - pose.x == pytest.approx(1.6, abs=0.08)
+    assert happened["y"] - pose.y == pytest.approx(0.1, abs=0.02)
+    scan = body.scan()
+    assert scan.ranges[len(scan.ranges) // 2] == pytest.approx(1.6 + 0.07, abs=0.3)
+    frames = {frame[0]: frame for frame in body.scene_moving()["frames"]}
+    name = body.world.bodies[number].name
+    assert frames[name][2] == pytest.approx([happened["x"], happened["y"], SIDE / 2], abs=1e-3)
+    assert name in {part["frame"] for part in body.scene_static()["parts"]}
+
+
+def test_driving_into_a_dropped_box_is_a_collision(meet):
+    body, events = meet("house", "box:1")
+    body.carry(Pose2D(-8.0, -0.5, 0.0))
+    go(body, 12.0)
+    assert len(events.happened) == 1
+    assert body.contacts.collisions == 1
+
+
+def test_no_box_drops_before_a_robot_that_stands_or_turns(meet):
+    body, events = meet("house", "box:0")
+    go(body, 2.0, 0.0, 0.0)
+    go(body, 2.0, 0.1, 0.5)
+    assert events.happened == []
+
+
+@pytest.mark.parametrize(
+    ("pose", "fits"),
+    [
+        ((-8.0, -0.5, 0.0), True),
+        ((0.0, 0.0, 0.0), False),  # the alcove's wall is 2 m ahead
+        ((0.0, -3.0, -math.pi / 2), True),
+        ((2.6, 2.55, 0.0), False),  # at the end of the way
+        ((-1.0, -12.5, math.pi), False),  # a wall is in between
+        ((-5.5, -12.4, 0.0), False),  # into a corner between wall and bookcase
+        ((1.0, -10.0, -math.pi / 2), False),  # onto the waypoint
+    ],
+)
+def test_where_a_box_fits(meet, pose: tuple[float, float, float], fits: bool):
+    body, events = meet("house", "box:100")
+    here = Pose2D(*pose)
+    box = ahead_of(here, 0.27, Event("box", 0.0), body.world.bodies[body.world.led("dropped")[0]])
+    assert events.fits(box, here) == fits
+
+
+def test_wherever_a_box_fits_there_is_a_way_past_and_it_is_far_enough(meet):
+    body, events = meet("aws_house", "box:100")
+    scene, floor, random = body.world.scene, Floor.of(body.world.scene), body.world.random("test")
+    parked = body.world.bodies[body.world.led("dropped")[0]]
+    found = 0
+    for _ in range(300):
+        place = floor.draw(random, 0.4)
+        pose = Pose2D(*place, random.uniform(-math.pi, math.pi))
+        box = ahead_of(pose, 0.27, Event("box", 0.0), parked)
+        if events.fits(box, pose):
+            found += 1
+            assert box.distance(pose.x, pose.y) - 0.27 == pytest.approx(AHEAD)
+            assert all(box.distance(*point) >= FROM_WAYPOINTS for point in scene.waypoints.values())
+            after = floor.with_block(box)
+            assert after.connected(list(scene.waypoints.values()), 0.32)
+            sides = [box_side(pose, box, side) for side in (1.0, -1.0)]
+            assert max(scene.free(*side) for side in sides) >= PASSAGE / 2
+    assert found >= 30
+
+
+def box_side(pose: Pose2D, box, side: float) -> tuple[float, float]:
+    """The middle of the passage beside a box on one side of the course."""
+    aside = side * (SIDE / 2 + PASSAGE / 2)
+    return box.position[0] - math.sin(pose.yaw) * aside, box.position[1] + math.cos(pose.yaw) * aside
+
+
+@pytest.mark.parametrize("name", ["house", "aws_house"])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_kidnapped_robot_stands_clear_and_far_away_and_knows_nothing(meet, name: str, seed: int):
+    body, events = meet(name, "kidnap:2", seed=seed)
+    go(body, 1.9, 0.1, 0.0)
+    before, odometry, way = body.true_pose(), body.odometry().pose, body.distance
+    go(body, 0.2, 0.1, 0.0)
+    (happened,) = events.happened
+    assert (happened["event"], happened["t"]) == ("kidnap", 2.0)
+    after = body.true_pose()
+    assert math.dist((before.x, before.y), (after.x, after.y)) > FAR
+    assert body.world.scene.free(after.x, after.y) >= body.base.radius + CLEAR - 0.05
+    assert math.dist((odometry.x, odometry.y), (body.odometry().pose.x, body.odometry().pose.y)) < 0.06
+    assert body.distance - way < 0.06
+    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
+    go(body, 1.0, 0.1, 0.0)
+    moved = body.true_pose()
+    assert math.dist((after.x, after.y), (moved.x, moved.y)) == pytest.approx(0.1, abs=0.04)
+    assert math.atan2(moved.y - after.y, moved.x - after.x) == pytest.approx(moved.yaw, abs=0.1)
+
+
+def test_nobody_is_kidnapped_while_standing(meet):
+    body, events = meet("house", "kidnap:1")
+    go(body, 3.0, 0.0, 0.0)
+    assert events.happened == []
+
+
+def test_a_person_is_seen_where_it_is_and_keeps_from_a_robot_that_stands(meet):
+    body, _ = meet("arena", "kidnap:1000", people=1)
+    (number,) = body.world.led("person_")
+    hits = 0
+    for _ in range(300):
+        body.world.wait_until(body.world.now() + SECOND // 10, threading.Event())
+        scan, pose = body.scan(), body.true_pose()
+        (x, y, _), _ = pybullet.getBasePositionAndOrientation(number, physicsClientId=body.world.client)
+        laser = (pose.x + 0.202 * math.cos(pose.yaw), pose.y + 0.202 * math.sin(pose.yaw))
+        bearing = wrap(math.atan2(y - laser[1], x - laser[0]) - pose.yaw)
+        ray = round((bearing - scan.angle_min) / scan.angle_increment)
+        if 0 <= ray < len(scan.ranges):
+            assert scan.ranges[ray] == pytest.approx(math.dist(laser, (x, y)) - 0.25, abs=0.3)
+            hits += 1
+    assert hits > 20
+    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
+
+
+@pytest.mark.parametrize("side", range(8))
+def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(meet, side: int):
+    body, _ = meet("aws_house", "kidnap:1000", people=1)
+    (number,) = body.world.led("person_")
+    begun = body.world.schedule.now
+    around = side * math.pi / 4
+    for step in range(24):
+        away = 1.0 - 0.025 * step
+        x, y = away * math.cos(around), away * math.sin(around)
+        body.world.lead(number, x, y, wrap(around + math.pi), v=0.5)
+        body.world.wait_until(begun + (step + 1) * SECOND // 20, threading.Event())
+    assert (body.contacts.collisions, body.contacts.grazes) == (1, 0)

@@ -1,0 +1,203 @@
+"""The two houses against the facts they are drawn after: rooms, doors, clearances, ways, colours."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from skimage.graph import MCP_Geometric
+
+from robot_nodes.robot import Pose2D
+from sim.body import Body
+from sim.camera import PictureSize
+from sim.floor import Floor
+from sim.outlines import Outlines
+from sim.rasterise import LASER_HEIGHT, rasterise
+from sim.scene import Scene, load_scene
+from sim.world import World
+
+HOUSES = ["house", "aws_house"]
+NAVIGATION_RADIUS = 0.3
+
+WAYPOINTS = {  # x, y and the distance to the nearest thing in the laser's plane, all in m
+    "house": {
+        "start": (0.0, 0.0, 1.94),
+        "recharge": (3.67, -0.24, 1.03),
+        "wp1": (1.07, -12.38, 1.09),
+        "wp2": (-5.32, -8.85, 0.83),
+        "wp3": (-0.56, 0.24, 2.08),
+    },
+    "aws_house": {
+        "start": (0.0, 0.0, 1.60),
+        "recharge": (-1.0, 4.14, 1.28),
+        "wp1": (6.70, -2.54, 2.03),
+        "wp2": (0.45, -3.90, 1.53),
+        "wp3": (-6.01, -0.30, 1.08),
+    },
+}
+BOUNDS = {"house": (-9.93, -14.10, 5.47, 3.60), "aws_house": (-9.37, -5.60, 9.33, 5.55)}
+FLOOR = {"house": 181.9, "aws_house": 126.7}  # m² that a robot of 0.3 m radius can reach
+WIDEST = {"house": 0.75, "aws_house": 1.05}  # m: the largest radius for which all waypoints are connected
+WAYS = {  # m, 8-connected, for a radius of 0.3 m
+    "house": {
+        ("start", "recharge"): 6.15,
+        ("start", "wp1"): 13.53,
+        ("start", "wp2"): 13.79,
+        ("start", "wp3"): 0.65,
+        ("recharge", "wp1"): 18.39,
+        ("recharge", "wp2"): 19.85,
+        ("recharge", "wp3"): 6.5,
+        ("wp1", "wp2"): 7.8,
+        ("wp2", "wp3"): 13.34,
+        ("wp3", "wp1"): 14.01,
+    },
+    "aws_house": {
+        ("start", "recharge"): 4.56,
+        ("start", "wp1"): 7.74,
+        ("start", "wp2"): 4.09,
+        ("start", "wp3"): 6.12,
+        ("recharge", "wp1"): 10.45,
+        ("recharge", "wp2"): 8.65,
+        ("recharge", "wp3"): 8.4,
+        ("wp1", "wp2"): 6.83,
+        ("wp2", "wp3"): 7.94,
+        ("wp3", "wp1"): 13.61,
+    },
+}
+DOORS = {  # from and to, in the middle of the wall (m)
+    "house": [
+        ((-7.5, -1.98), (-5.43, -1.98)),
+        ((-0.6, -1.98), (2.0, -1.98)),
+        ((-2.7, -11.45), (-2.7, -9.25)),
+        ((1.0, -7.4), (2.65, -7.4)),
+        ((2.12, 1.75), (2.12, 3.35)),
+    ],
+    "aws_house": [((-2.4, -2.75), (-2.4, 0.55)), ((4.68, -4.3), (4.68, 2.0)), ((-3.8, -1.5), (-2.7, -1.5))],
+}
+
+
+@pytest.fixture(params=HOUSES)
+def house(request: pytest.FixtureRequest) -> Scene:
+    return load_scene(request.param)
+
+
+def test_waypoints_are_where_they_are(house: Scene):
+    assert house.waypoints == {name: (x, y) for name, (x, y, _) in WAYPOINTS[house.name].items()}
+
+
+def test_the_robot_starts_where_the_book_says(house: Scene):
+    for seed in range(1, 21):
+        assert house.start(np.random.default_rng(seed), 0.27) == house.pose
+    assert (house.pose.x, house.pose.y, house.pose.yaw) == (0.0, 0.0, 0.0)
+
+
+def test_there_is_as_much_room_around_each_waypoint(house: Scene):
+    for name, (x, y, clearance) in WAYPOINTS[house.name].items():
+        seen = min(thing.distance(x, y) for thing in house.things if thing.meets(LASER_HEIGHT))
+        assert seen == pytest.approx(clearance, abs=0.15), name
+        assert house.free(x, y) >= 0.75, f"{name}, with what the laser does not see"
+
+
+def test_a_waypoints_every_way_to_another_is_as_long(house: Scene):
+    floor = Floor.of(house)
+    costs = np.where(floor.rooms >= NAVIGATION_RADIUS, 1.0, -1.0)
+    found = {}
+    for start, end in WAYS[house.name]:
+        search = MCP_Geometric(costs, fully_connected=True)
+        reached, _ = search.find_costs([floor.map.cell(*house.waypoints[start])])
+        found[start, end] = reached[floor.map.cell(*house.waypoints[end])] * floor.map.resolution
+    assert found == {pair: pytest.approx(length, rel=0.1) for pair, length in WAYS[house.name].items()}
+
+
+def test_the_narrowest_place_is_as_wide(house: Scene):
+    floor, points = Floor.of(house), list(house.waypoints.values())
+    assert floor.connected(points, NAVIGATION_RADIUS)
+    assert floor.connected(points, WIDEST[house.name] - 0.1)
+    assert not floor.connected(points, WIDEST[house.name] + 0.2)
+
+
+def test_the_floor_is_as_large_and_the_house_too(house: Scene):
+    map = rasterise(house)
+    area = np.count_nonzero(Floor(map).rooms >= NAVIGATION_RADIUS) * map.resolution**2
+    assert area == pytest.approx(FLOOR[house.name], rel=0.03)
+    assert map.bounds == pytest.approx(BOUNDS[house.name], abs=0.25)
+
+
+def test_every_door_is_as_wide(house: Scene):
+    for start, end in DOORS[house.name]:
+        for part in np.linspace(0.02, 0.98, 60):
+            x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
+            assert all(thing.distance(x, y) > 0.0 for thing in house.things), (start, end, part)
+
+
+def test_no_ray_leaves_the_house(house: Scene):
+    outlines = Outlines.of(house.things)
+    around = np.linspace(-math.pi, math.pi, 3600, endpoint=False)
+    map = rasterise(house)
+    random = np.random.default_rng(5)
+    places = [*house.waypoints.values(), *(Floor(map).draw(random, 0.27) for _ in range(60))]
+    for (x, y), height in itertools.product(places, (LASER_HEIGHT, 1.07, 2.4)):
+        assert np.isfinite(outlines.distances(x, y, height, around)).all(), (x, y, height)
+
+
+def test_walls_are_straight_high_and_15_to_20_cm_thick(house: Scene):
+    walls = [thing for thing in house.things if thing.name.startswith("wall_")]
+    assert len(walls) >= 12
+    for wall in walls:
+        assert (wall.yaw, wall.position[2], wall.size[2]) == (0.0, 0.0, 2.5)
+        assert 0.15 - 1e-9 <= min(wall.size[:2]) <= 0.2 + 1e-9
+
+
+def test_a_house_is_a_few_dozen_bodies(house: Scene):
+    assert 40 <= len(house.things) <= 70
+
+
+def test_what_the_laser_looks_under_is_kept_out_of(house: Scene):
+    map = rasterise(house)
+    tops = [thing for thing in house.things if thing.name.endswith("_top")]
+    assert len(tops) >= 2
+    kept = map.kept_out()
+    for top in tops:
+        assert not top.meets(LASER_HEIGHT)
+        assert kept[map.cell(*top.position[:2])]
+        assert map.cells[map.cell(*top.position[:2])] == 0
+
+
+def test_furniture_is_in_the_books_wooden_colour_and_in_others(house: Scene):
+    wooden = [thing for thing in house.things if is_wooden(thing.color)]
+    others = [thing for thing in house.things if thing not in wooden and not thing.name.startswith("wall_")]
+    assert len({thing.name.split("_")[0] for thing in wooden}) >= 4
+    assert len({thing.color for thing in others}) >= 5
+    assert not any(thing.name.startswith("wall_") for thing in wooden)
+    assert not is_wooden(house.floor)
+
+
+def is_wooden(color: tuple[int, int, int, int]) -> bool:
+    """The book's range for furniture in OpenCV's HSV, however bright it is lit."""
+    pixel = np.array([[color[:3]]], dtype=np.uint8)
+    return bool(cv2.inRange(cv2.cvtColor(pixel, cv2.COLOR_RGB2HSV), (15, 50, 20), (20, 200, 255)).any())
+
+
+@pytest.mark.parametrize("name", HOUSES)
+def test_the_camera_sees_wood_from_every_waypoint_and_nowhere_on_walls_and_floor(name: str):
+    scene = load_scene(name)
+    bare = replace(scene, things=tuple(thing for thing in scene.things if not is_wooden(thing.color)))
+    shares = {place: [seen_wood(scene, *place, turn) for turn in range(8)] for place in patrolled(scene)}
+    assert all(max(views) > 0.01 for views in shares.values()), shares
+    assert sum(view > 0.01 for views in shares.values() for view in views) >= 8
+    assert all(seen_wood(bare, *place, turn) == 0.0 for place in patrolled(scene) for turn in range(8))
+
+
+def patrolled(scene: Scene) -> list[tuple[float, float]]:
+    return [scene.waypoints[name] for name in ("wp1", "wp2", "wp3")]
+
+
+def seen_wood(scene: Scene, x: float, y: float, turn: int) -> float:
+    """The share of a picture's pixels in the book's range, looking *turn* eighths of a turn to the left."""
+    world = World(replace(scene, pose=Pose2D(x, y, turn * math.pi / 4)))
+    picture = Body(world, camera=PictureSize(80, 60, 10.0)).camera()
+    world.close()
+    pixels = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2HSV)
+    return float(cv2.inRange(pixels, (15, 50, 20), (20, 200, 200)).mean()) / 255

@@ -1,0 +1,53 @@
+"""The houses' physics steps at 120 Hz: the base drives as true there as Tiago's figures say it does."""
+
+import math
+import threading
+
+import pytest
+
+from robot_nodes.robot import Pose2D
+from sim.body import Body
+from sim.drive import wrap
+from sim.scene import Scene, load_scene
+from sim.world import World
+
+SECOND = 1_000_000_000
+RATE = 120
+
+
+@pytest.mark.parametrize("name", ["house", "aws_house"])
+def test_a_house_asks_for_120_steps_a_second(name: str):
+    world = World(load_scene(name))
+    steps: list[int] = []
+    world.around_steps(steps.append, lambda now: None)
+    world.wait_until(SECOND, threading.Event())
+    world.close()
+    assert len(steps) == RATE
+    assert steps[-1] == SECOND
+
+
+@pytest.mark.parametrize(
+    ("v", "w", "way", "turn"),
+    [(0.3, 0.0, 0.015, 0.002), (0.0, 0.5, 0.003, 0.006), (0.3, 0.5, 0.008, 0.006)],
+)
+def test_ten_seconds_of_driving_end_where_the_commands_lead(v: float, w: float, way: float, turn: float):
+    """*way* (m) and *turn* (rad) off at most; 2.956 m straight, 4.941 rad on the spot."""
+    floor = Scene("floor", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255), physics_rate=RATE)
+    body = Body(World(floor))
+    x = y = yaw = 0.0
+    step = 1.0 / RATE
+    for tick in range(1, 10 * RATE + 1):
+        body.drive(v, w)
+        body.world.wait_until(tick * SECOND // RATE, threading.Event())
+        speed, rate = body.twist_asked()
+        x += speed * step * math.cos(yaw + rate * step / 2)
+        y += speed * step * math.sin(yaw + rate * step / 2)
+        yaw += rate * step
+    pose = body.true_pose()
+    body.world.close()
+    assert math.dist((pose.x, pose.y), (x, y)) <= way
+    assert abs(wrap(pose.yaw - yaw)) <= turn
+    if not w:
+        assert x == pytest.approx(2.956, abs=0.005)
+    if not v:
+        assert yaw == pytest.approx(4.941, abs=0.005)
