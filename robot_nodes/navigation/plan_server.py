@@ -1,0 +1,72 @@
+"""The planner as an action: Nav2's ``compute_path_to_pose`` and ``compute_path_through_poses``."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+from robot_nodes.navigation.action import ActionServer, GoalHandle
+from robot_nodes.navigation.codes import Code
+from robot_nodes.navigation.path import NavPath, joined
+from robot_nodes.navigation.planner import PlanFault, Planner
+from robot_nodes.robot import Pose2D
+
+PLANNER_ID = "GridBased"
+"""The one plug-in, by the name that the book's and Nav2's files give it."""
+
+_THROUGH = int(Code.THROUGH_UNKNOWN) - int(Code.COMPUTE_PATH_UNKNOWN)
+
+
+@dataclass(frozen=True, slots=True)
+class PathGoal:
+    """A path through *goals* (map), from *start*, or from where the robot is.
+
+    *through* says that the goals were asked for as several, which has error numbers of its own.
+    """
+
+    goals: tuple[Pose2D, ...]
+    start: Pose2D | None = None
+    planner_id: str = ""
+    through: bool = False
+
+
+class ComputePath(ActionServer[PathGoal, None, NavPath]):
+    """Plans within one step. *pose* tells where the robot is; None where it doesn't know."""
+
+    name = "compute_path"
+
+    def __init__(self, planner: Planner, pose: Callable[[], Pose2D | None]) -> None:
+        super().__init__()
+        self.planner = planner
+        self.pose = pose
+        self.newest: NavPath | None = None
+        """The last path that was found, for whoever draws it."""
+
+    def work(self, handle: GoalHandle[PathGoal, None, NavPath], now: int) -> None:
+        """Plan."""
+        goal = handle.goal
+        offset = _THROUGH if goal.through else 0
+        if not goal.goals:
+            handle.abort(int(Code.NO_VIAPOINTS_GIVEN), "there is no goal to plan to")
+            return
+        if goal.planner_id not in ("", PLANNER_ID):
+            code = int(Code.INVALID_PLANNER) + offset
+            handle.abort(code, f"there is no planner '{goal.planner_id}': there is {PLANNER_ID}")
+            return
+        start = goal.start if goal.start is not None else self.pose()
+        if start is None:
+            handle.abort(int(Code.COMPUTE_PATH_TF_ERROR) + offset, "where the robot is isn't known")
+            return
+        try:
+            if goal.through:
+                path = self.planner.plan_through([start, *goal.goals], now)
+            else:
+                path = self._plan(start, goal.goals, now)
+        except PlanFault as fault:
+            handle.abort(int(fault.code), str(fault))
+            return
+        self.newest = path
+        handle.succeed(path)
+
+    def _plan(self, start: Pose2D, goals: tuple[Pose2D, ...], now: int) -> NavPath:
+        legs = [self.planner.plan(*leg, now) for leg in pairwise((start, *goals))]
+        return legs[0] if len(legs) == 1 else joined(legs, now)

@@ -1,0 +1,381 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.ndimage import distance_transform_edt
+
+from robot_nodes.navigation.costmap import (
+    FREE,
+    INSCRIBED,
+    LETHAL,
+    UNKNOWN,
+    Costmap,
+    GlobalCostmap,
+    LocalCostmap,
+)
+from robot_nodes.navigation.layers import Inflation
+from robot_nodes.navigation.map import OccupancyMap
+from robot_nodes.robot import LaserScan, Pose2D
+
+HERE = Pose2D(2.025, 2.025, 0.0)
+"""The middle of a cell of the maps below."""
+
+
+def floor(side: float = 4.0, cells: int = 0, **keys: tuple) -> OccupancyMap:
+    """An empty square floor, everywhere as *cells* says."""
+    count = round(side / 0.05)
+    return OccupancyMap(np.full((count, count), cells, dtype=np.int8), 0.05, (0.0, 0.0), **keys)
+
+
+def scan(*ranges: float, start: float = 0.0, step: float = 0.01, frame: str = "laser") -> LaserScan:
+    """Readings from the direction *start* (rad) on; the laser sees 0.05 … 25 m."""
+    return LaserScan(np.array(ranges, dtype=np.float32), 0, start, step, 0.05, 25.0, frame)
+
+
+def wall_at(distance: float) -> LaserScan:
+    """What a laser sees of a wall across its way, 0.5 rad to both sides."""
+    angles = np.arange(-0.5, 0.5, 0.01)
+    return scan(*(distance / np.cos(angles)), start=-0.5)
+
+
+# -- inflation
+
+
+@pytest.mark.parametrize(
+    ("distance", "cost"),
+    [
+        (0.0, 254), (0.05, 253), (0.25, 253), (0.30, 253), (0.35, 216), (0.40, 186), (0.45, 160), (0.50, 138),
+        (0.55, 119), (0.60, 0),
+    ],
+)  # fmt: skip
+def test_costs_fall_with_the_distance_by_nav2s_formula(distance, cost):
+    cells = floor().cells.copy()
+    cells[40, 40] = 100
+    costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    assert costmap.cost(2.025 + distance, 2.025) == cost
+    assert costmap.cost(2.025, 2.025 - distance) == cost
+    assert Inflation(0.30, 0.55, 3.0, 0.05).cost(distance) == cost
+
+
+def test_between_the_axes_the_distance_is_that_between_the_middles():
+    cells = floor().cells.copy()
+    cells[40, 40] = 100
+    costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    # 5, 5 cells: 0.3536 m; 7, 7 cells: 0.4950 m; 6, 10: 0.5831 m
+    assert costmap.costs[45, 45] == math.floor(252 * math.exp(-3 * (0.05 * math.hypot(5, 5) - 0.3)))
+    assert costmap.costs[33, 47] == math.floor(252 * math.exp(-3 * (0.05 * math.hypot(7, 7) - 0.3)))
+    assert costmap.costs[46, 50] == FREE
+
+
+@settings(deadline=None)
+@given(
+    occupied=arrays(np.bool_, (30, 40), elements=st.sampled_from([False] * 19 + [True])),
+    radius=st.sampled_from([0.1, 0.2, 0.3]),
+    inflation_radius=st.sampled_from([0.2, 0.55, 1.0]),
+    scaling=st.sampled_from([1.0, 3.0, 10.0]),
+)
+def test_inflation_is_the_formula_on_exact_distances(occupied, radius, inflation_radius, scaling):
+    inflation = Inflation(radius, inflation_radius, scaling, 0.05)
+    found = inflation.inflated(np.where(occupied, LETHAL, FREE).astype(np.uint8))
+    if occupied.any():
+        squares = np.rint(distance_transform_edt(~occupied) ** 2)
+        wanted = np.vectorize(lambda square: inflation.cost(0.05 * math.sqrt(square)))(squares)
+        assert np.array_equal(found, wanted)
+    else:
+        assert not found.any()
+
+
+def test_unknown_cells_stay_unknown_but_where_the_robot_would_touch():
+    cells = floor(cells=-1).cells.copy()
+    cells[40, 40] = 100
+    costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    assert costmap.costs[40, 40] == LETHAL
+    assert costmap.costs[40, 46] == INSCRIBED
+    assert costmap.costs[40, 47] == UNKNOWN
+
+
+def test_unknown_cells_can_be_taken_for_free():
+    assert not GlobalCostmap(floor(cells=-1), track_unknown=False).costs.any()
+
+
+def test_likelihoods_below_certainty_are_free():
+    assert not GlobalCostmap(floor(cells=99)).costs.any()
+
+
+# -- the obstacle layer: marking and clearing
+
+
+def test_a_reading_marks_the_cell_of_its_end_point():
+    costmap = GlobalCostmap(floor())
+    costmap.observe(scan(1.0), HERE)
+    assert not costmap.costs.any()  # observations wait for the update
+    costmap.update(0)
+    assert np.argwhere(costmap.costs == LETHAL).tolist() == [[40, 60]]
+    assert costmap.cost(2.575, 2.025) == 160  # inflated at once
+
+
+def test_the_lasers_pose_places_the_reading():
+    costmap = GlobalCostmap(floor())
+    costmap.observe(scan(1.0, start=math.pi / 4), Pose2D(2.025, 1.025, math.pi / 4))
+    costmap.update(0)
+    assert np.argwhere(costmap.costs == LETHAL).tolist() == [[40, 40]]
+
+
+@pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan, 0.04, 25.0, 2.6])
+def test_what_marks_nothing(reading):
+    # No echo, too near, broken, under the minimum, at the maximum, over the range of obstacles.
+    costmap = GlobalCostmap(floor(8.0))
+    costmap.observe(scan(reading), HERE)
+    costmap.update(0)
+    assert not costmap.costs.any()
+
+
+def test_a_near_reading_marks_down_to_the_minimum():
+    costmap = GlobalCostmap(floor(), obstacle_min_range=0.5)
+    costmap.observe(scan(0.45), HERE)
+    costmap.update(0)
+    assert not costmap.costs.any()
+    costmap.observe(scan(0.5), HERE)
+    costmap.update(0)
+    assert (costmap.costs == LETHAL).any()
+
+
+@pytest.mark.parametrize(
+    ("reading", "cleared_to"),
+    [(math.inf, 3.0), (25.0, 3.0), (8.0, 3.0), (2.0, 1.9), (0.5, 0.4)],
+)
+def test_a_ray_frees_unknown_cells_up_to_its_end_or_its_range(reading, cleared_to):
+    costmap = GlobalCostmap(floor(8.0, cells=-1))
+    costmap.observe(scan(reading), HERE)
+    costmap.update(0)
+    freed = np.flatnonzero(costmap.obstacles.values[40] == FREE)
+    assert freed[0] == 40
+    assert freed[-1] == pytest.approx(40 + cleared_to / 0.05, abs=1)
+    assert np.array_equal(freed, np.arange(freed[0], freed[-1] + 1))
+
+
+@pytest.mark.parametrize("reading", [-math.inf, math.nan, 0.01])
+def test_readings_that_say_nothing_free_nothing(reading):
+    costmap = GlobalCostmap(floor(cells=-1))
+    costmap.observe(scan(reading), HERE)
+    costmap.update(0)
+    assert (costmap.costs == UNKNOWN).all()
+
+
+def test_an_obstacle_that_went_away_is_cleared_by_what_is_seen_behind_it():
+    costmap = GlobalCostmap(floor())
+    costmap.observe(wall_at(1.0), HERE)
+    costmap.update(0)
+    assert costmap.cost(3.025, 2.025) == LETHAL
+    costmap.observe(wall_at(1.7), HERE)
+    costmap.update(0)
+    assert costmap.cost(3.025, 2.025) == FREE
+    assert costmap.cost(3.725, 2.025) == LETHAL
+
+
+def test_an_obstacle_out_of_sight_stays():
+    costmap = GlobalCostmap(floor())
+    costmap.observe(wall_at(1.0), HERE)
+    costmap.update(0)
+    before = costmap.costs.copy()
+    costmap.observe(wall_at(1.5), Pose2D(2.025, 2.025, math.pi))
+    costmap.update(0)
+    assert np.array_equal(costmap.costs[:, 45:], before[:, 45:])
+
+
+def test_what_is_on_the_map_is_not_cleared_by_looking_through_it():
+    cells = floor().cells.copy()
+    cells[30:50, 60] = 100
+    costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    before = costmap.costs.copy()
+    costmap.observe(wall_at(math.inf), HERE)
+    costmap.update(0)
+    assert np.array_equal(costmap.costs, before)
+
+
+def test_of_several_scans_of_a_laser_the_newest_counts_and_two_lasers_both_do():
+    costmap = GlobalCostmap(floor())
+    costmap.observe(scan(0.5), HERE)
+    costmap.observe(scan(1.0), HERE)
+    costmap.observe(scan(1.0, frame="rear"), Pose2D(2.025, 2.025, math.pi))
+    costmap.update(0)
+    assert np.argwhere(costmap.costs == LETHAL).tolist() == [[40, 20], [40, 60]]
+
+
+def test_nothing_is_seen_where_the_robot_itself_stands():
+    costmap = GlobalCostmap(floor())
+    costmap.observe(scan(0.25), HERE)
+    costmap.update(0, HERE)
+    assert not costmap.costs.any()
+
+
+def test_scans_from_off_the_map_and_over_its_edge_do_no_harm():
+    costmap = GlobalCostmap(floor())
+    costmap.observe(wall_at(2.0), Pose2D(3.9, 2.0, 0.0))
+    costmap.update(0, Pose2D(3.9, 2.0, 0.0))
+    costmap.observe(wall_at(1.0), Pose2D(-50.0, 90.0, 0.0))
+    costmap.update(0, Pose2D(-50.0, 90.0, 0.0))
+    assert not costmap.costs.any()
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    scans=st.lists(
+        st.tuples(st.floats(0, 4), st.floats(0, 4), st.floats(-3, 3), st.integers(0, 2**32 - 1)),
+        min_size=1,
+        max_size=6,
+    )
+)
+def test_costs_kept_up_to_date_piece_by_piece_are_those_made_anew(scans):
+    cells = floor().cells.copy()
+    cells[20, 10:60] = 100
+    cells[50:, 30] = -1
+    costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0), ((3.0, 3.0, 3.4, 3.2),)))
+    for x, y, yaw, seed in scans:
+        ranges = np.random.default_rng(seed).uniform(0.1, 4.0, 60)
+        costmap.observe(scan(*ranges, start=-1.5, step=0.05), Pose2D(x, y, yaw))
+        costmap.update(0, Pose2D(x, y, yaw))
+    pieced = costmap.costs.copy()
+    costmap.clear_except(Pose2D(2.0, 2.0, 0.0), 100.0)  # forgets nothing, makes everything anew
+    assert np.array_equal(pieced, costmap.costs)
+    assert (costmap.floor[costmap.costs != UNKNOWN] <= costmap.costs[costmap.costs != UNKNOWN]).all()
+
+
+def test_the_version_tells_whether_anything_changed():
+    costmap = GlobalCostmap(floor())
+    seen = costmap.version
+    costmap.observe(scan(1.0), HERE)
+    costmap.update(7)
+    assert (costmap.version > seen, costmap.stamp) == (True, 7)
+    seen = costmap.version
+    costmap.observe(scan(1.0), HERE)
+    costmap.update(8)
+    assert (costmap.version, costmap.stamp) == (seen, 8)
+
+
+# -- keep-outs
+
+
+def test_a_keepout_is_an_obstacle_that_no_ray_clears():
+    costmap = GlobalCostmap(floor(keepout=((2.5, 1.5, 3.0, 2.5),)))
+    assert costmap.cost(2.525, 2.025) == LETHAL
+    assert costmap.cost(2.225, 2.025) == INSCRIBED
+    assert costmap.cost(2.125, 2.025) == 186
+    costmap.observe(wall_at(math.inf), Pose2D(1.025, 2.025, 0.0))
+    costmap.update(0)
+    costmap.clear()
+    assert costmap.cost(2.525, 2.025) == LETHAL
+
+
+def test_the_local_costmap_has_the_keepouts_where_the_map_is():
+    costmap = LocalCostmap(keepout=((0.5, -0.2, 0.8, 0.2),))
+    costmap.update(0, Pose2D(0.0, 0.0, 0.0))
+    assert not costmap.costs.any()
+    costmap.update(0, Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 0.0, math.pi / 2))
+    assert costmap.cost(0.0, 0.65) == LETHAL
+    assert costmap.cost(0.65, 0.0) == FREE
+    costmap.clear()
+    assert costmap.cost(0.0, 0.65) == LETHAL
+
+
+# -- clearing on request
+
+
+@pytest.fixture
+def littered() -> GlobalCostmap:
+    """A wall of the map at x = 0.5, and obstacles seen at x = 1, 2 and 3."""
+    cells = floor().cells.copy()
+    cells[:, 10] = 100
+    costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    for x in (1.0, 2.0, 3.0):
+        costmap.observe(scan(0.5, start=math.pi / 2), Pose2D(x + 0.025, 1.5, 0.0))
+        costmap.update(0)
+    assert places(costmap) == [1.0, 2.0, 3.0]
+    return costmap
+
+
+def places(costmap: Costmap) -> list[float]:
+    """Where along y = 2 seen obstacles are."""
+    return [x for x in (1.0, 2.0, 3.0) if costmap.cost(x + 0.025, 2.0) == LETHAL]
+
+
+def test_clear_forgets_what_was_seen_and_keeps_the_map(littered):
+    littered.clear()
+    assert places(littered) == []
+    assert littered.cost(0.525, 2.0) == LETHAL
+    assert np.array_equal(littered.costs, GlobalCostmap(littered.map).costs)
+
+
+def test_clear_forgets_what_still_waits_too(littered):
+    littered.observe(scan(0.5), HERE)
+    littered.clear()
+    littered.update(0)
+    assert np.array_equal(littered.costs, GlobalCostmap(littered.map).costs)
+
+
+def test_clear_around_forgets_a_square_of_that_side(littered):
+    littered.clear_around(Pose2D(2.0, 2.0, 0.0), 1.0)
+    assert places(littered) == [1.0, 3.0]
+
+
+def test_clear_except_keeps_a_square_of_that_side(littered):
+    littered.clear_except(Pose2D(2.0, 2.0, 0.0), 1.0)
+    assert places(littered) == [2.0]
+
+
+def test_clear_around_a_place_off_the_map_does_nothing(littered):
+    before = littered.costs.copy()
+    littered.clear_around(Pose2D(40.0, 2.0, 0.0), 1.0)
+    assert np.array_equal(littered.costs, before)
+
+
+# -- the local costmap
+
+
+def test_the_local_costmap_is_a_square_about_the_robot_in_odom():
+    costmap = LocalCostmap()
+    costmap.update(0, Pose2D(7.03, -3.02, 1.0))
+    assert (costmap.frame, costmap.costs.shape) == ("odom", (60, 60))
+    assert costmap.cell(7.03, -3.02) == (30, 30)
+    assert costmap.inside(8.4, -1.6)
+    assert not costmap.inside(8.6, -3.0)
+
+
+def test_obstacles_stay_in_place_while_the_robot_moves_and_are_forgotten_outside():
+    costmap = LocalCostmap()
+    costmap.observe(scan(1.0), Pose2D(0.0, 0.0, 0.0))
+    costmap.update(0, Pose2D(0.0, 0.0, 0.0))
+    for x in (0.0, 0.13, 0.26, 0.4):
+        costmap.update(0, Pose2D(x, -x, 0.0))
+        assert costmap.cost(1.01, 0.01) == LETHAL
+        assert np.count_nonzero(costmap.costs == LETHAL) == 1
+    costmap.update(0, Pose2D(0.0, 3.0, 0.0))
+    costmap.update(0, Pose2D(0.4, 0.0, 0.0))
+    assert not costmap.costs.any()
+
+
+def test_a_robot_that_jumps_leaves_everything_behind():
+    costmap = LocalCostmap()
+    costmap.observe(scan(1.0), Pose2D(0.0, 0.0, 0.0))
+    costmap.update(0, Pose2D(0.0, 0.0, 0.0))
+    costmap.update(0, Pose2D(100.0, 100.0, 0.0))
+    assert not costmap.costs.any()
+    costmap.update(0, Pose2D(0.0, 0.0, 0.0))
+    assert not costmap.costs.any()
+
+
+# -- looking up
+
+
+def test_costs_are_looked_up_for_many_points_and_lethal_off_the_grid():
+    costs = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    costmap = Costmap(costs, 0.5, (-1.0, 1.0))
+    points = np.array(
+        [[(-0.75, 1.25), (0.75, 1.25)], [(0.75, 2.25), (1.01, 2.25)], [(-1.01, 1.5), (0, 0.99)]]
+    )
+    assert costmap.costs_at(points).tolist() == [[0, 3], [11, LETHAL], [LETHAL, LETHAL]]
+    assert [costmap.cost(*point) for point in points.reshape(-1, 2)] == [0, 3, 11, LETHAL, LETHAL, LETHAL]
+    assert costs.tolist() == np.arange(12).reshape(3, 4).tolist()
