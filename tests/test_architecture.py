@@ -6,16 +6,18 @@ from pathlib import Path
 
 import pytest
 
+from robot_nodes.robot import Robot
+
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("btcore", "monitor", "robot_nodes", "sim")
 LAYERS = (
-    {"status", "errors", "clock", "suggest", "builds"},
+    {"status", "errors", "clock", "names", "suggest", "builds"},
     {"values", "value_types", "vector_types", "enum_types", "numerals"},
     {"blackboard", "legacy_blackboard", "script"},
     {"ports", "observers", "context", "conditions", "config", "guard", "pacing"},
     {"node"},
     {"nodes", "leaf", "coroutine", "threaded", "signature", "functions"},
-    {"manifest", "substitution", "registry"},
+    {"declaration", "manifest", "substitution", "registry"},
     {"tree", "hooks"},
     {"xml"},
     {"loading", "reload", "exchange", "logs"},
@@ -96,16 +98,41 @@ def test_the_monitors_client_side_knows_nothing_of_the_engine() -> None:
     assert offenders("monitor", "robot_nodes") + offenders("monitor", "sim") == []
 
 
-def test_the_body_knows_of_the_mind_only_the_robot_protocol() -> None:
+MAP = "robot_nodes.navigation.map"
+
+
+def test_the_body_knows_of_the_mind_only_the_robot_protocol_and_maps() -> None:
     assert offenders("sim", "btcore") + offenders("sim", "monitor") + offenders("robot_nodes", "sim") == []
-    assert {edge.split(" → ")[1] for edge in offenders("sim", "robot_nodes")} <= {"robot_nodes.robot"}
-    assert {
-        name for name in EDGES["robot_nodes.robot"] if name.split(".")[0] not in sys.stdlib_module_names
-    } <= {
-        "numpy",
-        "numpy.typing",
-    }
-    assert EDGES["robot_nodes"] == set()
+    assert {edge.split(" → ")[1] for edge in offenders("sim", "robot_nodes")} <= {"robot_nodes.robot", MAP}
+    assert strangers("robot_nodes.robot") <= {"numpy", "numpy.typing"}
+    assert strangers(MAP) <= {"numpy", "numpy.typing", "cv2", "yaml"}
+    assert EDGES["robot_nodes"] == EDGES["robot_nodes.navigation"] == set()
+
+
+def strangers(module: str) -> set[str]:
+    """What *module* imports, itself or by what it imports, that is neither ours nor Python's."""
+    found: set[str] = set()
+    for name in EDGES[module]:
+        if name in SOURCES:
+            found |= strangers(name)
+        elif name.split(".")[0] not in sys.stdlib_module_names:
+            found.add(name)
+    return found
+
+
+def test_navigation_reaches_the_robot_by_its_protocol_alone() -> None:
+    reached = {name for module in EDGES if inside(module, "robot_nodes") for name in EDGES[module]}
+    assert not any(inside(name, guest) for name in reached for guest in ("sim", "pybullet", "monitor"))
+    promised = {name for name in vars(Robot) if not name.startswith("_")}
+    assert not any("true" in name or name in {"place", "world", "contacts"} for name in promised)
+
+
+SERVERS_WITH_TREES = ("robot_nodes.navigation.navigator", "robot_nodes.navigation.nodes")
+
+
+def test_the_servers_of_the_robot_know_nothing_of_trees() -> None:
+    for room in ("navigation", "control", "perception", "process"):
+        assert offenders(f"robot_nodes.{room}", "btcore", but=SERVERS_WITH_TREES) == []
 
 
 @pytest.mark.parametrize(("guest", "room"), [("rerun", "monitor.screen"), ("pybullet", "sim")])

@@ -1,7 +1,7 @@
 """Leaves that drive: one velocity command on every tick, since a base forgets a command soon.
 
-Speeds and times are those of the book's bump-and-go (*A Concise Introduction to Robot Programming with
-ROS2*, chapter 6.2). Back asks for more than a Tiago's base gives backwards, which is 0.2 m/s.
+Speeds and times are those of the book's bump-and-go and patrol (*A Concise Introduction to Robot Programming
+with ROS2*, chapters 6.2 and 6.3). Back asks for more than a Tiago's base gives backwards, which is 0.2 m/s.
 """
 
 from typing import ClassVar
@@ -17,6 +17,8 @@ TURN_SPEED = 0.5
 """How fast (rad/s) Turn turns, to the left."""
 MANOEUVRE = 3_000_000_000
 """How long (ns) Back and Turn take."""
+PATROL = 15_000_000_000
+"""How long (ns) Patrol takes: at 0.5 rad/s a good turn and a quarter."""
 
 
 class Forward(StatefulAction):
@@ -36,10 +38,11 @@ class Forward(StatefulAction):
 
 
 class _Manoeuvre(StatefulAction):
-    """Drive at (*v*, *w*) until 3 s after the tick that began it; then SUCCESS."""
+    """Drive at (*v*, *w*) until *lasts* after the tick that began it; then SUCCESS."""
 
     v: ClassVar[float] = 0.0
     w: ClassVar[float] = 0.0
+    lasts: ClassVar[int] = MANOEUVRE
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -54,7 +57,7 @@ class _Manoeuvre(StatefulAction):
         """Drive, and see whether it is time to end."""
         self.robot.drive(self.v, self.w)
         elapsed = self.robot.clock.now() - self.began
-        return Status.SUCCESS if elapsed >= MANOEUVRE else Status.RUNNING
+        return Status.SUCCESS if elapsed >= self.lasts else Status.RUNNING
 
 
 class Back(_Manoeuvre):
@@ -67,3 +70,10 @@ class Turn(_Manoeuvre):
     """Turn left at 0.5 rad/s for 3 s, then SUCCESS."""
 
     w = TURN_SPEED
+
+
+class Patrol(_Manoeuvre):
+    """Look around at a waypoint: turn left at 0.5 rad/s for 15 s, then SUCCESS."""
+
+    w = TURN_SPEED
+    lasts = PATROL

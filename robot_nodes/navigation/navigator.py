@@ -1,0 +1,172 @@
+"""Going to a place: a behaviour tree of Nav2's nodes, run for every goal (Nav2's ``bt_navigator``)."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import btcore
+from btcore import BtcoreError, NodeRaised, Registry, Status, Tree
+from robot_nodes.navigation import nodes as nav2_nodes
+from robot_nodes.navigation.action import ActionServer, GoalHandle, GoalStatus
+from robot_nodes.navigation.codes import Code
+from robot_nodes.navigation.nodes.serving import RECOVERIES
+from robot_nodes.navigation.path import NavPath
+from robot_nodes.navigation.servers import Servers
+from robot_nodes.robot import GoalOutcome, Pose2D
+
+NS_PER_S = 1_000_000_000
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateGoal:
+    """Where to go: through *goals* (map) to the last of them, by the tree in the file *behavior_tree*."""
+
+    goals: tuple[Pose2D, ...]
+    behavior_tree: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateFeedback:
+    """How far it is: *navigation_time* in s, *distance_remaining* in m along the path."""
+
+    current_pose: Pose2D | None
+    navigation_time: float
+    number_of_recoveries: int
+    distance_remaining: float
+    number_of_poses_remaining: int
+
+
+NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
+
+
+class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
+    """Serves ``navigate_to_pose``, or with *through* ``navigate_through_poses``.
+
+    The goal stands on the tree's blackboard as ``goal`` (``goals``). A new goal for the same tree is put
+    there without a halt, and the tree sees that it is another; a cancelled one halts the tree.
+    """
+
+    def __init__(
+        self,
+        servers: Servers,
+        default_tree: Path,
+        *,
+        through: bool = False,
+        ended: Callable[[GoalOutcome], None] | None = None,
+    ) -> None:
+        super().__init__()
+        self.name = "navigate_through_poses" if through else "navigate_to_pose"
+        self.servers = servers
+        self.default_tree = default_tree
+        self.through = through
+        self.tree: Tree | None = None
+        """The tree of the goal that was accepted last."""
+        self._ended = ended
+        self._trees: dict[Path, Tree] = {}
+        self._began = 0
+
+    def start(self, handle: NavigateHandle, now: int, previous: NavigateHandle | None) -> None:
+        """Put the goal on the blackboard of its tree."""
+        if not handle.goal.goals:
+            self._end(handle, Code.GOAL_REJECTED, "there is no goal to go to", now)
+            return
+        self._began = now
+        before = self.tree
+        try:
+            tree = self._tree_of(handle.goal.behavior_tree)
+        except (BtcoreError, OSError) as fault:
+            self._halt()
+            self._end(handle, Code.FAILED_TO_LOAD_BEHAVIOR_TREE, str(fault), now)
+            return
+        if before is not None and (before is not tree or previous is None):
+            before.halt()
+        self.tree = tree
+        board = tree.blackboard
+        if self.through:
+            board["goals"] = list(handle.goal.goals)
+        else:
+            board["goal"] = handle.goal.goals[-1]
+        board[RECOVERIES] = 0
+
+    def work(self, handle: NavigateHandle, now: int) -> None:
+        """Tick the tree."""
+        tree = self.tree
+        if tree is None:
+            return
+        try:
+            status = tree.tick_exactly_once()
+        except NodeRaised as error:
+            self._end(handle, Code.NAVIGATE_UNKNOWN, str(error), now)
+            return
+        handle.feedback = self._feedback(tree, now)
+        if status is Status.SUCCESS:
+            handle.succeed()
+            self._tell(handle, now)
+        elif status is not Status.RUNNING:
+            tree.halt()
+            code, message = self._reason()
+            self._end(handle, code, message, now)
+
+    def stop(self, handle: NavigateHandle, now: int) -> None:
+        """Halt the tree, which cancels what its nodes have asked for."""
+        self._halt()
+        self._tell(handle, now, GoalStatus.CANCELED)
+
+    def _halt(self) -> None:
+        if self.tree is not None:
+            self.tree.halt()
+
+    def _tree_of(self, file: str) -> Tree:
+        path = Path(file) if file else self.default_tree
+        if path not in self._trees:
+            nodes = Registry.standard()
+            nav2_nodes.register(nodes)
+            self._trees[path] = btcore.load(
+                path, nodes=nodes, resources=[self.servers], clock=self.servers.robot.clock
+            )
+        return self._trees[path]
+
+    def _feedback(self, tree: Tree, now: int) -> NavigateFeedback:
+        path = _entry(tree, "path")
+        recoveries = _entry(tree, RECOVERIES)
+        goals = _entry(tree, "goals")
+        return NavigateFeedback(
+            self.servers.pose(),
+            (now - self._began) / NS_PER_S,
+            recoveries if isinstance(recoveries, int) else 0,
+            self.servers.remaining(path) if isinstance(path, NavPath) and len(path) else 0.0,
+            len(goals) if isinstance(goals, list) else 0,
+        )
+
+    def _reason(self) -> tuple[int, str]:
+        """Why the tree failed: what the first server says whose last goal was aborted since it began."""
+        servers = self.servers
+        for server in (servers.compute_path, servers.follow_path, servers.spin, servers.back_up):
+            current = server.current
+            if current is not None and current.status is GoalStatus.ABORTED and current.result is not None:
+                return current.result.code, current.result.message
+        return int(Code.NAVIGATE_UNKNOWN), "its behaviour tree failed"
+
+    def _end(self, handle: NavigateHandle, code: int, message: str, now: int) -> None:
+        handle.abort(int(code), f"{_named(code)}: {message}" if code else message)
+        self._tell(handle, now)
+
+    def _tell(self, handle: NavigateHandle, now: int, status: GoalStatus | None = None) -> None:
+        if self._ended is not None and handle.goal.goals:
+            known = status if status is not None else handle.status
+            self._ended(GoalOutcome(handle.goal.goals[-1], known.name, now))
+
+
+def _named(code: int) -> str:
+    try:
+        return Code(code).name
+    except ValueError:
+        return f"error {code}"
+
+
+def _entry(tree: Tree, key: str) -> object:
+    found = tree.blackboard.find(key)
+    return None if found is None else found.value

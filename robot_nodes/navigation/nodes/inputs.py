@@ -1,0 +1,69 @@
+"""Ports that a tree may leave out, and goals that stand on the blackboard by themselves."""
+
+from btcore import BlackboardFault, Direction, NodeFault, Port, TreeNode
+from robot_nodes.navigation.path import NavPath
+from robot_nodes.robot import Pose2D
+
+Goals = tuple[Pose2D | None, tuple[Pose2D, ...]]
+"""The goal and the goals of a navigation, either of which may be absent."""
+
+
+def given(node: TreeNode, port: str) -> object:
+    """The value of input *port*; None where the tree doesn't give it, or its entry holds nothing yet."""
+    if port not in node.config.inputs:
+        return None
+    try:
+        return node.get_input(port)
+    except (BlackboardFault, NodeFault):
+        return None
+
+
+def path_at(node: TreeNode, port: str) -> NavPath | None:
+    """The path of input *port*, or None while there is none, or an empty one."""
+    value = given(node, port)
+    return value if isinstance(value, NavPath) and len(value) else None
+
+
+def pose_at(node: TreeNode, port: str) -> Pose2D | None:
+    """The pose of input *port*, or None while there is none."""
+    value = given(node, port)
+    return value if isinstance(value, Pose2D) else None
+
+
+def poses_at(node: TreeNode, port: str) -> tuple[Pose2D, ...]:
+    """The poses of input *port*; none while there are none."""
+    value = given(node, port)
+    return tuple(value) if isinstance(value, list | tuple) else ()
+
+
+def goals_of(node: TreeNode) -> Goals:
+    """The ports ``goal`` and ``goals``; where the tree doesn't give one, the entry of that name."""
+    goal = given(node, "goal") if "goal" in node.config.inputs else entry(node, "goal")
+    goals = given(node, "goals") if "goals" in node.config.inputs else entry(node, "goals")
+    return (
+        goal if isinstance(goal, Pose2D) else None,
+        tuple(goals) if isinstance(goals, list | tuple) else (),
+    )
+
+
+def entry(node: TreeNode, key: str) -> object:
+    """The blackboard's entry *key*, or None."""
+    found = node.blackboard.find(key)
+    return None if found is None else found.value
+
+
+def tell(node: TreeNode, **outputs: object) -> None:
+    """Write those of *outputs* that the tree connects."""
+    for port, value in outputs.items():
+        if port in node.config.outputs:
+            node.set_output(port, value)
+
+
+def path_in(description: str) -> Port:
+    """An input port called ``path``."""
+    return Port("path", description=description)
+
+
+def path_out(description: str) -> Port:
+    """An output port called ``path``."""
+    return Port("path", Direction.OUT, description=description)

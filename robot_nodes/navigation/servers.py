@@ -1,0 +1,68 @@
+"""What Nav2's tree nodes ask for: the servers of one robot, and what they know."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from robot_nodes.navigation.action import GoalHandle
+from robot_nodes.navigation.behaviours import BackUp, DriveOnHeading, Spin, Wait
+from robot_nodes.navigation.controller import FollowPath
+from robot_nodes.navigation.costmap import GlobalCostmap, LocalCostmap
+from robot_nodes.navigation.localiser import Localiser
+from robot_nodes.navigation.path import NavPath
+from robot_nodes.navigation.plan_server import ComputePath
+from robot_nodes.robot import Pose2D, Robot
+from robot_nodes.transforms import TransformTree
+
+MAP, ODOM, BASE = "map", "odom", "base_footprint"
+"""The frames of what is known, of what is counted, and of the robot."""
+
+
+@dataclass(slots=True)
+class Servers:
+    """The servers on one robot's schedule.
+
+    *topics* holds the newest message of what ROS has topics for and nothing here has a sensor: a selector's
+    choice, a goal to follow. *speeds* are the newest odometry velocities (m/s), newest last.
+    """
+
+    robot: Robot
+    transforms: TransformTree
+    localiser: Localiser
+    global_costmap: GlobalCostmap
+    local_costmap: LocalCostmap
+    compute_path: ComputePath
+    follow_path: FollowPath
+    spin: Spin
+    back_up: BackUp
+    drive_on_heading: DriveOnHeading
+    wait: Wait
+    goal_tolerance: float = 0.25
+    topics: dict[str, object] = field(default_factory=dict)
+    navigators: dict[str, Any] = field(default_factory=dict)
+    """Who serves ``navigate_to_pose`` and ``navigate_through_poses``."""
+
+    def now(self) -> int:
+        """The time (ns)."""
+        return self.robot.clock.now()
+
+    def pose(self) -> Pose2D | None:
+        """Where the robot takes itself to be, in the frame map."""
+        return self.localiser.pose()
+
+    def distance_to(self, place: Pose2D) -> float:
+        """How far (m) the robot is from *place* in the frame map; inf when it doesn't know."""
+        here = self.pose()
+        return math.inf if here is None else math.hypot(place.x - here.x, place.y - here.y)
+
+    def costmap(self, service: str) -> GlobalCostmap | LocalCostmap:
+        """The costmap that a service name like ``local_costmap/clear_entirely_local_costmap`` means."""
+        return self.local_costmap if "local" in service else self.global_costmap
+
+    def remaining(self, path: NavPath) -> float:
+        """How long (m) the way along *path* still is; 0 where the robot doesn't know where it is."""
+        here = self.pose()
+        return path.remaining(here.x, here.y) if here is not None else 0.0
+
+
+Handle = GoalHandle[Any, Any, Any]

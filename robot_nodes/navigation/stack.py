@@ -1,0 +1,211 @@
+"""The whole navigation of one robot: every server, wired to the robot's schedule."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from robot_nodes.navigation.behaviours import BackUp, DriveOnHeading, Spin, Wait
+from robot_nodes.navigation.clearance import laser_pose
+from robot_nodes.navigation.controller import FollowPath
+from robot_nodes.navigation.costmap import GlobalCostmap, LocalCostmap
+from robot_nodes.navigation.localiser import Localiser
+from robot_nodes.navigation.map import OccupancyMap
+from robot_nodes.navigation.navigator import NavigateGoal, NavigateHandle, Navigator
+from robot_nodes.navigation.parameters import CostmapParameters, NavigationParameters
+from robot_nodes.navigation.path import empty_path
+from robot_nodes.navigation.plan_server import ComputePath
+from robot_nodes.navigation.planner import Planner
+from robot_nodes.navigation.scan_filter import smoothed
+from robot_nodes.navigation.servers import MAP, ODOM, Servers
+from robot_nodes.robot import GoalOutcome, Pose2D, Rank, Robot
+from robot_nodes.transforms import FrameBroadcaster, TransformFault, TransformTree
+
+TREES = "navigation"
+TO_POSE = "navigate_to_pose_w_replanning_and_recovery.xml"
+THROUGH_POSES = "navigate_through_poses_w_replanning_and_recovery.xml"
+
+SEARCH_TURN = 0.4
+"""How fast (rad/s) the robot turns on the spot to see more while it doesn't know where it is."""
+PLANNER_RATE = 20.0
+"""How often (Hz) the planner looks for a goal to plan to."""
+MS_PER_S = 1000.0
+
+
+class Navigation:
+    """Drives *robot* about on *map*: localisation, costmaps, planning, driving, recoveries, navigators.
+
+    All of it are tasks on the robot's schedule: nothing happens but while somebody waits on its clock. While
+    the localiser isn't sure, the robot is held where it is, and while it searches it turns on the spot; what
+    it was told to do goes on afterwards, from a path that is planned anew.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        map: OccupancyMap,
+        random: np.random.Generator,
+        trees: Path,
+        parameters: NavigationParameters | None = None,
+    ) -> None:
+        self.robot = robot
+        self.map = map
+        self.parameters = figures = parameters if parameters is not None else NavigationParameters()
+        self.transforms = TransformTree()
+        frames = FrameBroadcaster(robot, self.transforms)
+        frames.step(robot.clock.now())
+        self.localiser = Localiser(robot, map, self.transforms, random, figures.amcl)
+        self.global_costmap = _global_costmap(map, figures.global_costmap)
+        self.local_costmap = _local_costmap(map, figures.local_costmap)
+        planner = Planner(
+            self.global_costmap,
+            radius=figures.global_costmap.robot_radius,
+            tolerance=figures.planner.tolerance,
+            allow_unknown=figures.planner.allow_unknown,
+        )
+        tree, local, behaviours = self.transforms, self.local_costmap, figures.behaviours
+        self.servers = Servers(
+            robot,
+            tree,
+            self.localiser,
+            self.global_costmap,
+            local,
+            ComputePath(planner, self.estimate),
+            FollowPath(robot, tree, local, figures.controller, hold=self.held),
+            Spin(robot, tree, local, behaviours),
+            BackUp(robot, tree, local, behaviours),
+            DriveOnHeading(robot, tree, local, behaviours),
+            Wait(),
+            figures.navigator.goal_reached_tol,
+        )
+        self._outcomes: list[GoalOutcome] = []
+        named = figures.navigator
+        self.navigate_to_pose = Navigator(
+            self.servers,
+            _tree_file(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
+            ended=self._outcomes.append,
+        )
+        self.navigate_through_poses = Navigator(
+            self.servers,
+            _tree_file(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES),
+            through=True,
+            ended=self._outcomes.append,
+        )
+        self.servers.navigators = {
+            "navigate_to_pose": self.navigate_to_pose,
+            "navigate_through_poses": self.navigate_through_poses,
+            "goal_to": NavigateGoal,
+        }
+        self._scan_seen = {ODOM: -1, MAP: -1}
+        self._was_sure = True
+        self._wire(frames)
+
+    def go_to(self, goal: Pose2D) -> NavigateHandle:
+        """Navigate to *goal* (map); a goal that runs is given up for it."""
+        return self.navigate_to_pose.send_goal(NavigateGoal((goal,)))
+
+    def go_through(self, goals: Sequence[Pose2D]) -> NavigateHandle:
+        """Navigate through *goals* (map) to the last one."""
+        return self.navigate_through_poses.send_goal(NavigateGoal(tuple(goals)))
+
+    def estimate(self) -> Pose2D | None:
+        """Where the robot takes itself to be in the frame map; None while it doesn't know."""
+        return self.localiser.pose() if self.localiser.confident else None
+
+    def outcomes(self) -> Sequence[GoalOutcome]:
+        """Every goal that has ended, in order."""
+        return self._outcomes
+
+    def held(self) -> bool:
+        """Whether the robot has to stand because it isn't sure where it is."""
+        return not self.localiser.confident
+
+    def _wire(self, frames: FrameBroadcaster) -> None:
+        every, figures, servers = self.robot.schedule.every, self.parameters, self.servers
+        every(frames.RATE, Rank.TRANSFORMS, frames.step)
+        every(self.robot.laser.rate, Rank.LOCALISER, self._localise)
+        every(figures.local_costmap.update_frequency, Rank.COSTMAPS, self._update_local)
+        every(figures.global_costmap.update_frequency, Rank.COSTMAPS, self._update_global)
+        every(PLANNER_RATE, Rank.PLANNER, servers.compute_path.step)
+        every(figures.controller.controller_frequency, Rank.CONTROLLER, servers.follow_path.step)
+        for behaviour in (servers.spin, servers.back_up, servers.drive_on_heading, servers.wait):
+            every(figures.behaviours.cycle_frequency, Rank.CONTROLLER, behaviour.step)
+        rate = MS_PER_S / figures.navigator.bt_loop_duration
+        every(rate, Rank.CONTROLLER, self.navigate_to_pose.step)
+        every(rate, Rank.CONTROLLER, self.navigate_through_poses.step)
+
+    def _localise(self, now: int) -> None:
+        self.localiser.step(now)
+        sure = self.localiser.confident
+        if self.localiser.searching:
+            self.robot.drive(0.0, SEARCH_TURN)
+        if sure and not self._was_sure:
+            self._replan()
+        self._was_sure = sure
+
+    def _replan(self) -> None:
+        """Forget what was planned and seen from where the robot isn't."""
+        self.global_costmap.clear()
+        for navigator in (self.navigate_to_pose, self.navigate_through_poses):
+            if navigator.busy and navigator.tree is not None:
+                navigator.tree.halt()
+                navigator.tree.blackboard["path"] = empty_path(self.robot.clock.now())
+
+    def _update_local(self, now: int) -> None:
+        self._observe(self.local_costmap, ODOM)
+        here = self.robot.odometry().pose
+        try:
+            placed = self.transforms.lookup(ODOM, MAP).to_pose()
+        except TransformFault:
+            placed = None
+        self.local_costmap.update(now, here, placed)
+
+    def _update_global(self, now: int) -> None:
+        here = self.estimate()
+        if here is not None:
+            self._observe(self.global_costmap, MAP)
+            self.global_costmap.update(now, here)
+
+    def _observe(self, costmap: LocalCostmap | GlobalCostmap, frame: str) -> None:
+        scan = self.robot.scan()
+        if scan is None or scan.stamp == self._scan_seen[frame]:
+            return
+        try:
+            laser = laser_pose(self.transforms, frame, scan)
+        except TransformFault:
+            return
+        self._scan_seen[frame] = scan.stamp
+        costmap.observe(smoothed(scan), laser)
+
+
+def _global_costmap(map: OccupancyMap, figures: CostmapParameters) -> GlobalCostmap:
+    return GlobalCostmap(
+        map,
+        figures.robot_radius,
+        figures.inflation_radius,
+        figures.cost_scaling_factor,
+        obstacle_min_range=figures.obstacle_min_range,
+        obstacle_max_range=figures.obstacle_max_range,
+        raytrace_range=figures.raytrace_max_range,
+        track_unknown=figures.track_unknown_space,
+    )
+
+
+def _local_costmap(map: OccupancyMap, figures: CostmapParameters) -> LocalCostmap:
+    return LocalCostmap(
+        figures.robot_radius,
+        figures.inflation_radius,
+        figures.cost_scaling_factor,
+        size=figures.width,
+        resolution=figures.resolution,
+        keepout=map.keepout,
+        obstacle_min_range=figures.obstacle_min_range,
+        obstacle_max_range=figures.obstacle_max_range,
+        raytrace_range=figures.raytrace_max_range,
+    )
+
+
+def _tree_file(named: str, default: Path) -> Path:
+    """The file that the parameters name, or ours of that name; the default where there is neither."""
+    candidates = [Path(named), default.parent / Path(named).name] if named else []
+    return next((path for path in candidates if path.is_file()), default)

@@ -1,0 +1,198 @@
+"""The patrol of both houses: alone, with the camera, among people, past dropped boxes, and carried away.
+
+``python tests/acceptance/patrolling.py`` makes all the runs that issue 4 asks for, and exits with 1 on any
+miss; ``--sample`` makes one patrol of 300 s a house, from a battery of 25.
+"""
+
+import argparse
+import math
+import os
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from runs import Case, Result, complaints, results
+
+HOUSES = ("house", "aws_house")
+ROUND = ("wp1", "wp2", "wp3")
+PATROL = ("patrolling", "--until", "success", "--duration")
+
+
+@dataclass(frozen=True)
+class Group:
+    """A *case* with so many *seeds*, of which *allowed* may miss; *factor* is the least median speed."""
+
+    case: Case
+    seeds: Sequence[int]
+    allowed: int = 0
+    factor: float = 0.0
+
+
+def safe(result: Result) -> list[str]:
+    """Nothing was touched."""
+    robot = result["robot"]
+    return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
+
+
+def patrolled(least: int, recharges: int) -> Callable[[Result], list[str]]:
+    """At least *least* waypoints in their order, *recharges*, and localisation as it has to be."""
+
+    def misses(result: Result) -> list[str]:
+        robot, found = result["robot"], safe(result)
+        visited = robot["waypoints_visited"]
+        if len(visited) < least:
+            found.append(f"only {len(visited)} waypoints")
+        found += out_of_order(visited, robot["recharges"])
+        if robot["recharges"] < recharges:
+            found.append(f"{robot['recharges']} recharges")
+        if robot["battery_min"] <= 3.0:
+            found.append(f"the battery went down to {robot['battery_min']}")
+        if robot["goals_failed"]:
+            found.append(f"{robot['goals_failed']} goals failed")
+        return found + well_localised(robot)
+
+    return misses
+
+
+def out_of_order(visited: Sequence[str], recharges: int) -> list[str]:
+    """Every waypoint follows the one before, but for at most one left out for each recharge."""
+    left_out = sum(
+        (ROUND.index(later) - ROUND.index(earlier) - 1) % len(ROUND) for earlier, later in pairwise(visited)
+    )
+    # A waypoint that the low battery interrupts on the way is skipped: one for each way to the charger.
+    return [f"{left_out} waypoints left out, with {recharges} recharges"] if left_out > recharges + 1 else []
+
+
+def well_localised(robot: Result) -> list[str]:
+    """By the figures of the issue."""
+    error, turned = robot["localization_error_m"], robot["localization_yaw_error_rad"]["max"]
+    found = []
+    if error["median"] > 0.15 or error["max"] > 0.40 or turned > 0.15:
+        found.append(f"localised within {error['median']} m (median), {error['max']} m, {turned} rad at most")
+    if robot["odometry_error_m"] <= 1.0:
+        found.append(f"odometry alone is only {robot['odometry_error_m']} m off")
+    return found
+
+
+def among_people(result: Result) -> list[str]:
+    """Six waypoints, and no collision."""
+    robot = result["robot"]
+    found = [f"{robot['collisions']} collisions"] if robot["collisions"] else []
+    visited = len(robot["waypoints_visited"])
+    return found + ([f"only {visited} waypoints"] if visited < 6 else [])
+
+
+def passed_a_box(result: Result) -> list[str]:
+    """The box dropped, and the robot reached its waypoint all the same, and touched nothing."""
+    robot, found = result["robot"], safe(result)
+    if not result.get("events"):
+        found.append("no box dropped")
+    if not robot["waypoints_visited"] or robot["goals_failed"]:
+        found.append("it didn't come past")
+    return found
+
+
+def found_itself(result: Result) -> list[str]:
+    """Carried away, it noticed, stood, found out where it was, and went on."""
+    robot, found = result["robot"], safe(result)
+    carried = robot.get("carried", [])
+    if not carried:
+        return [*found, "nobody carried it away"]
+    for one in carried:
+        if one["found_s"] is None or one["found_s"] > 120.0:
+            found.append(f"not found within 120 s: {one}")
+        if one["astray_m"] > 0.5:
+            found.append(f"drove {one['astray_m']} m on a wrong pose")
+    return found
+
+
+def all_groups(seeds: int) -> list[Group]:
+    """Everything that the issue asks for; with fewer than 20 *seeds*, of each kind a share."""
+    few = range(1, math.ceil(seeds / 2) + 1)
+    groups = []
+    for house in HOUSES:
+        world = ("--world", house)
+        off = (*world, "--camera", "off")
+        patrol = Case(f"patrol {house}", (*PATROL, "1200", *off), patrolled(12, 1))
+        camera = Case(f"camera {house}", (*PATROL, "120", *world), safe)
+        people = Case(f"people {house}", (*PATROL, "900", *off, "--people", "3"), among_people)
+        box = Case(f"box {house}", (*PATROL, "150", *off, "--event", "box:10"), passed_a_box)
+        kidnap = Case(f"kidnap {house}", (*PATROL, "180", *off, "--event", "kidnap:30"), found_itself)
+        groups += [
+            Group(patrol, range(1, seeds + 1), factor=6.0),
+            Group(camera, few[:3], factor=2.0),
+            Group(people, few),
+            Group(box, few),
+            Group(kidnap, few, allowed=len(few) // 10),
+        ]
+    return groups
+
+
+def sample() -> list[Group]:
+    """What continuous integration runs."""
+    return [
+        Group(
+            Case(
+                f"sample {house}",
+                (*PATROL, "300", "--world", house, "--camera", "off", "--battery", "25"),
+                patrolled(3, 1),
+            ),
+            (1,),
+        )
+        for house in HOUSES
+    ]
+
+
+def row(group: Group, found: list[Result]) -> tuple[str, list[str]]:
+    """A line of the table, and a sentence for each miss that counts."""
+    missed = complaints(group.case, found)
+    whole = [one for one in found if "error" not in one]
+    if not whole:
+        return f"{group.case.name:18} {0:5}", missed
+    failed = {text.split(":")[0] for text in missed}
+    counted = missed if len(failed) > group.allowed else []
+    robots = [one["robot"] for one in whole]
+    factor = statistics.median(one["real_time_factor"] for one in whole)
+    if factor < group.factor:
+        counted = [*counted, f"{group.case.name}: {factor:.1f} times real time, and not {group.factor:g}"]
+    errors = [one["localization_error_m"] for one in robots if one["localization_error_m"]["max"] is not None]
+    line = (
+        f"{group.case.name:18} {len(whole) - len(failed):3}/{len(whole):<3}"
+        f" {sum(one['collisions'] for one in robots):5} {sum(one['grazes'] for one in robots):6}"
+        f" {min(len(one['waypoints_visited']) for one in robots):9}"
+        f" {min(one['battery_min'] for one in robots):8.1f}"
+        f" {max((one['median'] for one in errors), default=math.nan):8.3f}"
+        f" {max((one['max'] for one in errors), default=math.nan):6.3f}"
+        f" {min(one['odometry_error_m'] for one in robots):9.2f} {factor:11.1f}"
+    )
+    return line, counted
+
+
+def main() -> int:
+    """Run, print the table, and tell by the exit code whether all is well."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=20, help="patrols a house (default: %(default)s)")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: cores)"
+    )
+    parser.add_argument("--sample", action="store_true", help="one short patrol a house, and nothing else")
+    parser.add_argument("--only", default="", metavar="TEXT", help="the runs with TEXT in their name")
+    options = parser.parse_args()
+    print(
+        f"{'run':18} {'good':>7} {'coll.':>5} {'grazes':>6} {'waypoints':>9} {'battery':>8}"
+        f" {'median m':>8} {'max m':>6} {'odom. m':>9} {'real time ×':>11}"
+    )
+    missed: list[str] = []
+    for group in sample() if options.sample else all_groups(options.seeds):
+        if options.only in group.case.name:
+            line, more = row(group, results(group.case, group.seeds, options.jobs))
+            print(line, flush=True)
+            missed += more
+    for one in missed:
+        print(f"miss: {one}")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
