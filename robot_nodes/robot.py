@@ -6,7 +6,7 @@ where the robot truly is: a body knows its odometry, and no more.
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol, runtime_checkable
@@ -340,6 +340,13 @@ class Robot(Protocol):
     def lifted(self) -> float | None:
         """How high (m) the torso is now, or None without one."""
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoints:
+    """The named places of a world, in the frame ``map``: ``recharge``, ``wp1``, ``wp2``, ``wp3`` …"""
+
+    places: Mapping[str, Pose2D]
 
 
 @dataclass(frozen=True, slots=True)

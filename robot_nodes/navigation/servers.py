@@ -2,13 +2,12 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from robot_nodes.navigation.action import GoalHandle
 from robot_nodes.navigation.behaviours import BackUp, DriveOnHeading, Spin, Wait
 from robot_nodes.navigation.controller import FollowPath
 from robot_nodes.navigation.costmap import GlobalCostmap, LocalCostmap
-from robot_nodes.navigation.localiser import Localiser
 from robot_nodes.navigation.path import NavPath
 from robot_nodes.navigation.plan_server import ComputePath
 from robot_nodes.robot import Pose2D, Robot
@@ -16,6 +15,32 @@ from robot_nodes.transforms import TransformTree
 
 MAP, ODOM, BASE = "map", "odom", "base_footprint"
 """The frames of what is known, of what is counted, and of the robot."""
+
+
+class Localising(Protocol):
+    """Who tells where the robot is in the frame map: a localiser, or who makes the map on the way."""
+
+    @property
+    def confident(self) -> bool:
+        """Whether the pose may be driven by."""
+        ...
+
+    @property
+    def searching(self) -> bool:
+        """Whether the robot has to turn on the spot, to see more."""
+        ...
+
+    def pose(self) -> Pose2D | None:
+        """Where ``base_footprint`` is in ``map`` now, by the last belief."""
+        ...
+
+    def step(self, now: int) -> None:
+        """Look at the newest scan, at *now* (ns)."""
+        ...
+
+    def global_localisation(self) -> None:
+        """Forget the pose, and search for it everywhere."""
+        ...
 
 
 @dataclass(slots=True)
@@ -28,7 +53,7 @@ class Servers:
 
     robot: Robot
     transforms: TransformTree
-    localiser: Localiser
+    localiser: Localising
     global_costmap: GlobalCostmap
     local_costmap: LocalCostmap
     compute_path: ComputePath

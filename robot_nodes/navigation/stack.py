@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from robot_nodes.navigation.path import empty_path
 from robot_nodes.navigation.plan_server import ComputePath
 from robot_nodes.navigation.planner import Planner
 from robot_nodes.navigation.scan_filter import smoothed
-from robot_nodes.navigation.servers import MAP, ODOM, Servers
+from robot_nodes.navigation.servers import MAP, ODOM, Localising, Servers
 from robot_nodes.robot import GoalOutcome, Pose2D, Rank, Robot
 from robot_nodes.transforms import FrameBroadcaster, TransformFault, TransformTree
 
@@ -54,8 +55,8 @@ class Navigation:
         self.transforms = TransformTree()
         frames = FrameBroadcaster(robot, self.transforms)
         frames.step(robot.clock.now())
-        self.localiser = Localiser(robot, map, self.transforms, random, figures.amcl)
-        self.global_costmap = _global_costmap(map, figures.global_costmap)
+        self.localiser = self._make_localiser(random)
+        self.global_costmap = self._make_global_costmap()
         self.local_costmap = _local_costmap(map, figures.local_costmap)
         planner = Planner(
             self.global_costmap,
@@ -115,6 +116,14 @@ class Navigation:
     def outcomes(self) -> Sequence[GoalOutcome]:
         """Every goal that has ended, in order."""
         return self._outcomes
+
+    def _make_localiser(self, random: np.random.Generator) -> Localising:
+        """Who tells where the robot is."""
+        return Localiser(self.robot, self.map, self.transforms, random, self.parameters.amcl)
+
+    def _make_global_costmap(self) -> GlobalCostmap:
+        """What is planned on."""
+        return GlobalCostmap(self.map, **costmap_figures(self.parameters.global_costmap))
 
     def held(self) -> bool:
         """Whether the robot has to stand because it isn't sure where it is."""
@@ -178,17 +187,17 @@ class Navigation:
         costmap.observe(smoothed(scan), laser)
 
 
-def _global_costmap(map: OccupancyMap, figures: CostmapParameters) -> GlobalCostmap:
-    return GlobalCostmap(
-        map,
-        figures.robot_radius,
-        figures.inflation_radius,
-        figures.cost_scaling_factor,
-        obstacle_min_range=figures.obstacle_min_range,
-        obstacle_max_range=figures.obstacle_max_range,
-        raytrace_range=figures.raytrace_max_range,
-        track_unknown=figures.track_unknown_space,
-    )
+def costmap_figures(figures: CostmapParameters) -> dict[str, Any]:
+    """The arguments of a `GlobalCostmap` that *figures* mean."""
+    return {
+        "radius": figures.robot_radius,
+        "inflation_radius": figures.inflation_radius,
+        "scaling": figures.cost_scaling_factor,
+        "obstacle_min_range": figures.obstacle_min_range,
+        "obstacle_max_range": figures.obstacle_max_range,
+        "raytrace_range": figures.raytrace_max_range,
+        "track_unknown": figures.track_unknown_space,
+    }
 
 
 def _local_costmap(map: OccupancyMap, figures: CostmapParameters) -> LocalCostmap:

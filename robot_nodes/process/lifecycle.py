@@ -1,4 +1,4 @@
-"""Components that are configured and activated from outside, with the states and numbers of ROS 2's lifecycle."""
+"""Components that are configured and activated from outside, with ROS 2's states and numbers."""
 
 from enum import IntEnum
 
@@ -34,7 +34,7 @@ _LEADS = {
 
 
 class LifecycleComponent:
-    """A component with a `state`. A subclass says what each change does, and refuses it by returning False."""
+    """A component with a `state`. A subclass says what a change does, or refuses it by returning False."""
 
     def __init__(self) -> None:
         self._state = State.UNCONFIGURED
@@ -45,7 +45,7 @@ class LifecycleComponent:
         return self._state
 
     def change(self, asked: Change) -> bool:
-        """Ask for a transition; False, and nothing has changed, where it isn't one from here or is refused."""
+        """Ask for a transition; False where there is none from here, or it is refused: nothing changes."""
         target = _LEADS.get((self._state, asked))
         if target is None or not self._callback(asked):
             return False

@@ -3,9 +3,11 @@ import threading
 import numpy as np
 import pytest
 
+from robot_nodes.realtime import SimulatedTime
 from robot_nodes.robot import (
     CMD_VEL,
     BaseFacts,
+    Frame,
     HeadFacts,
     HeadPosition,
     LaserFacts,
@@ -18,28 +20,34 @@ from robot_nodes.robot import (
 )
 
 
-class SteppedClock:
-    """Simulated time that jumps to the moment waited for."""
+class SteppedClock(SimulatedTime):
+    """Simulated time that goes, task by task, to the moment waited for, or that is set."""
 
-    def __init__(self) -> None:
-        self.time = 0
+    @property
+    def time(self) -> int:
+        return self.now()
 
-    def now(self) -> int:
-        return self.time
+    @time.setter
+    def time(self, moment: int) -> None:
+        self.wait_until(moment, threading.Event())
 
-    def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        if not wake.is_set():
-            self.time = max(self.time, deadline)
-        return wake.is_set()
+    def sleep(self, seconds: float) -> None:
+        self.time = self.now() + round(seconds * 1e9)
 
 
 class RecordingRobot(Robot):
-    """A robot that notes what it is told, and sees what it is given."""
+    """A robot that notes what it is told, and sees what it is given. It obeys nothing."""
 
     def __init__(self) -> None:
         self._clock = SteppedClock()
         self.commands: list[tuple[float, float]] = []
+        self.looks: list[tuple[float, float]] = []
+        self.recharges = 0
         self.seen: LaserScan | None = None
+        self.shown: Picture | None = None
+        self.turned: HeadPosition | None = None
+        self.limits: HeadFacts | None = None
+        self.at = Pose2D(0.0, 0.0, 0.0)
 
     def see(self, *ranges: float, angle_min: float = 0.0, angle_increment: float = 0.1) -> None:
         """Have a scan of these ranges (m) now."""
@@ -59,6 +67,10 @@ class RecordingRobot(Robot):
         return self._clock
 
     @property
+    def schedule(self) -> SteppedClock:
+        return self._clock
+
+    @property
     def base(self) -> BaseFacts:
         return BaseFacts(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
 
@@ -68,7 +80,14 @@ class RecordingRobot(Robot):
 
     @property
     def neck(self) -> HeadFacts | None:
-        return None
+        return self.limits
+
+    def frames(self) -> list[Frame]:
+        still = (0.0, 0.0, 0.0, 1.0)
+        return [
+            Frame(self.laser.frame, "base_footprint", (0.2, 0.0, 0.1), still, self._clock.time),
+            Frame("head_2_link", "base_footprint", (0.125, 0.0, 1.0), still, self._clock.time),
+        ]
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         self.commands.append((v, w))
@@ -76,20 +95,26 @@ class RecordingRobot(Robot):
     def stop(self) -> None:
         self.drive(0.0, 0.0)
 
+    def asked(self) -> Twist2D:
+        return Twist2D(*self.commands[-1]) if self.commands else Twist2D(0.0, 0.0)
+
     def scan(self) -> LaserScan | None:
         return self.seen
 
     def odometry(self) -> Odometry:
-        return Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.0, 0.0), self._clock.time)
+        return Odometry(self.at, Twist2D(0.0, 0.0), self._clock.time)
 
     def look(self, pan: float, tilt: float) -> None:
-        pass
+        self.looks.append((pan, tilt))
 
     def head(self) -> HeadPosition | None:
-        return None
+        return self.turned
 
     def camera(self) -> Picture | None:
-        return None
+        return self.shown
+
+    def recharge(self) -> None:
+        self.recharges += 1
 
 
 @pytest.fixture

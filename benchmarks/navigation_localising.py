@@ -1,0 +1,147 @@
+"""What an update of the localiser takes, beside a naive one that turns every beam by sine and cosine.
+
+    python benchmarks/navigation_localising.py [--pairs 15] [--particles 500 1000 2000] [--beams 60]
+
+An update is moving the particles, weighing them by the likelihood field, and KLD resampling; the naive peer
+differs in the weighing only, which it does in numpy straight from the formula, and has to find the same
+weights. Ratios are taken pair by pair; times are of the processor, so that other programs on the machine
+disturb them little. The share is that of the 100 ms between two scans. Below stand the check that each scan
+gets, a correction of the pose by matching, and one fifth of a search of the whole map.
+"""
+
+import argparse
+import math
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_nodes.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
+from robot_nodes.navigation.likelihood import LikelihoodField, distances
+from robot_nodes.navigation.map import OccupancyMap
+from robot_nodes.navigation.motion import moved
+from robot_nodes.navigation.particles import best_cluster, cloud, resampled
+from robot_nodes.navigation.relocation import HEADINGS_A_STEP
+from robot_nodes.navigation.scan_match import Faces
+from robot_nodes.robot import Pose2D
+from sim.rasterise import rasterise
+from sim.scene import load_scene
+
+Floats = NDArray[np.float64]
+
+MILLISECOND = 1e6
+PERIOD = 100.0  # ms between two scans
+ALPHAS = (0.2, 0.2, 0.2, 0.2)
+POSE = Pose2D(0.0, 0.0, 0.3)
+AHEAD = Pose2D(0.25, 0.05, 0.4)
+EYE = (0.202, 0.0)
+
+
+class NaiveField:
+    """The likelihood field as its formula reads: a sine and a cosine for each beam of each particle."""
+
+    def __init__(self, field_map: OccupancyMap) -> None:
+        self._map = field_map
+        self._z = distances(field_map, 2.0)
+
+    def weights(self, particles: Floats, points: Floats) -> Floats:
+        """1 + Σ pz³, shape ``(n,)``."""
+        bearings, lengths = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
+        angles = particles[:, 2, None] + bearings
+        x = particles[:, 0, None] + lengths * np.cos(angles)
+        y = particles[:, 1, None] + lengths * np.sin(angles)
+        columns = np.floor((x - self._map.origin[0]) / self._map.resolution).astype(int)
+        rows = np.floor((y - self._map.origin[1]) / self._map.resolution).astype(int)
+        height, width = self._z.shape
+        inside = (rows >= 0) & (columns >= 0) & (rows < height) & (columns < width)
+        z = np.where(inside, self._z[rows.clip(0, height - 1), columns.clip(0, width - 1)], 2.0)
+        pz = 0.5 * np.exp(-(z**2) / (2.0 * 0.2**2)) + 0.5 / 25.0
+        weights: Floats = 1.0 + (pz**3).sum(axis=1)
+        return weights
+
+
+def ends(field_map: OccupancyMap, beams: int) -> Floats:
+    """Where *beams* over 220° end for a robot at POSE, in its frame."""
+    angles = np.linspace(-math.radians(110.0), math.radians(110.0), beams)
+    steps = np.arange(0.0, 25.0, 0.01)
+    x = POSE.x + np.cos(POSE.yaw + angles)[:, None] * steps
+    y = POSE.y + np.sin(POSE.yaw + angles)[:, None] * steps
+    cells = field_map.indices(np.stack((x.ravel(), y.ravel()), axis=1))
+    height, width = field_map.cells.shape
+    solid = field_map.occupied[cells[:, 0].clip(0, height - 1), cells[:, 1].clip(0, width - 1)]
+    lengths = steps[solid.reshape(beams, -1).argmax(axis=1)]
+    directions: Floats = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    directions *= lengths[:, None]
+    return directions
+
+
+def update(field: LikelihoodField | NaiveField, particles: Floats, points: Floats) -> Floats:
+    """Move, weigh, find the pose, resample."""
+    random = np.random.default_rng(1)
+    ahead = moved(particles, POSE, AHEAD, ALPHAS, random)
+    weights = field.weights(ahead, points)
+    weights /= weights.sum()
+    best_cluster(ahead, weights)
+    count = len(particles)
+    return resampled(ahead, weights, random, err=0.05, z=0.99, least=min(500, count), most=count)
+
+
+def processor_time(work: Callable[[], object]) -> float:
+    """How long *work* takes (ms of processor time)."""
+    start = time.process_time_ns()
+    work()
+    return (time.process_time_ns() - start) / MILLISECOND
+
+
+def median(work: Callable[[], object], times: int) -> float:
+    """The median (ms) of so many *times*, the first left out."""
+    return statistics.median([processor_time(work) for _ in range(times + 1)][1:])
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--pairs", type=int, default=15, help="how many pairs of updates")
+    parser.add_argument("--particles", type=int, nargs="+", default=[500, 1000, 2000])
+    parser.add_argument("--beams", type=int, default=60)
+    given = parser.parse_args()
+    field_map = rasterise(load_scene("house"))
+    field, naive, points = LikelihoodField(field_map), NaiveField(field_map), ends(field_map, given.beams)
+    height, width = field_map.cells.shape
+    print(f"house, {width} × {height} cells; {given.beams} beams; medians of {given.pairs} pairs")
+    print("particles    update     naive   ratio         spread   share of 100 ms")
+    for count in given.particles:
+        spread = np.diag([0.3, 0.3, 0.2]) ** 2
+        particles = cloud(POSE, spread, count, np.random.default_rng(0))
+        same = np.isclose(field.weights(particles, points), naive.weights(particles, points), rtol=1e-3)
+        assert same.mean() > 0.95, "both weigh the particles alike, but for beams on a cell's edge"
+        measured = []
+        for index in range(given.pairs + 1):
+            one = processor_time(lambda cloud=particles: update(field, cloud, points))  # type: ignore[misc]
+            other = processor_time(lambda cloud=particles: update(naive, cloud, points))  # type: ignore[misc]
+            if index:  # the first pair warms up
+                measured.append((one, other))
+        ours, theirs = (statistics.median(column) for column in zip(*measured, strict=True))
+        ratios = sorted(other / one for one, other in measured)
+        print(
+            f"{count:>9,}  {ours:>5.2f} ms  {theirs:>5.2f} ms  {statistics.median(ratios):>6.1f}"
+            f"  {ratios[0]:>5.1f} – {ratios[-1]:>5.1f}  {100 * ours / PERIOD:>14.1f} %"
+        )
+    faces, space = Faces(field_map), SearchSpace(field_map)
+    dense = ends(field_map, 2 * given.beams)
+    for what, work in (
+        ("how well a scan fits", lambda: faces.fit(POSE, points)),
+        ("a pose by matching", lambda: faces.match(POSE, dense, EYE, trust=(0.05, 0.05))),
+        (
+            f"{HEADINGS_A_STEP} of {HEADINGS} headings of a search",
+            lambda: GlobalSearch(space, points).advance(HEADINGS_A_STEP),
+        ),
+    ):
+        taken = median(work, given.pairs)
+        print(f"{what}: {taken:.2f} ms, {100 * taken / PERIOD:.1f} % of 100 ms")
+
+
+if __name__ == "__main__":
+    main()

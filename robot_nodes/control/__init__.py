@@ -1,0 +1,1 @@
+"""Controllers of the book: from readings to commands, without trees."""

@@ -1,0 +1,130 @@
+"""Leaves that make a map: going to where nobody has looked yet, and writing down what was seen."""
+
+import logging
+from pathlib import Path
+from typing import Annotated, Protocol, runtime_checkable
+
+from btcore import In, StatefulAction, Status, SyncAction
+from robot_nodes.navigation.action import GoalHandle, GoalStatus
+from robot_nodes.robot import Pose2D, Robot
+
+LOOKING = 1_000_000_000
+"""How long (ns) the robot stands where it has come to look, before it gives up what it doesn't see."""
+CHECKED = 1_000_000_000
+"""How often (ns) it asks on its way whether what it wants to look at has been seen by now."""
+DEFAULT_FILE = "map.yaml"
+
+log = logging.getLogger(__name__)
+
+
+@runtime_checkable
+class Explores(Protocol):
+    """Whoever drives a robot about and makes a map on the way."""
+
+    def go_to(self, goal: Pose2D) -> GoalHandle[object, object, object]:
+        """Send a goal in the frame ``map``; a goal that runs is given up for it."""
+        ...
+
+    def look_for(self) -> Pose2D | None:
+        """Where to go next in order to see more; None when there is no such place left."""
+        ...
+
+    def unseen(self) -> bool:
+        """Whether what was to be looked at, at the place of the last `look_for`, still is unknown."""
+        ...
+
+    def give_up(self) -> None:
+        """Don't look there again."""
+        ...
+
+    def save(self, path: Path) -> None:
+        """Write the map as it is now; raises an error whose message is a sentence when that can't be."""
+        ...
+
+
+class MapFile:
+    """Where a map is to be saved that has no name in its tree, and whether one was."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path
+        self.saved = False
+
+
+class Explore(StatefulAction):
+    """Go to where the known floor ends, again and again: RUNNING; SUCCESS when all that can be seen is.
+
+    What can't be reached, or shows nothing, is left out. A halt cancels the drive.
+    """
+
+    def __init__(self, explorer: Explores, robot: Robot) -> None:
+        self.explorer = explorer
+        self.clock = robot.clock
+        self.handle: GoalHandle[object, object, object] | None = None
+        self.checked = 0
+        self.arrived: int | None = None
+
+    def on_start(self) -> Status:
+        """Go to the first place."""
+        return self.next()
+
+    def on_running(self) -> Status:
+        """See how far it is, and whether it is still worth it."""
+        now = self.clock.now()
+        if self.handle is None:
+            return self.next()
+        if not self.handle.done:
+            if now - self.checked < CHECKED:
+                return Status.RUNNING
+            self.checked = now
+            return Status.RUNNING if self.explorer.unseen() else self.next()
+        if self.handle.status is GoalStatus.ABORTED:
+            result = self.handle.result
+            log.info("%s: left out: %s", self.path, result.message if result else "it was aborted")
+            self.explorer.give_up()
+            return self.next()
+        if self.arrived is None:
+            self.arrived = now
+        if now - self.arrived < LOOKING:
+            return Status.RUNNING
+        if self.explorer.unseen():
+            self.explorer.give_up()
+        return self.next()
+
+    def on_halted(self) -> None:
+        """Cancel the drive."""
+        if self.handle is not None:
+            self.handle.cancel()
+            self.handle = None
+
+    def next(self) -> Status:
+        """Go to the next place, if there is one."""
+        self.checked, self.arrived = self.clock.now(), None
+        place = self.explorer.look_for()
+        if place is None:
+            self.on_halted()
+            return Status.SUCCESS
+        self.handle = self.explorer.go_to(place)
+        return Status.RUNNING
+
+
+class SaveMap(SyncAction):
+    """Write the map: FAILURE where that can't be."""
+
+    file: Annotated[
+        In[str], "Where to, as map_server's YAML; empty: what --save-map names, or map.yaml."
+    ] = ""
+
+    def __init__(self, explorer: Explores, named: MapFile) -> None:
+        self.explorer = explorer
+        self.named = named
+
+    def tick(self) -> bool:
+        """Write it."""
+        path = Path(self.file) if self.file else self.named.path or Path(DEFAULT_FILE)
+        try:
+            self.explorer.save(path)
+        except Exception as fault:
+            log.warning("%s: %s", self.path, fault)
+            return False
+        self.named.saved = self.named.saved or path == self.named.path
+        return True

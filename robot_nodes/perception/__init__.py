@@ -1,0 +1,1 @@
+"""Perception of the book: from readings to what they show."""

@@ -1,0 +1,300 @@
+"""A floor with boxes and people, and a robot on it whose base and laser are like Tiago's."""
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.behaviours import BackUp, DriveOnHeading, Spin, Wait
+from robot_nodes.navigation.clearance import laser_pose
+from robot_nodes.navigation.controller import FollowGoal, FollowPath
+from robot_nodes.navigation.costmap import LocalCostmap
+from robot_nodes.navigation.parameters import ControllerParameters
+from robot_nodes.navigation.path import NavPath
+from robot_nodes.navigation.scan_filter import smoothed
+from robot_nodes.robot import (
+    CMD_VEL,
+    BaseFacts,
+    Frame,
+    LaserFacts,
+    LaserScan,
+    Odometry,
+    Pose2D,
+    Rank,
+    Robot,
+    SonarReading,
+    Twist2D,
+)
+from robot_nodes.transforms import FrameBroadcaster, TransformTree
+from sim.drive import DifferentialBase
+from sim.schedule import NS_PER_S, Schedule
+
+Box = tuple[float, float, float, float]
+LASER_AHEAD = 0.202  # m from the base's middle
+PERSON = 0.25  # m, the radius of one
+POLITE = 0.5  # m that a person keeps from a robot
+
+
+@dataclass(slots=True)
+class Person:
+    """Somebody who walks from *x*, *y* (m) at *vx*, *vy* (m/s), and stops 0.5 m before the robot."""
+
+    x: float
+    y: float
+    vx: float = 0.0
+    vy: float = 0.0
+
+    def walk(self, robot: Pose2D, reach: float, seconds: float) -> None:
+        x, y = self.x + self.vx * seconds, self.y + self.vy * seconds
+        gap = math.hypot(x - robot.x, y - robot.y) - reach - PERSON
+        nearer = math.hypot(x - robot.x, y - robot.y) < math.hypot(self.x - robot.x, self.y - robot.y)
+        if gap > POLITE or not nearer:
+            self.x, self.y = x, y
+
+
+class FloorClock:
+    """Simulated time over a schedule."""
+
+    def __init__(self, schedule: Schedule) -> None:
+        self._schedule = schedule
+
+    def now(self) -> int:
+        return self._schedule.now
+
+    def wait_until(self, deadline: int, wake: threading.Event) -> bool:
+        while not wake.is_set():
+            due = self._schedule.next_due()
+            if due is None or due > deadline:
+                self._schedule.now = deadline
+                return False
+            self._schedule.run_next()
+        return True
+
+
+class FloorRobot(Robot):
+    """A base that follows commands exactly within its limits, on a floor with *boxes* and *people*."""
+
+    def __init__(
+        self, boxes: Sequence[Box] = (), start: Pose2D | None = None, seed: int = 0, sigma: float = 0.06
+    ) -> None:
+        self._schedule = Schedule()
+        self._clock = FloorClock(self._schedule)
+        self.boxes = list(boxes)
+        self.people: list[Person] = []
+        self.blind = False
+        self.pose = start or Pose2D(0.0, 0.0, 0.0)
+        self.commands: list[tuple[int, float, float]] = []
+        self.nearest = math.inf
+        """The least distance (m) of the hull to anything, so far."""
+        self._random = np.random.default_rng([seed, 5])
+        self._sigma = sigma
+        self.facts = BaseFacts(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+        self._base = DifferentialBase(self.facts, 0.0985, 0.4044)
+        self._scan: LaserScan | None = None
+        self._odometry = Odometry(self.pose, Twist2D(0.0, 0.0), 0)
+        self.heard: list[SonarReading] = []
+        self._sweep(0)
+        self._schedule.every(100.0, Rank.PHYSICS, self._move)
+        self._schedule.every(50.0, Rank.SENSORS, self._count)
+        self._schedule.every(10.0, Rank.SENSORS, self._sweep)
+
+    @property
+    def clock(self) -> FloorClock:
+        return self._clock
+
+    @property
+    def schedule(self) -> Schedule:
+        return self._schedule
+
+    @property
+    def base(self) -> BaseFacts:
+        return self.facts
+
+    @property
+    def laser(self) -> LaserFacts:
+        step = math.radians(220.0) / 665
+        return LaserFacts(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, self._sigma, "base_laser_link")
+
+    def frames(self) -> Sequence[Frame]:
+        now = self._clock.now()
+        still = (0.0, 0.0, 0.0, 1.0)
+        return (
+            Frame("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.0945), still, now),
+            Frame("sonar_link", "base_footprint", (-0.25, 0.0, 0.2), (0.0, 0.0, 1.0, 0.0), now),
+        )
+
+    def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
+        self.commands.append((self._clock.now(), v, w))
+        self._base.command(v, w, self._clock.now())
+
+    def stop(self) -> None:
+        self.drive(0.0, 0.0)
+
+    def asked(self) -> Twist2D:
+        return self._base.asked(self._clock.now())
+
+    def scan(self) -> LaserScan | None:
+        return self._scan
+
+    def odometry(self) -> Odometry:
+        return self._odometry
+
+    def sonars(self) -> Sequence[SonarReading]:
+        return self.heard
+
+    @property
+    def speed(self) -> float:
+        """How fast (m/s) it truly goes."""
+        return self._base.twist.v
+
+    def _move(self, now: int) -> None:
+        twist = self._base.step(now, 0.01)
+        yaw = self.pose.yaw + twist.w * 0.005
+        self.pose = Pose2D(
+            self.pose.x + twist.v * 0.01 * math.cos(yaw),
+            self.pose.y + twist.v * 0.01 * math.sin(yaw),
+            math.remainder(self.pose.yaw + twist.w * 0.01, 2 * math.pi),
+        )
+        for xmin, ymin, xmax, ymax in self.boxes:
+            east = max(xmin - self.pose.x, 0.0, self.pose.x - xmax)
+            north = max(ymin - self.pose.y, 0.0, self.pose.y - ymax)
+            self.nearest = min(self.nearest, math.hypot(east, north) - self.facts.radius)
+        for one in self.people:
+            one.walk(self.pose, self.facts.radius, 0.01)
+            gap = math.hypot(one.x - self.pose.x, one.y - self.pose.y) - self.facts.radius - PERSON
+            self.nearest = min(self.nearest, gap)
+
+    def _count(self, now: int) -> None:
+        self._odometry = Odometry(self.pose, self._base.twist, now)
+
+    def _sweep(self, now: int) -> None:
+        if self.blind:
+            return
+        facts = self.laser
+        angles = facts.angle_min + facts.angle_increment * np.arange(facts.rays) + self.pose.yaw
+        cos, sin = np.cos(angles), np.sin(angles)
+        x = self.pose.x + LASER_AHEAD * math.cos(self.pose.yaw)
+        y = self.pose.y + LASER_AHEAD * math.sin(self.pose.yaw)
+        ranges = np.full(facts.rays, np.inf)
+        with np.errstate(divide="ignore"):
+            for xmin, ymin, xmax, ymax in self.boxes:
+                tx = np.sort(np.stack(((xmin - x) / cos, (xmax - x) / cos)), axis=0)
+                ty = np.sort(np.stack(((ymin - y) / sin, (ymax - y) / sin)), axis=0)
+                enters, leaves = np.maximum(tx[0], ty[0]), np.minimum(tx[1], ty[1])
+                hit = (enters <= leaves) & (enters > 0.0)
+                ranges = np.where(hit, np.minimum(ranges, enters), ranges)
+        for one in self.people:
+            ahead = (one.x - x) * cos + (one.y - y) * sin
+            beside = (one.x - x) * sin - (one.y - y) * cos
+            inside = np.maximum(PERSON**2 - beside**2, 0.0)
+            hit = (np.abs(beside) < PERSON) & (ahead > 0.0)
+            ranges = np.where(hit, np.minimum(ranges, ahead - np.sqrt(inside)), ranges)
+        ranges += self._sigma * self._random.standard_normal(facts.rays)
+        ranges = np.where(ranges < facts.range_min, -np.inf, ranges)
+        ranges = np.where(ranges > facts.range_max, np.inf, ranges)
+        self._scan = LaserScan(
+            ranges.astype(np.float32),
+            now,
+            facts.angle_min,
+            facts.angle_increment,
+            facts.range_min,
+            facts.range_max,
+            facts.frame,
+        )
+
+
+class Course:
+    """A robot with everything that drives it, its map lying where its odometry began."""
+
+    def __init__(self, robot: Robot, parameters: ControllerParameters | None = None) -> None:
+        self.robot = robot
+        self.tree = TransformTree()
+        self.costmap = LocalCostmap()
+        self.held = False
+        self.map_at((0.0, 0.0, 0.0))
+        broadcaster = FrameBroadcaster(robot, self.tree)
+        broadcaster.step(robot.clock.now())
+        figures = parameters or ControllerParameters()
+        self.follow_path = FollowPath(robot, self.tree, self.costmap, figures, hold=lambda: self.held)
+        self.spin = Spin(robot, self.tree, self.costmap)
+        self.back_up = BackUp(robot, self.tree, self.costmap)
+        self.drive_on_heading = DriveOnHeading(robot, self.tree, self.costmap)
+        self.wait = Wait()
+        every = robot.schedule.every
+        every(50.0, Rank.TRANSFORMS, broadcaster.step)
+        every(5.0, Rank.COSTMAPS, self._see)
+        every(20.0, Rank.CONTROLLER, self.follow_path.step)
+        for behaviour in (self.spin, self.back_up, self.drive_on_heading, self.wait):
+            every(10.0, Rank.CONTROLLER, behaviour.step)
+
+    def map_at(self, pose: tuple[float, float, float]) -> None:
+        """Say where odom is in the map."""
+        x, y, yaw = pose
+        turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+        self.tree.set_static(Frame("odom", "map", (x, y, 0.0), turned, 0))
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
+        """Let time pass until something holds; the seconds that took."""
+        start = self.robot.clock.now()
+        end = start + round(seconds * NS_PER_S)
+        while self.robot.clock.now() < end and not until():
+            self.robot.clock.wait_until(self.robot.clock.now() + NS_PER_S // 20, threading.Event())
+        return (self.robot.clock.now() - start) / NS_PER_S
+
+    def _see(self, now: int) -> None:
+        scan = self.robot.scan()
+        if scan is not None:
+            self.costmap.observe(smoothed(scan), laser_pose(self.tree, "odom", scan))
+        self.costmap.update(now, self.robot.odometry().pose)
+
+
+def path_through(*points: tuple[float, float], yaw: float = 0.0, frame: str = "map") -> NavPath:
+    """A path along straight lines between *points*, a pose every 5 cm, that ends with heading *yaw*."""
+    places = [np.array(points[:1])]
+    for (x0, y0), (x1, y1) in pairwise(points):
+        count = max(round(math.hypot(x1 - x0, y1 - y0) / 0.05), 1)
+        shares = np.arange(1, count + 1)[:, None] / count
+        places.append(np.array([[x0, y0]]) + shares * np.array([[x1 - x0, y1 - y0]]))
+    line = np.concatenate(places)
+    poses = np.column_stack((line, np.zeros(len(line))))
+    poses[:-1, 2] = np.arctan2(*np.diff(line, axis=0).T[::-1])
+    poses[-1, 2] = yaw
+    return NavPath(poses, 0, frame)
+
+
+@pytest.fixture
+def floor() -> Callable[..., Course]:
+    """Put a robot on a floor: `floor(*boxes, start=…, seed=…, **controller_parameters)`."""
+
+    def make(*boxes: Box, start: Pose2D | None = None, seed: int = 0, **figures: float) -> Course:
+        return Course(FloorRobot(boxes, start, seed), replace(ControllerParameters(), **figures))
+
+    return make
+
+
+@pytest.fixture
+def course_of() -> type[Course]:
+    """What drives a robot that is there already."""
+    return Course
+
+
+@pytest.fixture
+def path() -> Callable[..., NavPath]:
+    """`path((x, y), …, yaw=…)`: a path along straight lines."""
+    return path_through
+
+
+@pytest.fixture
+def follow() -> Callable[[NavPath], FollowGoal]:
+    """The goal to follow a path."""
+    return FollowGoal
+
+
+@pytest.fixture
+def person() -> type[Person]:
+    """`person(x, y, vx, vy)`: somebody who walks."""
+    return Person

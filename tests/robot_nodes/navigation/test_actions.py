@@ -1,0 +1,91 @@
+import pytest
+
+from robot_nodes.navigation.action import ActionServer, GoalHandle, GoalStatus
+
+
+class Counting(ActionServer[int, int, int]):
+    """Counts to its goal, one a step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+        self.stopped: list[int] = []
+        self.preempted: list[int] = []
+
+    def start(
+        self, handle: GoalHandle[int, int, int], now: int, previous: GoalHandle[int, int, int] | None
+    ) -> None:
+        self.count = 0
+        if previous is not None:
+            self.preempted.append(previous.goal)
+        if handle.goal < 0:
+            handle.abort(7, "nobody counts to that")
+
+    def work(self, handle: GoalHandle[int, int, int], now: int) -> None:
+        self.count += 1
+        handle.feedback = self.count
+        if self.count >= handle.goal:
+            handle.succeed(self.count)
+
+    def stop(self, handle: GoalHandle[int, int, int], now: int) -> None:
+        self.stopped.append(handle.goal)
+
+
+@pytest.fixture
+def server() -> Counting:
+    return Counting()
+
+
+def test_a_goal_waits_for_the_next_step(server):
+    handle = server.send_goal(2)
+    assert (handle.status, server.busy) == (GoalStatus.UNKNOWN, True)
+    server.step(0)
+    assert (handle.status, handle.feedback) == (GoalStatus.EXECUTING, 1)
+    server.step(1)
+    assert (handle.status, handle.result.value, server.busy) == (GoalStatus.SUCCEEDED, 2, False)
+
+
+def test_a_goal_can_end_as_it_starts(server):
+    handle = server.send_goal(-1)
+    server.step(0)
+    assert (handle.status, handle.result.code, handle.feedback) == (GoalStatus.ABORTED, 7, None)
+
+
+def test_a_newer_goal_pre_empts_without_a_stop(server):
+    first = server.send_goal(5)
+    server.step(0)
+    second = server.send_goal(1)
+    server.step(1)
+    assert (first.status, second.status) == (GoalStatus.CANCELED, GoalStatus.SUCCEEDED)
+    assert (server.preempted, server.stopped) == ([5], [])
+
+
+def test_a_cancelled_goal_is_stopped_once(server):
+    handle = server.send_goal(5)
+    server.step(0)
+    handle.cancel()
+    assert handle.status == GoalStatus.CANCELING
+    server.step(1)
+    server.step(2)
+    assert (handle.status, server.stopped) == (GoalStatus.CANCELED, [5])
+
+
+def test_a_goal_cancelled_before_its_turn_never_starts(server):
+    handle = server.send_goal(5)
+    handle.cancel()
+    server.step(0)
+    assert (handle.status, handle.feedback, server.busy) == (GoalStatus.CANCELED, None, False)
+
+
+def test_of_two_goals_between_steps_the_newer_counts(server):
+    first, second = server.send_goal(5), server.send_goal(6)
+    server.step(0)
+    assert (first.status, second.status) == (GoalStatus.CANCELED, GoalStatus.EXECUTING)
+
+
+def test_what_has_ended_stays_as_it_is(server):
+    handle = server.send_goal(1)
+    server.step(0)
+    handle.cancel()
+    handle.abort(3, "too late")
+    assert (handle.status, handle.result.code) == (GoalStatus.SUCCEEDED, 0)

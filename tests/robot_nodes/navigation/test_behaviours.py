@@ -1,0 +1,166 @@
+import math
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.action import GoalStatus
+from robot_nodes.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
+from robot_nodes.navigation.codes import Code
+from robot_nodes.robot import SonarReading
+
+
+def ended(course, handle, seconds=30.0):
+    """How long (s) it took to end."""
+    return course.run(seconds, lambda: handle.done)
+
+
+@pytest.mark.parametrize("angle", [1.57, -1.57, 4.0, 7.5])
+def test_spin_turns_by_its_angle(floor, angle):
+    course = floor()
+    turned, last = 0.0, 0.0
+    handle = course.spin.send_goal(SpinGoal(angle))
+
+    def look():
+        nonlocal turned, last
+        turned += math.remainder(course.robot.pose.yaw - last, 2 * math.pi)
+        last = course.robot.pose.yaw
+        return handle.done
+
+    course.run(30.0, look)
+    course.run(0.5, lambda: look() and False)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert turned == pytest.approx(angle, abs=0.1)
+
+
+def test_spin_keeps_to_nav2s_rates(floor):
+    course = floor()
+    ended(course, course.spin.send_goal(SpinGoal(3.0)))
+    rates = np.array([w for _, _, w in course.robot.commands])
+    assert rates.max() == pytest.approx(1.0)
+    assert np.abs(np.diff(rates)).max() <= 2.09 * 0.1 + 1e-9
+
+
+def test_back_up_goes_straight_back(floor):
+    course = floor()
+    handle = course.back_up.send_goal(BackUpGoal(0.3, 0.15))
+    ended(course, handle)
+    course.run(0.5)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert course.robot.pose.x == pytest.approx(-0.3, abs=0.02)
+    assert course.robot.pose.y == pytest.approx(0.0, abs=0.001)
+
+
+def test_back_up_asks_for_no_more_than_the_base_can_do_backwards(floor):
+    course = floor()
+    ended(course, course.back_up.send_goal(BackUpGoal(0.5, 0.5)))
+    assert min(v for _, v, _ in course.robot.commands) >= course.robot.base.v_min
+
+
+def test_driving_on_ends_at_its_distance(floor):
+    course = floor()
+    handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2))
+    ended(course, handle)
+    course.run(0.5)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert course.robot.pose.x == pytest.approx(0.5, abs=0.03)
+
+
+def test_driving_on_stops_two_seconds_before_a_wall(floor):
+    course = floor((1.5, -1.0, 1.7, 1.0))
+    handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(3.0, 0.2, 60.0))
+    ended(course, handle, 60.0)
+    course.run(0.5)
+    assert handle.result.code == Code.DRIVE_ON_HEADING_COLLISION_AHEAD
+    assert 0.25 < course.robot.nearest < 0.6
+
+
+def test_a_wall_behind_that_was_seen_before_the_robot_turned_its_back_is_remembered(floor):
+    course = floor((0.8, -1.0, 1.0, 1.0))
+    ended(course, course.spin.send_goal(SpinGoal(math.pi)))
+    handle = course.back_up.send_goal(BackUpGoal(1.0, 0.2, 20.0))
+    ended(course, handle)
+    course.run(0.5)
+    assert handle.result.code == Code.BACKUP_COLLISION_AHEAD
+    assert course.robot.nearest > 0.1
+
+
+def test_backwards_the_sonars_count(floor):
+    course = floor()
+    course.run(0.1)
+    course.robot.heard.append(SonarReading(0.2, 0, 0.5, 0.03, 1.0, "sonar_link"))
+    handle = course.back_up.send_goal(BackUpGoal(0.5, 0.2))
+    ended(course, handle)
+    assert handle.result.code == Code.BACKUP_COLLISION_AHEAD
+    assert course.robot.pose.x > -0.05
+
+
+def test_without_collision_checks_nobody_looks(floor):
+    course = floor((1.0, -1.0, 1.2, 1.0))
+    handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2, 10.0, True))
+    ended(course, handle)
+    assert handle.status == GoalStatus.SUCCEEDED
+
+
+@pytest.mark.parametrize(
+    ("server", "goal", "code"),
+    [
+        ("spin", SpinGoal(6.0, 1.0), Code.SPIN_TIMEOUT),
+        ("back_up", BackUpGoal(1.0, 0.05, 1.0), Code.BACKUP_TIMEOUT),
+        ("drive_on_heading", DriveOnHeadingGoal(1.0, 0.05, 1.0), Code.DRIVE_ON_HEADING_TIMEOUT),
+    ],
+)
+def test_who_takes_too_long_fails_and_stands(floor, server, goal, code):
+    course = floor()
+    handle = getattr(course, server).send_goal(goal)
+    assert ended(course, handle) == pytest.approx(1.15, abs=0.1)
+    assert handle.result.code == code
+    course.run(0.6)
+    assert course.robot.commands[-1][1:] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("server", "goal", "code"),
+    [
+        ("drive_on_heading", DriveOnHeadingGoal(0.5, -0.1), Code.DRIVE_ON_HEADING_INVALID_INPUT),
+        ("back_up", BackUpGoal(0.5, 0.0), Code.BACKUP_INVALID_INPUT),
+        ("spin", SpinGoal(math.nan), Code.SPIN_UNKNOWN),
+        ("wait", WaitGoal(math.inf), Code.WAIT_UNKNOWN),
+    ],
+)
+def test_what_never_ends_is_refused(floor, server, goal, code):
+    course = floor()
+    handle = getattr(course, server).send_goal(goal)
+    ended(course, handle)
+    assert handle.result.code == code
+    assert all(command[1:] == (0.0, 0.0) for command in course.robot.commands)
+
+
+def test_a_blind_robot_stands_until_it_sees(floor):
+    course = floor()
+    handle = course.back_up.send_goal(BackUpGoal(0.3, 0.1, 20.0))
+    course.run(1.0)
+    course.robot.blind = True
+    course.run(2.0)
+    assert course.robot.speed == 0.0
+    course.robot.blind = False
+    ended(course, handle)
+    assert handle.status == GoalStatus.SUCCEEDED
+
+
+def test_waiting_takes_its_time_and_moves_nothing(floor):
+    course = floor()
+    handle = course.wait.send_goal(WaitGoal(2.0))
+    course.run(1.05)
+    assert handle.feedback.travelled == pytest.approx(1.0, abs=0.15)
+    assert 0.9 < ended(course, handle) < 1.2
+    assert course.robot.commands == []
+
+
+def test_a_cancelled_behaviour_stops(floor):
+    course = floor()
+    handle = course.spin.send_goal(SpinGoal(6.0))
+    course.run(2.0)
+    handle.cancel()
+    course.run(0.8)
+    assert handle.status == GoalStatus.CANCELED
+    assert course.robot.commands[-1][1:] == (0.0, 0.0)

@@ -1,0 +1,242 @@
+import math
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.action import GoalStatus
+from robot_nodes.navigation.codes import Code
+from robot_nodes.navigation.path import empty_path
+from robot_nodes.robot import Pose2D
+
+CORRIDOR = (-1.0, -1.2, 7.0, -1.0), (-1.0, 1.0, 7.0, 1.2)
+
+
+def commands(robot):
+    """Times (s), speeds (m/s) and turning rates (rad/s) of all commands."""
+    return np.array([(stamp / 1e9, v, w) for stamp, v, w in robot.commands]).T
+
+
+def test_a_path_is_followed_to_its_end_and_heading(floor, path, follow):
+    course = floor()
+    handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0), (3, 2), yaw=math.pi)))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    pose = course.robot.pose
+    assert math.hypot(pose.x - 3, pose.y - 2) <= 0.25 + 0.05
+    assert abs(math.remainder(pose.yaw - math.pi, 2 * math.pi)) <= 0.25
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 0.15, 0.25])
+def test_how_near_is_near_enough_is_a_parameter(floor, path, follow, tolerance):
+    course = floor(xy_goal_tolerance=tolerance)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (2, 1))))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert math.hypot(course.robot.pose.x - 2, course.robot.pose.y - 1) <= tolerance + 0.03
+
+
+def test_an_s_is_driven_without_leaving_it(floor, path, follow):
+    course = floor()
+    beside = []
+    handle = course.follow_path.send_goal(follow(path((0, 0), (2, 0), (2, 2), (4, 2), (4, 0), (6, 0))))
+
+    def done():
+        beside.append(handle.feedback.position_error if handle.feedback else 0.0)
+        return handle.done
+
+    seconds = course.run(60.0, done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert max(beside) < 0.2
+    assert seconds < 10.0 / 0.3 + 5.0
+
+
+def test_neither_speeds_nor_accelerations_ever_pass_the_limits(floor, path, follow):
+    course = floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2), seed=3)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0), yaw=2.0)))
+    course.run(60.0, lambda: handle.done)
+    times, v, w = commands(course.robot)
+    limits = course.follow_path.parameters
+    assert v.min() >= 0.0
+    assert v.max() <= limits.max_vel_x
+    assert np.abs(w).max() <= limits.max_vel_theta
+    periods = np.diff(times)
+    base = course.robot.base
+    assert (np.abs(np.diff(v)) <= min(limits.acc_lim_x, base.v_rate) * periods + 1e-9).all()
+    assert (np.abs(np.diff(w)) <= min(limits.acc_lim_theta, base.w_rate) * periods + 1e-9).all()
+
+
+def test_a_robot_that_looks_away_turns_before_it_drives(floor, path, follow):
+    course = floor(start=Pose2D(0.0, 0.0, math.pi))
+    course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
+    course.run(4.0)
+    assert math.hypot(course.robot.pose.x, course.robot.pose.y) < 0.02
+    assert abs(math.remainder(course.robot.pose.yaw - math.pi, 2 * math.pi)) > 1.0
+
+
+def test_the_path_lies_in_the_map_and_the_robot_in_odom(floor, path, follow):
+    course = floor()
+    course.map_at((1.0, 2.0, math.pi / 2))
+    handle = course.follow_path.send_goal(follow(path((1, 2), (1, 4), yaw=math.pi / 2)))
+    course.run(30.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert course.robot.pose.x == pytest.approx(2.0, abs=0.3)
+    assert course.robot.pose.y == pytest.approx(0.0, abs=0.1)
+
+
+def test_feedback_tells_the_way_left_and_the_speed(floor, path, follow):
+    course = floor()
+    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+    course.run(5.0)
+    left = handle.feedback.distance_to_goal
+    assert left == pytest.approx(4.0 - course.robot.pose.x, abs=0.05)
+    assert handle.feedback.speed == pytest.approx(0.3)
+    assert handle.feedback.position_error < 0.02
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_box_on_the_path_is_passed_where_there_is_room_at_one_side(floor, path, follow, seed):
+    course = floor((-1.0, -0.7, 7.0, -0.5), (-1.0, 1.15, 7.0, 1.3), (1.5, -0.25, 2.0, 0.25), seed=seed)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert course.robot.nearest > 0.0
+
+
+def test_a_box_that_falls_before_the_driving_robot_is_passed(floor, path, follow):
+    course = floor(*CORRIDOR)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+    course.run(3.0)
+    ahead = course.robot.pose.x + 1.5
+    course.robot.boxes.append((ahead, -0.6, ahead + 0.5, -0.1))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert course.robot.nearest > 0.05
+
+
+def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(floor, path, follow):
+    course = floor((2.0, -3.0, 2.2, 3.0))
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.ABORTED
+    assert handle.result.code in (Code.PATIENCE_EXCEEDED, Code.FAILED_TO_MAKE_PROGRESS)
+    assert course.robot.nearest > 0.05
+    assert course.robot.pose.x > 1.2
+
+
+def test_without_patience_no_way_on_fails_at_once(floor, path, follow):
+    course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=0.0)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+    seconds = course.run(60.0, lambda: handle.done)
+    assert handle.result.code == Code.NO_VALID_CONTROL
+    assert seconds < 5.0
+
+
+def test_no_progress_fails_after_ten_seconds(floor, path, follow):
+    course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+    seconds = course.run(60.0, lambda: handle.done)
+    assert handle.result.code == Code.FAILED_TO_MAKE_PROGRESS
+    assert 10.0 <= seconds < 16.0
+
+
+@pytest.mark.parametrize("place", [(5.0, 0.3, -0.5, 0.0), (2.0, 3.2, 0.0, -0.5), (4.0, 0.0, -0.5, 0.0)])
+def test_people_are_never_touched_and_the_robot_gets_there(floor, path, follow, person, place):
+    course = floor(seed=1)
+    course.robot.people.append(person(*place))
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert course.robot.nearest > 0.03
+
+
+def test_near_a_wall_it_goes_slower_and_straight(floor, path, follow):
+    course = floor((-1.0, -0.6, 7.0, -0.36))
+    handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert course.robot.nearest > 0.05
+    assert commands(course.robot)[1].max() < 0.25
+
+
+def test_a_blind_robot_stops_within_a_second_and_goes_on_when_it_sees(floor, path, follow):
+    course = floor(*CORRIDOR)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+    course.run(4.0)
+    course.robot.blind = True
+    course.run(1.0)
+    assert course.robot.speed == 0.0
+    course.run(4.0)
+    assert handle.status == GoalStatus.EXECUTING
+    course.robot.blind = False
+    course.run(1.0)
+    assert course.robot.speed > 0.1
+    course.run(30.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+
+
+def test_standing_because_it_has_to_is_no_lack_of_progress(floor, path, follow):
+    course = floor()
+    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+    course.run(2.0)
+    course.held = True
+    course.run(30.0)
+    assert handle.status == GoalStatus.EXECUTING
+    assert course.robot.speed == 0.0
+    course.held = False
+    course.run(30.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+
+
+def test_a_cancelled_robot_brakes_within_its_limits(floor, path, follow):
+    course = floor()
+    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+    course.run(4.0)
+    handle.cancel()
+    course.run(0.5)
+    assert handle.status == GoalStatus.CANCELED
+    assert course.robot.speed == 0.0
+    assert commands(course.robot)[1][-1] == 0.0
+    assert np.diff(commands(course.robot)[1]).min() >= -0.05 - 1e-9
+
+
+def test_a_new_path_is_taken_up_without_a_stop(floor, path, follow):
+    course = floor()
+    first = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+    course.run(4.0)
+    second = course.follow_path.send_goal(follow(path((1.1, 0), (2, 0), (3, 1))))
+    course.run(1.0)
+    assert first.status == GoalStatus.CANCELED
+    assert commands(course.robot)[1][-20:].min() > 0.25
+    course.run(30.0, lambda: second.done)
+    assert second.status == GoalStatus.SUCCEEDED
+
+
+def test_replanning_once_a_second_does_not_hide_that_nothing_moves(floor, path, follow):
+    course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
+    for _ in range(20):
+        handle = course.follow_path.send_goal(follow(path((course.robot.pose.x, 0), (5, 0))))
+        course.run(1.0)
+        if handle.done:
+            break
+    assert handle.result.code == Code.FAILED_TO_MAKE_PROGRESS
+
+
+def test_a_path_without_poses_is_refused(floor, follow):
+    course = floor()
+    handle = course.follow_path.send_goal(follow(empty_path(0)))
+    course.run(0.1)
+    assert handle.result.code == Code.INVALID_PATH
+
+
+def test_a_path_in_an_unknown_frame_fails_with_the_frames_name(floor, path, follow):
+    course = floor(failure_tolerance=0.0)
+    handle = course.follow_path.send_goal(follow(path((0, 0), (1, 0), frame="mapp")))
+    course.run(0.2)
+    assert handle.result.code == Code.FOLLOW_PATH_TF_ERROR
+    assert "did you mean 'map'?" in handle.result.message
+
+
+def test_a_robot_with_nothing_to_do_asks_for_nothing(floor):
+    course = floor()
+    course.run(1.0)
+    assert course.robot.commands == []

@@ -1,0 +1,110 @@
+"""FollowPath and the behaviours drive the simulated Tiago."""
+
+from dataclasses import replace
+
+import pytest
+
+from robot_nodes.navigation.action import GoalStatus
+from robot_nodes.navigation.behaviours import BackUpGoal, SpinGoal
+from robot_nodes.robot import Pose2D
+from sim.body import Body
+from sim.faults import parse_fault
+from sim.scene import load_scene
+from sim.world import World
+
+START = (-4.8, -4.8)
+
+
+@pytest.fixture
+def arena(course_of):
+    """`arena(*faults)`: the course of a Tiago in the south-west of the arena, looking east."""
+    worlds = []
+
+    def make(*faults):
+        scene = replace(load_scene("arena_boxes"), pose=Pose2D(*START, 0.0))
+        worlds.append(World(scene))
+        course = course_of(Body(worlds[-1], faults=[parse_fault(fault) for fault in faults]))
+        course.map_at((*START, 0.0))
+        return course
+
+    yield make
+    for world in worlds:
+        world.close()
+
+
+def unhurt(body):
+    return (body.contacts.collisions, body.contacts.grazes) == (0, 0)
+
+
+def test_an_s_between_boxes_is_driven_without_touching_any(arena, path, follow):
+    course = arena()
+    beside = []
+    handle = course.follow_path.send_goal(
+        follow(path(START, (-1.5, -4.8), (-1.5, -1.5), (1.5, -1.5), (1.5, 1.6)))
+    )
+
+    def done():
+        beside.append(handle.feedback.position_error if handle.feedback else 0.0)
+        return handle.done
+
+    course.run(80.0, done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert unhurt(course.robot)
+    assert max(beside) < 0.2
+
+
+def test_a_path_through_a_box_is_driven_round_it(arena, path, follow):
+    course = arena()
+    handle = course.follow_path.send_goal(follow(path(START, (-3.15, -4.4), (-3.15, -1.5))))
+    course.run(60.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert unhurt(course.robot)
+
+
+def test_the_arenas_wall_is_not_touched(arena, path, follow):
+    course = arena()
+    handle = course.follow_path.send_goal(follow(path(START, (-4.8, -8.0))))
+    course.run(40.0, lambda: handle.done)
+    assert handle.status == GoalStatus.ABORTED
+    assert unhurt(course.robot)
+    assert -5.7 < course.robot.true_pose().y < -5.2
+
+
+def test_a_dead_laser_stops_the_robot_within_a_second_and_it_goes_on_after(arena, path, follow):
+    course = arena("laser:4-9")
+    handle = course.follow_path.send_goal(follow(path(START, (-1.5, -4.8))))
+    course.run(4.0)
+    assert course.robot.odometry().twist.v == pytest.approx(0.3, abs=0.02)
+    course.run(1.0)
+    assert course.robot.odometry().twist.v == pytest.approx(0.0, abs=0.005)
+    course.run(40.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+
+
+def test_cancel_stops_and_a_new_path_does_not(arena, path, follow):
+    course = arena()
+    course.follow_path.send_goal(follow(path(START, (-1.5, -4.8))))
+    course.run(4.0)
+    handle = course.follow_path.send_goal(follow(path((-3.7, -4.8), (-1.5, -5.0))))
+    course.run(1.0)
+    assert course.robot.odometry().twist.v > 0.25
+    handle.cancel()
+    course.run(0.6)
+    assert handle.status == GoalStatus.CANCELED
+    assert course.robot.odometry().twist.v == pytest.approx(0.0, abs=0.005)
+
+
+def test_tiago_spins_and_backs_up(arena):
+    course = arena()
+    spin = course.spin.send_goal(SpinGoal(1.57))
+    course.run(10.0, lambda: spin.done)
+    course.run(0.5)
+    assert spin.status == GoalStatus.SUCCEEDED
+    assert course.robot.true_pose().yaw == pytest.approx(1.57, abs=0.15)
+    before = course.robot.true_pose()
+    back = course.back_up.send_goal(BackUpGoal(0.3, 0.15))
+    course.run(10.0, lambda: back.done)
+    course.run(0.5)
+    assert back.status == GoalStatus.SUCCEEDED
+    assert before.y - course.robot.true_pose().y == pytest.approx(0.3, abs=0.04)
+    assert unhurt(course.robot)

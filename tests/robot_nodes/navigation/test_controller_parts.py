@@ -1,0 +1,172 @@
+"""What the controller is made of: the smoothed scan, clearance, pursuit, detours, checkers, the throttle."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.checkers import GoalChecker, ProgressChecker
+from robot_nodes.navigation.clearance import Clearance
+from robot_nodes.navigation.costmap import LocalCostmap
+from robot_nodes.navigation.detour import detour
+from robot_nodes.navigation.pursuit import Pursuit
+from robot_nodes.navigation.scan_filter import smoothed
+from robot_nodes.robot import LaserScan, Pose2D
+
+SECOND = 1_000_000_000
+STEP = math.radians(220.0) / 665
+
+
+def scan_of(ranges):
+    return LaserScan(np.array(ranges, np.float32), 0, -math.radians(110.0), STEP, 0.05, 25.0, "laser")
+
+
+def wall_ahead(distance, rays=666):
+    angles = -math.radians(110.0) + STEP * np.arange(rays)
+    return np.where(np.abs(angles) < 1.2, distance / np.cos(angles), np.inf)
+
+
+def test_a_smoothed_wall_is_much_nearer_to_the_truth():
+    truth = wall_ahead(1.0)
+    noisy = truth + 0.06 * np.random.default_rng(1).standard_normal(666)
+    ahead = np.abs(-math.radians(110.0) + STEP * np.arange(666)) < 0.8
+    error = smoothed(scan_of(noisy)).ranges[ahead] - truth[ahead]
+    assert error.std() < 0.03
+    assert error.min() > -0.1 > (noisy[ahead] - truth[ahead]).min()
+
+
+def test_a_table_leg_is_not_smoothed_away_and_a_lone_reading_is():
+    ranges = np.full(666, 3.0)
+    ranges[300:303] = 1.2
+    ranges[400] = 1.2
+    after = smoothed(scan_of(ranges)).ranges
+    assert after[301] == pytest.approx(1.2)
+    assert after[400] == pytest.approx(3.0)
+
+
+def test_smoothing_keeps_what_no_echo_and_too_near_mean():
+    ranges = np.full(666, np.inf)
+    ranges[100:120] = -np.inf
+    ranges[300] = np.nan
+    after = smoothed(scan_of(ranges)).ranges
+    assert (after[100:120] == -np.inf).all()
+    assert (after[200:] == np.inf).all()
+
+
+@pytest.fixture
+def seen():
+    """Clearance at a place with a wall 1 m ahead of the laser, beside what a costmap remembers."""
+
+    def make(costmap=None):
+        field = Clearance()
+        field.update(scan_of(wall_ahead(1.0)), Pose2D(0.0, 0.0, 0.0), costmap or LocalCostmap())
+        return field
+
+    return make
+
+
+def test_clearance_is_the_distance_to_what_the_scan_sees(seen):
+    field = seen()
+    assert field.here(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
+    assert field.here(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
+    assert field.at(np.array([0.0, 9.0]), np.array([0.0, 0.0])).tolist() == [
+        pytest.approx(1.0, abs=0.03),
+        0.0,
+    ]
+
+
+def test_what_the_costmap_remembers_behind_the_robot_counts_and_what_the_scan_sees_through_does_not(seen):
+    costmap = LocalCostmap()
+    for x in (-0.5, 0.5):
+        row, col = costmap.cell(x, 0.0)
+        costmap.obstacles.values[row, col] = costmap.costs[row, col] = 254
+    field = seen(costmap)
+    assert field.here(-0.5, 0.0) < 0.05
+    assert field.here(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
+
+
+def test_a_keep_out_stays_though_the_laser_sees_through_it(seen):
+    costmap = LocalCostmap()
+    row, col = costmap.cell(0.5, 0.0)
+    costmap.costs[row, col] = 254
+    assert seen(costmap).here(0.5, 0.0) < 0.05
+
+
+def test_a_carrot_lies_ahead_on_the_path_and_gives_the_arc_through_it():
+    pursuit = Pursuit(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
+    pose = Pose2D(0.5, 0.1, 0.0)
+    pursuit.locate(pose)
+    assert (pursuit.off, pursuit.left) == (pytest.approx(0.1), pytest.approx(1.5))
+    carrot = pursuit.carrot(pose, 0.4)
+    assert carrot.distance == pytest.approx(math.hypot(0.4, 0.1))
+    assert carrot.curvature == pytest.approx(2 * -0.1 / (0.4**2 + 0.1**2))
+
+
+def test_a_path_that_crosses_itself_is_not_cut_short():
+    loop = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (1.5, 2.0), (1.5, -2.0)])
+    pursuit = Pursuit(loop)
+    for x in np.arange(0.0, 1.6, 0.1):
+        pursuit.locate(Pose2D(float(x), 0.0, 0.0))
+    assert pursuit.passed == pytest.approx(1.5)
+
+
+def test_a_path_of_one_place_is_at_its_end():
+    pursuit = Pursuit(np.array([(1.0, 0.0)]))
+    pursuit.locate(Pose2D(0.0, 0.0, 0.0))
+    assert (pursuit.left, pursuit.off) == (0.0, 1.0)
+
+
+def test_a_detour_keeps_clear_and_an_enclosed_target_has_none(seen):
+    field = seen()
+    rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
+    cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
+    field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
+    way = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32)
+    assert way is not None
+    assert np.hypot(way[:, 0] - 0.7, way[:, 1] + 0.05).min() > 0.28
+    ring = np.abs(np.hypot(cols - 1.4, rows)) - 0.6
+    field.distances = np.abs(ring).astype(np.float32)
+    assert detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32) is None
+
+
+def test_a_detour_stays_on_the_side_that_was_taken_last(seen):
+    field = seen()
+    rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
+    cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
+    field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
+    over = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32)
+    field.distances = np.hypot(cols - 0.7, rows - 0.05).astype(np.float32)
+    again = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32, over)
+    anew = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32)
+    assert over is not None
+    assert over[:, 1].max() > 0.2
+    assert again is not None
+    assert again[:, 1].max() > 0.2
+    assert anew is not None
+    assert anew[:, 1].min() < -0.2
+
+
+def test_progress_is_a_way_or_a_turn_within_the_time_allowed():
+    progress = ProgressChecker(0.5, 0.5, 10.0)
+    assert progress.check(Pose2D(0.0, 0.0, 0.0), 0)
+    assert progress.check(Pose2D(0.3, 0.0, 0.0), 10 * SECOND)
+    assert not progress.check(Pose2D(0.3, 0.0, 0.0), 11 * SECOND)
+    assert progress.check(Pose2D(0.3, 0.0, 0.6), 12 * SECOND)
+    assert progress.check(Pose2D(0.3, 0.0, 0.6), 22 * SECOND)
+    assert progress.check(Pose2D(0.9, 0.0, 0.6), 23 * SECOND)
+
+
+def test_time_in_which_the_robot_has_to_stand_does_not_count():
+    progress = ProgressChecker(0.5, 0.5, 10.0)
+    progress.check(Pose2D(0.0, 0.0, 0.0), 0)
+    progress.pause(5 * SECOND)
+    assert progress.check(Pose2D(0.0, 0.0, 0.0), 14 * SECOND)
+    assert not progress.check(Pose2D(0.0, 0.0, 0.0), 16 * SECOND)
+
+
+@pytest.mark.parametrize(("stateful", "reached"), [(True, True), (False, False)])
+def test_a_place_once_reached_stays_reached_if_the_checker_remembers(stateful, reached):
+    checker = GoalChecker(0.25, 0.25, stateful)
+    goal = Pose2D(1.0, 0.0, 0.0)
+    assert not checker.reached(Pose2D(0.8, 0.0, 1.0), goal)
+    assert checker.reached(Pose2D(0.7, 0.0, 0.1), goal) is reached

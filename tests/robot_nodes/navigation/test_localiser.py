@@ -1,0 +1,278 @@
+"""The localiser of a robot whose wheels lie, in a flat of three rooms."""
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.localiser import Localiser
+from robot_nodes.navigation.map import OccupancyMap
+from robot_nodes.navigation.parameters import AmclParameters
+from robot_nodes.robot import Frame, LaserFacts, LaserScan, Odometry, Pose2D, Twist2D
+from robot_nodes.transforms import FrameBroadcaster, TransformTree
+
+SECOND = 1_000_000_000
+LASER_AHEAD = 0.2
+WALLS = (  # x and y from, to (m): a flat of 12 m × 8 m
+    (0.0, 0.0, 12.0, 0.2), (0.0, 7.8, 12.0, 8.0), (0.0, 0.0, 0.2, 8.0), (11.8, 0.0, 12.0, 8.0),
+    (5.0, 0.0, 5.2, 3.0), (5.0, 4.5, 5.2, 8.0), (5.2, 5.0, 8.5, 5.2), (9.8, 5.0, 12.0, 5.2),
+    (1.0, 1.0, 2.2, 1.6), (0.2, 5.5, 1.2, 7.0), (7.5, 1.5, 8.3, 2.3), (10.8, 2.0, 11.8, 3.4),
+    (6.0, 7.0, 7.5, 7.8),
+)  # fmt: skip
+START = Pose2D(3.0, 4.0, 0.0)
+
+
+class Wanderer:
+    """A robot among WALLS whose left wheel counts 2 % too much, and turns 5 %; its laser has noise."""
+
+    def __init__(self, seed=0):
+        self.random = np.random.default_rng(seed)
+        self.time = 0
+        self.true = [START.x, START.y, START.yaw]
+        self.told = [0.0, 0.0, 0.0]
+        self.people = []
+        step = math.radians(220.0) / 665
+        self.laser = LaserFacts(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "base_laser_link")
+        self.newest = None
+
+    def odometry(self):
+        return Odometry(Pose2D(*self.told), Twist2D(0.0, 0.0), self.time)
+
+    def frames(self):
+        still = (0.0, 0.0, 0.0, 1.0)
+        return [Frame("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)]
+
+    def scan(self):
+        return self.newest
+
+    def drive(self, v, w, seconds):
+        self.time += round(seconds * SECOND)
+        left, right = 1.02 * (v - 0.2 * w), v + 0.2 * w
+        wrong = ((left + right) / 2, (right - left) / 0.4 * 1.05)
+        for pose, (speed, turn) in ((self.true, (v, w)), (self.told, wrong)):
+            pose[2] += turn * seconds
+            pose[0] += speed * math.cos(pose[2]) * seconds
+            pose[1] += speed * math.sin(pose[2]) * seconds
+
+    def sweep(self):
+        x, y, yaw = self.true
+        facts = self.laser
+        angles = yaw + facts.angle_min + facts.angle_increment * np.arange(facts.rays)
+        x, y = x + LASER_AHEAD * math.cos(yaw), y + LASER_AHEAD * math.sin(yaw)
+        boxes = np.array([*WALLS, *((a - 0.25, b - 0.25, a + 0.25, b + 0.25) for a, b in self.people)])
+        with np.errstate(divide="ignore"):
+            across, along = 1.0 / np.cos(angles), 1.0 / np.sin(angles)
+        low_x, high_x = (boxes[:, 0, None] - x) * across, (boxes[:, 2, None] - x) * across
+        low_y, high_y = (boxes[:, 1, None] - y) * along, (boxes[:, 3, None] - y) * along
+        near = np.maximum(np.minimum(low_x, high_x), np.minimum(low_y, high_y))
+        far = np.minimum(np.maximum(low_x, high_x), np.maximum(low_y, high_y))
+        near[(near > far) | (near < 0.0)] = np.inf
+        ranges = near.min(axis=0) + self.random.normal(0.0, facts.sigma, facts.rays)
+        ranges[ranges < facts.range_min] = -np.inf
+        self.newest = LaserScan(
+            ranges.astype(np.float32),
+            self.time,
+            facts.angle_min,
+            facts.angle_increment,
+            0.05,
+            25.0,
+            facts.frame,
+        )
+
+
+def flat():
+    cells = np.zeros((160, 240), dtype=np.uint8)
+    for box in WALLS:
+        low, high = (round(box[0] / 0.05), round(box[1] / 0.05)), (round(box[2] / 0.05), round(box[3] / 0.05))
+        cv2.rectangle(cells, low, (high[0] - 1, high[1] - 1), 100, -1)
+    return OccupancyMap(cells.astype(np.int8), 0.05, (0.0, 0.0))
+
+
+FLAT = flat()
+AT_START = AmclParameters(initial_pose_x=START.x, initial_pose_y=START.y)
+
+
+class Walk:
+    """A wanderer and its localiser, step by step (10 Hz)."""
+
+    def __init__(self, parameters=AT_START, seed=0):
+        self.robot = Wanderer(seed)
+        self.tree = TransformTree()
+        self.frames = FrameBroadcaster(self.robot, self.tree)
+        self.localiser = Localiser(self.robot, FLAT, self.tree, np.random.default_rng([seed, 1]), parameters)
+
+    def go(self, v, w, seconds):
+        """Drive so, and give the error (m, rad) after each step."""
+        errors = []
+        for _ in range(round(seconds * 10)):
+            self.step(v, w)
+            errors.append(self.error())
+        return np.array(errors)
+
+    def step(self, v, w):
+        for _ in range(5):
+            self.robot.drive(v, w, 0.02)
+            self.frames.step(self.robot.time)
+        self.robot.sweep()
+        self.localiser.step(self.robot.time)
+
+    def error(self):
+        told, (x, y, yaw) = self.localiser.pose(), self.robot.true
+        return math.hypot(told.x - x, told.y - y), abs(math.remainder(told.yaw - yaw, 2 * math.pi))
+
+    def round(self):
+        """Through all three rooms, and back to the start's neighbourhood."""
+        legs = [
+            (0.0, 0.5, 12.6),
+            (0.3, 0.0, 17.0),
+            (0.0, 0.5, 3.2),
+            (0.3, 0.0, 10.0),
+            (0.0, 0.5, 6.3),
+            (0.3, 0.0, 9.0),
+        ]
+        return np.concatenate([self.go(*leg) for leg in legs])
+
+    def until_found(self, seconds=60.0):
+        """Stand while in doubt, turn while it searches; the seconds until it is confident again."""
+        for step in range(round(seconds * 10)):
+            self.step(0.0, 0.5 if self.localiser.searching else 0.0)
+            if self.localiser.confident:
+                return step / 10
+        return math.inf
+
+
+def test_it_is_right_to_a_few_centimetres_while_odometry_goes_wrong():
+    walk = Walk()
+    errors = walk.round()
+    drift = Pose2D(*walk.robot.told)
+    true_x, true_y, _ = walk.robot.true
+    assert math.hypot(START.x + drift.x - true_x, START.y + drift.y - true_y) > 1.0
+    assert np.median(errors[:, 0]) < 0.05
+    assert errors.max(axis=0)[0] < 0.15
+    assert errors.max(axis=0)[1] < 0.08
+    assert walk.localiser.confident
+
+
+def test_the_same_seed_gives_the_same_particles():
+    one, other, different = (Walk(seed=seed) for seed in (4, 4, 5))
+    for walk in (one, other, different):
+        walk.go(0.2, 0.3, 5.0)
+    assert np.array_equal(one.localiser.particles, other.localiser.particles)
+    assert one.localiser.pose() == other.localiser.pose()
+    assert not np.array_equal(one.localiser.particles[:400], different.localiser.particles[:400])
+
+
+def test_particles_are_as_many_as_kld_sampling_allows_and_are_updated_after_a_way_only():
+    walk = Walk()
+    walk.go(0.0, 0.0, 1.0)
+    before = walk.localiser.particles
+    assert 500 <= len(before) <= 2000
+    walk.go(0.0, 0.0, 5.0)
+    assert walk.localiser.particles is before
+    walk.go(0.3, 0.0, 1.0)
+    assert walk.localiser.particles is not before
+    assert walk.localiser.weights.sum() == pytest.approx(1.0)
+
+
+def test_a_start_that_is_roughly_known_is_made_exact():
+    walk = Walk(
+        replace(AT_START, initial_pose_x=START.x + 0.3, initial_pose_y=START.y - 0.2, initial_pose_yaw=0.15)
+    )
+    walk.go(0.0, 0.0, 2.0)
+    walk.go(0.0, 0.5, 6.0)
+    assert walk.error()[0] < 0.1
+    assert walk.error()[1] < 0.05
+
+
+def test_map_to_odom_is_published_with_the_scans_time_and_holds_for_the_tolerance():
+    walk = Walk()
+    walk.go(0.3, 0.0, 2.0)
+    stamp = walk.robot.newest.stamp
+    told = walk.tree.lookup("map", "base_footprint", stamp).to_pose()
+    assert (told.x, told.y) == pytest.approx((walk.localiser.pose().x, walk.localiser.pose().y))
+    assert walk.tree.lookup("map", "odom", stamp + SECOND) == walk.localiser.map_to_odom
+    assert not walk.tree.available("map", "odom", stamp + SECOND + 1)
+
+
+def test_between_two_scans_the_pose_goes_with_the_odometry():
+    walk = Walk()
+    walk.go(0.3, 0.0, 2.0)
+    before = walk.localiser.pose()
+    walk.robot.drive(0.3, 0.0, 0.1)
+    assert walk.localiser.pose().x - before.x == pytest.approx(0.03, abs=0.005)
+
+
+def test_without_echoes_nothing_is_concluded():
+    walk = Walk()
+    walk.go(0.3, 0.0, 1.0)
+    walk.robot.sweep = lambda: None
+    blind = replace(walk.robot.newest, ranges=np.full(666, np.inf, dtype=np.float32))
+    particles = walk.localiser.particles
+    for _ in range(30):
+        walk.robot.newest = replace(blind, stamp=walk.robot.time + SECOND // 10)
+        walk.step(0.3, 0.0)
+    assert walk.localiser.particles is particles
+    assert walk.localiser.confident
+    assert walk.error()[0] < 0.1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_kidnapped_it_notices_at_once_and_finds_itself(seed):
+    walk = Walk(seed=seed)
+    walk.go(0.3, 0.0, 4.0)
+    random = np.random.default_rng(seed)
+    places = [(2.5, 6.5), (6.5, 3.5), (10.0, 6.5), (9.5, 1.2)]
+    walk.robot.true = [*places[seed], random.uniform(-math.pi, math.pi)]
+    steps = 0
+    while walk.localiser.confident:
+        walk.step(0.3, 0.0)
+        steps += 1
+        assert steps <= 5
+    assert walk.until_found() < 60.0
+    assert not walk.localiser.lost
+    assert walk.error()[0] < 0.1
+    assert walk.go(0.0, 0.5, 5.0).max() < 0.1
+
+
+def test_without_a_pose_it_searches_the_whole_map_from_free_space():
+    walk = Walk(replace(AT_START, set_initial_pose=False))
+    assert walk.localiser.searching
+    assert not walk.localiser.confident
+    spread = walk.localiser.particles
+    rows, columns = FLAT.indices(spread[:, :2]).T
+    assert FLAT.free[rows, columns].all()
+    assert np.std(spread[:, 0]) > 2.0
+    assert walk.until_found() < 60.0
+    assert walk.error()[0] < 0.1
+
+
+def test_told_a_pose_it_believes_it_until_the_laser_contradicts():
+    walk = Walk()
+    walk.go(0.0, 0.0, 1.0)
+    walk.localiser.set_pose(Pose2D(10.0, 6.5, 1.0))
+    assert walk.localiser.confident
+    assert walk.error()[0] > 5.0
+    walk.go(0.0, 0.0, 0.5)
+    assert not walk.localiser.confident
+    assert walk.until_found() < 60.0
+    assert walk.error()[0] < 0.1
+
+
+def test_people_around_and_a_box_that_falls_make_nobody_lost():
+    walk = Walk()
+    errors = []
+    for step in range(300):
+        x, y, yaw = walk.robot.true
+        gap = max(0.75, 2.5 - step * 0.05)
+        walk.robot.people = [
+            (x + gap * math.cos(yaw + 0.5), y + gap * math.sin(yaw + 0.5)),
+            (x + gap * math.cos(yaw - 0.9), y + gap * math.sin(yaw - 0.9)),
+        ]
+        if step > 100:
+            walk.robot.people.append((4.5, 4.0))
+        walk.step(0.0, 0.4)
+        errors.append(walk.error())
+        assert walk.localiser.confident
+    assert np.max(errors) < 0.15

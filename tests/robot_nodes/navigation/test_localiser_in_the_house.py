@@ -1,0 +1,74 @@
+"""The simulated Tiago in its house: physics, laser noise, wheels that lie, and a kidnapper."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.localiser import Localiser
+from robot_nodes.robot import Pose2D, Rank
+from robot_nodes.transforms import FrameBroadcaster, TransformTree
+from sim.body import Body
+from sim.rasterise import rasterise
+from sim.scene import load_scene
+from sim.world import World
+
+STEP = 100_000_000
+
+
+class House:
+    """A localiser on the schedule of the body that stands in the house."""
+
+    def __init__(self, world):
+        self.body = Body(world)
+        tree = TransformTree()
+        frames = FrameBroadcaster(self.body, tree)
+        self.localiser = Localiser(self.body, rasterise(world.scene), tree, np.random.default_rng(1))
+        self.body.schedule.every(FrameBroadcaster.RATE, Rank.TRANSFORMS, frames.step)
+        self.body.schedule.every(self.body.laser.rate, Rank.LOCALISER, self.localiser.step)
+
+    def drive(self, v, w, seconds):
+        """Drive so; the errors (m, rad) at 10 Hz."""
+        errors = []
+        for _ in range(round(seconds * 10)):
+            self.body.drive(v, w)
+            self.body.clock.wait_until(self.body.clock.now() + STEP, threading.Event())
+            errors.append(self.error())
+        return np.array(errors)
+
+    def error(self):
+        told, true = self.localiser.pose(), self.body.true_pose()
+        return math.hypot(told.x - true.x, told.y - true.y), abs(
+            math.remainder(told.yaw - true.yaw, math.tau)
+        )
+
+
+@pytest.fixture
+def house():
+    world = World(load_scene("house"), seed=3)
+    yield House(world)
+    world.close()
+
+
+def test_it_tracks_the_body_to_a_few_centimetres(house):
+    errors = np.concatenate(
+        [house.drive(*leg) for leg in ((0.0, 0.5, 13.0), (0.3, 0.0, 3.0), (0.2, 0.5, 13.0), (0.0, -0.5, 6.0))]
+    )
+    assert house.localiser.confident
+    assert np.median(errors[:, 0]) < 0.05
+    assert errors[:, 0].max() < 0.15
+    assert errors[:, 1].max() < 0.08
+
+
+def test_carried_to_another_room_it_notices_and_finds_itself(house):
+    house.drive(0.3, 0.0, 3.0)
+    house.body.carry(Pose2D(-5.3, -8.85, 2.0))
+    house.drive(0.0, 0.0, 0.5)
+    assert not house.localiser.confident
+    for _ in range(60):
+        house.drive(0.0, 0.5 if house.localiser.searching else 0.0, 0.5)
+        if house.localiser.confident:
+            break
+    assert house.localiser.confident
+    assert house.error()[0] < 0.1

@@ -1,0 +1,250 @@
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from robot_nodes.navigation.codes import CONTROLLER_RECOVERY_HELPS, PLANNER_RECOVERY_HELPS, Code
+from robot_nodes.navigation.parameters import (
+    NavigationParameters,
+    ParameterFault,
+    load_parameters,
+)
+
+
+@pytest.fixture
+def written(tmp_path: Path):
+    def write(text: str) -> Path:
+        path = tmp_path / "nav.yaml"
+        path.write_text(dedent(text), encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_without_a_file_the_figures_are_the_books():
+    figures = NavigationParameters()
+    assert (figures.controller.max_vel_x, figures.controller.max_vel_theta) == (0.3, 0.5)
+    assert (figures.controller.acc_lim_x, figures.controller.acc_lim_theta) == (1.5, 2.2)
+    assert (figures.controller.xy_goal_tolerance, figures.controller.yaw_goal_tolerance) == (0.25, 0.25)
+    assert (figures.amcl.max_beams, figures.amcl.min_particles, figures.amcl.max_particles) == (60, 500, 2000)
+    assert (figures.local_costmap.inflation_radius, figures.local_costmap.cost_scaling_factor) == (0.55, 3.0)
+    assert (figures.local_costmap.update_frequency, figures.global_costmap.update_frequency) == (5.0, 1.0)
+    assert (figures.behaviours.max_rotational_vel, figures.behaviours.min_rotational_vel) == (1.0, 0.4)
+
+
+def test_a_goal_in_a_wall_is_not_moved_out_of_it_by_default():
+    assert NavigationParameters().planner.tolerance == 0.0
+
+
+def test_plugins_parameters_are_found_below_their_ids_whatever_these_are(written):
+    figures = load_parameters(
+        written("""
+        controller_server:
+          ros__parameters:
+            controller_frequency: 10.0
+            progress_checker_plugins: ["moves"]
+            goal_checker_plugin: "there"
+            controller_plugins: ["Drive"]
+            moves: {required_movement_radius: 0.7}
+            there: {xy_goal_tolerance: 0.15}
+            Drive:
+              max_vel_x: 0.2
+        planner_server:
+          ros__parameters:
+            planner_plugins: [Grid]
+            Grid: {tolerance: 0.5}
+        """)
+    )
+    assert figures.controller.controller_frequency == 10.0
+    assert figures.controller.required_movement_radius == 0.7
+    assert figures.controller.xy_goal_tolerance == 0.15
+    assert figures.controller.max_vel_x == 0.2
+    assert figures.planner.tolerance == 0.5
+    assert figures.warnings == ()
+
+
+def test_costmaps_are_nested_twice_and_layers_within(written):
+    figures = load_parameters(
+        written("""
+        local_costmap:
+          local_costmap:
+            ros__parameters:
+              width: 4
+              robot_radius: 0.3
+              plugins: ["voxel_layer", "inflation_layer"]
+              inflation_layer: {inflation_radius: 0.7}
+              voxel_layer:
+                observation_sources: scan
+                scan: {obstacle_max_range: 2.0, raytrace_max_range: 2.2}
+        global_costmap:
+          global_costmap:
+            ros__parameters:
+              obstacle_layer: {observation_sources: laser, laser: {obstacle_range: 1.5}}
+        """)
+    )
+    local = figures.local_costmap
+    assert (local.width, local.inflation_radius, local.obstacle_max_range) == (4.0, 0.7, 2.0)
+    assert local.raytrace_max_range == 2.2
+    assert local.plugins == ("voxel_layer", "inflation_layer")
+    assert figures.global_costmap.obstacle_max_range == 1.5
+    assert figures.global_costmap.inflation_radius == 0.55
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "amcl:\n  ros__parameters:",
+        "amcl:",
+        "/tiago/amcl:\n  ros__parameters:",
+        "tiago:\n amcl:\n  ros__parameters:",
+    ],
+    ids=["as ROS has it", "flat", "with a namespace", "below a namespace"],
+)
+def test_servers_are_found_in_every_form(written, head):
+    assert load_parameters(written(f"{head}\n    max_beams: 30\n")).amcl.max_beams == 30
+
+
+def test_two_stars_mean_every_server(written):
+    figures = load_parameters(
+        written("/**:\n  ros__parameters:\n    robot_radius: 0.4\n    use_sim_time: true\n")
+    )
+    assert figures.local_costmap.robot_radius == figures.global_costmap.robot_radius == 0.4
+
+
+def test_foxys_names_of_servers_and_keys_are_known(written):
+    figures = load_parameters(
+        written("""
+        recoveries_server:
+          ros__parameters: {max_rotational_vel: 0.8}
+        bt_navigator:
+          ros__parameters: {default_bt_xml_filename: "a.xml"}
+        """)
+    )
+    assert figures.behaviours.max_rotational_vel == 0.8
+    assert figures.navigator.default_nav_to_pose_bt_xml == "a.xml"
+
+
+def test_other_controllers_limits_are_taken_by_their_names(written):
+    figures = load_parameters(
+        written(
+            "controller_server:\n  ros__parameters:\n    FollowPath: {vx_max: 0.4, wz_max: 1.9, ax_max: 3}\n"
+        )
+    )
+    assert figures.controller.max_vel_x == 0.4
+    assert figures.controller.max_vel_theta == 1.9
+    assert figures.controller.acc_lim_x == 3.0
+
+
+def test_of_two_plugins_the_first_listed_counts(written):
+    figures = load_parameters(
+        written("""
+        controller_server:
+          ros__parameters:
+            goal_checker_plugins: [precise, rough]
+            rough: {xy_goal_tolerance: 0.5}
+            precise: {xy_goal_tolerance: 0.1}
+        """)
+    )
+    assert figures.controller.xy_goal_tolerance == 0.1
+
+
+def test_what_has_no_meaning_here_is_kept_and_told_once(written):
+    path = written("""
+    controller_server:
+      ros__parameters:
+        use_sim_time: true
+        FollowPath: {critics: [PathDist], vy_samples: 5}
+    map_saver:
+      ros__parameters: {save_map_timeout: 5.0}
+    """)
+    figures = load_parameters(path)
+    assert figures.unknown == {
+        "controller_server.FollowPath.critics": ["PathDist"],
+        "controller_server.FollowPath.vy_samples": 5,
+        "map_saver.save_map_timeout": 5.0,
+    }
+    assert figures.warnings == (
+        f"{path}: these keys of controller_server have no effect here: "
+        "FollowPath.critics, FollowPath.vy_samples",
+        f"{path}: these servers are not part of this stack: map_saver",
+    )
+
+
+def test_a_slip_is_told_with_what_was_meant(written):
+    path = written("amcl:\n  ros__parameters:\n    max_particels: 100\n")
+    assert load_parameters(path).warnings[0] == (
+        f"{path}, line 3: amcl.max_particels has no effect; did you mean max_particles?"
+    )
+
+
+@pytest.mark.parametrize("key", ["initial_pose.z", "FollowPath.acc_lim_y", "voxel_layer.z_resolution"])
+def test_nav2s_own_keys_are_no_slips_of_others(written, key):
+    server = "amcl" if "pose" in key else "local_costmap" if "voxel" in key else "controller_server"
+    figures = load_parameters(written(f"{server}:\n  ros__parameters:\n    {key}: 0.1\n"))
+    assert not any("did you mean" in warning for warning in figures.warnings)
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        ("max_beams: many", "line 3: amcl.max_beams is 'many', and a whole number is expected"),
+        ("max_beams: 30.5", "line 3: amcl.max_beams is 30.5, and a whole number is expected"),
+        ("max_beams: true", "line 3: amcl.max_beams is True, and a whole number is expected"),
+        ("max_beams: 1", "line 3: amcl.max_beams is 1, and 2 is the least that makes sense"),
+        ("sigma_hit: .nan", "line 3: amcl.sigma_hit is nan, and 0 is the least that makes sense"),
+        ("sigma_hit: [0.1]", "line 3: amcl.sigma_hit is [0.1], and a number is expected"),
+        ("tf_broadcast: 1", "line 3: amcl.tf_broadcast is 1, and true or false is expected"),
+        ("odom_frame_id: 3", "line 3: amcl.odom_frame_id is 3, and a text is expected"),
+    ],
+)
+def test_a_value_of_the_wrong_kind_is_a_sentence_with_its_line(written, value, sentence):
+    path = written(f"amcl:\n  ros__parameters:\n    {value}\n")
+    with pytest.raises(ParameterFault) as raised:
+        load_parameters(path)
+    assert str(raised.value) == f"{path}, {sentence}"
+
+
+def test_every_mistake_is_told_at_once(written):
+    path = written(
+        """
+        amcl: {ros__parameters: {max_beams: x}}
+        bt_navigator: {ros__parameters: {bt_loop_duration: y}}
+        """
+    )
+    with pytest.raises(ParameterFault) as raised:
+        load_parameters(path)
+    assert str(raised.value).count("\n") == 1
+
+
+def test_numbers_with_an_exponent_are_numbers(written):
+    assert load_parameters(written("amcl:\n  ros__parameters:\n    sigma_hit: 2e-1\n")).amcl.sigma_hit == 0.2
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("amcl: [", "this is no YAML"),
+        ("- amcl", "has a server's name and below it its parameters"),
+        ("amcl: 3", "amcl has no parameters but a bare value"),
+    ],
+)
+def test_a_file_of_another_form_is_a_sentence(written, text, sentence):
+    with pytest.raises(ParameterFault, match=sentence):
+        load_parameters(written(text))
+
+
+def test_a_missing_file_is_a_sentence(tmp_path):
+    with pytest.raises(ParameterFault, match=r"can't be read: No such file"):
+        load_parameters(tmp_path / "none.yaml")
+
+
+def test_an_empty_file_says_nothing(written):
+    assert load_parameters(written("")) == NavigationParameters()
+
+
+def test_the_codes_are_nav2s():
+    assert (Code.GOAL_OCCUPIED, Code.NO_VALID_PATH) == (206, 208)
+    assert (Code.FAILED_TO_MAKE_PROGRESS, Code.NO_VALID_CONTROL) == (105, 106)
+    assert (Code.SPIN_COLLISION_AHEAD, Code.BACKUP_COLLISION_AHEAD) == (703, 714)
+    assert {100, 104, 105, 106} == CONTROLLER_RECOVERY_HELPS
+    assert {200, 207, 208, 300, 307, 308} == PLANNER_RECOVERY_HELPS

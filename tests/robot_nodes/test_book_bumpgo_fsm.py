@@ -1,0 +1,196 @@
+"""Bump and go by a state machine: the book's figures (chapter 3) and its exercises."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+
+from robot_nodes.control.bumpgo_fsm import BumpGo, State
+from robot_nodes.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest
+from robot_nodes.process.bridge import Bridge
+from robot_nodes.process.executor import Executor
+from robot_nodes.process.process import Process, Start, Surroundings
+from robot_nodes.robot import LaserScan, Twist2D
+from sim.body import Body
+from sim.scene import load_scene
+from sim.world import World
+
+SECOND = 10**9
+AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0.3), Twist2D(0.0, 0.0)
+
+
+class Bumping:
+    """The process, a laser that shows what it is told, and what the process says, with the time (s)."""
+
+    def __init__(self, robot, kind: type[BumpGo] = BumpGo) -> None:
+        self.clock = robot.clock
+        self.around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+        self.executor = Executor(robot.schedule, robot.clock)
+        self.process = kind(self.around)
+        self.laser = Process("laser", self.around)
+        self.scans = self.laser.publisher("input_scan", LaserScan)
+        self.said: list[tuple[float, Twist2D]] = []
+        self.laser.subscribe("output_vel", Twist2D, self.hear)
+        self.ranges = [5.0] * 9
+        self.alive = True
+        self.executor.add(self.process)
+        self.executor.add(self.laser)
+
+    def hear(self, twist: Twist2D) -> None:
+        self.said.append((self.clock.now() / SECOND, twist))
+
+    def run(self, seconds: float) -> None:
+        """Let time pass, with a scan each tenth of a second."""
+        for _ in range(round(10 * seconds)):
+            if self.alive:
+                self.scans.publish(self.scan())
+            self.clock.sleep(0.1)
+
+    def scan(self) -> LaserScan:
+        ranges = np.array(self.ranges, dtype=np.float32)
+        return LaserScan(ranges, self.clock.now(), -math.pi / 2, math.pi / 8, 0.05, 25.0, "laser")
+
+    def ahead(self, distance: float) -> None:
+        self.ranges[4] = distance
+
+
+def test_before_the_first_scan_it_says_nothing(robot):
+    bumping = Bumping(robot)
+    bumping.alive = False
+    bumping.run(3.0)
+    assert bumping.said == []
+
+
+def test_it_decides_twenty_times_a_second(robot):
+    bumping = Bumping(robot)
+    bumping.run(2.0)
+    assert [twist for _, twist in bumping.said] == [AHEAD] * 40
+
+
+@pytest.mark.parametrize(("distance", "state"), [(1.01, State.FORWARD), (0.99, State.BACK)])
+def test_an_obstacle_is_what_is_nearer_than_a_metre(robot, distance: float, state: State):
+    bumping = Bumping(robot)
+    bumping.ahead(distance)
+    bumping.run(0.2)
+    assert bumping.process.state is state
+
+
+def test_only_the_middle_reading_counts(robot):
+    bumping = Bumping(robot)
+    bumping.ranges = [0.2] * 9
+    bumping.ahead(5.0)
+    bumping.run(1.0)
+    assert bumping.process.state is State.FORWARD
+
+
+def test_back_for_two_seconds_then_left_for_two_then_on(robot):
+    bumping = Bumping(robot)
+    bumping.ahead(0.5)
+    bumping.run(0.1)
+    bumping.ahead(5.0)
+    bumping.run(6.0)
+    said = [twist for _, twist in bumping.said]
+    backs, turns = said.count(BACK), said.count(LEFT)
+    # "after more than 2 s", and the cycle of the change still says the old state's velocity
+    assert (backs, turns) == (41, 41)
+    first, back, turn = said.index(AHEAD), said.index(BACK), said.index(LEFT)
+    assert first < back < turn
+    assert set(said[back:turn]) == {BACK}
+    assert said[-1] == AHEAD
+
+
+def test_the_cycle_of_a_change_still_says_the_old_velocity(robot):
+    bumping = Bumping(robot)
+    bumping.ahead(0.5)
+    bumping.run(0.1)
+    assert bumping.said[0] == (0.05, AHEAD)
+    assert bumping.said[1] == (0.1, BACK)
+
+
+def test_it_stops_when_the_scan_is_older_than_a_second_and_goes_on_after(robot):
+    bumping = Bumping(robot)
+    bumping.run(1.0)
+    bumping.alive = False
+    bumping.run(2.0)
+    assert bumping.process.state is State.STOP
+    # the last scan is of 0.9 s; at 1.95 s it is too old, and what is said then is still of before
+    assert next(time for time, twist in bumping.said if twist == STAND) == pytest.approx(2.0)
+    bumping.alive = True
+    bumping.run(0.3)
+    assert bumping.process.state is State.FORWARD
+    assert bumping.said[-1][1] == AHEAD
+
+
+def test_with_both_reasons_back_wins(robot):
+    bumping = Bumping(robot)
+    bumping.ahead(0.5)
+    bumping.scans.publish(bumping.scan())
+    late = LaserScan(np.array([0.5], dtype=np.float32), -2 * SECOND, 0.0, 0.1, 0.05, 25.0, "laser")
+    bumping.scans.publish(late)
+    bumping.clock.sleep(0.05)
+    assert bumping.process.state is State.BACK
+
+
+# --- exercises
+
+
+@pytest.mark.parametrize(("index", "side"), [(6, -1.0), (2, 1.0)])
+def test_exercise_it_turns_to_the_diagonal_with_more_room(robot, index: int, side: float):
+    bumping = Bumping(robot, Diagonals)
+    bumping.ranges[index] = 0.4
+    bumping.run(3.0)
+    assert bumping.process.state is State.TURN
+    assert bumping.said[-1][1] == Twist2D(0.0, side * 0.3)
+
+
+def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
+    ranges = np.full(181, 1.0, dtype=np.float32)
+    ranges[90] = 20.0  # a slit, straight ahead
+    ranges[120:181] = 4.0
+    scan = LaserScan(ranges, 0, -math.pi / 2, math.pi / 180, 0.05, 25.0, "laser")
+    assert freest(scan) == pytest.approx(math.radians(60.0), abs=0.02)
+
+
+def turned(kind: type[BumpGo], seconds: float) -> tuple[Body, BumpGo, float]:
+    """The process in the simulator for a while; the body, the process, and the distance."""
+    body = Body(World(load_scene("arena_boxes"), seed=2))
+    around = Surroundings(body.clock, body.schedule, lambda line: None, robot=body)
+    executor = Executor(body.schedule, body.clock)
+    process = kind(around, Start(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
+    executor.add(Bridge(around))
+    executor.add(process)
+    body.world.wait_until(round(seconds * SECOND), threading.Event())
+    return body, process, body.distance
+
+
+@pytest.mark.parametrize("kind", [BumpGo, Diagonals, OpenLoop, ClosedLoop])
+def test_in_the_simulator_it_goes_on_and_turns_away(kind: type[BumpGo]):
+    body, process, distance = turned(kind, 40.0)
+    assert distance > 6.0
+    assert process.changes >= 3
+    assert body.contacts.collisions == 0
+    body.world.close()
+
+
+def test_exercise_open_loop_the_time_is_angle_over_speed(robot):
+    bumping = Bumping(robot, OpenLoop)
+    bumping.ranges = [0.5] * 9
+    bumping.ranges[6:] = [8.0, 8.0, 8.0]
+    bumping.run(2.3)
+    bumping.ranges = [8.0] * 9
+    bumping.run(6.0)
+    turns = [time for time, twist in bumping.said if twist == LEFT]
+    assert bumping.process.angle > 0.5
+    assert turns[-1] - turns[0] == pytest.approx(bumping.process.angle / 0.3, abs=0.15)
+
+
+def test_exercise_closed_loop_it_turns_until_the_way_is_clear(robot):
+    bumping = Bumping(robot, ClosedLoop)
+    bumping.ranges = [0.5] * 9
+    bumping.ranges[8] = 8.0
+    bumping.run(8.0)
+    assert bumping.process.state is State.TURN
+    bumping.ranges = [8.0] * 9
+    bumping.run(0.2)
+    assert bumping.process.state is State.FORWARD

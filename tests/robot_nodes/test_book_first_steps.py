@@ -1,0 +1,299 @@
+"""The book's first programs (chapter 2): logger, publisher, subscriber, executor, parameters, launch."""
+
+from pathlib import Path
+
+import pytest
+
+from robot_nodes.process.executor import EndlessTalk, Executor
+from robot_nodes.process.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
+from robot_nodes.process.launch import LaunchFault, read_launch, start_all
+from robot_nodes.process.parameters import ParameterFault, parameters_of
+from robot_nodes.process.process import Line, Process, Start, Surroundings
+from robot_nodes.process.programs import UnknownProgram, make
+from robot_nodes.process.topics import TopicFault
+from robot_nodes.robot import Rank
+
+SECOND = 10**9
+
+
+class Desk:
+    """Time, an executor, and what was logged."""
+
+    def __init__(self, clock) -> None:
+        self.clock = clock
+        self.lines: list[Line] = []
+        self.around = Surroundings(clock, clock, self.lines.append)
+        self.executor = Executor(clock, clock)
+
+    def add(self, *processes: Process) -> None:
+        for process in processes:
+            self.executor.add(process)
+
+    @property
+    def said(self) -> list[tuple[float, str, str]]:
+        return [(line.stamp / SECOND, line.name, line.text) for line in self.lines]
+
+
+@pytest.fixture
+def desk(robot) -> Desk:
+    return Desk(robot.clock)
+
+
+def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
+    desk.add(Logger(desk.around))
+    desk.clock.sleep(1.6)
+    assert desk.said == [
+        (0.5, "logger_node", "Hello 0"),
+        (1.0, "logger_node", "Hello 1"),
+        (1.5, "logger_node", "Hello 2"),
+    ]
+    assert str(desk.lines[0]) == "[INFO] [0.500] [logger_node]: Hello 0"
+
+
+def test_the_publisher_counts_before_it_publishes(desk: Desk):
+    heard: list[tuple[float, int]] = []
+    listener = Process("listener", desk.around)
+    listener.subscribe("int_topic", Int32, lambda one: heard.append((desk.clock.now() / SECOND, one.data)))
+    desk.add(NumberPublisher(desk.around), listener)
+    desk.clock.sleep(1.6)
+    assert heard == [(0.5, 1), (1.0, 2), (1.5, 3)]
+
+
+def test_publisher_and_subscriber_in_one_executor(desk: Desk):
+    desk.add(*make("executor", desk.around))
+    desk.clock.sleep(1.6)
+    assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2", "Hello 3"]
+    assert {name for _, name, _ in desk.said} == {"subscriber_node"}
+
+
+def test_publisher_and_subscriber_in_two_executors(desk: Desk):
+    other = Executor(desk.clock, desk.clock)
+    other.add(NumberSubscriber(desk.around))
+    desk.add(NumberPublisher(desk.around))
+    desk.clock.sleep(1.1)
+    assert [(time, text) for time, _, text in desk.said] == [(0.5, "Hello 1"), (1.0, "Hello 2")]
+
+
+def test_the_localization_has_its_defaults(desk: Desk):
+    process = Localization(desk.around)
+    assert (process.number_particles, process.topics, process.topic_types) == (200, [], [])
+    assert desk.lines[0].level == "INFO"
+
+
+PARAMS = """
+localization_node:
+  ros__parameters:
+    number_particles: 300
+    topics: [scan, image]
+    topic_types: [sensor_msgs/msg/LaserScan, sensor_msgs/msg/Image]
+"""
+
+
+def test_a_parameter_file_sets_them(desk: Desk, tmp_path: Path):
+    (tmp_path / "params.yaml").write_text(PARAMS)
+    given = parameters_of(tmp_path / "params.yaml", "localization_node")
+    process = Localization(desk.around, Start(parameters=given))
+    assert process.number_particles == 300
+    assert process.topics == ["scan", "image"]
+    assert [line.level for line in desk.lines] == ["INFO"] * 3
+
+
+def test_lists_of_different_lengths_are_an_error_that_it_reports(desk: Desk):
+    Localization(desk.around, Start(parameters={"topics": ["scan"]}))
+    assert [(line.level, line.text) for line in desk.lines] == [
+        ("ERROR", "Number of topics (1) != number of types (0)")
+    ]
+
+
+def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
+    """The first launch file of the book passes "particles"."""
+    process = Localization(desk.around, Start(parameters={"particles": 300}))
+    assert process.number_particles == 200
+    assert list(process.unused()) == [
+        "the parameter 'particles' is none of localization_node's, and does nothing; "
+        "did you mean 'number_particles'?"
+    ]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"number_particles": "many"}, {"number_particles": 1.5}, {"topics": "scan"}, {"topics": [1, "a"]}],
+)
+def test_a_parameter_of_another_type_is_a_fault(desk: Desk, given: dict):
+    with pytest.raises(ParameterFault, match="localization_node: the parameter '"):
+        Localization(desk.around, Start(parameters=given))
+
+
+# --- topics
+
+
+class Talk:
+    """Somebody who publishes numbers, and somebody who hears them."""
+
+    def __init__(self, desk: Desk, *, latched: bool = False) -> None:
+        self.speaker = Process("speaker", desk.around)
+        self.listener = Process("listener", desk.around)
+        self.numbers = self.speaker.publisher("numbers", Int32, latched=latched)
+        self.heard: list[int] = []
+
+    def say(self, *numbers: int) -> None:
+        for number in numbers:
+            self.numbers.publish(Int32(number))
+
+    def hear(self, message: Int32) -> None:
+        self.heard.append(message.data)
+
+
+def test_a_full_queue_loses_the_oldest(desk: Desk):
+    talk = Talk(desk)
+    subscription = talk.listener.subscribe("numbers", Int32, talk.hear, depth=2)
+    desk.add(talk.listener)
+    talk.say(1, 2, 3, 4)
+    assert talk.heard == []
+    desk.clock.sleep(0.0)
+    assert talk.heard == [3, 4]
+    assert subscription.lost == 2
+
+
+def test_a_latched_topic_tells_its_last_to_whoever_comes_later(desk: Desk):
+    talk = Talk(desk, latched=True)
+    talk.say(1, 2)
+    talk.listener.subscribe("numbers", Int32, talk.hear)
+    desk.add(talk.listener)
+    desk.clock.sleep(0.0)
+    assert talk.heard == [2]
+
+
+def test_without_latching_who_comes_later_hears_nothing(desk: Desk):
+    talk = Talk(desk)
+    talk.say(1, 2)
+    talk.listener.subscribe("numbers", Int32, talk.hear)
+    desk.add(talk.listener)
+    desk.clock.sleep(0.0)
+    assert talk.heard == []
+
+
+def test_a_message_or_a_listener_of_another_type_is_a_fault(desk: Desk):
+    talk = Talk(desk)
+    with pytest.raises(TopicFault, match="/numbers takes messages of type Int32, and this is of type str"):
+        talk.numbers.publish("seven")  # type: ignore[arg-type]
+    with pytest.raises(TopicFault, match="since speaker named it, and str is another type"):
+        talk.listener.subscribe("/numbers", str, print)
+
+
+def test_a_process_is_remapped_at_its_start(desk: Desk):
+    listener = NumberSubscriber(desk.around, Start("other", {"int_topic": "/numbers"}))
+    talk = Talk(desk)
+    desk.add(listener)
+    talk.say(7)
+    desk.clock.sleep(0.0)
+    assert desk.said == [(0.0, "other", "Hello 7")]
+
+
+def test_a_message_is_heard_at_the_moment_it_is_published_after_the_sensors(desk: Desk):
+    talk = Talk(desk)
+    moments: list[float] = []
+    talk.listener.subscribe("numbers", Int32, lambda message: moments.append(desk.clock.now() / SECOND))
+    desk.add(talk.listener)
+    desk.clock.every(4.0, Rank.SENSORS, lambda now: talk.say(1))
+    desk.clock.sleep(1.0)
+    assert moments == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_a_process_that_ended_hears_nothing_and_its_timers_rest(desk: Desk):
+    talk = Talk(desk)
+    talk.listener.subscribe("numbers", Int32, talk.hear)
+    logger = Logger(desk.around)
+    desk.add(talk.listener, logger)
+    talk.listener.end()
+    logger.end()
+    talk.say(1)
+    desk.clock.sleep(2.0)
+    assert (talk.heard, desk.lines) == ([], [])
+
+
+def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
+    process = Process("once", desk.around)
+    calls: list[int] = []
+    timer = process.timer(0.1, lambda: (calls.append(1), timer.cancel()))
+    desk.add(process)
+    desk.clock.sleep(1.0)
+    assert calls == [1]
+
+
+def test_callbacks_that_answer_each_other_for_ever_are_told(desk: Desk):
+    talk = Talk(desk)
+    talk.listener.subscribe("numbers", Int32, talk.numbers.publish)
+    desk.add(talk.listener)
+    talk.say(1)
+    with pytest.raises(EndlessTalk, match="the callbacks of listener publish to each other without end"):
+        desk.clock.sleep(0.0)
+
+
+# --- launch files
+
+PUB_SUB = """
+launch:
+- node: {pkg: basics, exec: publisher, name: speaker}
+- node:
+    exec: subscriber
+    remap: [{from: int_topic, to: /int_topic}]
+"""
+WITH_PARAMS = """
+launch:
+- include: {file: pub_sub.launch.yaml}
+- node:
+    exec: localization
+    param:
+    - from: params.yaml
+    - {name: number_particles, value: 400}
+"""
+
+
+def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Path):
+    (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
+    desk.add(*start_all(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.around))
+    assert [process.name for process in desk.executor.processes] == ["speaker", "subscriber_node"]
+    desk.clock.sleep(1.1)
+    assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2"]
+
+
+def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path: Path):
+    (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
+    (tmp_path / "params.yaml").write_text(PARAMS)
+    (tmp_path / "all.launch.yaml").write_text(WITH_PARAMS)
+    processes = start_all(read_launch(tmp_path / "all.launch.yaml"), desk.around)
+    assert [one.name for one in processes] == ["speaker", "subscriber_node", "localization_node"]
+    assert processes[2].parameters["number_particles"] == 400
+    assert processes[2].parameters["topics"] == ["scan", "image"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "launch:\n- node: {exec: publsher}\n",
+            r"line 2: there is no program 'publsher': did you mean 'publisher'",
+        ),
+        ("launch:\n- node: {name: a}\n", r"line 2: a node needs 'exec'"),
+        ("launch:\n- node: {exec: logger, parm: []}\n", "line 2: a node has no 'parm'"),
+        (
+            "launch:\n- node: {exec: logger, remap: [{from: a}]}\n",
+            "'remap' is a list of {from: NAME, to: NAME}",
+        ),
+        ("launch:\n- arg: {name: a}\n", "line 2: 'arg' is no step here"),
+        ("nodes: []\n", "line 1: a launch file is 'launch:'"),
+        ("launch: [\n", "line 2: this is no YAML"),
+        ("launch:\n- include: {file: f.yaml}\n", "is included by itself"),
+        ("launch:\n- include: {file: none.yaml}\n", "none.yaml can't be read"),
+    ],
+)
+def test_a_mistake_in_a_launch_file_is_told_with_its_place(desk: Desk, tmp_path: Path, text: str, said: str):
+    (tmp_path / "f.yaml").write_text(text)
+    with pytest.raises(LaunchFault, match=said):
+        start_all(read_launch(tmp_path / "f.yaml"), desk.around)
+
+
+def test_a_program_that_there_is_not_is_told(desk: Desk):
+    with pytest.raises(UnknownProgram, match="there are logger, publisher"):
+        make("xyz", desk.around)

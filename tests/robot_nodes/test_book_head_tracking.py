@@ -1,0 +1,253 @@
+"""Head tracking: PID, colour detection, tracker and lifecycle, by the book's figures (chapter 5.2)."""
+
+import numpy as np
+import pytest
+
+from robot_nodes.control.head_tracker import REACTIVE, HeadTracker, PanTilt, command_of
+from robot_nodes.control.pid import PID
+from robot_nodes.perception.colour import WOOD, ColourRange, Detection, debug_image, detect, detect_each, mask
+from robot_nodes.perception.object_detector import Detections, ObjectDetector
+from robot_nodes.process.executor import Executor
+from robot_nodes.process.lifecycle import Change, LifecycleComponent, State
+from robot_nodes.process.parameters import ParameterFault
+from robot_nodes.process.process import Process, Start, Surroundings
+from robot_nodes.robot import HeadFacts, HeadPosition, Picture
+
+WOODEN = (170, 120, 60)  # RGB; OpenCV's HSV (16, 165, 170)
+GREY = (120, 120, 120)
+
+
+def picture(*patches: tuple[int, int, int, int], stamp: int = 0) -> Picture:
+    """640x480 of grey with wooden rectangles (left, top, width, height)."""
+    rgb = np.full((480, 640, 3), GREY, dtype=np.uint8)
+    for left, top, width, height in patches:
+        rgb[top : top + height, left : left + width] = WOODEN
+    return Picture(rgb, stamp, "camera")
+
+
+# --- PID
+
+
+def test_pid_a_small_error_with_the_class_defaults():
+    pid = PID(0.0, 1.0, 0.0, 1.0)
+    assert pid.output(0.0) == pytest.approx(0.0, abs=0.05)
+    assert pid.output(0.1) < 0.099
+    assert pid.output(0.1) > -0.4
+    assert pid.output(0.1) < 0.3
+
+
+def test_pid_stays_within_its_limits_and_keeps_the_sign():
+    random = np.random.default_rng(1)
+    pid = PID(0.0, 1.0, 0.0, 1.0)
+    pid.set_gains(1.0, 0.0, 0.0)
+    for error in random.uniform(-5.0, 5.0, 100_000).tolist():
+        output = pid.output(error)
+        assert -1.0 <= output <= 1.0
+        assert output == 0.0 if error == 0.0 else output * error > 0.0
+        if abs(error) > 1.0:
+            assert abs(output) == 1.0
+
+
+def test_pid_an_error_under_the_least_is_none_and_over_the_most_is_full():
+    pid = PID(0.1, 1.0, 0.2, 0.8)
+    pid.set_gains(1.0, 0.0, 0.0)
+    assert pid.output(0.09) == 0.0
+    assert pid.output(0.5) == pytest.approx(0.2 + 0.5 * 0.6)
+    assert pid.output(-0.5) == pytest.approx(-0.2 - 0.5 * 0.6)
+    assert pid.output(3.0) == 0.8
+
+
+def test_pid_the_integral_forgets_a_third_and_the_derivative_is_the_change():
+    pid = PID(0.0, 1.0, 0.0, 1.0)
+    pid.set_gains(0.0, 1.0, 0.0)
+    assert [pid.output(0.3) for _ in range(2)] == pytest.approx([0.2, (0.2 + 0.3) * 2 / 3])
+    pid.reset()
+    pid.set_gains(0.0, 0.0, 1.0)
+    assert [pid.output(0.3), pid.output(0.3), pid.output(0.1)] == pytest.approx([0.3, 0.0, -0.2])
+
+
+# --- the detector
+
+
+def test_the_box_is_around_all_that_has_the_colour_and_the_centre_is_of_mass():
+    found = detect(picture((100, 50, 40, 20), (300, 200, 40, 60)), WOOD)
+    assert found is not None
+    assert (found.left, found.top, found.width, found.height) == (100, 50, 240, 210)
+    assert found.x == pytest.approx((800 * 119.5 + 2400 * 319.5) / 3200)
+    assert found.y == pytest.approx((800 * 59.5 + 2400 * 229.5) / 3200)
+    assert found.picture == (640, 480)
+
+
+def test_without_a_pixel_of_the_colour_nothing_is_found():
+    assert detect(picture(), WOOD) is None
+
+
+def test_exercise_a_box_for_each_separate_object_the_largest_first():
+    found = detect_each(picture((100, 50, 40, 20), (300, 200, 40, 60), (10, 10, 2, 2)), WOOD)
+    assert [(one.left, one.top, one.width, one.height) for one in found] == [
+        (300, 200, 40, 60),
+        (100, 50, 40, 20),
+    ]
+
+
+def test_the_book_s_wood_is_hue_15_to_20_saturation_50_to_200_value_20_to_200():
+    assert ColourRange((15, 20), (50, 200), (20, 200)) == WOOD
+    assert ColourRange() == ColourRange((0, 180), (0, 255), (0, 255))
+    assert mask(picture(), ColourRange()).all()
+
+
+def test_the_debug_image_dims_the_rest_and_boxes_what_was_found():
+    seen = picture((100, 50, 40, 20))
+    shown = debug_image(seen, WOOD)
+    assert shown[400, 400].tolist() == [40, 40, 40]
+    assert shown[55, 110].tolist() == list(WOODEN)
+    assert shown[50, 100].tolist() == shown[69, 139].tolist() == [255, 255, 0]
+
+
+def detector(robot, **parameters) -> tuple[Surroundings, Process, ObjectDetector]:
+    around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+    executor = Executor(robot.schedule, robot.clock)
+    process = ObjectDetector(around, Start(parameters=parameters))
+    other = Process("other", around)
+    executor.add(process)
+    executor.add(other)
+    return around, other, process
+
+
+def test_as_a_process_it_tells_what_it_finds_to_listeners(robot):
+    _, other, process = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
+    images, heard = other.publisher("input_image", Picture), []
+    images.publish(picture((100, 50, 40, 20)))
+    robot.clock.sleep(0.0)
+    assert not process.detections.heard
+    other.subscribe("detection", Detections, heard.append)
+    images.publish(picture())
+    images.publish(picture((100, 50, 40, 20), (300, 200, 40, 60)))
+    robot.clock.sleep(0.0)
+    assert [len(one.objects) for one in heard] == [1]
+
+
+def test_as_a_process_it_says_what_its_ranges_are_to_be(robot):
+    with pytest.raises(ParameterFault, match="hsv_ranges has 6 numbers"):
+        detector(robot, hsv_ranges=[1, 2])
+
+
+# --- the tracker
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "pan", "tilt"), [(320, 240, 0, 0), (640, 240, 1, 0), (0, 480, -1, 1), (480, 120, 0.5, -0.5)]
+)
+def test_a_command_is_the_place_in_the_picture_from_minus_one_to_one(x, y, pan, tilt):
+    detection = Detection(0, 0, 1, 1, x, y, (640, 480), 7)
+    assert command_of(detection) == PanTilt(pan, tilt, 7)
+
+
+@pytest.fixture
+def watching(robot):
+    """A robot with a head and a camera."""
+    robot.limits = HeadFacts(-1.3, 1.3, -1.0, 0.7, 3.0)
+    robot.turned = HeadPosition(0.0, 0.0, 0)
+    return robot
+
+
+def active(robot, **settings) -> HeadTracker:
+    tracker = HeadTracker(robot, **settings)
+    assert tracker.configure()
+    assert tracker.activate()
+    return tracker
+
+
+@pytest.mark.parametrize(
+    ("left", "top", "pan", "tilt"), [(600, 220, -1, 0), (0, 220, 1, 0), (300, 440, 0, -1), (300, 0, 0, 1)]
+)
+def test_the_head_turns_towards_the_object(watching, left, top, pan, tilt):
+    """To the right in the picture is a smaller pan angle, below is a smaller tilt."""
+    active(watching)
+    watching.shown = picture((left, top, 40, 40), stamp=100_000_000)
+    watching.clock.sleep(0.1)
+    looked = np.array(watching.looks[-1])
+    assert np.sign(np.where(np.abs(looked) < 0.01, 0.0, looked)).tolist() == [pan, tilt]
+
+
+def test_ten_times_a_second_while_it_is_active(watching):
+    tracker = active(watching)
+    watching.clock.sleep(2.0)
+    assert len(watching.looks) == 20
+    tracker.deactivate()
+    watching.clock.sleep(2.0)
+    assert len(watching.looks) == 21
+
+
+def test_nothing_seen_for_100_ms_it_goes_back_to_the_middle(watching):
+    active(watching)
+    watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
+    watching.clock.sleep(0.2)
+    assert watching.looks[-1] != (0.0, 0.0)
+    watching.clock.sleep(0.1)
+    assert watching.looks[-1] == (0.0, 0.0)
+
+
+def test_deactivated_it_goes_back_to_the_middle(watching):
+    tracker = active(watching)
+    watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
+    watching.clock.sleep(0.1)
+    tracker.deactivate()
+    assert watching.looks[-1] == (0.0, 0.0)
+
+
+def test_exercise_a_more_reactive_head_is_there_sooner(watching):
+    """The object is to the right by 0.5 rad; the head obeys at once, and its picture spans 1.1 rad."""
+    needed = {}
+    for name, settings in {"book": {}, "reactive": {"tuning": REACTIVE}}.items():
+        watching.turned = HeadPosition(0.0, 0.0, watching.clock.now())
+        watching.looks.clear()
+        tracker = active(watching, **settings)
+        start = watching.clock.now()
+        while abs(watching.turned.pan + 0.5) > 0.1:
+            off = (-0.5 - watching.turned.pan) / -0.55
+            centre = round((off + 1) * 320)
+            watching.shown = picture((centre - 10, 230, 20, 20), stamp=watching.clock.now() + 50_000_000)
+            watching.clock.sleep(0.05)
+            if watching.looks:
+                watching.turned = HeadPosition(*watching.looks[-1], watching.clock.now())
+        needed[name] = watching.clock.now() - start
+        tracker.shutdown()
+    assert needed["reactive"] < 0.7 * needed["book"]
+
+
+# --- lifecycle
+
+
+def test_the_states_and_transitions_have_the_numbers_of_ros():
+    assert [state.value for state in (State.UNCONFIGURED, State.INACTIVE, State.ACTIVE, State.FINALIZED)] == [
+        1,
+        2,
+        3,
+        4,
+    ]
+    assert [Change.CONFIGURE, Change.CLEANUP, Change.ACTIVATE, Change.DEACTIVATE] == [1, 2, 3, 4]
+
+
+def test_a_component_goes_its_ways_and_refuses_others():
+    component = LifecycleComponent()
+    assert not component.activate()
+    assert not component.deactivate()
+    assert component.configure()
+    assert component.state is State.INACTIVE
+    assert not component.configure()
+    assert component.activate()
+    assert component.state is State.ACTIVE
+    assert not component.cleanup()
+    assert component.deactivate()
+    assert component.cleanup()
+    assert component.state is State.UNCONFIGURED
+    assert component.shutdown()
+    assert component.state is State.FINALIZED
+    assert not component.configure()
+
+
+def test_a_callback_that_fails_refuses_the_transition(robot):
+    tracker = HeadTracker(robot)  # a robot without a head
+    assert not tracker.configure()
+    assert tracker.state is State.UNCONFIGURED

@@ -1,0 +1,316 @@
+"""The leaves of the book's patrol: its own tests of them (chapter 6.3), and its tree."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import Registry, Status, Tree
+from robot_nodes.control.head_tracker import HeadTracker
+from robot_nodes.leaves.waypoint import BOOK
+from robot_nodes.navigation.action import ActionServer, GoalHandle
+from robot_nodes.process.lifecycle import State
+from robot_nodes.robot import HeadFacts, HeadPosition, Pose2D, Rank
+
+TREES = Path(__file__).parents[2] / "trees"
+SECOND = 10**9
+
+RECHARGE, WP1, WP2, WP3 = (BOOK.places[name] for name in ("recharge", "wp1", "wp2", "wp3"))
+
+
+def tree_of(body: str, *resources: object) -> Tree:
+    nodes = Registry.standard()
+    nodes.add_plugin("robot_nodes.leaves")
+    text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
+    return btcore.loads(text, nodes=nodes, resources=resources)
+
+
+def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
+    """Tick at 10 Hz until the result is not RUNNING, or for so long."""
+    status = Status.IDLE
+    for _ in range(round(seconds * 10)):
+        status = tree.tick_once()
+        after()
+        if status is not Status.RUNNING:
+            break
+        robot.clock.sleep(0.1)
+    return status
+
+
+class SlowServer(ActionServer[Pose2D, None, None]):
+    """A navigation that gets to every goal in 5 s, as the book's test server does."""
+
+    def __init__(self, robot) -> None:
+        super().__init__()
+        self.goals: list[Pose2D] = []
+        self.handles: list[GoalHandle[Pose2D, None, None]] = []
+        self.began = 0
+        robot.schedule.every(10.0, Rank.CONTROLLER, self.step)
+
+    def go_to(self, goal: Pose2D) -> GoalHandle[Pose2D, None, None]:
+        self.goals.append(goal)
+        self.handles.append(self.send_goal(goal))
+        return self.handles[-1]
+
+    def start(self, handle, now: int, previous) -> None:
+        self.began = now
+
+    def work(self, handle, now: int) -> None:
+        if handle.goal.x > 900.0:
+            handle.abort(208, "there is no way to it")
+        elif now - self.began >= 5 * SECOND:
+            handle.succeed()
+
+
+@pytest.fixture
+def server(robot) -> SlowServer:
+    return SlowServer(robot)
+
+
+@pytest.fixture
+def tracker(robot) -> HeadTracker:
+    robot.limits = HeadFacts(-1.3, 1.3, -1.0, 0.7, 3.0)
+    robot.turned = HeadPosition(0.0, 0.0, 0)
+    return HeadTracker(robot)
+
+
+# --- recharge_btn, patrol_btn
+
+
+def test_recharge_btn(robot):
+    tree = tree_of('<Action ID="Recharge"/>', robot)
+    tree.blackboard["battery_level"] = 3.0
+    assert tick(tree, robot, 60.0) is Status.SUCCESS
+    assert tree.ticks == 51
+    assert tree.blackboard["battery_level"] == pytest.approx(100.0, abs=1e-7)
+    assert robot.recharges == 1
+
+
+def test_recharge_halted_goes_on_where_it_was(robot):
+    tree = tree_of('<Action ID="Recharge"/>', robot)
+    tick(tree, robot, 3.0)
+    tree.halt()
+    assert tick(tree, robot, 60.0) is Status.SUCCESS
+    assert tree.ticks == 51
+
+
+def test_patrol_btn(robot):
+    tree = tree_of('<Action ID="Patrol"/>', robot)
+    assert tick(tree, robot, 60.0) is Status.SUCCESS
+    assert len(robot.commands) == pytest.approx(150, abs=2)
+    v, w = robot.commands[0]
+    assert w > 0.1
+    assert v == pytest.approx(0.0, abs=1e-7)
+
+
+# --- move_btn
+
+
+def test_move_btn(robot, server: SlowServer):
+    tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
+    assert tick(tree, robot, 20.0) is Status.SUCCESS
+    assert robot.clock.now() / SECOND == pytest.approx(5.0, abs=0.3)
+    assert server.goals == [Pose2D(1.0, 2.0, 0.0)]
+
+
+def test_move_halted_cancels_its_goal(robot, server: SlowServer):
+    tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
+    tick(tree, robot, 1.0)
+    tree.halt()
+    robot.clock.sleep(0.2)
+    assert server.handles[0].status.name == "CANCELED"
+
+
+def test_move_fails_when_navigation_gives_up_and_says_why(robot, server: SlowServer, caplog):
+    tree = tree_of('<Action ID="Move" goal="999;0" error_code="{code}" error="{why}"/>', robot, server)
+    assert tick(tree, robot, 20.0) is Status.FAILURE
+    assert (tree.blackboard["code"], tree.blackboard["why"]) == (208, "there is no way to it")
+    assert "can't go to (999.00, 0.00): there is no way to it" in caplog.text
+
+
+def test_move_cancelled_by_somebody_else_is_a_success(robot, server: SlowServer):
+    tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
+    tick(tree, robot, 1.0)
+    server.handles[0].cancel()
+    assert tick(tree, robot, 1.0) is Status.SUCCESS
+
+
+def test_move_gives_up_on_a_server_that_accepts_nothing_for_a_second(robot):
+    class Deaf:
+        def go_to(self, goal: Pose2D) -> GoalHandle[Pose2D, None, None]:
+            return GoalHandle(goal)
+
+    tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, Deaf())
+    assert tick(tree, robot, 20.0) is Status.FAILURE
+    assert robot.clock.now() == pytest.approx(1.1 * SECOND)
+
+
+# --- get_waypoint_btn
+
+
+def given(tree: Tree, names: Sequence[str]) -> list[Pose2D]:
+    return [tree.blackboard[name] for name in names]
+
+
+def test_get_waypoint_btn_recharge(robot):
+    tree = tree_of('<Action ID="GetWaypoint" wp_id="recharge" waypoint="{wp}"/>')
+    assert tree.tick_once() is Status.SUCCESS
+    place = tree.blackboard["wp"]
+    assert (place.x, place.y) == pytest.approx((3.67, -0.24), abs=1e-7)
+
+
+SEQUENCE = (
+    "<Sequence>"
+    + "".join(
+        f'<Action ID="GetWaypoint" {"" if wp_id is None else f"wp_id={wp_id!r}"} waypoint="{{p{number}}}"/>'
+        for number, wp_id in enumerate(("next", "next", "", "recharge", "wp1", "wp2", None))
+    )
+    + "</Sequence>"
+)
+
+
+def test_get_waypoint_btn_only_recharge_is_chosen_by_name(robot):
+    tree = tree_of(SEQUENCE)
+    assert tree.tick_once() is Status.SUCCESS
+    assert given(tree, [f"p{number}" for number in range(7)]) == [WP1, WP2, WP3, RECHARGE, WP1, WP2, WP3]
+
+
+def test_get_waypoint_counts_in_each_tree_anew():
+    for _ in range(2):
+        tree = tree_of('<Action ID="GetWaypoint" wp_id="next" waypoint="{wp}"/>')
+        tree.tick_once()
+        assert tree.blackboard["wp"] == WP1
+
+
+def test_the_waypoints_are_the_books():
+    places = {name: (place.x, place.y, place.yaw) for name, place in BOOK.places.items()}
+    assert places == {
+        "recharge": (3.67, -0.24, 0.0),
+        "wp1": (1.07, -12.38, 0.0),
+        "wp2": (-5.32, -8.85, 0.0),
+        "wp3": (-0.56, 0.24, 0.0),
+    }
+
+
+# --- battery_checker_btn
+
+
+def test_battery_checker_btn(robot):
+    body = '<ReactiveSequence><Condition ID="BatteryChecker"/><Action ID="Patrol"/></ReactiveSequence>'
+    tree = tree_of(body, robot)
+    status = tick(tree, robot, 60.0, after=lambda: robot.drive(0.8, 0.0))
+    assert status is Status.SUCCESS
+    assert tree.blackboard["battery_level"] == pytest.approx(94.6, abs=1.0)
+
+
+@pytest.mark.parametrize(("ports", "threshold"), [("", 10.0), ('low="20"', 20.0)])
+def test_battery_checker_fails_under_its_threshold(robot, ports: str, threshold: float):
+    tree = tree_of(f'<Condition ID="BatteryChecker" {ports}/>', robot)
+    tree.blackboard["battery_level"] = threshold
+    assert tree.tick_once() is Status.SUCCESS
+    tree.blackboard["battery_level"] = threshold - 0.001
+    assert tree.tick_once() is Status.FAILURE
+
+
+@pytest.mark.parametrize(("v", "w", "a_second"), [(0.0, 0.0, 0.01), (0.3, 0.0, 0.16), (0.3, 0.4, 0.26)])
+def test_battery_drains_by_the_velocity_asked_for(robot, v: float, w: float, a_second: float):
+    tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
+    tree.tick_once()
+    robot.drive(v, w)
+    robot.clock.sleep(10.0)
+    tree.tick_once()
+    assert tree.blackboard["battery_level"] == pytest.approx(100.0 - 10 * a_second)
+
+
+def test_battery_quirk_a_gap_is_reckoned_at_the_velocity_found_after_it(robot):
+    tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
+    tree.tick_once()
+    robot.clock.sleep(100.0)  # nobody ticked it, and it stood
+    robot.drive(0.3, 0.0)
+    tree.tick_once()
+    assert tree.blackboard["battery_level"] == pytest.approx(84.0)
+
+
+def test_battery_is_never_under_zero(robot):
+    tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
+    robot.clock.sleep(1e5)
+    tree.tick_once()
+    assert tree.blackboard["battery_level"] == 0.0
+
+
+# --- track_objects_btn
+
+
+def test_track_objects_btn_1_unconfigured_it_is_refused(robot, tracker: HeadTracker):
+    assert not tracker.activate()
+    tree = tree_of('<Action ID="TrackObjects"/>', tracker)
+    assert tree.tick_once() is Status.RUNNING
+    assert tracker.state is State.UNCONFIGURED
+
+
+def test_track_objects_btn_2_configured_it_activates_and_a_halt_deactivates(robot, tracker: HeadTracker):
+    tracker.configure()
+    tree = tree_of('<Action ID="TrackObjects"/>', tracker)
+    assert tree.tick_once() is Status.RUNNING
+    assert tracker.state is State.ACTIVE
+    tree.halt()
+    assert tracker.state is State.INACTIVE
+
+
+def test_track_objects_btn_3_the_end_of_the_tree_deactivates(robot, tracker: HeadTracker):
+    tracker.configure()
+    tree = tree_of('<Action ID="TrackObjects"/>', tracker)
+    for _ in range(10):
+        assert tree.tick_once() is Status.RUNNING
+        robot.clock.sleep(0.1)
+    assert tracker.state is State.ACTIVE
+    tree.halt()
+    del tree
+    assert tracker.state is State.INACTIVE
+
+
+# --- move_track_btn
+
+
+def test_move_track_btn(robot, server: SlowServer, tracker: HeadTracker):
+    tracker.configure()
+    body = (
+        '<Parallel success_threshold="1" failure_threshold="1">'
+        '<Action ID="TrackObjects"/><Action ID="Move" goal="1;2"/></Parallel>'
+    )
+    tree = tree_of(body, robot, server, tracker)
+    assert tick(tree, robot, 1.0) is Status.RUNNING
+    assert tracker.state is State.ACTIVE
+    assert tick(tree, robot, 20.0) is Status.SUCCESS
+    assert tracker.state is State.INACTIVE
+
+
+# --- the whole tree
+
+
+@pytest.mark.parametrize("name", ["patrolling", "patrolling_book"])
+def test_the_tree_goes_round_and_recharges(robot, server: SlowServer, tracker: HeadTracker, name: str):
+    """A waypoint costs 5 s and a patrol 15 s: 3.9 % of the battery, and 20 % or 10 % are kept."""
+    nodes = Registry.standard()
+    nodes.add_plugin("robot_nodes.leaves")
+    tracker.configure()
+    tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[robot, server, tracker])
+    states: dict[Pose2D, set[State]] = {}
+    while len(server.goals) < 40 and robot.clock.now() < 2000 * SECOND:
+        assert tree.tick_once() is Status.RUNNING
+        if server.busy:
+            states.setdefault(server.goals[-1], set()).add(tracker.state)
+        if robot.commands and robot.commands[-1] == (0.0, 0.5) and not server.busy:
+            assert tracker.state is State.INACTIVE
+        robot.clock.sleep(0.1)
+    assert len(server.goals) == 40
+    assert robot.recharges >= 1
+    assert server.goals[:3] == [WP1, WP2, WP3]
+    # The waypoint that the low battery interrupted is skipped: what follows the charger isn't it again.
+    stop = server.goals.index(RECHARGE)
+    following = [WP1, WP2, WP3]
+    before = following.index(server.goals[stop - 1])
+    assert server.goals[stop + 1] == following[(before + 1) % 3]
+    assert states[RECHARGE] == {State.INACTIVE}
+    assert State.ACTIVE in states[WP1]

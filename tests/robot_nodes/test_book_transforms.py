@@ -1,0 +1,189 @@
+"""The obstacle detector in transforms, basic and improved: the book's figures (chapter 4) and exercises."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robot_nodes.perception.detector import (
+    ObstacleDetector,
+    ObstacleDetectorImproved,
+    ObstacleMonitor,
+    colour_of,
+)
+from robot_nodes.perception.frames import Displacement, ObstacleInFrames
+from robot_nodes.process.executor import Executor
+from robot_nodes.process.messages import GREEN, RED, Arrow, Arrows
+from robot_nodes.process.process import Line, Process, Start, Surroundings
+from robot_nodes.robot import LaserScan, Pose2D, Rank
+from robot_nodes.transforms import FrameBroadcaster
+
+LASER = "base_laser_link"
+
+
+class Looking:
+    """A robot whose laser is 0.2 m before its middle, its transforms, and processes around it."""
+
+    def __init__(self, robot) -> None:
+        self.robot = robot
+        self.lines: list[Line] = []
+        self.around = Surroundings(robot.clock, robot.schedule, self.lines.append, robot=robot)
+        self.executor = Executor(robot.schedule, robot.clock)
+        self.laser = Process("laser", self.around)
+        self.scans = self.laser.publisher("input_scan", LaserScan)
+        self.arrows: list[Arrow] = []
+        self.laser.subscribe("obstacle_marker", Arrows, lambda one: self.arrows.extend(one.arrows), depth=1)
+        self.executor.add(self.laser)
+
+    def know_frames(self) -> None:
+        broadcaster = FrameBroadcaster(self.robot, self.around.transforms)
+        broadcaster.step(self.robot.clock.now())
+        self.robot.schedule.every(50.0, Rank.TRANSFORMS, broadcaster.step)
+
+    def add(self, kind, **parameters) -> Process:
+        process = kind(self.around, Start(parameters=parameters))
+        self.executor.add(process)
+        return process
+
+    def see(self, *ranges: float) -> None:
+        stamp = self.robot.clock.now()
+        self.scans.publish(LaserScan(np.array(ranges, dtype=np.float32), stamp, -0.1, 0.1, 0.05, 25.0, LASER))
+        self.robot.clock.sleep(0.0)
+
+    def where(self, frame: str) -> tuple[float, ...]:
+        return self.around.transforms.lookup(frame, "detected_obstacle").position
+
+
+@pytest.fixture
+def looking(robot) -> Looking:
+    return Looking(robot)
+
+
+def test_the_detector_tells_of_what_the_middle_ray_hits_in_the_lasers_frame(looking: Looking):
+    looking.add(ObstacleDetector)
+    looking.see(0.3, 1.5, 0.4)
+    found = looking.around.transforms.lookup(LASER, "detected_obstacle")
+    assert found.position == pytest.approx((1.5, 0.0, 0.0))
+    assert found.quaternion == (0.0, 0.0, 0.0, 1.0)
+    assert looking.around.transforms.parent("detected_obstacle") == LASER
+
+
+@pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan])
+def test_without_an_echo_it_tells_nothing(looking: Looking, reading: float):
+    looking.add(ObstacleDetector)
+    looking.see(1.0, reading, 1.0)
+    assert "detected_obstacle" not in looking.around.transforms.frames()
+
+
+def test_its_transform_is_static_and_so_never_forgotten(looking: Looking):
+    looking.add(ObstacleDetector)
+    looking.see(1.0, 1.5, 1.0)
+    looking.robot.clock.sleep(60.0)
+    assert looking.where(LASER)[0] == pytest.approx(1.5)
+
+
+def test_the_flaw_out_of_the_beam_it_moves_with_the_robot_and_improved_it_stays(robot):
+    places = {}
+    for kind in (ObstacleDetector, ObstacleDetectorImproved):
+        looking = Looking(type(robot)())
+        looking.know_frames()
+        looking.add(kind)
+        looking.see(1.0, 1.5, 1.0)
+        looking.robot.at = Pose2D(1.0, 0.0, math.pi / 2)
+        looking.robot.clock.sleep(1.0)
+        looking.see(1.0, math.inf, 1.0)
+        try:
+            places[kind] = looking.where("odom")
+        finally:
+            looking.executor.remove(looking.laser)
+    assert places[ObstacleDetector] == pytest.approx((1.0, 1.7, 0.1), abs=1e-6)
+    assert places[ObstacleDetectorImproved] == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
+
+
+def test_the_improved_one_looks_where_the_laser_was_at_the_scans_moment(looking: Looking):
+    looking.know_frames()
+    looking.add(ObstacleDetectorImproved)
+    looking.robot.clock.sleep(0.5)
+    stamp = looking.robot.clock.now()
+    scan = LaserScan(np.array([1.5], dtype=np.float32), stamp, 0.0, 0.1, 0.05, 25.0, LASER)
+    looking.robot.at = Pose2D(5.0, 0.0, 0.0)
+    looking.robot.clock.sleep(0.1)
+    looking.scans.publish(scan)
+    looking.robot.clock.sleep(0.0)
+    assert looking.where("odom") == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
+
+
+def test_without_the_robots_frames_the_improved_one_warns_and_skips(looking: Looking):
+    looking.add(ObstacleDetectorImproved)
+    looking.see(1.0, 1.5, 1.0)
+    assert [line.level for line in looking.lines] == ["WARN"]
+    assert "detected_obstacle" not in looking.around.transforms.frames()
+
+
+def test_the_monitor_says_where_it_is_twice_a_second_and_points_at_it(looking: Looking):
+    looking.know_frames()
+    looking.add(ObstacleDetector)
+    looking.add(ObstacleMonitor)
+    looking.see(1.0, 1.5, 1.0)
+    looking.robot.clock.sleep(1.0)
+    assert [line.stamp for line in looking.lines] == [500_000_000, 1_000_000_000]
+    assert looking.lines[0].text == "Obstacle detected at (1.700 m, 0.000 m, 0.100 m) = 0.000 rad"
+    arrow = looking.arrows[0]
+    assert (arrow.frame, arrow.colour, arrow.lifetime) == ("base_footprint", RED, 1.0)
+    assert (arrow.shaft, arrow.head) == (0.02, 0.1)
+    assert (arrow.start, arrow.end) == ((0.0, 0.0, 0.0), pytest.approx((1.7, 0.0, 0.1)))
+
+
+def test_the_monitor_warns_while_there_is_none(looking: Looking):
+    looking.know_frames()
+    looking.add(ObstacleMonitor)
+    looking.robot.clock.sleep(1.0)
+    assert [line.level for line in looking.lines] == ["WARN", "WARN"]
+    assert looking.arrows == []
+
+
+# --- exercises
+
+
+def test_exercise_the_displacement_of_each_second(looking: Looking):
+    looking.know_frames()
+    looking.add(Displacement)
+    looking.robot.clock.sleep(1.0)
+    looking.robot.at = Pose2D(0.3, 0.4, math.pi / 2)
+    looking.robot.clock.sleep(1.0)
+    looking.robot.at = Pose2D(0.3, 0.6, math.pi / 2)
+    looking.robot.clock.sleep(1.0)
+    assert [line.text for line in looking.lines] == [
+        "moved 0.500 m (x 0.300, y 0.400), turned 1.571 rad",
+        "moved 0.200 m (x 0.200, y 0.000), turned 0.000 rad",
+    ]
+
+
+@pytest.mark.parametrize(("distance", "colour"), [(9.0, GREEN), (3.0, GREEN), (0.5, RED), (0.1, RED)])
+def test_exercise_the_arrow_is_green_far_away_and_red_near(distance: float, colour):
+    assert colour_of(distance) == colour
+
+
+def test_exercise_and_between_them_it_goes_from_one_to_the_other(looking: Looking):
+    shares = [colour_of(distance)[0] for distance in (0.6, 1.0, 2.0, 2.9)]
+    assert shares == sorted(shares, reverse=True)
+    looking.know_frames()
+    looking.add(ObstacleDetector)
+    looking.add(ObstacleMonitor, colour_by_distance=True)
+    looking.see(1.0, 9.0, 1.0)
+    looking.robot.clock.sleep(0.5)
+    assert looking.arrows[0].colour == GREEN
+
+
+def test_exercise_the_obstacle_in_three_frames(looking: Looking):
+    looking.robot.at = Pose2D(1.0, 2.0, math.pi / 2)
+    looking.know_frames()
+    looking.add(ObstacleDetectorImproved)
+    looking.add(ObstacleInFrames)
+    looking.see(1.0, 1.5, 1.0)
+    looking.robot.clock.sleep(0.5)
+    assert [line.text for line in looking.lines] == [
+        "Obstacle in odom: (1.000 m, 3.700 m, 0.100 m)",
+        "Obstacle in base_footprint: (1.700 m, 0.000 m, 0.100 m)",
+        "Obstacle in head_2_link: (1.575 m, 0.000 m, -0.900 m)",
+    ]

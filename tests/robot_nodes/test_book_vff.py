@@ -1,0 +1,195 @@
+"""VFF avoidance: the book's tests (chapter 5.1), case by case, and its exercise."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robot_nodes.control.vff import Avoidance, AvoidanceOfAll, forces, forces_of_all, velocity
+from robot_nodes.process.executor import Executor
+from robot_nodes.process.messages import BLUE, GREEN, RED, Arrows
+from robot_nodes.process.process import Process, Start, Surroundings
+from robot_nodes.robot import LaserScan, Twist2D
+
+PI = math.pi
+SECOND = 10**9
+
+
+def scan_of(*, others: float = 5.0, stamp: int = 0, **near: float) -> LaserScan:
+    """16 readings all around: *others*, but for ``k10=0.3``."""
+    ranges = np.full(16, others, dtype=np.float32)
+    for name, distance in near.items():
+        ranges[int(name[1:])] = distance
+    return LaserScan(ranges, stamp, -PI, 2 * PI / 16, 0.0, 20.0, "base_laser_link")
+
+
+CASES = {
+    "1 nothing in sight": scan_of(others=math.inf),
+    "2 all at zero": scan_of(others=0.0),
+    "3 behind to the right": scan_of(k2=0.3),
+    "4 ahead to the right": scan_of(k6=0.3),
+    "5 ahead to the left": scan_of(k10=0.3),
+    "6 ahead to the left, and all else at 0.5 m": scan_of(others=0.5, k10=0.3),
+    "7 behind to the left": scan_of(k14=0.3),
+    "8 right ahead": scan_of(k8=0.01),
+}
+
+
+def angle(vector) -> float:
+    return math.atan2(vector[1], vector[0])
+
+
+def test_1_nothing_in_sight_the_vectors_are_exact():
+    found = forces(CASES["1 nothing in sight"])
+    assert found.attractive.tolist() == [1.0, 0.0]
+    assert found.repulsive.tolist() == [0.0, 0.0]
+    assert found.result.tolist() == [1.0, 0.0]
+
+
+def test_2_all_at_zero_the_first_reading_counts():
+    found = forces(CASES["2 all at zero"])
+    assert found.attractive.tolist() == [1.0, 0.0]
+    assert found.repulsive.tolist() == pytest.approx([1.0, 0.0], abs=1e-5)
+    assert found.result.tolist() == pytest.approx([2.0, 0.0], abs=1e-5)
+
+
+QUADRANTS = [
+    # case, signs of the push, angles of the push, angles of the sum
+    ("3 behind to the right", (1, 1), (0.1, PI / 2), (0.1, PI / 2)),
+    ("4 ahead to the right", (-1, 1), (PI / 2, PI), (0.0, PI / 2)),
+    ("5 ahead to the left", (-1, -1), (-PI, -PI / 2), (-PI / 2, 0.0)),
+    ("6 ahead to the left, and all else at 0.5 m", (-1, -1), (-PI, -PI / 2), (-PI / 2, 0.0)),
+    ("7 behind to the left", (1, -1), (-PI / 2, 0.0), (-PI / 2, 0.0)),
+]
+
+
+@pytest.mark.parametrize(("case", "signs", "push", "sum_"), QUADRANTS)
+def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_):
+    found = forces(CASES[case])
+    assert found.attractive.tolist() == [1.0, 0.0]
+    assert np.sign(found.repulsive).tolist() == list(signs)
+    assert push[0] < angle(found.repulsive) < push[1]
+    assert sum_[0] < angle(found.result) < sum_[1]
+
+
+def test_8_right_ahead_what_is_left_over_has_the_sign_of_single_precision():
+    found = forces(CASES["8 right ahead"])
+    assert found.repulsive[0] == pytest.approx(-1.0, abs=0.1)
+    assert found.repulsive[1] == pytest.approx(0.0, abs=1e-4)
+    assert np.all(np.abs(found.result) <= 0.01)
+    assert found.result[1] < 0.0
+    assert {found.attractive.dtype, found.repulsive.dtype, found.result.dtype} == {np.dtype("float32")}
+
+
+VELOCITIES = {
+    "1 nothing in sight": lambda v, w: v == pytest.approx(0.3, abs=1e-4) and w == pytest.approx(0, abs=1e-4),
+    "2 all at zero": lambda v, w: v == pytest.approx(0.3, abs=1e-4) and w == pytest.approx(0, abs=1e-4),
+    "3 behind to the right": lambda v, w: 0 < v <= 0.3 and 0 < w < PI / 2,
+    "4 ahead to the right": lambda v, w: 0 < v <= 0.3 and w > 0,
+    "5 ahead to the left": lambda v, w: 0 < v <= 0.3 and w < 0,
+    "6 ahead to the left, and all else at 0.5 m": lambda v, w: 0 < v <= 0.3 and w < 0,
+    "7 behind to the left": lambda v, w: 0 < v <= 0.3 and w < 0,
+    "8 right ahead": lambda v, w: abs(v) < 0.1 and -PI / 2 < w < 0,
+}
+
+
+class Avoiding:
+    """The avoidance process with a scan at 30 Hz, and what it says."""
+
+    def __init__(self, robot, kind: type[Avoidance] = Avoidance) -> None:
+        self.robot = robot
+        self.around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+        self.executor = Executor(robot.schedule, robot.clock)
+        self.process = kind(self.around, Start(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"}))
+        self.laser = Process("laser", self.around)
+        self.said: list[Twist2D] = []
+        self.scans = self.laser.publisher("/scan_raw", LaserScan)
+        self.laser.subscribe("/nav_vel", Twist2D, self.said.append)
+        self.executor.add(self.process)
+        self.executor.add(self.laser)
+
+    def run(self, scan: LaserScan, seconds: float) -> None:
+        for _ in range(round(30 * seconds)):
+            stamp = self.robot.clock.now()
+            self.scans.publish(
+                LaserScan(scan.ranges, stamp, scan.angle_min, scan.angle_increment, 0.0, 20.0, scan.frame)
+            )
+            self.robot.clock.time = stamp + SECOND // 30
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_velocity_after_a_second_of_scans_at_30_hz(robot, case: str):
+    avoiding = Avoiding(robot)
+    avoiding.run(CASES[case], 1.0)
+    last = avoiding.said[-1]
+    assert len(avoiding.said) == pytest.approx(20, abs=1)
+    assert VELOCITIES[case](last.v, last.w), last
+
+
+def test_a_scan_older_than_a_second_moves_nothing(robot):
+    avoiding = Avoiding(robot)
+    avoiding.scans.publish(scan_of())
+    robot.clock.sleep(1.0)
+    assert len(avoiding.said) == 20
+    avoiding.said.clear()
+    robot.clock.sleep(2.0)
+    assert avoiding.said == []
+
+
+def test_without_a_scan_nothing_is_said(robot):
+    avoiding = Avoiding(robot)
+    robot.clock.sleep(1.0)
+    assert avoiding.said == []
+
+
+def test_the_arrows_are_made_for_listeners_only(robot):
+    avoiding = Avoiding(robot)
+    avoiding.run(CASES["4 ahead to the right"], 0.5)
+    heard: list[Arrows] = []
+    assert not avoiding.process.arrows.heard
+    avoiding.laser.subscribe("vff_debug", Arrows, heard.append)
+    avoiding.run(CASES["4 ahead to the right"], 0.5)
+    arrows = {arrow.number: arrow for arrow in heard[-1].arrows}
+    assert {number: arrow.colour for number, arrow in arrows.items()} == {2: BLUE, 0: RED, 1: GREEN}
+    assert {arrow.frame for arrow in arrows.values()} == {"base_footprint"}
+    assert (arrows[2].shaft, arrows[2].head, arrows[2].end) == (0.05, 0.1, (1.0, 0.0, 0.0))
+    total = np.array(arrows[2].end) + np.array(arrows[0].end)
+    assert arrows[1].end == pytest.approx(tuple(total), abs=1e-6)
+
+
+def test_the_velocity_keeps_to_the_books_limits():
+    assert velocity(np.array([5.0, 0.0], dtype=np.float32)) == Twist2D(0.3, 0.0)
+    assert velocity(np.array([0.0, 5.0], dtype=np.float32)) == Twist2D(0.3, 0.5)
+    assert velocity(np.array([0.1, -5.0], dtype=np.float32)).w == -0.5
+
+
+def test_nan_is_no_reading_and_too_near_is_the_nearest():
+    ranges = scan_of(k10=math.nan, k6=0.5).ranges
+    blind = LaserScan(ranges, 0, -PI, 2 * PI / 16, 0.0, 20.0, "laser")
+    assert forces(blind).result.tolist() == forces(scan_of(k6=0.5)).result.tolist()
+    assert forces(scan_of(k6=-math.inf)).result.tolist() == forces(scan_of(k6=0.0)).result.tolist()
+
+
+# --- the exercise: all that is near pushes
+
+
+def test_exercise_two_obstacles_push_where_the_nearest_alone_would_not():
+    between = scan_of(k6=0.3, k10=0.301)
+    assert forces(between).result[1] > 0.1
+    both = forces_of_all(between)
+    assert both.repulsive[1] == pytest.approx(0.0, abs=0.01)
+    assert both.repulsive[0] == pytest.approx(-0.99, abs=0.01)
+
+
+def test_exercise_with_one_obstacle_it_is_the_books():
+    for case in ("3 behind to the right", "4 ahead to the right", "5 ahead to the left"):
+        assert forces_of_all(CASES[case]).result == pytest.approx(forces(CASES[case]).result, abs=1e-6)
+
+
+def test_exercise_it_does_not_drive_on_where_the_sum_points_back(robot):
+    avoiding = Avoiding(robot, AvoidanceOfAll)
+    avoiding.run(scan_of(k6=0.2, k7=0.2, k8=0.2, k9=0.25), 0.5)
+    assert avoiding.process.forces is not None
+    assert avoiding.process.forces.result[0] < 0.0
+    assert avoiding.said[-1].v == 0.0
+    assert abs(avoiding.said[-1].w) == 0.5
