@@ -19,12 +19,15 @@ GROUP = "btcore"
 
 # The cold part stays interpreted: what runs once, talks to people, or is the place where builds are chosen.
 COLD_FOLDERS = {"cli", "testing", "xml", "logs"}
-COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "suggest.py"} | {
+COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py", "suggest.py"} | {
+    "declaration.py",
     "signature.py",
     "manifest.py",
     "registry.py",
     "manual.py",  # it has an __init__, whose parameters compiled code does not tell
 }
+# What every node of a document passes through while it is loaded.
+HOT_FILES = {f"btcore/xml/{name}.py" for name in ("element", "node_plan", "shape", "plan", "build")}
 
 
 def wanted() -> bool:
@@ -41,10 +44,12 @@ def must_compile() -> bool:
 
 def hot_modules() -> list[str]:
     """The engine's source files that are compiled."""
+    files = [path.relative_to(HERE) for path in sorted((HERE / "btcore").rglob("*.py"))]
     return [
-        str(path.relative_to(HERE))
-        for path in sorted((HERE / "btcore").rglob("*.py"))
-        if path.name not in COLD_FILES and not COLD_FOLDERS & set(path.relative_to(HERE).parts)
+        str(file)
+        for file in files
+        if file.as_posix() in HOT_FILES
+        or (file.name not in COLD_FILES and not COLD_FOLDERS & set(file.parts))
     ]
 
 

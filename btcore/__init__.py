@@ -8,6 +8,7 @@ builds.choose()
 from btcore import values
 from btcore.blackboard import Blackboard, Entry
 from btcore.clock import Clock, SimClock, SystemClock
+from btcore.context import TreeState
 from btcore.coroutine import running, sleep
 from btcore.errors import (
     BlackboardFault,
@@ -35,11 +36,13 @@ from btcore.signature import In, InOut, Out, Put
 from btcore.status import NodeType, Status, Transition
 from btcore.threaded import ThreadedAction
 from btcore.tree import Subtree, Tree
+from btcore.xml.compose import Builder, key
 
 __all__ = [
     "Blackboard",
     "BlackboardFault",
     "BtcoreError",
+    "Builder",
     "Clock",
     "Condition",
     "ControlNode",
@@ -73,11 +76,13 @@ __all__ = [
     "Tree",
     "TreeError",
     "TreeNode",
+    "TreeState",
     "UnknownNode",
     "action",
     "builds",
     "compile_script",
     "condition",
+    "key",
     "load",
     "loads",
     "running",

@@ -3,8 +3,18 @@
 import threading
 from collections.abc import Callable
 
+from mypy_extensions import mypyc_attr
+
 from btcore.clock import Clock
 from btcore.observers import Observers
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class TreeState:
+    """What the leaves of one tree share: a leaf that asks for a subclass gets the tree's own instance.
+
+    The first leaf that asks makes it, without arguments; every tree has its own.
+    """
 
 
 class TreeContext:

@@ -24,7 +24,7 @@ class Diagnostic:
 
     @property
     def is_error(self) -> bool:
-        """Whether the tree is refused for it."""
+        """Whether the tree is refused for it, or raises as soon as it is ticked."""
         return self.code.startswith("E")
 
     def in_file(self, file: str) -> "Diagnostic":

@@ -1,6 +1,7 @@
 """From a file or a text to a tree, in one call."""
 
-from collections.abc import Sequence
+import reprlib
+from collections.abc import Iterable, Sequence
 from os import PathLike
 from typing import Any
 
@@ -34,15 +35,16 @@ def load(
     - *clock*: default the first clock among *resources*, else the system's.
     - *packages*: finds the folder of a ROS package that an ``<include>`` names.
 
-    Raises TreeError with every fault found, each with file, line and column.
+    Raises TreeError with every fault found, each with file, line and column, and TypeError for *nodes* or
+    *resources* that are no such thing.
     """
     return build(
         read_file(path),
-        nodes if nodes is not None else Registry.standard(),
+        _registry(nodes),
         tree=tree,
         format=format,
         blackboard=blackboard,
-        resources=resources,
+        resources=_listed(resources),
         clock=clock,
         packages=packages,
     )
@@ -62,11 +64,11 @@ def loads(
     """The tree in the XML *text*; as :func:`load`. Includes are sought from the working directory."""
     return build(
         read_text(text),
-        nodes if nodes is not None else Registry.standard(),
+        _registry(nodes),
         tree=tree,
         format=format,
         blackboard=blackboard,
-        resources=resources,
+        resources=_listed(resources),
         clock=clock,
         packages=packages,
     )
@@ -81,5 +83,22 @@ def wanted(
     packages: PackageResolver | None = None,
 ) -> list[Any]:
     """The types of the resources that the leaves of the tree in *path* ask for. Raises as :func:`load`."""
-    registry = nodes if nodes is not None else Registry.standard()
-    return wanted_by(read_file(path), registry, tree=tree, format=format, packages=packages)
+    return wanted_by(read_file(path), _registry(nodes), tree=tree, format=format, packages=packages)
+
+
+def _registry(nodes: object) -> Registry:
+    """*nodes*, or by default the standard ones. Raises TypeError for what is no registry."""
+    if nodes is None:
+        return Registry.standard()
+    if not isinstance(nodes, Registry):
+        raise TypeError(
+            f"nodes={reprlib.repr(nodes)} is no Registry: nodes = Registry.standard(); nodes.add(…)"
+        )
+    return nodes
+
+
+def _listed(resources: object) -> Sequence[object]:
+    """*resources* as a list. Raises TypeError for a single thing."""
+    if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
+        raise TypeError(f"resources={reprlib.repr(resources)} is no list: write resources=[…]")
+    return list(resources)

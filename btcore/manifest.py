@@ -2,13 +2,14 @@
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from btcore import builds
 from btcore.blackboard import Blackboard
 from btcore.clock import Clock
-from btcore.config import NodeConfig
-from btcore.context import TreeContext
+from btcore.config import NO_INPUTS, NodeConfig
+from btcore.context import TreeContext, TreeState
+from btcore.declaration import check_id, check_methods, check_ports
 from btcore.errors import NodeFault, RegistrationError
 from btcore.functions import Call, FunctionAction, FunctionCondition, FunctionSteps, leaf_class
 from btcore.node import ControlNode, DecoratorNode, TreeNode
@@ -17,15 +18,16 @@ from btcore.signature import BOUND, Parameter, bind_class, class_ports, function
 from btcore.status import NodeType
 from btcore.values import Types
 
-_FORBIDDEN_IN_ID = frozenset(" \t\r\n<>&\"'/\\:*?|.")
-
 
 class Manifest:
     """One entry of a registry.
 
     *ports* are in the order of declaration; *wanted* are the types of the resources that it asks for;
-    *distribution* is the package that brought it, and *origin* the class or function and its place.
+    *distribution* is the package that brought it, and *origin* the class or function and its place. One that
+    *yields* came along with an installed package, and gives way to what a user registers under its ID.
     """
+
+    yields = False
 
     def __init__(
         self,
@@ -64,7 +66,10 @@ class Manifest:
         return [
             one.wanted
             for one in self.parameters
-            if one.port is None and one.default is UNSET and one.wanted not in (Clock, Blackboard)
+            if one.port is None
+            and one.default is UNSET
+            and one.wanted not in (Clock, Blackboard)
+            and not of_tree(one.wanted)
         ]
 
     @property
@@ -110,8 +115,13 @@ class Manifest:
         """What fills the parameters: by position, and by name."""
         positional: list[object] = []
         keywords: dict[str, object] = {}
+        inputs = node.config.inputs if self.function is not None else NO_INPUTS
         for parameter in self.parameters:
-            value = self._fill(parameter, node, context, resources)
+            port = parameter.port
+            # The most frequent case by far.
+            value: object = inputs.get(port.name) if port is not None and port.reads else None
+            if value is None:
+                value = self._fill(parameter, node, context, resources)
             if parameter.keyword:
                 keywords[parameter.name] = value
             else:
@@ -137,12 +147,21 @@ class Manifest:
             return context.clock
         if parameter.wanted is Blackboard:
             return node.blackboard
-        value = resources.of(parameter)
-        if value is UNSET:
+        try:
+            value = resources.of(parameter)
+        except TypeError:
             raise NodeFault(
+                f"the parameter '{parameter.name}' of <{self.id}> is of type {parameter.type_name}, by which "
+                "nothing can be found: use a class, or a Protocol marked @runtime_checkable"
+            ) from None
+        if value is UNSET:
+            said = (
                 f"<{self.id}> wants a {parameter.type_name} (its parameter '{parameter.name}'), "
                 "and none was handed in: pass one in resources=[…]"
             )
+            if parameter.looks_like_port:
+                said += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
+            raise NodeFault(said)
         return value
 
 
@@ -163,7 +182,16 @@ class Resources(list[object]):
         for resource in self:
             if fits(resource, parameter.wanted):
                 return resource
+        if of_tree(parameter.wanted):
+            made = parameter.wanted()
+            self.append(made)
+            return made
         return parameter.default
+
+
+def of_tree(wanted: object) -> TypeGuard[type[TreeState]]:
+    """Whether a leaf that asks for *wanted* gets what its tree makes, and nobody hands in."""
+    return isinstance(wanted, type) and issubclass(wanted, TreeState)
 
 
 def takes_children(manifest: Manifest | None) -> bool:
@@ -195,23 +223,26 @@ class _MissingInput(Input):
 
 
 def fits(resource: object, wanted: Any) -> bool:
-    """Whether *resource* is what a parameter of type *wanted* asks for."""
-    try:
-        return isinstance(resource, wanted)
-    except TypeError:
-        raise NodeFault(
-            f"a resource is found by its type, but {wanted} can't be asked for: use a class, or a Protocol "
-            "marked @runtime_checkable"
-        ) from None
+    """Whether *resource* is what a parameter of type *wanted* asks for.
+
+    Raises TypeError for a type that nothing can be told to be of, such as a Protocol that isn't marked.
+    """
+    return isinstance(resource, wanted)
 
 
 def class_manifest(
-    ID: str, cls: type[TreeNode], types: Types, names: Mapping[str, Any], distribution: str
+    ID: str,
+    cls: type[TreeNode],
+    types: Types,
+    names: Mapping[str, Any],
+    distribution: str,
+    format: int = 4,
 ) -> Manifest:
-    """The manifest of a node class. Raises RegistrationError."""
-    _check_id(ID)
+    """The manifest of a node class, in trees of *format* at least. Raises RegistrationError."""
+    check_id(ID)
     ports = class_ports(cls, types, names)
-    _check_ports(ID, ports)
+    check_ports(ID, ports, format)
+    check_methods(ID, cls)
     bind_class(cls, ports)
     parameters = []
     if _has_own_init(cls):
@@ -220,10 +251,15 @@ def class_manifest(
 
 
 def function_manifest(
-    ID: str, function: Callable[..., object], types: Types, names: Mapping[str, Any], distribution: str
+    ID: str,
+    function: Callable[..., object],
+    types: Types,
+    names: Mapping[str, Any],
+    distribution: str,
+    format: int = 4,
 ) -> Manifest:
-    """The manifest of a function as a leaf. Raises RegistrationError."""
-    _check_id(ID)
+    """The manifest of a function as a leaf, in trees of *format* at least. Raises RegistrationError."""
+    check_id(ID)
     if inspect.isasyncgenfunction(function):
         raise RegistrationError(
             f"{function.__qualname__} is an async def that yields; await running() instead of the yield, "
@@ -231,7 +267,7 @@ def function_manifest(
         )
     parameters = function_parameters(function, types, names)
     ports = [one.port for one in parameters if one.port is not None]
-    _check_ports(ID, ports)
+    check_ports(ID, ports, format)
     return Manifest(ID, leaf_class(function), ports, parameters, distribution, function)
 
 
@@ -242,29 +278,3 @@ def _initialiser(cls: type) -> Callable[..., None]:
 
 def _has_own_init(cls: type) -> bool:
     return _initialiser(cls) not in (_initialiser(object), _initialiser(TreeNode))
-
-
-def _check_ports(ID: str, ports: Sequence[Port]) -> None:
-    for port in ports:
-        name = port.name
-        if name in ("name", "ID"):
-            raise RegistrationError(
-                f"<{ID}> can't have a port called '{name}': in the XML that attribute says which node it is"
-            )
-        bad = next((char for char in name if char in _FORBIDDEN_IN_ID or ord(char) < 32), None)
-        if bad is not None:
-            raise RegistrationError(f"<{ID}> can't have a port called '{name}': it holds {bad!r}")
-        if not (name[:1].isascii() and name[:1].isalpha()) and name != "_autoremap":
-            raise RegistrationError(
-                f"<{ID}> can't have a port called '{name}': the name of a port begins with a letter"
-            )
-
-
-def _check_id(ID: str) -> None:
-    if not ID:
-        raise RegistrationError("a node needs an ID that isn't empty")
-    if ID == "Root":
-        raise RegistrationError("'Root' is reserved in Groot, and can't be the ID of a node")
-    bad = next((char for char in ID if char in _FORBIDDEN_IN_ID or ord(char) < 32), None)
-    if bad is not None:
-        raise RegistrationError(f"'{ID}' can't be the ID of a node: it holds {bad!r}")

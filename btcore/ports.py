@@ -94,8 +94,11 @@ class Binding:
         self.format: int = format
         self.written: bool = written
         self.blackboard: Blackboard = NOWHERE
-        key = pointer(text, port.name, format) if "}" in text or text == "=" else None
-        self.key: str | None = key
+        if text[:1] == "{" and text[-1:] == "}" and len(text) > 3:
+            key: str | None = text[1:-1]  # what pointer() says of most
+        else:
+            key = pointer(text, port.name, format) if "}" in text or text == "=" else None
+        self.key = key
         self.fault: str = ""
         self.literal: object = None
         self.shared: bool = True

@@ -39,6 +39,9 @@ class Registry:
         self._of_format: dict[int, dict[str, Manifest]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
         self.substitutions: dict[str, Rule] = {}
+        self.displaced: list[tuple[Manifest, Manifest]] = []
+        """Nodes of installed libraries that gave way, each with what took its place."""
+        self._installing = False
 
     @classmethod
     def standard(cls) -> "Registry":
@@ -92,17 +95,20 @@ class Registry:
 
     # --- adding and removing
 
-    def add(self, *things: Any, ID: str | None = None) -> None:
+    def add(self, *things: Any, ID: str | None = None, format: int | None = None) -> None:
         """Register leaves, control nodes and decorators: functions, or classes.
 
         The tag is *ID*, else the one given to the decorator, else the class's name or the function's
-        in CamelCase. Raises RegistrationError, for an ID that is taken too.
+        in CamelCase. With *format* (3 or 4) trees of that format alone know it; the ports of format 3
+        may have names that format 4 doesn't take. Raises RegistrationError, for an ID that is taken too.
         """
         names = _names_of_caller()
         if ID is not None and len(things) != 1:
             raise RegistrationError(f"ID='{ID}' names one thing, but {len(things)} are given")
+        if format not in (None, 3, 4):
+            raise RegistrationError(f"there are the formats 3 and 4, but format={format!r} is given")
         for thing in things:
-            self._add(thing, ID, names, _distribution_of(thing))
+            self._add(thing, ID, names, _distribution_of(thing), format)
 
     def replace(self, **nodes: Any) -> None:
         """Register ``ID=thing`` in place of what is registered as *ID* now."""
@@ -159,21 +165,38 @@ class Registry:
         rule = first_that_meets(self.substitutions, config)
         return manifest if rule is None else rule.stand_in(config, children, self.manifests_of(config.format))
 
-    def _add(self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str) -> None:
-        manifest = self._manifest_of(thing, ID, names, distribution)
-        for format in (3, 4):
+    def _add(
+        self,
+        thing: Any,
+        ID: str | None,
+        names: Mapping[str, Any],
+        distribution: str,
+        only: int | None = None,
+    ) -> None:
+        manifest = self._manifest_of(thing, ID, names, distribution, only or 4)
+        for format in (3, 4) if only is None else (only,):
             known = self.get(manifest.id, format)
+            if known is not None and known.yields and not self._installing:
+                self.remove(manifest.id)
+                self.displaced.append((known, manifest))
+                known = None
+            if known is not None and known.origin == manifest.origin:
+                raise RegistrationError(
+                    f"'{manifest.id}' is registered already, from the same place: {known.origin}; add it once"
+                )
             if known is not None:
                 raise RegistrationError(
                     f"'{manifest.id}' is registered twice: by {known.origin} and by {manifest.origin}; "
                     f"replace(…) it deliberately, or give one of them another ID"
                 )
-        self._shared[manifest.id] = manifest
+        manifest.yields = self._installing
+        table = self._shared if only is None else self._of_format[only]
+        table[manifest.id] = manifest
         if distribution not in self._libraries:
             self._libraries.append(distribution)
 
     def _manifest_of(
-        self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str
+        self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str, format: int = 4
     ) -> Manifest:
         if inspect.isclass(thing):
             if not issubclass(thing, TreeNode):
@@ -181,12 +204,13 @@ class Registry:
                     f"{thing.__qualname__} is no node: derive it from StatefulAction, SyncAction, Condition, "
                     "ControlNode or DecoratorNode"
                 )
-            return class_manifest(ID or thing.__name__, thing, self.types, names, distribution)
+            return class_manifest(ID or thing.__name__, thing, self.types, names, distribution, format)
         if callable(thing):
             mark = getattr(thing, MARK, None)
             tag = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))
-            return function_manifest(tag, thing, self.types, names, distribution)
-        raise RegistrationError(f"{thing!r} is neither a function nor a node class")
+            return function_manifest(tag, thing, self.types, names, distribution, format)
+        hint = ": nodes.add(first, second)" if isinstance(thing, (list, tuple, set)) else ""
+        raise RegistrationError(f"{thing!r} is neither a function nor a node class{hint}")
 
     # --- node libraries
 
@@ -199,12 +223,23 @@ class Registry:
         left_out = []
         for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
             try:
-                self.add_plugin(point.value, name=point.dist.name if point.dist else point.name)
+                self.add_installed(point.value, point.dist.name if point.dist else point.name)
             except RegistrationError as fault:
                 if not isinstance(fault.__cause__, ModuleNotFoundError):
                     raise
                 left_out.append(fault)
         return left_out
+
+    def add_installed(self, library: str, name: str) -> None:
+        """Register a library that comes with the installed package *name*, as :meth:`add_plugin` does.
+
+        Its nodes give way to those that are registered under the same IDs later on.
+        """
+        self._installing = True
+        try:
+            self.add_plugin(library, name)
+        finally:
+            self._installing = False
 
     def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
         """Register a node library: a module, its name, or the path of its file.
@@ -215,6 +250,8 @@ class Registry:
         RegistrationError, which names the library and the line, also when importing it raises.
         """
         asked = "register"
+        if isinstance(library, str) and not library.strip():
+            raise RegistrationError("a plugin has no name: give that of a module, or the path of a file")
         if isinstance(library, str) and not library.endswith(".py") and ":" in library:
             library, asked = library.split(":", 1)
         module = library if isinstance(library, ModuleType) else _import(str(library), name)

@@ -7,7 +7,8 @@ type checker sees the true types.
 import inspect
 import typing
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, Final, TypeVar
+from numbers import Number
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 from btcore.errors import ConversionFault, RegistrationError
 from btcore.ports import UNSET, Direction, Port
@@ -24,14 +25,39 @@ class PortMark:
         self.put = put
 
 
-In = Annotated[T, PortMark(Direction.IN)]
-"""An input port: reading it reads the blackboard, or what the XML says."""
-Out = Annotated[T, PortMark(Direction.OUT)]
-"""An output port of a class: assigning it writes the blackboard."""
-InOut = Annotated[T, PortMark(Direction.INOUT)]
-"""A port that is read and written."""
-Put = Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)]
-"""An output port of a function: a callable that writes the blackboard."""
+class _Form:
+    """``In`` and the like at run time, with a sentence for what is no type."""
+
+    def __init__(self, name: str, annotated: Any) -> None:
+        self.name = name
+        self.annotated = annotated
+
+    def __getitem__(self, of: Any) -> Any:
+        try:
+            if isinstance(of, (Number, bytes, tuple, list, dict, set)):
+                raise TypeError
+            return self.annotated[of]
+        except (TypeError, AttributeError):
+            raise TypeError(
+                f"{self.name}[{of!r}] names no type: write {self.name}[float], say; a default stands behind "
+                f"it, = {of!r}"
+            ) from None
+
+
+if TYPE_CHECKING:
+    In = Annotated[T, PortMark(Direction.IN)]
+    """An input port: reading it reads the blackboard, or what the XML says."""
+    Out = Annotated[T, PortMark(Direction.OUT)]
+    """An output port of a class: assigning it writes the blackboard."""
+    InOut = Annotated[T, PortMark(Direction.INOUT)]
+    """A port that is read and written."""
+    Put = Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)]
+    """An output port of a function: a callable that writes the blackboard."""
+else:
+    In = _Form("In", Annotated[T, PortMark(Direction.IN)])
+    Out = _Form("Out", Annotated[T, PortMark(Direction.OUT)])
+    InOut = _Form("InOut", Annotated[T, PortMark(Direction.INOUT)])
+    Put = _Form("Put", Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)])
 
 _ENGINE: Final = frozenset({"btcore.node", "btcore.leaf", "btcore.coroutine"})
 
@@ -54,9 +80,16 @@ class Parameter:
         """The type as people say it."""
         return getattr(self.wanted, "__name__", str(self.wanted))
 
+    @property
+    def looks_like_port(self) -> bool:
+        """Whether it is a resource of a type that values have, and was probably meant as a port."""
+        return self.port is None and self.wanted in (int, float, str, bool)
+
 
 def port_of(name: str, annotation: object, types: Types, default: object = UNSET) -> Port | None:
     """The port that *annotation* declares, or None if it isn't one."""
+    if isinstance(annotation, _Form):
+        annotation = annotation[Any]
     if typing.get_origin(annotation) is not Annotated:
         return None
     inner, *marks = typing.get_args(annotation)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
+from pathlib import Path
 
 import click
 
@@ -52,17 +53,24 @@ def library(plugins: Sequence[str]) -> Library:
 
     An installed library that can't be imported does not stop a tree that does without it: one that
     lacks a module is remembered, one that raises is told of in a warning. Raises RegistrationError
-    for one of *plugins*.
+    for one of *plugins*, and UsageError for one that is given twice.
     """
     found = Library(Registry.standard())
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
         try:
-            found.nodes.add_plugin(point.value, name=point.name)
+            found.nodes.add_installed(point.value, point.name)
         except RegistrationError as error:
             cause = error.__cause__
             if not isinstance(cause, ModuleNotFoundError):
                 paint.warning(str(error))
             found.absent.append(Missing(point.name, distribution_of(point), cause or error))
+    seen: set[str | Path] = set()
     for plugin in plugins:
+        place = Path(plugin).resolve() if plugin.endswith(".py") else plugin
+        if place in seen:
+            raise click.UsageError(f"--plugin {plugin} is given twice; once is enough.")
+        seen.add(place)
         found.nodes.add_plugin(plugin)
+    for installed, own in found.nodes.displaced:
+        paint.warning(f"<{own.id}> of {own.distribution} takes the place of {installed.distribution}'s")
     return found

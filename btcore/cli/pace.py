@@ -1,8 +1,9 @@
 """Ticking at a fixed rate on the tree's clock, until something ends it.
 
 Ticks are due on a grid of 1/rate from the start; a node that wants one earlier (its delay is
-over, a thread woke the tree) gets it, and the grid stays. Ctrl-C and SIGTERM end the run between
-two ticks, so that the tree is halted in order; a second one breaks the tick off.
+over, a thread woke the tree) gets it, and the grid stays. Ctrl-C, SIGTERM and the closing of the
+terminal (SIGHUP) end the run between two ticks, so that the tree is halted in order; a second one
+breaks the tick off.
 """
 
 import signal
@@ -135,11 +136,15 @@ class Pace:
 
     @contextmanager
     def signals(self) -> Iterator[None]:
-        """SIGINT and SIGTERM end the loop instead of the process, where the thread may say so."""
+        """What ends a process ends the loop instead, where the thread may say so."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = [(number, signal.signal(number, self._heard)) for number in (signal.SIGINT, signal.SIGTERM)]
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        # nohup asks to outlive the terminal; and not every system has one to close.
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        before = [(number, signal.signal(number, self._heard)) for number in numbers]
         try:
             yield
         finally:

@@ -22,11 +22,17 @@ class Reading(NamedTuple):
 
 
 class Recipe:
-    """The file *path*, which of its trees, and the nodes for it: those *found*, and those of *models*."""
+    """The file *path*, which of its trees, and the nodes for it: those *found*, and those of *models*.
 
-    def __init__(self, path: Path, tree: str | None, found: Library, models: Sequence[Path]) -> None:
+    *format* (3 or 4) overrides what the file says.
+    """
+
+    def __init__(
+        self, path: Path, tree: str | None, found: Library, models: Sequence[Path], format: int | None = None
+    ) -> None:
         self.path = path
         self.tree = tree
+        self.format = format
         self.found = found
         self.without_code = bool(models)
         palettes.add_palettes(found.nodes, models)
@@ -40,7 +46,7 @@ class Recipe:
                 # A saved file may give the ports of an explicit tag anew.
                 nodes = nodes.copy()
                 palettes.add_named(nodes, [document])
-            examined = examine(document, nodes, self.tree)
+            examined = examine(document, nodes, self.tree, self.format)
             examined.faults.raise_errors()
         return Reading(examined, nodes)
 

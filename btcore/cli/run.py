@@ -6,13 +6,16 @@ from collections.abc import Sequence
 from typing import Any, Final, cast
 
 import click
+from click.core import ParameterSource
 
-from btcore.cli import extensions, library, paint, palettes, plans, trees
+from btcore.cli import extensions, library, paint, palettes, plans, substitute, trees
 from btcore.cli.logs import log_option
 from btcore.cli.recipe import Recipe, Saves
+from btcore.cli.resources import gather
 from btcore.cli.session import Session
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.errors import TreeError
+from btcore.suggest import listing
 from btcore.xml.build import Maker
 from btcore.xml.stubs import Plans
 
@@ -37,7 +40,7 @@ class Run(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Its own options, then those of the extensions, then ``--help``."""
         own = super().get_params(ctx)
-        brought = [option for extension in _extensions(ctx)[0] for option in extension.options]
+        brought = [option for extension in extensions_of(ctx)[0] for option in extension.options]
         return [*own[:-1], *brought, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -45,7 +48,7 @@ class Run(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
-            missing = _extensions(ctx)[1]
+            missing = extensions_of(ctx)[1]
             if not missing:
                 raise
             text = error.format_message().rstrip(".")
@@ -53,7 +56,7 @@ class Run(click.Command):
             raise click.UsageError(f"{text}. Or a package brings it that isn't there: {why}", ctx) from error
 
 
-def _extensions(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]]:
+def extensions_of(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]]:
     """The extensions of this run, made once, and those that can't be."""
     if _META not in ctx.meta:
         found, missing = extensions.load(RESOURCES)
@@ -64,10 +67,12 @@ def _extensions(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]
 
 @click.command(cls=Run, short_help="Run a tree, until it is done.")
 @click.argument("source", metavar="TREE")
-@click.option("--tree", metavar="ID", help="Which of the file's trees; default: its main one.")
+@trees.tree_option
+@trees.format_option
 @library.plugin_option
 @palettes.model_option
 @plans.plan_option
+@substitute.substitute_option
 @click.option(
     "--rate",
     type=Finite(0, 10_000, min_open=True),
@@ -120,14 +125,14 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
     path = trees.find(settings["source"])
     saves = Saves(path) if settings["watch"] else None
     found = library.library(settings["plugins"])
-    recipe = Recipe(path, settings["tree"], found, settings["models"])
-    brought, missing = _extensions(ctx)
+    recipe = Recipe(path, settings["tree"], found, settings["models"], settings["format"])
+    substitute.add_rules(found.nodes, settings["substitutes"])
+    brought, missing = extensions_of(ctx)
     examined, nodes = recipe.read()
     plans.check(settings["plans"], examined)
     wanted = [kind for manifest in examined.used() for kind in manifest.wanted]
-    provided = [(one, list(one.provide(settings, wanted))) for one in brought]
-    resources = [thing for _, things in provided for thing in things]
-    clock = _clock(resources, settings["fast"])
+    resources, brought, idle = gather(brought, settings, wanted)
+    clock = clock_of(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), Plans(settings["plans"])]
     try:
         tree = Maker(examined, nodes, None, resources, clock).tree()
@@ -136,12 +141,29 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
             error.add_note(f"'{one.name}' isn't there, and may bring it: {one.remedy}")
         raise
     paint.diagnostics(examined.faults.warnings)
-    # Who brought a world is attached first and leaves last, so that the others see it to its end.
-    brought = [one for one, _ in sorted(provided, key=lambda pair: not pair[1])]
+    substitute.tell_idle_rules(tree)
+    _tell_idle(ctx, idle)
     return Session(tree, recipe, settings, brought, resources, saves).run()
 
 
-def _clock(resources: Sequence[object], fast: bool) -> Clock:
+def _tell_idle(ctx: click.Context, idle: Sequence[Any]) -> None:
+    """Warn of options that were given for nothing, as the tree has no use for what their extension brings.
+
+    What that is for, an extension says by its attribute `serves`; one without it may do without leaves.
+    """
+    for extension in idle:
+        serves = getattr(extension, "serves", None)
+        given = [
+            option.opts[0]
+            for option in extension.options
+            if ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
+        ]
+        if serves is not None and given:
+            do = "does" if len(given) == 1 else "do"
+            paint.warning(f"{listing(given)} {do} nothing here: the tree has no {serves}")
+
+
+def clock_of(resources: Sequence[object], fast: bool) -> Clock:
     """The clock of the world if there is one, else simulated or real time."""
     for resource in resources:
         clock = getattr(resource, "clock", None)

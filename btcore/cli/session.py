@@ -14,6 +14,7 @@ from btcore.cli.outcome import Outcome
 from btcore.cli.pace import Ending, Pace, Until
 from btcore.cli.progress import Progress, summary
 from btcore.cli.recipe import Recipe, Saves
+from btcore.cli.resources import joined
 from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError, NodeRaised
 from btcore.manifest import fits
@@ -67,7 +68,7 @@ class Session:
             self.logs.open(self.tree)
             ending = self._loop()
         outcome = self.outcome
-        figures = {key: value for one in self.brought for key, value in one.report().items()}
+        figures = joined([one.report() for one in self.brought])
         if self.saves is not None:
             figures = {"reloads": self.reloads, **figures}
         summary(self.tree, outcome.heading(self.tree, ending), outcome.results(self.tree), figures)
@@ -159,7 +160,11 @@ class Session:
 
     def _note_resources(self, error: BtcoreError, examined: Examined) -> None:
         wanted = [kind for manifest in examined.used() for kind in manifest.wanted]
-        if not all(any(fits(one, kind) for one in self.resources) for kind in wanted):
+        try:
+            all_there = all(any(fits(one, kind) for one in self.resources) for kind in wanted)
+        except TypeError:
+            return  # a type that can't be asked for, which is the very error
+        if not all_there:
             error.add_note("what leaves ask for is made when a run begins: begin another one for this tree")
 
     def _exchange(self, made: Tree) -> None:

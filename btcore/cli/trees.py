@@ -7,6 +7,14 @@ import click
 import btcore
 from btcore.suggest import listing, nearest
 
+tree_option = click.option("--tree", metavar="ID", help="Which of the file's trees; default: its main one.")
+format_option = click.option(
+    "--format",
+    type=click.Choice(["3", "4"]),
+    callback=lambda ctx, option, value: None if value is None else int(value),
+    help="The format of the XML; default: what its BTCPP_format says, without one 3.",
+)
+
 
 def folder() -> Path:
     """Where the project's own trees lie: inside the package when installed, beside it in a checkout."""

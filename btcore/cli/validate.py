@@ -3,12 +3,14 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 from rich.text import Text
 
 from btcore.cli import library, paint, palettes, trees
 from btcore.errors import Diagnostic, TreeError
+from btcore.ports import pointer
 from btcore.registry import Registry
 from btcore.xml.source import read_file
 from btcore.xml.validate import validate_document
@@ -16,14 +18,42 @@ from btcore.xml.validate import validate_document
 MISTAKE = 2
 
 
+class Asked(NamedTuple):
+    """What is asked of each file: which *tree*, in which *format*, on a blackboard that holds *given*.
+
+    Nodes that explicit tags name are good *without_code* too, if that is set.
+    """
+
+    tree: str | None
+    format: int | None
+    given: Sequence[str]
+    without_code: bool
+
+
 @click.command(short_help="Find every fault in trees, with file, line and column.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…")
 @library.plugin_option
 @palettes.model_option
+@trees.tree_option
+@trees.format_option
+@click.option(
+    "--given",
+    "given",
+    multiple=True,
+    metavar="KEY",
+    help="A key that the program writes before the first tick; may be given several times.",
+)
 @click.option("--strict", is_flag=True, help="Warnings count as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def validate(
-    sources: Sequence[str], plugins: Sequence[str], models: Sequence[Path], strict: bool, as_json: bool
+    sources: Sequence[str],
+    plugins: Sequence[str],
+    models: Sequence[Path],
+    tree: str | None,
+    format: int | None,
+    given: Sequence[str],
+    strict: bool,
+    as_json: bool,
 ) -> int:
     """Check trees: files, names of trees that come with btcore, or folders of XML files.
 
@@ -32,7 +62,8 @@ def validate(
     nodes = library.library(plugins)
     files = [file for source in sources for file in _files(source)]
     palettes.add_palettes(nodes.nodes, models)
-    found = [one for file in files for one in _check(file, nodes.nodes, without_code=bool(models))]
+    asked = Asked(tree, format, given, without_code=bool(models))
+    found = [one for file in files for one in _check(file, nodes.nodes, asked)]
     errors = [one for one in found if one.is_error]
     warnings = [one for one in found if not one.is_error]
     good = not errors and not (strict and warnings)
@@ -56,17 +87,23 @@ def _files(source: str) -> list[Path]:
     return files
 
 
-def _check(file: Path, nodes: Registry, without_code: bool) -> list[Diagnostic]:
-    """What is wrong with *file*; nodes that explicit tags name are good *without_code* too."""
+def _check(file: Path, nodes: Registry, asked: Asked) -> list[Diagnostic]:
+    """What is wrong with *file*."""
     try:
         document = read_file(file)
     except TreeError as fault:
         return list(fault.diagnostics)
-    if without_code:
+    if asked.without_code:
         # Of this file alone: in another one the same tag may have other ports.
         nodes = nodes.copy()
         palettes.add_named(nodes, [document])
-    return validate_document(document, nodes=nodes)
+    return validate_document(
+        document,
+        nodes=nodes,
+        tree=asked.tree,
+        format=asked.format,
+        given=[pointer(one, one) or one for one in asked.given],
+    )
 
 
 def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, good: bool) -> None:

@@ -52,8 +52,9 @@ class Timeout(DecoratorNode):
         self.forget_wake_up()
 
     def halt(self) -> None:
-        """Halt the child and stop the clock."""
-        self._stop()
+        """Halt the child and stop the clock, which goes on in format 3, as it did there."""
+        if self.config.format != 3:
+            self._stop()
         self.halt_child()
         self.reset_status()
 

@@ -5,6 +5,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, cast
 
+from mypy_extensions import mypyc_attr
+
 from btcore.blackboard import Blackboard, Entry
 from btcore.clock import Clock, SystemClock
 from btcore.config import NodeConfig
@@ -27,7 +29,7 @@ from btcore.values import constant, type_of
 from btcore.xml.check import Examined, examine, script_diagnostic
 from btcore.xml.faults import Faults
 from btcore.xml.includes import PackageResolver
-from btcore.xml.plan import Call, NodePlan, TreePlan, attributes_of
+from btcore.xml.plan import Call, NodePlan, TreePlan
 from btcore.xml.source import Document
 
 
@@ -89,6 +91,7 @@ def wanted_by(
     return found
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Maker:
     """Makes the nodes of one tree, depth-first, and collects what goes wrong on the way."""
 
@@ -135,7 +138,7 @@ class Maker:
 
     def _node(self, plan: NodePlan, tree: TreePlan, subtree: Subtree, prefix: str) -> TreeNode | None:
         document = tree.definition.document
-        line: Any = document.line(plan.element) if document.tags_span_lines else plan.element.sourceline
+        line = plan.element.line if document.knows_lines else document.line(plan.element)
         self._uid = uid = self._uid + 1
         id = plan.id
         name = id if plan.name is None else plan.name
@@ -253,7 +256,7 @@ class Maker:
             return None
 
     def _script_fault(self, document: Document, plan: NodePlan, fault: ScriptFault) -> Diagnostic:
-        texts = {key: text for key, text in attributes_of(plan.element) if text == fault.text}
+        texts = {key: text for key, text in plan.element.attributes.items() if text == fault.text}
         if texts:
             return script_diagnostic(document, plan, next(iter(texts)), fault)
         return document.diagnostic("E206", f"a script of <{plan.id}>: {fault}", plan.element)
@@ -318,11 +321,12 @@ class Maker:
         """The keys that the attributes of *tree*'s elements point to (format 3's `__autoremap`)."""
         definition = self._planner.forest.by_id[tree]
         found = set()
-        for element in definition.element.iterdescendants("*"):
-            for key, text in attributes_of(element):
-                outside = pointer(text, key, 3)
-                if outside is not None and key not in ("ID", "name"):
-                    found.add(outside)
+        for top in definition.element.children:
+            for element in top.iter():
+                for key, text in element.attributes.items():
+                    outside = pointer(text, key, 3)
+                    if outside is not None and key not in ("ID", "name"):
+                        found.add(outside)
         return found
 
 

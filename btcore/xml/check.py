@@ -64,7 +64,7 @@ def examine(
     )
     outlines = Shape(forest, palette, faults).check()
     main = forest.main(tree, faults) if documents[-1].root.tag == "root" else None
-    planner = Planner(forest, palette, outlines, subtree_models(documents, faults), faults)
+    planner = Planner(forest, palette, outlines, subtree_models(documents, dialect, faults), faults)
     if main is None:
         return Examined(planner, None, faults)
     order = calling_order(planner, main, faults)

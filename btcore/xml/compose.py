@@ -2,7 +2,7 @@
 
 ::
 
-    b = Builder(nodes)
+    b = Builder(nodes)  # those of Registry.standard(), if none are given
     bump = b.Sequence(b.Back(), b.Turn(angle=1.57), name="bump")
     tree = b.build(b.ReactiveSequence(b.Fallback(b.Inverter(b.IsObstacle()), bump), b.Forward()))
     print(b.xml(bump))
@@ -15,8 +15,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Final
 
-from lxml import etree
-
 from btcore.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.errors import ConversionFault, Diagnostic, PortFault, TreeError, UnknownNode
@@ -26,6 +24,7 @@ from btcore.suggest import nearest
 from btcore.tree import Tree
 from btcore.values import to_text
 from btcore.xml.build import build
+from btcore.xml.element import Element
 from btcore.xml.lenient import Lenient
 from btcore.xml.models import quoted
 from btcore.xml.places import Part
@@ -66,8 +65,8 @@ class Builder:
     that is registered.
     """
 
-    def __init__(self, nodes: Registry) -> None:
-        self._nodes = nodes
+    def __init__(self, nodes: Registry | None = None) -> None:
+        self._nodes = nodes if nodes is not None else Registry.standard()
 
     def __getattr__(self, id: str) -> Callable[..., Twig]:
         if id.startswith("__"):
@@ -206,7 +205,7 @@ class _Writer:
 class _BuiltDocument(Document):
     """A document written by a builder: its faults are told at the lines of the code."""
 
-    def __init__(self, root: etree._Element, text: str, file: str, twigs: Sequence[Twig | None]) -> None:
+    def __init__(self, root: Element, text: str, file: str, twigs: Sequence[Twig | None]) -> None:
         super().__init__(root, Lenient(text, ()), text, file)
         self._twigs = twigs
 
@@ -215,7 +214,7 @@ class _BuiltDocument(Document):
         """The current folder."""
         return Path()
 
-    def line(self, element: etree._Element) -> int:
+    def line(self, element: Element) -> int:
         """The line of the code that made *element*."""
         twig = self._twigs[self.places.index(element)]
         return twig.where[1] if twig is not None else 0
@@ -224,7 +223,7 @@ class _BuiltDocument(Document):
         self,
         code: str,
         message: str,
-        element: etree._Element | int,
+        element: Element | int,
         attribute: str = "",
         part: Part = "value",
         hint: str = "",

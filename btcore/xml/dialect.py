@@ -15,7 +15,6 @@ EXPLICIT: Final = {
 BEFORE: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 AFTER: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
 SCRIPTS: Final = frozenset(BEFORE + AFTER)
-_FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (*range(32), 127)}
 # Renamed or dropped since format 3; Groot 1 wrote the first of each pair.
 SUCCESSORS: Final = {
     "SequenceStar": "SequenceWithMemory",
@@ -99,17 +98,3 @@ def format_of(written: str | None) -> int | None:
     if written is None:
         return 3
     return {"3": 3, "4": 4}.get(written.strip())
-
-
-def forbidden_in_name(name: str) -> str:
-    """The first character of *name* that no ID may hold, or "" (UTF-8 letters are allowed)."""
-    return next((char for char in name if char in _FORBIDDEN), "")
-
-
-def is_port_name(name: str) -> bool:
-    """Whether format 4 takes the attribute *name* as a port (nodes.md §9.1)."""
-    if not name or name in ("name", "ID") or name[0] == "_":
-        return False
-    first = name[0]
-    # Bytes over 127 count as allowed, but a name begins with a letter.
-    return (first.isascii() and first.isalpha()) and not forbidden_in_name(name)

@@ -3,10 +3,9 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from lxml import etree
-
 from btcore.suggest import listing, nearest
 from btcore.xml.dialect import DIALECTS, Dialect, format_of
+from btcore.xml.element import Element
 from btcore.xml.faults import Faults
 from btcore.xml.malformed import EXAMPLE
 from btcore.xml.source import Document
@@ -18,7 +17,7 @@ class Definition:
 
     id: str
     document: Document
-    element: etree._Element
+    element: Element
 
 
 def dialect_of(documents: list[Document], format: int | None, faults: Faults) -> Dialect:
@@ -27,7 +26,7 @@ def dialect_of(documents: list[Document], format: int | None, faults: Faults) ->
         return DIALECTS[format]
     document = documents[-1]
     written = document.root.get("BTCPP_format")
-    known = format_of(None if written is None else str(written))
+    known = format_of(written)
     if known is None:
         said = f"BTCPP_format '{written}' is not known"
         hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
@@ -50,16 +49,19 @@ class Forest:
             root = document.root
             if root.tag != "root":
                 said = f"the outermost element is <{root.tag}>, not <root>"
-                faults.add(document.diagnostic("E008", said, root, hint=EXAMPLE))
+                hint = EXAMPLE
+                if str(root.tag).lower() == "root":
+                    hint = "did you mean <root>? XML tells capital letters from small ones"
+                faults.add(document.diagnostic("E008", said, root, hint=hint))
                 continue
-            only_child = len(root) - sum(1 for child in root if not isinstance(child.tag, str)) == 1
+            only_child = len(root.children) == 1
             for element in root.iterchildren("BehaviorTree"):
                 written = element.get("ID")
                 if written is None and not only_child and dialect.tree_ids_checked:
                     said = "this <BehaviorTree> has no ID"
                     hint = 'name it: <BehaviorTree ID="…">'
                     faults.add(document.diagnostic("E106", said, element, hint=hint))
-                name = str(written or "")
+                name = written or ""
                 if not name:
                     name = f"BehaviorTree_{unnamed}"
                     unnamed += 1
@@ -92,15 +94,13 @@ class Forest:
             return self.by_id.get(asked)
         written = document.root.get("main_tree_to_execute")
         if written is not None:
-            name = str(written)
-            if name not in self.by_id and self.complete:
-                said = f"main_tree_to_execute names the tree '{name}', which is not there"
+            if written not in self.by_id and self.complete:
+                said = f"main_tree_to_execute names the tree '{written}', which is not there"
+                hint = self.suggestion(written)
                 faults.add(
-                    document.diagnostic(
-                        "E108", said, document.root, "main_tree_to_execute", hint=self.suggestion(name)
-                    )
+                    document.diagnostic("E108", said, document.root, "main_tree_to_execute", hint=hint)
                 )
-            return self.by_id.get(name)
+            return self.by_id.get(written)
         own = [one for one in self.all if one.document is document]
         for only in (own, list(self.by_id.values())):
             if len(only) == 1:

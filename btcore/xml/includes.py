@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from lxml import etree
-
 from btcore.errors import SyntaxFault
+from btcore.xml.element import Element
 from btcore.xml.faults import Faults
 from btcore.xml.source import Document, read_file
 
@@ -57,7 +56,7 @@ def _gather(
     found.append(document)
 
 
-def _tell(fault: SyntaxFault, document: Document, element: etree._Element, faults: Faults) -> None:
+def _tell(fault: SyntaxFault, document: Document, element: Element, faults: Faults) -> None:
     for one in fault.diagnostics:
         if one.code != "E003":
             faults.add(one)
@@ -67,14 +66,14 @@ def _tell(fault: SyntaxFault, document: Document, element: etree._Element, fault
 
 
 def _path_of(
-    document: Document, element: etree._Element, faults: Faults, packages: PackageResolver | None
+    document: Document, element: Element, faults: Faults, packages: PackageResolver | None
 ) -> Path | None:
     written = element.get("path")
     if not written:
         hint = 'write <include path="other.xml"/>'
         faults.add(document.diagnostic("E007", "<include> names no file", element, hint=hint))
         return None
-    path = Path(str(written))
+    path = Path(written)
     package = element.get("ros_pkg")
     if package is None:
         return path if path.is_absolute() else document.folder / path
@@ -82,7 +81,7 @@ def _path_of(
         said = f"ros_pkg '{package}' is ignored, as the path is absolute"
         faults.add(document.diagnostic("W107", said, element, "ros_pkg"))
         return path
-    folder = packages(str(package)) if packages is not None else None
+    folder = packages(package) if packages is not None else None
     if folder is None:
         said = f"the ROS package '{package}' is not known"
         hint = (

@@ -92,6 +92,8 @@ def explain(fault: etree.XMLSyntaxError, lenient: Lenient, text: str, file: str)
     line, column = fault.position
     at = lenient.to_original(_offset(lenient.text, line or 1, column or 1))
     said, hint, anchor = _sentence(str(fault.msg))
+    if "<" not in text and text.strip().lower().endswith((".xml", ".btproj")):
+        hint = "if that is the path of a file, read it with btcore.load(path)"
     found_at = text.rfind(anchor, 0, at + 1) if anchor else -1
     place = place_at(text, found_at, len(anchor)) if found_at >= 0 else place_at(text, at)
     return Diagnostic("E002", said, file, place.line, place.column, hint, place.source, place.width)

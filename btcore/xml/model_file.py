@@ -9,14 +9,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from lxml import etree
-
+from btcore.declaration import fault_of_default
 from btcore.errors import Diagnostic, RegistrationError, TreeError
+from btcore.names import fault_of_port, is_port_name
 from btcore.ports import Direction, Port, pointer
 from btcore.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
-from btcore.xml.dialect import EXPLICIT, SCRIPTS, is_port_name
+from btcore.xml.dialect import EXPLICIT, SCRIPTS, format_of
+from btcore.xml.element import Element
 from btcore.xml.faults import Faults
 from btcore.xml.includes import PackageResolver, with_includes
 from btcore.xml.source import Document, read_file
@@ -73,8 +74,8 @@ def add_models(
     """Register a stand-in for every model in *path*; the IDs that are new.
 
     *path* is what Groot exports, a project of Groot 2, or a file of trees with their models. Nodes
-    that are registered already stay as they are. Explicit tags of trees in it count as models too.
-    Raises TreeError.
+    that are registered already stay as they are, but for those that came with an installed library.
+    Explicit tags of trees in it count as models too. Raises TreeError.
     """
     documents = read_project(path, packages).documents
     added = [id for document in documents for id in _add_models(nodes, document)]
@@ -93,28 +94,30 @@ def add_explicit(nodes: Registry, documents: Iterable[Document]) -> list[str]:
     """
     found: dict[str, tuple[Document, str, dict[str, Port]]] = {}
     for document in documents:
+        format = format_of(document.root.get("BTCPP_format")) or 4
         for tree in document.root.iterchildren("BehaviorTree"):
-            for element in tree.iterdescendants(*EXPLICIT):
+            for element in tree.iter(*EXPLICIT):
                 id = str(element.get("ID") or "")
                 if id and nodes.get(id, 3) is None and nodes.get(id, 4) is None:
                     ports = found.setdefault(id, (document, str(element.tag), {}))[2]
-                    _seen_ports(element, ports)
+                    _seen_ports(element, ports, format)
     for id, (document, tag, seen) in found.items():
         _add(nodes, id, EXPLICIT[tag], list(seen.values()), "", document)
     return list(found)
 
 
-def _seen_ports(element: etree._Element, ports: dict[str, Port]) -> None:
+def _seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
     """Add the attributes of *element* to *ports*: one with a ``{key}`` may be read, or written."""
-    for name, text in element.items():
-        if is_port_name(str(name)) and name not in SCRIPTS:
+    for name, text in element.attributes.items():
+        is_port = is_port_name(name) if format == 4 else not fault_of_port(name, 3)
+        if is_port and name not in SCRIPTS:
             known = ports.get(str(name))
             leads = pointer(str(text), str(name), 3) is not None
             if known is None or (leads and known.direction is Direction.IN):
                 ports[str(name)] = Port(str(name), Direction.INOUT if leads else Direction.IN)
 
 
-def _models(document: Document) -> list[etree._Element]:
+def _models(document: Document) -> list[Element]:
     root = document.root
     tables = [root] if root.tag == "TreeNodesModel" else list(root.iterchildren("TreeNodesModel"))
     return [model for table in tables for model in table.iterchildren(*EXPLICIT)]
@@ -129,10 +132,12 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
             said = f"this model of <{model.tag}> does not say which node: it has no ID"
             faults.add(document.diagnostic("E102", said, model, hint=f'write <{model.tag} ID="…">'))
             continue
-        if nodes.get(str(id), 3) is not None or nodes.get(str(id), 4) is not None:
+        known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
+        if known is not None and not known.yields:
             continue
-        ports = [_port(nodes, one) for one in model.iterchildren(*_DIRECTIONS) if one.get("name")]
-        about = " ".join((model.findtext("description") or "").split())
+        ports = [_port(nodes, document, one) for one in model.iterchildren(*_DIRECTIONS) if one.get("name")]
+        described = next(model.iterchildren("description"), None)
+        about = " ".join(document.text_in(described).split()) if described is not None else ""
         try:
             _add(nodes, str(id), EXPLICIT[str(model.tag)], ports, about, document)
             added.append(str(id))
@@ -142,14 +147,18 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
     return added
 
 
-def _port(nodes: Registry, element: etree._Element) -> Port:
-    return Port(
+def _port(nodes: Registry, document: Document, element: Element) -> Port:
+    port = Port(
         str(element.get("name")),
-        _DIRECTIONS[str(element.tag)],
-        _type(nodes, str(element.get("type") or "")),
-        str(element.get("default") or "") or None,
-        " ".join(str(element.get("description") or element.text or "").split()),
+        _DIRECTIONS[element.tag],
+        _type(nodes, element.get("type") or ""),
+        element.get("default") or None,
+        " ".join((element.get("description") or document.text_in(element)).split()),
     )
+    if fault_of_default(port):
+        # Then the C++ code reads such texts in a way of its own.
+        port.type = ValueType(port.type.name, object, converts=False)
+    return port
 
 
 def _type(nodes: Registry, name: str) -> ValueType:
@@ -164,5 +173,11 @@ def _type(nodes: Registry, name: str) -> ValueType:
 def _add(
     nodes: Registry, id: str, kind: NodeType, ports: list[Port], description: str, document: Document
 ) -> None:
+    """Register a stand-in. A port whose name format 4 doesn't take is one in trees of format 3 alone."""
     origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
-    nodes.add(stub(id, kind, ports, description, origin), ID=id)
+    allowed = [port for port in ports if not fault_of_port(port.name) or fault_of_port(port.name, 3)]
+    if len(allowed) == len(ports):
+        nodes.add(stub(id, kind, ports, description, origin), ID=id)
+    else:
+        nodes.add(stub(id, kind, ports, description, origin), ID=id, format=3)
+        nodes.add(stub(id, kind, allowed, description, origin), ID=id, format=4)

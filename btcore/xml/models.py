@@ -4,11 +4,12 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 from xml.sax.saxutils import escape
 
-from lxml import etree
-
 from btcore.manifest import Manifest
+from btcore.names import fault_of_model_port
 from btcore.ports import Direction, Port
 from btcore.status import NodeType
+from btcore.xml.dialect import Dialect
+from btcore.xml.element import Element
 from btcore.xml.faults import Faults
 from btcore.xml.source import Document
 
@@ -33,7 +34,9 @@ def quoted(text: str) -> str:
     return '"' + escape(text, entities) + '"'
 
 
-def subtree_models(documents: Sequence[Document], faults: Faults) -> dict[str, dict[str, str | None]]:
+def subtree_models(
+    documents: Sequence[Document], dialect: Dialect, faults: Faults
+) -> dict[str, dict[str, str | None]]:
     """The ports of the subtree models of *documents*, by ID, and their defaults (None = mandatory).
 
     Models of other nodes are information for editors, and are not looked at.
@@ -48,20 +51,25 @@ def subtree_models(documents: Sequence[Document], faults: Faults) -> dict[str, d
                     hint = 'write <SubTree ID="…">'
                     faults.add(document.diagnostic("E102", said, model, hint=hint))
                     continue
-                ports = found.setdefault(str(id), {})
+                ports = found.setdefault(id, {})
                 for port in model.iterchildren("input_port", "output_port", "inout_port"):
-                    _port(document, port, ports, faults)
+                    _port(document, port, ports, dialect, faults)
     return found
 
 
-def _port(document: Document, port: etree._Element, ports: dict[str, str | None], faults: Faults) -> None:
+def _port(
+    document: Document, port: Element, ports: dict[str, str | None], dialect: Dialect, faults: Faults
+) -> None:
     name = port.get("name")
     if name is None:
         said = f"this <{port.tag}> has no name"
         faults.add(document.diagnostic("E102", said, port, hint=f'write <{port.tag} name="…"/>'))
         return
-    default = port.get("default")
-    ports[str(name)] = None if default is None else str(default)
+    fault = fault_of_model_port(name) if dialect.tree_ids_checked else ""
+    if fault:
+        said = f"no port of a subtree can be called '{name}': {fault}"
+        faults.add(document.diagnostic("E107", said, port, "name"))
+    ports[name] = port.get("default")
 
 
 def write_models(manifests: Iterable[Manifest], format: int = 4) -> str:

@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 
-from lxml import etree
-
 from btcore.config import NOTHING
 from btcore.manifest import Manifest
 from btcore.ports import Binding, Port
+from btcore.xml.element import Element
 
 
 class Call:
@@ -41,7 +40,7 @@ class NodePlan:
         "attributes", "bindings", "call", "children", "depth", "element", "id", "manifest", "name", "scripts",
     )  # fmt: skip
 
-    def __init__(self, element: etree._Element, depth: int) -> None:
+    def __init__(self, element: Element, depth: int) -> None:
         self.element = element
         self.depth = depth
         self.id = ""

@@ -17,8 +17,11 @@ class Palette:
         self._other = other_format
         self._format = format
 
-    def unknown_node(self, name: str, trees: Mapping[str, object]) -> str:
-        """A hint for a node *name* that is not registered."""
+    def unknown_node(self, name: str, trees: Mapping[str, object], declared_in: str | None = None) -> str:
+        """A hint for a node *name* that is not registered.
+
+        *declared_in* is the file whose TreeNodesModel has it, if one has.
+        """
         if name in trees:
             return f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>"
         successor = SUCCESSORS.get(name)
@@ -27,6 +30,14 @@ class Palette:
         if name in self._other:
             other = 3 if self._format == 4 else 4
             return f'<{name}> belongs to format {other}: load the document as one (BTCPP_format="{other}")'
+        if declared_in is not None:
+            model = f"--model {declared_in or 'FILE'}"
+            return (
+                "a <TreeNodesModel> declares it, but its code isn't here: register that (--plugin, or "
+                f"nodes.add), or do without code: {model}"
+            )
+        if not self.manifests:
+            return "the registry is empty: begin with Registry.standard(), which has the built-in nodes"
         searched = "searched: " + ", ".join(self.distributions())
         near = nearest(name, [*self.manifests, *EXPLICIT])
         if near is None:
@@ -43,6 +54,10 @@ class Palette:
 
 def port_hint(manifest: Manifest, name: str) -> str:
     """A hint for a port *name* that the node of *manifest* doesn't have."""
+    meant = next((one for one in manifest.parameters if one.name == name and one.looks_like_port), None)
+    if meant is not None:
+        kind = meant.type_name
+        return f"its parameter '{name}: {kind}' asks for a resource; did you mean {name}: In[{kind}]?"
     if not manifest.ports:
         return "it has no ports"
     near = nearest(name, manifest.ports)

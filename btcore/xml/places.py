@@ -3,8 +3,7 @@
 import re
 from typing import Final, Literal, NamedTuple
 
-from lxml import etree
-
+from btcore.xml.element import Element
 from btcore.xml.lenient import ATTRIBUTE, REFERENCE, start_tags
 
 Part = Literal["tag", "name", "value"]
@@ -59,19 +58,19 @@ class Places:
     element is the n-th start tag, however the tag is written.
     """
 
-    def __init__(self, text: str, root: etree._Element) -> None:
+    def __init__(self, text: str, root: Element) -> None:
         self._text = text
         self._tags = list(start_tags(text))
-        self._elements = list(root.iter("*"))
+        self._elements = list(root.iter())
         self._lines: list[int] | None = None
         self._sources: dict[int, str] = {}
         self._index = {element: index for index, element in enumerate(self._elements)}
 
-    def index(self, element: etree._Element) -> int:
+    def index(self, element: Element) -> int:
         """Which element of the document *element* is, from 0."""
         return self._index[element]
 
-    def line(self, element: etree._Element) -> int:
+    def line(self, element: Element) -> int:
         """The line in which the start tag of *element* begins."""
         if self._lines is None:
             self._lines = []
@@ -83,7 +82,7 @@ class Places:
         return self._lines[self._index[element]]
 
     def place(
-        self, element: etree._Element | int, attribute: str = "", part: Part = "tag", within: int = 0
+        self, element: Element | int, attribute: str = "", part: Part = "tag", within: int = 0
     ) -> Place | None:
         """Where *element* (or the element of that index) stands, or an attribute's name or value.
 

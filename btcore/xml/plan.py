@@ -2,27 +2,20 @@
 
 from collections.abc import Mapping
 from operator import attrgetter
-from typing import Any, cast
-
-from lxml import etree
 
 from btcore.errors import ConversionFault
 from btcore.manifest import Manifest
+from btcore.names import is_port_name
 from btcore.ports import Binding, Input, Port, pointer
 from btcore.values import BOOL
-from btcore.xml.dialect import AFTER, BEFORE, EXPLICIT, SCRIPTS, Dialect, is_port_name
+from btcore.xml.dialect import AFTER, BEFORE, EXPLICIT, SCRIPTS, Dialect
+from btcore.xml.element import Element
 from btcore.xml.faults import Faults
 from btcore.xml.forest import Definition, Forest, tree_hint
 from btcore.xml.node_plan import Call as Call
 from btcore.xml.node_plan import NodePlan as NodePlan
 from btcore.xml.palette import Palette, port_hint
 from btcore.xml.places import Part
-
-
-def attributes_of(element: etree._Element) -> list[tuple[str, str]]:
-    """The attributes of *element*, in the order written."""
-    return cast("list[tuple[str, str]]", element.items())
-
 
 _DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
@@ -103,7 +96,7 @@ class Planner:
         self,
         code: str,
         said: str,
-        element: etree._Element,
+        element: Element,
         attribute: str,
         hint: str = "",
         name: bool = False,
@@ -138,9 +131,9 @@ class Planner:
             for node in nodes:
                 node.children = [child for child in node.children if child not in unknown]
 
-    def _look_up(self, tag: str, element: etree._Element) -> Known | None:
+    def _look_up(self, tag: str, element: Element) -> Known | None:
         """What is known of the nodes that *element* is one of; None if nobody knows them."""
-        id = str(element.get("ID") or "") if tag in EXPLICIT else tag
+        id = element.get("ID") or "" if tag in EXPLICIT else tag
         known = self._known.get(id)
         if known is None:
             manifest = self._palette.manifests.get(id)
@@ -155,8 +148,7 @@ class Planner:
         bindings: list[Binding] = []
         others: dict[str, str] = {}
         known_bindings = known.bindings
-        attributes: Any = plan.element.items()
-        for key, text in attributes:
+        for key, text in plan.element.attributes.items():
             by_text = known_bindings.get(key)
             if by_text is not None:
                 bindings.append(by_text.get(text) or self._bind(plan, known.ports[key], text, by_text))
@@ -243,7 +235,7 @@ class Planner:
     def _subtree(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
         """Plan a call of a tree; whether there is such a tree."""
         element = plan.element
-        id = str(element.get("ID") or "")
+        id = element.get("ID") or ""
         plan.id = tag
         plan.manifest = self._palette.manifests.get(tag)
         call = Call(id)
@@ -263,7 +255,7 @@ class Planner:
         given: dict[str, str] = {}
         scripts: dict[str, str] = {}
         attributes: dict[str, str] = {}
-        for key, text in attributes_of(plan.element):
+        for key, text in plan.element.attributes.items():
             if key == "_autoremap":
                 call.autoremap = self._truth(plan, key, text)
             elif key == "name":
@@ -297,7 +289,7 @@ class Planner:
                 call.constants[key] = text
 
     def _call_of_3(self, plan: NodePlan, call: Call, tag: str) -> None:
-        for key, text in attributes_of(plan.element):
+        for key, text in plan.element.attributes.items():
             if key == "ID":
                 continue
             if key == "__shared_blackboard" and tag == "SubTree":

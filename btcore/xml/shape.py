@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from lxml import etree
-
+from btcore.names import forbidden_in, is_reserved
 from btcore.status import NodeType
-from btcore.xml.dialect import EXPLICIT, Dialect, forbidden_in_name
+from btcore.xml.dialect import EXPLICIT, Dialect
+from btcore.xml.element import Element
 from btcore.xml.faults import Faults
 from btcore.xml.forest import Definition, Forest
 from btcore.xml.node_plan import NodePlan
@@ -17,12 +17,11 @@ _A_NODE = {
     NodeType.CONDITION: "a condition",
 }
 _LEAVES = (NodeType.ACTION, NodeType.CONDITION)
-NO_ELEMENTS: list[etree._Element] = []
 
 
-def element_children(element: etree._Element) -> list[etree._Element]:
-    """The elements in *element*: neither comments nor the obsolete ``<Root>`` of Groot 1."""
-    return [child for child in element.iterchildren("*") if child.tag != "Root"]
+def element_children(element: Element) -> list[Element]:
+    """The elements in *element* but for the obsolete ``<Root>`` of Groot 1."""
+    return [child for child in element.children if child.tag != "Root"]
 
 
 class Shape:
@@ -35,8 +34,8 @@ class Shape:
         self._palette = palette
         self._faults = faults
         self._document = forest.documents[-1]
-        self._kinds: dict[object, NodeType | None] = {}
-        self._leaves: set[object] = set()
+        self._kinds: dict[str, NodeType | None] = {}
+        self._leaves: set[str] = set()
 
     def check(self) -> dict[Definition, list[NodePlan]]:
         """Check all; the nodes of each definition in pre-order, its ``<BehaviorTree>`` first."""
@@ -48,9 +47,7 @@ class Shape:
             outlines[definition] = self._walk(definition.element)
         return outlines
 
-    def _error(
-        self, code: str, said: str, element: etree._Element, attribute: str = "", hint: str = ""
-    ) -> None:
+    def _error(self, code: str, said: str, element: Element, attribute: str = "", hint: str = "") -> None:
         self._faults.add(self._document.diagnostic(code, said, element, attribute, hint=hint))
 
     def _models(self, document: Document) -> None:
@@ -60,7 +57,7 @@ class Shape:
             hint = "move its models into the first"
             self._faults.add(document.diagnostic("E113", said, models[1], hint=hint))
 
-    def _walk(self, top: etree._Element) -> list[NodePlan]:
+    def _walk(self, top: Element) -> list[NodePlan]:
         limit = self._dialect.max_depth
         # What is in a SubTree of format 3 is not looked at: its having children is said already.
         closed = self._dialect.subtree_tags if not self._dialect.explicit_by_id else frozenset()
@@ -72,19 +69,18 @@ class Shape:
             nodes.append(node)
             element = node.element
             tag = element.tag
-            size = len(element)
-            if not size and tag in self._leaves:
+            children = element.children
+            if not children and tag in self._leaves:
                 continue
-            children = NO_ELEMENTS
-            if size:
+            if children:
                 children = element_children(element)
-                if len(children) != size:
+                if len(children) != len(element.children):
                     self._obsolete(element)
             kind = kinds[tag] if tag in kinds else self._compact(tag)
             if kind is None:
-                self._special(str(tag), element, children)
+                self._special(tag, element, children)
             elif children or tag not in self._leaves:
-                self._count(str(tag), kind, element, children)
+                self._count(tag, kind, element, children)
             if not children:
                 continue
             below = node.depth + 1
@@ -96,9 +92,9 @@ class Shape:
                 pending += reversed(node.children)
         return nodes
 
-    def _compact(self, tag: object) -> NodeType | None:
+    def _compact(self, tag: str) -> NodeType | None:
         """The kind by which children of the compact *tag* are counted; None if it is none or unknown."""
-        manifest = self._palette.manifests.get(str(tag))
+        manifest = self._palette.manifests.get(tag)
         kind = None
         if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT:
             kind = manifest.type
@@ -111,12 +107,12 @@ class Shape:
             self._leaves.add(tag)
         return kind
 
-    def _obsolete(self, element: etree._Element) -> None:
+    def _obsolete(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
             said = "<Root> is obsolete and is skipped"
             self._faults.add(self._document.diagnostic("W103", said, child, hint="remove it"))
 
-    def _special(self, tag: str, element: etree._Element, children: list[etree._Element]) -> None:
+    def _special(self, tag: str, element: Element, children: list[Element]) -> None:
         """An element that is no compact node."""
         if tag == "BehaviorTree":
             self._tree(element, children)
@@ -125,11 +121,10 @@ class Shape:
         elif tag in EXPLICIT:
             self._explicit(tag, element, children)
         else:
-            hint = self._palette.unknown_node(tag, self._trees)
-            self._error("E101", f"unknown node <{tag}>", element, hint=hint)
+            self._error("E101", f"unknown node <{tag}>", element, hint=self._unknown(tag))
 
-    def _explicit(self, tag: str, element: etree._Element, children: list[etree._Element]) -> None:
-        node = str(element.get("ID") or "")
+    def _explicit(self, tag: str, element: Element, children: list[Element]) -> None:
+        node = element.get("ID") or ""
         if not node:
             said = f"<{tag}> does not say which node it is"
             hint = f'write <{tag} ID="…"/>'
@@ -137,15 +132,22 @@ class Shape:
             return
         manifest = self._palette.manifests.get(node)
         if manifest is None:
-            hint = self._palette.unknown_node(node, self._trees)
-            self._error("E101", f"unknown node '{node}'", element, "ID", hint)
+            self._error("E101", f"unknown node '{node}'", element, "ID", self._unknown(node))
             return
         kind = manifest.type if self._dialect.explicit_by_id else EXPLICIT[tag]
         self._count(node, kind, element, children)
 
-    def _count(
-        self, node: str, kind: NodeType, element: etree._Element, children: list[etree._Element]
-    ) -> None:
+    def _unknown(self, node: str) -> str:
+        """A hint for a *node* that is not registered."""
+        declaring = (
+            document.file
+            for document in self._forest.documents
+            for models in document.root.iterchildren("TreeNodesModel")
+            if any(model.get("ID") == node for model in models.iterchildren(*EXPLICIT))
+        )
+        return self._palette.unknown_node(node, self._trees, next(declaring, None))
+
+    def _count(self, node: str, kind: NodeType, element: Element, children: list[Element]) -> None:
         """Say so if *children* are too few or too many for *node*, which is of *kind*."""
         found = len(children)
         has = "no child" if found == 0 else f"{found} children" if found > 1 else "1 child"
@@ -164,31 +166,31 @@ class Shape:
         elif found and kind in _LEAVES:
             self._error("E104", f"<{node}> has {has}; {_A_NODE[kind]} has none", element)
 
-    def _one_asynchronous(self, children: list[etree._Element]) -> None:
+    def _one_asynchronous(self, children: list[Element]) -> None:
         lasting = [child for child in children if child.tag == "AsyncSequence"]
         if len(lasting) > 1 and self._dialect.explicit_by_id:
             said = "a ReactiveSequence has one AsyncSequence at most, and this is the second"
             self._error("E114", said, lasting[1], hint="only one child of it can be RUNNING")
 
-    def _tree(self, element: etree._Element, children: list[etree._Element]) -> None:
-        name = str(element.get("ID") or "")
+    def _tree(self, element: Element, children: list[Element]) -> None:
+        name = element.get("ID") or ""
         called = f"the tree '{name}'" if name else "the tree"
         if self._dialect.tree_ids_checked and name:
             self._not_a_node(name, element)
-            char = forbidden_in_name(name)
+            char = forbidden_in(name)
             if char:
                 said = f"a tree's ID has no {char!r} in it, but this one is '{name}'"
                 self._error("E107", said, element, "ID", "letters, digits, '_' and '-' will do")
-            elif name == "Root":
-                self._error("E107", "no tree may be called 'Root'; it is reserved", element, "ID")
+            elif is_reserved(name):
+                self._error("E107", f"no tree may be called '{name}'; it is reserved", element, "ID")
         if len(children) != 1:
             found = f"{len(children)} children" if children else "no child"
             said = f"{called} has {found}; a tree has exactly 1"
             hint = "put them into a <Sequence>" if children else ""
             self._error("E104", said, element, hint=hint)
 
-    def _subtree(self, tag: str, element: etree._Element, children: list[etree._Element]) -> None:
-        name = str(element.get("ID") or "")
+    def _subtree(self, tag: str, element: Element, children: list[Element]) -> None:
+        name = element.get("ID") or ""
         if element.get("ID") is None or (not name and self._dialect.explicit_by_id):
             said = f"<{tag}> does not say which tree it is"
             self._error("E102", said, element, hint=f'write <{tag} ID="…"/>')
@@ -198,7 +200,8 @@ class Shape:
             said = f'<{tag} ID="{name}"> has children; what it does stands in its <BehaviorTree>'
             self._error("E104", said, children[0])
 
-    def _not_a_node(self, name: str, element: etree._Element) -> None:
-        if name in self._palette.manifests:
+    def _not_a_node(self, name: str, element: Element) -> None:
+        known = self._palette.manifests.get(name)
+        if known is not None and not known.yields:
             said = f"a tree can't be called '{name}', as a node is"
             self._error("E105", said, element, "ID", "rename the tree")

@@ -1,18 +1,17 @@
 """Documents: from a file or a text to elements, with the place of each in the text.
 
-The parser is told to look nothing up: no document types with content, no entities of the
-document's own, no network. What is not XML is refused with file, line and column.
+A document type with content is refused, and what is not XML with file, line and column.
 """
 
 import os
-import re
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from lxml import etree
 
 from btcore.errors import Diagnostic, SyntaxFault
 from btcore.suggest import nearest
+from btcore.xml.element import Element, parse, read_plainly, read_strictly
 from btcore.xml.lenient import Lenient, escape, has_one_line_tags, markup, may_keep_line_breaks
 from btcore.xml.malformed import EXAMPLE, explain
 from btcore.xml.places import Part, Place, Places, place_at
@@ -23,25 +22,24 @@ _BYTE_ORDER_MARKS: Final = (
     (b"\xff\xfe", "UTF-16"),
     (b"\xfe\xff", "UTF-16"),
 )
-_LINE_BREAK_IN_TAG: Final = re.compile(r"<[^>\n\r]*+[\n\r]")
 
 
 class Document:
     """One XML document: *root* is its element tree, *text* what the user wrote, *file* its name.
 
-    *warnings* tells what was read leniently, *tags_span_lines* whether a tag may have a line break in
-    it, so that the parser does not know the line in which it begins.
+    *warnings* tells what was read leniently, *knows_lines* whether every element has its line in *text*.
     """
 
     def __init__(
-        self, root: etree._Element, lenient: Lenient, text: str, file: str, tags_span_lines: bool = True
+        self, root: Element, lenient: Lenient, text: str, file: str, knows_lines: bool = False
     ) -> None:
         self.root = root
         self.text = text
         self.file = file
         self._lenient = lenient
         self._places: Places | None = None
-        self.tags_span_lines = tags_span_lines
+        self.knows_lines = knows_lines
+        self._parsed: list[etree._Element] = []
 
     @property
     def folder(self) -> Path:
@@ -55,13 +53,18 @@ class Document:
             self._places = Places(self.text, self.root)
         return self._places
 
-    def line(self, element: etree._Element) -> int:
+    def line(self, element: Element) -> int:
         """The line in which *element* begins."""
-        # The parser's line is that in which the start tag ends.
-        return self.places.line(element) if self.tags_span_lines else cast(int, element.sourceline)
+        return element.line if self.knows_lines else self.places.line(element)
+
+    def text_in(self, element: Element) -> str:
+        """The text in *element*, up to its first child. Few need it, so it is read when it is asked for."""
+        if not self._parsed:
+            self._parsed = list(parse(_encoded(self._lenient.text)).iter("*"))
+        return self._parsed[self.places.index(element)].text or ""
 
     def place(
-        self, element: etree._Element | int, attribute: str = "", part: Part = "value", within: int = 0
+        self, element: Element | int, attribute: str = "", part: Part = "value", within: int = 0
     ) -> Place | None:
         """Where *element* (itself, or its index in the document) stands, or one of its attributes.
 
@@ -73,7 +76,7 @@ class Document:
         self,
         code: str,
         message: str,
-        element: etree._Element | int,
+        element: Element | int,
         attribute: str = "",
         part: Part = "value",
         hint: str = "",
@@ -125,24 +128,23 @@ def read_text(text: str, file: str = "") -> Document:
     zero = text.find("\0")
     if zero >= 0:
         raise _fault("E002", "a NUL character; this is not an XML document", text, zero, file)
-    one_line_tags = has_one_line_tags(text)
-    lenient = Lenient(text, ()) if one_line_tags or not may_keep_line_breaks(text) else escape(text)
+    is_kept = has_one_line_tags(text) or not may_keep_line_breaks(text)
+    lenient = Lenient(text, ()) if is_kept else escape(text)
+    plain = read_plainly(_encoded(lenient.text))
+    if plain is not None:
+        return Document(plain, lenient, text, file, knows_lines=not lenient.escapes)
     try:
-        root = _parse(lenient.text)
-    except etree.XMLSyntaxError as first:
-        fault = first
+        root = read_strictly(_encoded(lenient.text))
+    except etree.XMLSyntaxError as fault:
         if not lenient.escapes:
             lenient = escape(text)
         if not lenient.escapes:
             raise SyntaxFault([explain(fault, lenient, text, file)]) from None
         try:
-            root = _parse(lenient.text)
+            root = read_strictly(_encoded(lenient.text))
         except etree.XMLSyntaxError as second:
             raise SyntaxFault([explain(second, lenient, text, file)]) from None
-    tags_span_lines = bool(lenient.escapes) or (
-        not one_line_tags and _LINE_BREAK_IN_TAG.search(text) is not None
-    )
-    return Document(root, lenient, text, file, tags_span_lines)
+    return Document(root, lenient, text, file)
 
 
 def read_file(path: str | os.PathLike[str]) -> Document:
@@ -155,23 +157,16 @@ def read_file(path: str | os.PathLike[str]) -> Document:
     return read_text(_decoded(data, name), name)
 
 
-def _parse(text: str) -> etree._Element:
-    # Of itself the parser allows 256 levels counted from <root>; with huge_tree 2,048, so that the format's
-    # own limit, counted from the BehaviorTree, can hold.
-    parser = etree.XMLParser(
-        encoding="utf-8",
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        collect_ids=False,
-        huge_tree=True,
-    )
+def _encoded(text: str) -> bytes:
     # A lone surrogate has no UTF-8 form; it becomes '?', in a document that was no text anyway.
-    return etree.fromstring(text.encode("utf-8", "replace"), parser)
+    return text.encode("utf-8", "replace")
 
 
 def _unreadable(path: Path, fault: OSError) -> Diagnostic:
     hint = ""
+    if str(path).lstrip().startswith("<"):
+        said = "the path of a file is wanted, and this is XML"
+        return Diagnostic("E003", said, hint="btcore.loads(text) reads a text")
     if path.is_dir():
         said = "is a folder, not a file"
         inside = sorted(found.name for found in path.glob("*.xml"))[:5]

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterable
 
+from btcore.names import is_port_name
 from btcore.node import TreeNode
 from btcore.status import NodeType
 from btcore.tree import Subtree, Tree
-from btcore.xml.dialect import AFTER, BEFORE, is_port_name
+from btcore.xml.dialect import AFTER, BEFORE
 from btcore.xml.models import model_lines, quoted
 
 _STEP = "    "

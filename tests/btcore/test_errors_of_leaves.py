@@ -264,6 +264,9 @@ def test_what_raises_while_the_tree_is_halted_after_an_error_is_told_too() -> No
         def on_start(self) -> Status:
             return Status.RUNNING
 
+        def on_running(self) -> Status:
+            return Status.RUNNING
+
         def on_halted(self) -> None:
             raise ValueError(f"{self.name} is stuck")
 

@@ -26,6 +26,7 @@ from btcore import (
     SyncAction,
     Tree,
     TreeError,
+    TreeState,
     action,
     condition,
 )
@@ -224,6 +225,25 @@ def test_the_clock_and_the_blackboard_of_the_tree_are_resources_that_are_always_
     assert tree.registry.manifests["Look"].wanted == []
 
 
+def test_the_leaves_of_one_tree_share_its_state_and_every_tree_has_its_own(grow: Grow) -> None:
+    class Laps(TreeState):
+        def __init__(self) -> None:
+            self.count = 0
+
+    @action
+    def lap(laps: Laps, number: Put[int]) -> bool:
+        laps.count += 1
+        number(laps.count)
+        return True
+
+    text = '<Sequence><Lap number="{first}"/><Lap number="{second}"/></Sequence>'
+    for _ in range(2):
+        tree = grow(text, lap)
+        tree.tick_once()
+        assert (tree.blackboard["first"], tree.blackboard["second"]) == (1, 2)
+    assert tree.registry.manifests["Lap"].wanted == []
+
+
 def test_a_resource_with_a_default_need_not_be_handed_in(grow: Grow) -> None:
     @action
     def greet(robot: Robot = Robot("nobody"), *, said: Put[str]) -> bool:  # noqa: B008
@@ -338,6 +358,9 @@ def test_a_completed_stateful_action_that_nobody_has_reset_keeps_its_result(grow
     class Once(StatefulAction):
         def on_start(self) -> Status:
             starts.append(self.name)
+            return Status.FAILURE
+
+        def on_running(self) -> Status:
             return Status.FAILURE
 
     node = grow("<Sequence><Once/></Sequence>", Once).find(Once)[0]

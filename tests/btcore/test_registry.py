@@ -13,15 +13,19 @@ import btcore
 from btcore import (
     Condition,
     In,
+    Port,
     RegistrationError,
     Registry,
     SimClock,
+    StatefulAction,
     Status,
     SyncAction,
+    ThreadedAction,
     TreeNode,
     action,
     condition,
 )
+from btcore.values import DOUBLE
 
 
 class Wave(SyncAction):
@@ -119,7 +123,7 @@ def test_a_built_in_id_is_taken_too_in_whichever_format_it_is() -> None:
     assert "'SequenceStar' is registered twice" in refused(Registry.standard().add, Wave, ID="SequenceStar")
 
 
-@pytest.mark.parametrize("ID", ["two words", "a/b", "a:b", "<x>", "a.b", "tab\t", "Root"])
+@pytest.mark.parametrize("ID", ["two words", "a/b", "a:b", "<x>", "a.b", "tab\t", "del\x7f", "Root", "root"])
 def test_an_id_that_groot_can_not_show_is_refused(ID: str) -> None:
     assert f"'{ID}'" in refused(Registry.standard().add, bow, ID=ID)
 
@@ -134,6 +138,131 @@ def test_an_id_that_groot_can_not_show_is_refused(ID: str) -> None:
 )
 def test_what_is_no_node_is_refused(thing: object, said: str) -> None:
     assert said in refused(Registry.standard().add, thing)
+
+
+def test_several_things_are_added_side_by_side() -> None:
+    assert "is neither a function nor a node class: nodes.add(first, second)" in refused(
+        Registry.standard().add, [bow, Wave]
+    )
+
+
+def test_an_action_that_lasts_needs_the_methods_that_its_ticks_call() -> None:
+    class Wait(StatefulAction):
+        def on_start(self) -> Status:
+            return Status.RUNNING
+
+    class Think(ThreadedAction):
+        pass
+
+    nodes = Registry.standard()
+    assert "<Wait>: " in refused(nodes.add, Wait)
+    assert "Wait is a StatefulAction, and lacks the method on_running(self)" in refused(nodes.add, Wait)
+    assert "Think is a ThreadedAction, and lacks the method work(self)" in refused(nodes.add, Think)
+
+
+def test_an_action_that_overrides_its_tick_needs_no_others() -> None:
+    class Odd(StatefulAction):
+        def tick(self) -> Status:
+            return Status.SUCCESS
+
+    nodes = Registry.standard()
+    nodes.add(Odd)
+    assert status_of("<Odd/>", nodes) is Status.SUCCESS
+
+
+class Gear(enum.Enum):
+    LOW = 1
+
+
+WRONG: dict[str, tuple[Any, object, str]] = {
+    "a text": (int, "abc", "takes int, but its default is 'abc': 'abc' is no integer"),
+    "a fraction": (int, 2.5, "takes int, but its default is 2.5: "),
+    "a number for a text": (str, 5, "takes std::string, but its default is 5: a text is wanted"),
+    "an item": (list[int], ["a"], "takes std::vector<int>, but its default is ['a']: "),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_default_that_its_port_can_not_hold_is_refused(case: str) -> None:
+    kind, default, said = WRONG[case]
+
+    def leaf(x: Any = default) -> bool:
+        return True
+
+    leaf.__annotations__["x"] = In[kind]
+    assert f"the port 'x' of <Leaf> {said}" in refused(Registry.standard().add, leaf)
+
+
+@pytest.mark.parametrize(
+    ("kind", "default"),
+    [(int, "3"), (int, "{n}"), (int, None), (float, 1), (bool, "true"), (list[int], "1;2"), (Gear, Gear.LOW),
+     (Path, "a text that a converter may read, once there is one")],
+)  # fmt: skip
+def test_a_default_may_be_a_value_its_text_an_entry_or_nothing(kind: Any, default: object) -> None:
+    def leaf(x: Any = default) -> bool:
+        return True
+
+    leaf.__annotations__["x"] = In[kind]
+    Registry.standard().add(leaf)
+
+
+@pytest.mark.parametrize("form", ["In", "Out", "InOut", "Put"])
+@pytest.mark.parametrize("written", [3, 2.5, ("int", "str")])
+def test_a_port_of_what_is_no_type_is_refused_where_it_is_written(form: str, written: object) -> None:
+    with pytest.raises(TypeError, match=rf"{form}\[.*\] names no type: write {form}\[float\], say"):
+        getattr(btcore, form)[written]
+
+
+def test_a_port_whose_name_only_format_3_takes_is_one_of_its_trees_alone() -> None:
+    class Measure(SyncAction):
+        @staticmethod
+        def provided_ports() -> list[Port]:
+            return [Port("laser.range", type=DOUBLE)]
+
+        def tick(self) -> bool:
+            return bool(self.get_input("laser.range") == 0.5)
+
+    nodes = Registry.standard()
+    assert "it holds '.'; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)" in refused(nodes.add, Measure)
+    nodes.add(Measure, format=3)
+    assert (nodes.get("Measure", 3) is None, nodes.get("Measure", 4) is None) == (False, True)
+    xml = '<root><BehaviorTree ID="Main"><Measure laser.range="0.5"/></BehaviorTree></root>'
+    assert btcore.loads(xml, nodes=nodes).tick_once() is Status.SUCCESS
+    with pytest.raises(btcore.UnknownNode, match="belongs to format 3"):
+        status_of("<Measure/>", nodes)
+    assert "there are the formats 3 and 4" in refused(nodes.add, Wave, format=5)
+
+
+def test_the_same_thing_twice_is_told_as_such() -> None:
+    nodes = Registry.standard()
+    nodes.add(bow)
+    said = refused(nodes.add, bow)
+    assert said.startswith("'Bow' is registered already, from the same place: bow (")
+    assert said.endswith("; add it once")
+
+
+def test_a_library_without_a_name_is_refused() -> None:
+    assert refused(Registry.standard().add_plugin, " ").startswith("a plugin has no name")
+
+
+# --- what is loaded with it
+
+
+@pytest.mark.parametrize("nodes", [[bow], Registry, "standard"])
+def test_only_a_registry_is_one(nodes: Any) -> None:
+    with pytest.raises(TypeError, match=r"is no Registry: nodes = Registry\.standard\(\); nodes\.add\(…\)"):
+        btcore.loads('<root BTCPP_format="4"/>', nodes=nodes)
+
+
+def test_an_empty_registry_does_not_know_the_built_in_nodes() -> None:
+    with pytest.raises(btcore.UnknownNode, match=r"begin with Registry\.standard\(\)"):
+        status_of("<AlwaysSuccess/>", Registry())
+
+
+@pytest.mark.parametrize("resources", [Wave, 7, "robot"])
+def test_resources_are_a_list(resources: Any) -> None:
+    with pytest.raises(TypeError, match=r"is no list: write resources=\[…\]"):
+        btcore.loads('<root BTCPP_format="4"/>', resources=resources)
 
 
 def test_what_was_refused_is_not_there() -> None:
@@ -338,6 +467,31 @@ def test_or_is_found_by_the_entry_point_of_an_installed_distribution(library: Pa
     assert mine(nodes) >= MINE
     assert "polite-robot" in nodes.libraries
     assert nodes.manifests["Linger"].distribution == "polite-robot"
+
+
+def test_an_installed_library_gives_way_to_what_a_user_registers(library: Path) -> None:
+    installed(library.parent, "polite-robot", "gestures = gestures")
+    nodes = Registry.standard()
+    nodes.add_plugins()
+
+    class Linger(SyncAction):
+        def tick(self) -> bool:
+            return True
+
+    nodes.add(Linger)
+    assert nodes.manifests["Linger"].cls is Linger
+    assert [(old.distribution, new.cls) for old, new in nodes.displaced] == [("polite-robot", Linger)]
+    assert "registered already" in refused(nodes.add, Linger)
+
+
+def test_a_tree_may_be_called_as_a_node_of_an_installed_library(library: Path) -> None:
+    installed(library.parent, "polite-robot", "gestures = gestures")
+    text = """<root BTCPP_format="4" main_tree_to_execute="Main">
+        <BehaviorTree ID="Main"><SubTree ID="Linger"/></BehaviorTree>
+        <BehaviorTree ID="Linger"><AlwaysSuccess/></BehaviorTree></root>"""
+    nodes = Registry.standard()
+    nodes.add_plugins()
+    assert btcore.loads(text, nodes=nodes).tick_once() is Status.SUCCESS
 
 
 def test_two_libraries_that_bring_the_same_id_are_both_named(library: Path) -> None:

@@ -1,14 +1,27 @@
-"""Every example in the documentation runs.
+"""Every example in the documentation runs, in an empty folder a page.
 
-The blocks of a page that are marked ``python`` are one program, run from top to bottom in an empty folder.
-Where it defines tests, pytest runs it, with the plugin of btcore. Other blocks aren't run.
+What a block is, the words after its fence say:
+
+- ``python``: a part of the page's program, which runs from top to bottom; where it defines tests, pytest
+  runs it, with the plugin of btcore.
+- ``python NAME.py``, ``xml NAME.xml``, ``json NAME.json``, ``yaml NAME.yaml``: a file, written before
+  anything runs. The program, a command or another file uses it.
+- ``console``: commands for a shell, after ``$``, run after the program. What is shown below a command is
+  what it says, but for ``…``, which stands for anything; a command with nothing below it succeeds.
+- ``xml E101``: an example of docs/errors.md, which tests/btcore/xml/test_error_codes.py runs.
+- ``text``, ``toml``, ``cpp``: to be read.
+
+Any of them may be ``unrun: REASON``. There are no others: a block that doesn't run says so.
 """
 
+import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -17,44 +30,114 @@ import btcore
 ROOT = Path(__file__).parent.parent.parent
 HOME = Path(btcore.__file__).parent.parent
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+NEEDS = {"monitor_your_robot": ("zmq", "msgpack", "rerun"), "your-robot": ("numpy",)}
+BOOK_NEEDS = ("numpy", "cv2", "yaml", "pybullet")
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
+FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|json|yaml))")
+KINDS = re.compile(r"python|console|text|toml|cpp|xml [EW]\d{3}|[a-z]+ unrun: .{8,}")
+
+
+class Block(NamedTuple):
+    """A fenced block: what its fence says, the number of its first line, and its lines."""
+
+    info: str
+    line: int
+    lines: list[str]
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.lines) + "\n"
+
+
+def blocks(page: str) -> list[Block]:
+    """The fenced blocks of *page*, in order, without the indentation of their fences."""
+    found: list[Block] = []
+    fence, indent = "", ""
+    for number, line in enumerate(page.splitlines(), 1):
+        met = FENCE.match(line)
+        if not fence and met is not None:
+            indent, fence = met[1], met[2]
+            found.append(Block(met[3], number + 1, []))
+        elif fence and met is not None and met[2].startswith(fence) and not met[3]:
+            fence = ""
+        elif fence:
+            found[-1].lines.append(line.removeprefix(indent))
+    return found
 
 
 def program(page: str) -> str:
     """The Python of *page*, each line at its number, and empty lines for all else."""
-    lines: list[str] = []
-    fence, indent, kept = "", "", False
-    for line in page.splitlines():
-        met = FENCE.match(line)
-        if not fence and met is not None:
-            indent, fence, kept = met[1], met[2], met[3] == "python"
-            lines.append("")
-        elif fence and met is not None and met[2].startswith(fence) and not met[3]:
-            fence = ""
-            lines.append("")
-        else:
-            lines.append(line.removeprefix(indent) if fence and kept else "")
+    lines = [""] * len(page.splitlines())
+    for block in blocks(page):
+        if block.info == "python":
+            lines[block.line - 1 : block.line - 1 + len(block.lines)] = block.lines
     return "\n".join(lines) + "\n"
 
 
+def files(page: str) -> dict[str, str]:
+    """The files that *page* shows, by name."""
+    named = [(met[2], block.text) for block in blocks(page) if (met := FILE.fullmatch(block.info))]
+    assert len(named) == len(dict(named)), "two blocks have the name of one file"
+    return dict(named)
+
+
+def commands(page: str) -> list[tuple[int, str, str]]:
+    """The commands of *page*: line, command, and what it is shown to say."""
+    found: list[tuple[int, str, str]] = []
+    for block in blocks(page):
+        if block.info == "console":
+            for number, line in enumerate(block.lines, block.line):
+                if line.startswith("$ "):
+                    found.append((number, line[2:], ""))
+                else:
+                    before = found.pop()
+                    found.append((*before[:2], before[2] + line + "\n"))
+    return found
+
+
+def says(shown: str, said: str) -> bool:
+    """Whether *said* is what a page shows, in which … stands for anything, and alone for any lines."""
+    lines = [
+        "(?s:.*)" if line == "…" else re.escape(line.rstrip()).replace("…", ".*")
+        for line in shown.strip().splitlines()
+    ]
+    return re.fullmatch("\n".join(lines), re.sub(r"[ \t]+$", "", said, flags=re.M).strip()) is not None
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """The variables of a program or a command: this build of btcore, and its command."""
+    tools = folder / "tools"
+    tools.mkdir(exist_ok=True)
+    for name, module in (("btcore", "-m btcore"), ("python", "")):
+        (tools / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {module} "$@"\n', encoding="utf-8")
+        (tools / name).chmod(0o755)
+    return {
+        **os.environ,
+        "PATH": os.pathsep.join([str(tools), os.environ["PATH"]]),
+        "PYTHONPATH": os.pathsep.join([str(HOME), str(ROOT)]),
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+        "PYTHONWARNINGS": "error",
+        "NO_COLOR": "1",
+        "COLUMNS": "110",
+    }
+
+
 def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run the program of *page* in *folder*, as a script or by pytest."""
+    """Run the program of *page* beside its files, as a script or by pytest."""
     source = program(page)
     tests = re.search(r"^(async )?def test_", source, re.MULTILINE) is not None
     script = folder / f"{'test_' * tests}{name}.py"
     script.write_text(source, encoding="utf-8")
     empty = folder / "empty"
     empty.mkdir()
+    for file, text in files(page).items():
+        (empty / file).write_text(text, encoding="utf-8")
     by_pytest = ["-m", "pytest", "-q", "-p", "btcore.testing.plugin", "-p", "no:cacheprovider", "--tb=short"]
     return subprocess.run(
         [sys.executable, *(by_pytest if tests else []), str(script)],
         cwd=empty,
-        env={
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join([str(HOME), str(ROOT)]),
-            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-            "PYTHONWARNINGS": "error",
-        },
+        env=environment(folder),
         capture_output=True,
         text=True,
         check=False,
@@ -62,17 +145,76 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def run_commands(page: str, folder: Path) -> list[str]:
+    """Run the commands of *page* where its program ran; what went otherwise than shown."""
+    wrong = []
+    for line, command, shown in commands(page):
+        done = subprocess.run(
+            ["bash", "-c", command],
+            cwd=folder / "empty",
+            env=environment(folder),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+            timeout=100,
+        )
+        if not says(shown, done.stdout) if shown else done.returncode != 0:
+            wrong.append(f"line {line}: {command}\nends with {done.returncode} and says\n{done.stdout}")
+    return wrong
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_the_examples_of_a_page_run(page: Path, tmp_path: Path) -> None:
-    done = run(page.read_text(encoding="utf-8"), page.stem, tmp_path)
-    assert done.returncode == 0, f"{page}\n{done.stdout}\n{done.stderr}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_what_a_page_points_to_is_there(page: Path) -> None:
+    for module in BOOK_NEEDS if page.parent.name == "book" else NEEDS.get(page.stem, ()):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed")
     text = page.read_text(encoding="utf-8")
-    links = [link for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text) if "://" not in link]
+    done = run(text, page.stem, tmp_path)
+    assert done.returncode == 0, f"{page}\n{done.stdout}\n{done.stderr}"
+    wrong = run_commands(text, tmp_path)
+    assert wrong == [], "\n".join([str(page), *wrong])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_every_block_of_a_page_is_of_a_kind_that_runs_or_says_that_it_does_not(page: Path) -> None:
+    assert unknown(page.read_text(encoding="utf-8"), page.name) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_what_a_page_points_to_is_there(page: Path) -> None:
+    lines = page.read_text(encoding="utf-8").splitlines()
+    for block in blocks("\n".join(lines)):
+        lines[block.line - 1 : block.line - 1 + len(block.lines)] = [""] * len(block.lines)
+    links = [link for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", "\n".join(lines)) if "://" not in link]
     assert [link for link in links if not (page.parent / link).exists()] == []
+
+
+def test_every_page_is_in_the_index_and_the_readme_points_to_it() -> None:
+    folders = {page.parent for page in PAGES}
+    indices = {folder: (folder / "README.md").read_text(encoding="utf-8") for folder in folders}
+    lost = [
+        page for page in PAGES if page.name != "README.md" and f"({page.name})" not in indices[page.parent]
+    ]
+    assert lost == []
+    assert "(book/README.md)" in indices[ROOT / "docs"]
+    assert "(docs/README.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def unknown(page: str, name: str = "page.md") -> list[str]:
+    """The blocks of *page* that neither run nor say that they don't, by line."""
+    found = []
+    for block in blocks(page):
+        met = FILE.fullmatch(block.info)
+        if met is not None:
+            others = [one.text for one in blocks(page) if one is not block]
+            known = any(met[2] in other or f"import {Path(met[2]).stem}" in other for other in others)
+        else:
+            known = KINDS.fullmatch(block.info) is not None
+            known = known and (name == "errors.md" or not re.fullmatch(r"xml [EW]\d{3}", block.info))
+        if not known:
+            found.append(f"line {block.line - 1}: {block.info}")
+    return found
 
 
 # --- the runner
@@ -83,10 +225,51 @@ def test_blocks_run_in_order_and_know_each_other(tmp_path: Path) -> None:
     assert run(page, "page", tmp_path).stdout == "2\n"
 
 
-def test_other_blocks_do_not_run(tmp_path: Path) -> None:
-    page = "```console\n$ false\n```\n```\nnonsense(\n```\n```pycon\n>>> 1\n```\n~~~text\n```python\n~~~\n"
+def test_blocks_of_other_kinds_do_not_run(tmp_path: Path) -> None:
+    page = "```cpp\nnonsense(\n```\n```python unrun: it is wrong\n1 +\n```\n~~~text\n```python\n~~~\n"
     done = run(page, "page", tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert unknown(page) == []
+
+
+@pytest.mark.parametrize(
+    "fence", ["", "pycon", "py", "bash", "xml", "xml E101", "xml lonely.xml", "python unrun:", "console no"]
+)
+def test_a_block_that_would_silently_not_run_is_found(fence: str) -> None:
+    assert unknown(f"One\n```{fence}\n1\n```\n") == [f"line 2: {fence}"]
+
+
+def test_files_are_there_before_anything_runs(tmp_path: Path) -> None:
+    page = "```python\nprint(open('a.xml').read(), end='')\n```\n```xml a.xml\n<a/>\n```\n"
+    page += "```console\n$ cat a.xml\n<a/>\n```\n"
+    assert run(page, "page", tmp_path).stdout == "<a/>\n"
+    assert run_commands(page, tmp_path) == []
+    assert unknown(page) == []
+
+
+@pytest.mark.parametrize(
+    ("shown", "fine"),
+    [
+        ("$ echo one; echo two\none\ntwo", True),
+        ("$ echo one; echo two\none", False),
+        ("$ echo one; echo two\n…\ntwo", True),
+        ("$ echo one; echo two; echo three\n…\nthree", True),
+        ("$ echo one; echo two; echo three\none\n…\nthree", True),
+        ("$ echo one; echo two\no…\nt…o", True),
+        ("$ echo one; echo two\no…", False),
+        ("$ echo one; false\none", True),
+        ("$ echo one", True),
+        ("$ false", False),
+        ("$ true\n$ false", False),
+        ("$ btcore --version\nbtcore …", True),
+        ("$ python -c 'import btcore, sys; sys.exit(3)' || echo $?\n3", True),
+    ],
+)
+def test_a_command_says_what_is_shown_and_succeeds_where_nothing_is(
+    shown: str, fine: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "empty").mkdir()
+    assert (run_commands(f"```console\n{shown}\n```\n", tmp_path) == []) is fine
 
 
 def test_a_block_that_fails_is_told_by_its_line_in_the_page(tmp_path: Path) -> None:
@@ -98,5 +281,5 @@ def test_a_block_that_fails_is_told_by_its_line_in_the_page(tmp_path: Path) -> N
 def test_tests_in_a_page_are_run_with_the_fixtures_of_btcore(tmp_path: Path) -> None:
     page = "```python\ndef test_it(clock):\n    assert clock.now() == {}\n```\n"
     assert "1 passed" in run(page.format(0), "good", tmp_path).stdout
-    (tmp_path / "empty").rmdir()
+    shutil.rmtree(tmp_path / "empty")
     assert "1 failed" in run(page.format(1), "bad", tmp_path).stdout

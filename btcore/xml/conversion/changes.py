@@ -2,11 +2,10 @@
 
 from typing import Final
 
-from lxml import etree
-
 from btcore.errors import Diagnostic
 from btcore.registry import Registry
 from btcore.xml.conversion.rewrite import Rewriter
+from btcore.xml.element import Element
 from btcore.xml.places import Part
 from btcore.xml.source import Document
 
@@ -53,7 +52,7 @@ class Changes:
         self,
         code: str,
         said: str,
-        element: etree._Element,
+        element: Element,
         attribute: str = "",
         hint: str = "",
         part: Part = "value",

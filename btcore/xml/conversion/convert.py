@@ -3,8 +3,6 @@
 import re
 from typing import Final, NamedTuple
 
-from lxml import etree
-
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry import Registry
 from btcore.xml.check import check_scripts, examine
@@ -20,6 +18,7 @@ from btcore.xml.conversion.nodes import successor
 from btcore.xml.conversion.ports import convert_ports
 from btcore.xml.conversion.subtree import convert_subtree
 from btcore.xml.dialect import DIALECTS, EXPLICIT, format_of
+from btcore.xml.element import Element
 from btcore.xml.faults import in_order
 from btcore.xml.source import Document, read_text
 
@@ -63,12 +62,16 @@ def convert(document: Document, registry: Registry) -> Conversion:
     return Conversion(text, in_order(changes.found), _remaining(document, text, registry))
 
 
-def _root(changes: Changes, root: etree._Element) -> None:
+def _root(changes: Changes, root: Element) -> None:
     if root.get("BTCPP_format") is None:
         changes.rewriter.add(root, "BTCPP_format", "4")
     else:
         changes.rewriter.change(root, "BTCPP_format", "4")
     changes.note(FORMAT_WRITTEN, 'BTCPP_format="4" is written', root)
+    for models in root.iterchildren("TreeNodesModel"):
+        for model in models.iterchildren("SubTreePlus"):
+            changes.rewriter.rename(model, "SubTree")
+            changes.note(NODE_RENAMED, "the model of a <SubTreePlus> becomes one of a <SubTree>", model)
     for include in root.iterchildren("include"):
         said = "the included file is read in the format of this one: convert it too"
         changes.note(LEFT_TO_YOU, said, include, "path")
@@ -85,22 +88,25 @@ class _Trees:
         """Convert all."""
         seen: set[str] = set()
         for tree in self._changes.document.root.iterchildren("BehaviorTree"):
-            id = str(tree.get("ID") or "")
+            id = tree.get("ID") or ""
             if id in seen:
                 said = f"of the trees '{id}' this one counts in format 4, and the first one in format 3"
                 self._changes.note(LAST_TREE, said, tree, "ID", hint="remove the one that isn't wanted")
             seen.add(id)
             names: set[str] = set()
-            for element in tree.iterdescendants("*"):
-                if not any(parent.tag == "Root" for parent in (element, *element.iterancestors())):
-                    self._element(element, names)
+            pending = [(child, tree) for child in reversed(tree.children)]
+            while pending:
+                element, parent = pending.pop()
+                if element.tag != "Root":
+                    self._element(element, parent, names)
+                    pending += [(child, element) for child in reversed(element.children)]
 
-    def _element(self, element: etree._Element, names: set[str]) -> None:
-        tag = str(element.tag)
+    def _element(self, element: Element, parent: Element, names: set[str]) -> None:
+        tag = element.tag
         if tag in self._tags:
             convert_subtree(self._changes, element, names)
             return
-        id = str(element.get("ID") or "") if tag in EXPLICIT else tag
+        id = element.get("ID") or "" if tag in EXPLICIT else tag
         new = successor(self._changes, element, id)
         if new != id:
             self._changes.note(NODE_RENAMED, f"<{id}> becomes <{new}>", element)
@@ -109,7 +115,7 @@ class _Trees:
         if tag not in EXPLICIT:
             if new != id:
                 self._changes.rewriter.rename(element, new)
-        elif self._must_be_compact(element) and _TAG.match(new):
+        elif "ReactiveSequence" in (parent.tag, parent.get("ID")) and _TAG.match(new):
             self._changes.rewriter.rename(element, new)
             self._changes.rewriter.remove(element, "ID")
             said = (
@@ -118,11 +124,6 @@ class _Trees:
             self._changes.note(COMPACT, said, element)
         elif new != id:
             self._changes.rewriter.change(element, "ID", new)
-
-    @staticmethod
-    def _must_be_compact(element: etree._Element) -> bool:
-        parent = element.getparent()
-        return parent is not None and "ReactiveSequence" in (parent.tag, parent.get("ID"))
 
 
 def _remaining(document: Document, text: str, registry: Registry) -> list[Diagnostic]:

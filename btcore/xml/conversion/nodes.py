@@ -4,8 +4,6 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from lxml import etree
-
 from btcore.errors import ConversionFault
 from btcore.ports import pointer
 from btcore.script.lexer import NAME, tokenize
@@ -21,8 +19,8 @@ from btcore.xml.conversion.changes import (
     YIELDS,
     Changes,
 )
-from btcore.xml.conversion.rewrite import attributes
 from btcore.xml.dialect import SUCCESSORS
+from btcore.xml.element import Element
 from btcore.xml.shape import element_children
 
 # What std::from_chars reads as a number, or nearly so: such cases may be equal without being the same text.
@@ -35,7 +33,7 @@ _ELEMENT: Final[Mapping[str, ValueType]] = {
 }
 
 
-def successor(changes: Changes, element: etree._Element, id: str) -> str:
+def successor(changes: Changes, element: Element, id: str) -> str:
     """What format 4 calls the node *id*; notes what is different about it there."""
     new = SUCCESSORS.get(id, id)
     if id in _ELEMENT:
@@ -51,7 +49,7 @@ def successor(changes: Changes, element: etree._Element, id: str) -> str:
     return new
 
 
-def _star(changes: Changes, element: etree._Element, id: str) -> None:
+def _star(changes: Changes, element: Element, id: str) -> None:
     if len(element_children(element)) < 2:
         return
     said = (
@@ -61,9 +59,9 @@ def _star(changes: Changes, element: etree._Element, id: str) -> None:
     changes.note(REMEMBERS, said, element)
 
 
-def _repeated(changes: Changes, element: etree._Element, id: str) -> None:
+def _repeated(changes: Changes, element: Element, id: str) -> None:
     port, again = ("num_cycles", "succeeds") if id == "Repeat" else ("num_attempts", "fails")
-    limit = attributes(element).get(port, "")
+    limit = element.attributes.get(port, "")
     if limit in ("0", "1"):
         return
     said = f"<{SUCCESSORS.get(id, id)}> yields: a child that {again} at once is ticked again in the next tick"
@@ -71,8 +69,8 @@ def _repeated(changes: Changes, element: etree._Element, id: str) -> None:
     changes.note(YIELDS, said, element, hint=hint)
 
 
-def _parallel(changes: Changes, element: etree._Element, id: str) -> None:
-    given = attributes(element)
+def _parallel(changes: Changes, element: Element, id: str) -> None:
+    given = element.attributes
     said = "<Parallel> is RUNNING before its children are ticked, in format 3 only after: observers see it"
     changes.note(THRESHOLDS, said, element)
     for old, new in (("success_threshold", "success_count"), ("failure_threshold", "failure_count")):
@@ -88,9 +86,9 @@ def _parallel(changes: Changes, element: etree._Element, id: str) -> None:
         changes.note(THRESHOLDS, said, element)
 
 
-def _switch(changes: Changes, element: etree._Element, id: str) -> None:
+def _switch(changes: Changes, element: Element, id: str) -> None:
     enums = changes.registry.types.enums
-    for name, text in attributes(element).items():
+    for name, text in element.attributes.items():
         if not name.startswith("case_"):
             continue
         if pointer(text, name, 3) is not None or _NUMBER.match(text) or text in enums:
@@ -98,8 +96,8 @@ def _switch(changes: Changes, element: etree._Element, id: str) -> None:
             changes.note(EQUALITY, said, element, name)
 
 
-def _store(changes: Changes, element: etree._Element, id: str) -> None:
-    value = attributes(element).get("value", "")
+def _store(changes: Changes, element: Element, id: str) -> None:
+    value = element.attributes.get("value", "")
     if pointer(value, "value", 3) is not None:
         said = f"<SetBlackboard> fails when the entry of {value} is empty, where format 3 copies that too"
     else:
@@ -110,9 +108,9 @@ def _store(changes: Changes, element: etree._Element, id: str) -> None:
     changes.note(STORES, said, element, "value")
 
 
-def _check(changes: Changes, element: etree._Element, id: str) -> bool:
+def _check(changes: Changes, element: Element, id: str) -> bool:
     """Make a Precondition of a BlackboardCheck; whether it can be one."""
-    given = attributes(element)
+    given = element.attributes
     script = _comparison(given, _ELEMENT[id])
     if script is None:
         said = f"what <{id}> compares can't be said in a script; format 4 has no such node, and it is left"
@@ -169,7 +167,7 @@ def _literal(text: str, kind: ValueType) -> str | None:
     return shown if shown not in ("inf", "-inf", "nan") else None
 
 
-_RULES: Final[dict[str, Callable[[Changes, etree._Element, str], None]]] = {
+_RULES: Final[dict[str, Callable[[Changes, Element, str], None]]] = {
     "SequenceStar": _star,
     "Repeat": _repeated,
     "RetryUntilSuccessful": _repeated,

@@ -2,25 +2,23 @@
 
 from typing import Final
 
-from lxml import etree
-
 from btcore.errors import ConversionFault
 from btcore.ports import Direction, Port, pointer
 from btcore.values import STRING
 from btcore.xml.conversion.changes import EMPTY, READ_OTHERWISE, TEXT_REWRITTEN, Changes
-from btcore.xml.conversion.rewrite import attributes
+from btcore.xml.element import Element
 
 _NO_PORTS: Final = ("name", "ID", "_description")
 
 
-def convert_ports(changes: Changes, element: etree._Element, id: str, new_id: str) -> None:
+def convert_ports(changes: Changes, element: Element, id: str, new_id: str) -> None:
     """Rewrite the texts of the ports of the node *id*, which format 4 calls *new_id*.
 
     Of a node that isn't registered only what is written alike for every type is rewritten.
     """
     old = changes.registry.get(id, 3)
     new = changes.registry.get(new_id, 4)
-    for name, text in attributes(element).items():
+    for name, text in element.attributes.items():
         if name in _NO_PORTS:
             continue
         port = old.ports.get(name) if old is not None else None
@@ -35,7 +33,7 @@ _RENAMED: Final = {
 
 
 def _convert(
-    changes: Changes, element: etree._Element, name: str, text: str, old: Port | None, new: Port | None
+    changes: Changes, element: Element, name: str, text: str, old: Port | None, new: Port | None
 ) -> None:
     key = pointer(text, name, 3)
     if key is None and old is not None and old.direction is Direction.OUT:
@@ -49,7 +47,7 @@ def _convert(
         _literal(changes, element, name, text, new)
 
 
-def _pointer(changes: Changes, element: etree._Element, name: str, text: str, key: str) -> None:
+def _pointer(changes: Changes, element: Element, name: str, text: str, key: str) -> None:
     if key == "=" and text != "=":
         said = f"'{name}' is the entry '=' in format 3, and the entry '{name}' in format 4"
         changes.note(READ_OTHERWISE, said, element, name)
@@ -60,7 +58,7 @@ def _pointer(changes: Changes, element: etree._Element, name: str, text: str, ke
         changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{wanted}"', element, name)
 
 
-def _literal(changes: Changes, element: etree._Element, name: str, text: str, port: Port) -> None:
+def _literal(changes: Changes, element: Element, name: str, text: str, port: Port) -> None:
     if not text:
         changes.rewriter.remove(element, name)
         default = "its default counts" if port.default is not None else "the node lacks it when it is ticked"

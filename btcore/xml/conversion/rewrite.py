@@ -1,11 +1,9 @@
 """Changing single tags and attributes of a document, and nothing else of its text."""
 
 import re
-from collections.abc import Mapping
 from typing import Final
 
-from lxml import etree
-
+from btcore.xml.element import Element
 from btcore.xml.lenient import ATTRIBUTE, markup
 from btcore.xml.source import Document
 
@@ -43,10 +41,10 @@ class Rewriter:
             elif self._source.startswith("</", at) and open_tags:
                 self._ends[open_tags.pop()] = at + 2
 
-    def _tag(self, element: etree._Element) -> re.Match[str]:
+    def _tag(self, element: Element) -> re.Match[str]:
         return self._starts[self._document.places.index(element)]
 
-    def rename(self, element: etree._Element, name: str) -> None:
+    def rename(self, element: Element, name: str) -> None:
         """Call *element* *name*, in its start tag and its end tag."""
         index = self._document.places.index(element)
         tag = self._starts[index]
@@ -55,24 +53,24 @@ class Rewriter:
         if end is not None:
             self._edits.append((end, end + len(tag[1]), name))
 
-    def add(self, element: etree._Element, name: str, text: str) -> None:
+    def add(self, element: Element, name: str, text: str) -> None:
         """Write one more attribute, before all others."""
         at = self._tag(element).end(1)
         self._edits.append((at, at, f' {name}="{written(text)}"'))
 
-    def change(self, element: etree._Element, attribute: str, text: str) -> None:
+    def change(self, element: Element, attribute: str, text: str) -> None:
         """Write another value; the quotes stay as they are."""
         found = self._attribute(element, attribute)
         group = 2 if found[2] is not None else 3
         quote = '"' if group == 2 else "'"
         self._edits.append((found.start(group), found.end(group), written(text, quote)))
 
-    def rename_attribute(self, element: etree._Element, attribute: str, name: str) -> None:
+    def rename_attribute(self, element: Element, attribute: str, name: str) -> None:
         """Call an attribute *name*."""
         found = self._attribute(element, attribute)
         self._edits.append((found.start(1), found.end(1), name))
 
-    def remove(self, element: etree._Element, attribute: str) -> None:
+    def remove(self, element: Element, attribute: str) -> None:
         """Take an attribute out, with the space before it."""
         found = self._attribute(element, attribute)
         start = found.start()
@@ -80,7 +78,7 @@ class Rewriter:
             start -= 1
         self._edits.append((start, found.end(), ""))
 
-    def _attribute(self, element: etree._Element, name: str) -> re.Match[str]:
+    def _attribute(self, element: Element, name: str) -> re.Match[str]:
         tag = self._tag(element)
         for found in ATTRIBUTE.finditer(self._source, tag.start(2), tag.end(2)):
             if found[1] == name:
@@ -97,8 +95,3 @@ class Rewriter:
             pieces += (self._source[done:start], replacement)
             done = end
         return "".join([*pieces, self._source[done:]])
-
-
-def attributes(element: etree._Element) -> Mapping[str, str]:
-    """The attributes of *element* by name, in the order written."""
-    return {str(key): str(text) for key, text in element.items()}

@@ -3,9 +3,8 @@
 import re
 from typing import Final
 
-from lxml import etree
-
 from btcore.errors import ConversionFault
+from btcore.names import is_port_name
 from btcore.ports import pointer
 from btcore.values import BOOL, constant
 from btcore.xml.conversion.changes import (
@@ -22,15 +21,14 @@ from btcore.xml.conversion.changes import (
     WITHOUT_EFFECT,
     Changes,
 )
-from btcore.xml.conversion.rewrite import attributes
-from btcore.xml.dialect import is_port_name
+from btcore.xml.element import Element
 
 _BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
 
 
-def convert_subtree(changes: Changes, element: etree._Element, names: set[str]) -> None:
+def convert_subtree(changes: Changes, element: Element, names: set[str]) -> None:
     """Convert a call of a tree. *names* are those that calls in the same tree have already."""
-    given = attributes(element)
+    given = element.attributes
     _name(changes, element, names)
     if element.tag == "SubTreePlus":
         changes.rewriter.rename(element, "SubTree")
@@ -50,8 +48,8 @@ def convert_subtree(changes: Changes, element: etree._Element, names: set[str]) 
             _remap(changes, element, name, text)
 
 
-def _name(changes: Changes, element: etree._Element, names: set[str]) -> None:
-    name = attributes(element).get("name")
+def _name(changes: Changes, element: Element, names: set[str]) -> None:
+    name = element.attributes.get("name")
     if name is None:
         return
     if name in names:
@@ -71,7 +69,7 @@ def _true(text: str) -> bool:
         return False
 
 
-def _share(changes: Changes, element: etree._Element) -> None:
+def _share(changes: Changes, element: Element) -> None:
     """One blackboard for both trees: the nearest is to look up every name outside."""
     changes.rewriter.rename_attribute(element, "__shared_blackboard", "_autoremap")
     changes.rewriter.change(element, "__shared_blackboard", "true")
@@ -80,14 +78,14 @@ def _share(changes: Changes, element: etree._Element) -> None:
         "begin with '_'"
     )
     changes.note(SHARED, said, element, "__shared_blackboard", part="name")
-    for name in attributes(element):
+    for name in element.attributes:
         if name not in ("ID", "name", "__shared_blackboard"):
             changes.rewriter.remove(element, name)
             said = f"'{name}' is removed: with one blackboard for both trees it connects nothing in format 3"
             changes.note(WITHOUT_EFFECT, said, element, name, part="name")
 
 
-def _remap(changes: Changes, element: etree._Element, name: str, text: str) -> None:
+def _remap(changes: Changes, element: Element, name: str, text: str) -> None:
     """``inner="outer"``, which has braces in format 4."""
     braced = _BRACED.match(text)
     if not is_port_name(name):
@@ -110,8 +108,8 @@ def _remap(changes: Changes, element: etree._Element, name: str, text: str) -> N
         changes.note(BRACES, f'{name}="{text}" becomes {name}="{{{text}}}"', element, name)
 
 
-def _plus(changes: Changes, element: etree._Element) -> None:
-    for name, text in attributes(element).items():
+def _plus(changes: Changes, element: Element) -> None:
+    for name, text in element.attributes.items():
         if name in ("ID", "name"):
             continue
         if name == "__autoremap":

@@ -32,9 +32,9 @@ class Advice:
         within: int = 0,
         width: int = 0,
     ) -> None:
-        """Note a warning about *node*, or one of its attributes (see :meth:`Document.place`).
+        """Note a warning (or, by its *code*, an error) about *node*, or about one of its attributes.
 
-        *width* is how many characters are meant from *within* on.
+        For the place see :meth:`Document.place`; *width* is how many characters are meant from *within* on.
         """
         found = document.diagnostic(code, said, node.element, attribute, part, hint, within)
         if width and found.width < width:

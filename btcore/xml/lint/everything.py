@@ -8,8 +8,11 @@ from btcore.xml.check import Examined, check_size
 from btcore.xml.faults import Faults
 from btcore.xml.forest import Definition
 from btcore.xml.lint.advice import Advice
+from btcore.xml.lint.arity import check_arity
+from btcore.xml.lint.ignored import check_ignored
 from btcore.xml.lint.keys import check_keys
 from btcore.xml.lint.kinds import check_kinds
+from btcore.xml.lint.loose import check_loose_text
 from btcore.xml.lint.missing import check_missing_ports
 from btcore.xml.lint.reach import Outlooks, check_reach
 from btcore.xml.lint.rehearsal import Rehearsal
@@ -22,6 +25,8 @@ from btcore.xml.plan import Planner, calling_order
 
 # Which trees there are, and which is to be made, is no matter of a single tree.
 _OF_THE_FILE: Final = frozenset({"E108"})
+# The tree can be made, and the keys of its ports told.
+_OF_A_TICK: Final = frozenset({"E119"})
 _ENDLESS: Final = frozenset({"E110", "E117"})
 
 
@@ -37,21 +42,25 @@ def advise(
     advice = Advice(faults)
     enums = registry.types.enums
     roots = [one for one in _roots(examined, used) if _has_an_end(planner, one, faults)]
-    models = subtree_models(planner.forest.documents, Faults())
+    models = subtree_models(planner.forest.documents, planner.dialect, Faults())
     bounded = not any(one.code in _ENDLESS for one in faults.errors)
     outlooks = Outlooks(planner, bounded)
     vocabulary = Vocabulary(planner, enums, bounded)
     for definition in planner.forest.by_id.values():
         plan = planner.plan(definition)
+        check_arity(plan, advice)
+        check_ignored(plan, advice)
         check_texts(plan, planner.dialect.format, advice)
         check_missing_ports(plan, advice)
         check_script_results(plan, enums, advice)
         check_reach(plan, outlooks, advice)
         check_remaps(plan, vocabulary, models, advice)
+    for document in planner.forest.documents:
+        check_loose_text(document, faults)
     names_main = planner.forest.documents[-1].root.get("main_tree_to_execute") is not None
     if main is not None and names_main and not asked:
         check_unused(planner, main, used, faults)
-    if any(one.code not in _OF_THE_FILE for one in faults.errors):
+    if any(one.code not in _OF_THE_FILE | _OF_A_TICK for one in faults.errors):
         return
     for root in roots:
         rehearsal = Rehearsal(planner, root, registry)

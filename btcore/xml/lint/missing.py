@@ -3,6 +3,7 @@
 from typing import Final
 
 from btcore.manifest import Manifest
+from btcore.names import is_port_name
 from btcore.nodes.legacy import BlackboardCheck
 from btcore.nodes.loop import LoopNode
 from btcore.nodes.scripted import Precondition, Script, ScriptCondition
@@ -12,9 +13,8 @@ from btcore.ports import UNSET, Port
 from btcore.signature import PortAttribute
 from btcore.suggest import listing
 from btcore.xml.check import nodes_of
-from btcore.xml.dialect import is_port_name
 from btcore.xml.lint.advice import Advice, is_built_in, is_stand_in
-from btcore.xml.plan import TreePlan, attributes_of
+from btcore.xml.plan import TreePlan
 
 # They refuse to be made: that is an error, and said already.
 _REFUSED: Final = (Script, ScriptCondition, Precondition, LoopNode, UpdatedNode, WasEntryUpdated)
@@ -28,7 +28,7 @@ def check_missing_ports(plan: TreePlan, advice: Advice) -> None:
         if manifest is None or node.call is not None or is_stand_in(manifest):
             continue
         given = {port.name for port, _, _ in node.ports}
-        if any(is_port_name(key) and key not in manifest.ports for key, _ in attributes_of(node.element)):
+        if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
             continue  # a port that the node doesn't have: most probably the one that is missing
         missing = [
             port for port in manifest.ports.values() if port.name not in given and needed(manifest, port)

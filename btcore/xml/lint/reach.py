@@ -48,7 +48,7 @@ class Outlooks:
 
 def is_whole(node: NodePlan) -> bool:
     """Whether all children of *node* are known."""
-    return not len(node.element) or len(node.children) == len(element_children(node.element))
+    return not node.element.children or len(node.children) == len(element_children(node.element))
 
 
 def check_reach(plan: TreePlan, outlooks: Outlooks, advice: Advice) -> None:

@@ -111,6 +111,34 @@ def test_a_plugin_that_does_not_exist(cli: Cli, tree_file: TreeFile) -> None:
     refused(cli("run", tree, "--plugin", "missing/things.py"), "missing/things.py")
 
 
+def test_a_plugin_without_a_name(cli: Cli, tree_file: TreeFile) -> None:
+    refused(
+        cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", ""), "error: a plugin has no name: give that"
+    )
+
+
+def test_a_plugin_that_is_given_twice(cli: Cli, tree_file: TreeFile, library: Path) -> None:
+    tree = tree_file("<AlwaysSuccess/>")
+    result = cli("run", tree, "--plugin", library, "--plugin", "./robot_things.py")
+    refused(result, "error: --plugin ./robot_things.py is given twice; once is enough.")
+    refused(
+        cli("run", tree, "--plugin", library, "--plugin", "btcore.nodes.fixed"),
+        "'AlwaysSuccess' is registered already, from the same place: AlwaysSuccess (",
+        "; add it once",
+    )
+
+
+def test_options_of_a_robot_for_a_tree_without_one_are_told_of(cli: Cli, tree_file: TreeFile) -> None:
+    tree = tree_file("<AlwaysSuccess/>")
+    result = cli("run", tree, "--fast", "--gui", "--world", "house", "--fault", "laser:1-2")
+    assert result.exit_code == 0
+    assert result.stderr.splitlines()[0] == (
+        "warning: --world, --gui and --fault do nothing here: the tree has no leaf that asks for a robot"
+    )
+    assert "warning: --camera does nothing here" in cli("run", tree, "--camera", "off").stderr
+    assert "warning" not in cli("run", tree, "--bind", "127.0.0.1").stderr
+
+
 def test_a_resource_that_nobody_has(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
     plugin = tmp_path / "needy.py"
     plugin.write_text(

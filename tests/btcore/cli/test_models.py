@@ -13,7 +13,7 @@ TreeFile = Callable[..., Path]
 LastJson = Callable[[Result], dict[str, Any]]
 
 BODY = (
-    '<Sequence><IsOk/><Fallback name="ways"><Move name="short" goal="a"/><Move name="long" goal="b"/>'
+    '<Sequence><IsOk/><Fallback name="ways"><Haul name="short" goal="a"/><Haul name="long" goal="b"/>'
     '</Fallback><Action ID="Rest"/></Sequence>'
 )
 
@@ -22,7 +22,7 @@ BODY = (
 def model(tmp_path: Path) -> Path:
     path = tmp_path / "model.xml"
     path.write_text(
-        '<root><TreeNodesModel><Action ID="Move"><input_port name="goal" type="std::string"/></Action>'
+        '<root><TreeNodesModel><Action ID="Haul"><input_port name="goal" type="std::string"/></Action>'
         '<Condition ID="IsOk"/></TreeNodesModel></root>'
     )
     return path
@@ -38,9 +38,9 @@ def test_validate_knows_the_nodes_of_models_and_those_of_explicit_tags(
 
 
 def test_validate_checks_the_ports_of_a_model(cli: Cli, tree_file: TreeFile, model: Path) -> None:
-    result = cli("validate", tree_file('<Move gaol="a"/>'), "--model", model)
+    result = cli("validate", tree_file('<Haul gaol="a"/>'), "--model", model)
     assert result.exit_code == 2
-    assert "E201 <Move> has no port 'gaol'" in result.stdout
+    assert "E201 <Haul> has no port 'gaol'" in result.stdout
     assert "goal" in result.stdout
 
 
@@ -59,13 +59,13 @@ def test_show_draws_them(cli: Cli, tree_file: TreeFile, model: Path) -> None:
     assert cli("show", tree).exit_code == 2
     shown = cli("show", tree, "--model", model).stdout
     assert "◦ IsOk" in shown
-    assert "▪ short  Move  4  goal=a" in shown
+    assert "▪ short  Haul  4  goal=a" in shown
 
 
 def test_a_run_goes_by_plans_for_names_and_for_ids(
     cli: Cli, tree_file: TreeFile, model: Path, last_json: LastJson
 ) -> None:
-    plans = ["--plan", "short=RF", "--plan", "Move=RRS", "--plan", "IsOk=S"]
+    plans = ["--plan", "short=RF", "--plan", "Haul=RRS", "--plan", "IsOk=S"]
     result = cli("run", tree_file(BODY), "--model", model, *plans, "--fast", "--json")
     assert result.exit_code == 0, result.output
     nodes = last_json(result)["nodes"]
@@ -78,13 +78,13 @@ def test_a_run_goes_by_plans_for_names_and_for_ids(
 @pytest.mark.parametrize(
     ("plans", "said"),
     [
-        (["Moev=S"], "Did you mean 'Move'?"),
+        (["Hual=S"], "Did you mean 'Haul'?"),
         (["Sequence=S"], "Those that it has: "),
-        (["Move=X"], "the letters are R (RUNNING)"),
-        (["Move="], "write NAME=LETTERS"),
-        (["Move=S|"], "write NAME=LETTERS"),
+        (["Haul=X"], "the letters are R (RUNNING)"),
+        (["Haul="], "write NAME=LETTERS"),
+        (["Haul=S|"], "write NAME=LETTERS"),
         (["RRS"], "write NAME=LETTERS"),
-        (["Move=S", "Move=F"], "'Move' has two plans"),
+        (["Haul=S", "Haul=F"], "'Haul' has two plans"),
         (["IsOk=S|F"], "'IsOk' is a condition"),
     ],
 )

@@ -178,7 +178,7 @@ def test_ticks_that_come_too_late_are_left_out_with_one_warning(
     assert last_json(result)["ticks"] == 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupted_the_tree_is_halted_and_the_exit_code_is_130(
     tree_file: TreeFile, library: Path, number: int
 ) -> None:
@@ -202,6 +202,17 @@ def test_interrupted_the_tree_is_halted_and_the_exit_code_is_130(
     assert rest[-1].startswith('{"status": "RUNNING"')
     assert "interrupted" in complaint
     assert "Traceback" not in complaint
+
+
+def test_a_run_that_is_to_outlive_its_terminal_does(tree_file: TreeFile, library: Path) -> None:
+    tree = tree_file('<Sequence><Say/><Walk steps="3"/></Sequence>')
+    command = ["nohup", sys.executable, "-u", "-m", "btcore", "run", str(tree), "--plugin", str(library)]
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        assert next(_lines(process.stdout)) == "here we go"
+        process.send_signal(signal.SIGHUP)
+    assert process.returncode == 0
 
 
 def _lines(stream: IO[str] | None) -> Any:

@@ -247,9 +247,9 @@ def test_an_explicit_tag_may_get_other_ports(
 ) -> None:
     model = tmp_path / "model.xml"
     model.write_text('<root><TreeNodesModel><Action ID="Other"/></TreeNodesModel></root>')
-    running = watched(tree_file('<Action ID="Move" name="old" goal="a"/>'), "--model", model)
+    running = watched(tree_file('<Action ID="Haul" name="old" goal="a"/>'), "--model", model)
     running.until("waiting until tree.xml is saved")
-    tree_file('<Action ID="Move" name="new" goal="a" speed="2"/>')
+    tree_file('<Action ID="Haul" name="new" goal="a" speed="2"/>')
     running.until("new                       IDLE -> SUCCESS")
 
 

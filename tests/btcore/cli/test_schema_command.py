@@ -22,8 +22,8 @@ def test_the_schema_takes_trees_of_plugins(cli: Cli, library: Path, tree_file: C
 
 def test_the_schema_takes_trees_of_models(cli: Cli, tmp_path: Path, tree_file: Callable[..., Path]) -> None:
     model = tmp_path / "model.xml"
-    model.write_text('<root><TreeNodesModel><Action ID="Move"/></TreeNodesModel></root>')
-    path = tree_file("<Move/>")
+    model.write_text('<root><TreeNodesModel><Action ID="Haul"/></TreeNodesModel></root>')
+    path = tree_file("<Haul/>")
     assert schema_of(cli("schema", "--model", model)).validate(etree.parse(path))
 
 

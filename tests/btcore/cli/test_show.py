@@ -15,8 +15,8 @@ Cli = Callable[..., Result]
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "patrol.xml"
     path.write_text(
-        """<root BTCPP_format="4" main_tree_to_execute="Patrol">
-  <BehaviorTree ID="Patrol">
+        """<root BTCPP_format="4" main_tree_to_execute="Rounds">
+  <BehaviorTree ID="Rounds">
     <Sequence name="round">
       <SubTree ID="Greet" name="hello" who="{guest}"/>
       <Inverter><AlwaysFailure _skipIf="late"/></Inverter>
@@ -34,7 +34,7 @@ def file(tmp_path: Path) -> Path:
 
 def test_the_tree_is_drawn_with_signs_names_ids_numbers_and_ports(cli: Cli, file: Path) -> None:
     assert cli("show", file.name).stdout == (
-        "Patrol  patrol.xml  format 4\n"
+        "Rounds  patrol.xml  format 4\n"
         "└── → round  Sequence  1\n"
         "    ├── ▣ hello  SubTree  2  who={guest}\n"
         "    │   └── ◷ bow  Sleep  3  msec=200\n"
@@ -128,7 +128,7 @@ def test_svg_goes_into_a_file_and_nothing_to_stdout(cli: Cli, file: Path, tmp_pa
     assert (result.exit_code, result.stdout) == (0, "")
     drawing = ElementTree.parse(tmp_path / "tree.svg")
     texts = {text for element in drawing.iter() for text in element.itertext()}
-    assert {"Patrol", "round", "hello", "bow"} <= texts
+    assert {"Rounds", "round", "hello", "bow"} <= texts
 
 
 @pytest.mark.parametrize(

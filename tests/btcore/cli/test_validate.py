@@ -61,6 +61,47 @@ def test_a_warning_refuses_only_when_strict(cli: Cli, tree_file: TreeFile) -> No
     assert cli("validate", "--strict", file).exit_code == 2
 
 
+def test_a_key_that_the_program_writes_may_be_named(cli: Cli, tree_file: TreeFile) -> None:
+    file = tree_file('<Sequence><Sleep msec="{pause}"/><ScriptCondition code="goal == 1"/></Sequence>')
+    assert cli("validate", "--strict", file).stdout.count("W201") == 2
+    assert cli("validate", "--strict", "--given", "goal", file).stdout.count("W201") == 1
+    result = cli("validate", "--strict", "--given", "goal", "--given", "{pause}", file)
+    assert (result.exit_code, result.stdout) == (0, "✔ 1 file, no errors, no warnings\n")
+
+
+def test_the_format_of_the_file_may_be_overridden(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text('<root><BehaviorTree ID="Main"><Script code="a := 1"/></BehaviorTree></root>')
+    assert "<Script> belongs to format 4" in cli("validate", file).stdout
+    assert cli("validate", "--format", "4", file).exit_code == 0
+    assert cli("run", "--format", "4", "--fast", file).exit_code == 0
+    assert cli("run", "--fast", file).exit_code == 2
+    assert "--format" in cli("validate", "--format", "5", file).stderr
+
+
+def test_the_main_tree_may_be_named(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="A">'
+        '<BehaviorTree ID="A"><SubTree ID="B" goal="1"/></BehaviorTree>'
+        '<BehaviorTree ID="B"><ScriptCondition code="goal == 1"/></BehaviorTree></root>'
+    )
+    assert cli("validate", "--strict", file).exit_code == 0
+    assert "W201" in cli("validate", "--tree", "B", file).stdout
+    assert cli("validate", "--strict", "--tree", "B", "--given", "goal", file).exit_code == 0
+    assert "E108 no tree is called 'C'" in cli("validate", "--tree", "C", file).stdout
+
+
+def test_what_only_the_first_tick_refuses_is_an_error_here_and_not_when_it_is_loaded(
+    cli: Cli, tree_file: TreeFile
+) -> None:
+    file = tree_file("<IfThenElse><AlwaysSuccess/></IfThenElse>")
+    validated = cli("validate", file)
+    assert validated.exit_code == 2
+    assert "tree.xml:3:5: E119 <IfThenElse> has 1 child; it needs 2 or 3" in validated.stdout
+    assert cli("run", "--fast", file).exit_code == 3
+
+
 def test_a_broken_script_is_a_fault(cli: Cli, tree_file: TreeFile) -> None:
     result = cli("validate", tree_file('<Script code="a := (1 + "/>'))
     assert result.exit_code == 2

@@ -11,28 +11,6 @@ from btcore.ports import Direction, Port
 from btcore.testing.planned import LETTERS
 from btcore.values import DOUBLE, INT
 
-SOURCE = """
-<root BTCPP_format="4" main_tree_to_execute="Main">
-  <BehaviorTree ID="Main">
-    <Sequence name="root_seq">
-      <Script code="x:=42; s:='hello'; f:=2.5"/>
-      <Fallback>
-        <AlwaysFailure/>
-        <Count name="cnt" _onSuccess="done:=true" out="{val}" ticks="3"/>
-      </Fallback>
-      <SubTree ID="Sub" lim="7" mode="fast" target="{val}"/>
-      <AlwaysSuccess _skipIf="x==42"/>
-    </Sequence>
-  </BehaviorTree>
-  <BehaviorTree ID="Sub">
-    <Sequence>
-      <Script code="loc:='a'"/>
-      <Count out="{o2}"/>
-    </Sequence>
-  </BehaviorTree>
-</root>
-"""
-
 
 class Plans:
     """For each node by path: what it returns, a text of letters for each start."""
@@ -83,12 +61,13 @@ def captures() -> Path:
 
 
 @pytest.fixture
-def sample() -> Tree:
+def sample(recorded_tree: Callable[[str], str]) -> Tree:
     """The recorded tree; its AlwaysFailure succeeds the second time, as a breakpoint made it do there."""
     nodes = Registry.standard()
     nodes.add(Count)
     nodes.replace(AlwaysFailure=Planned)
-    return btcore.loads(SOURCE, nodes=nodes, resources=[Plans()], clock=SimClock())
+    source = recorded_tree("""<Script code="loc:='a'"/><Count out="{o2}"/>""")
+    return btcore.loads(source, nodes=nodes, resources=[Plans()], clock=SimClock())
 
 
 @pytest.fixture

@@ -105,6 +105,11 @@ def test_anything_else_is_a_constant_of_the_inner_tree(grow: Grow) -> None:
     assert "plan" not in tree.blackboard
 
 
+def test_a_constant_is_a_text_even_if_it_reads_as_a_number(grow: Grow) -> None:
+    tree = grow('<SubTreePlus ID="Count" n="41"/>', others=COUNT, format=3)
+    assert tree.subtrees[1].blackboard["n"] == "41"
+
+
 def test_without_autoremap_the_inner_tree_is_alone(grow: Grow) -> None:
     inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
     tree = grow('<SubTreePlus ID="Check"/>', others=inner, format=3)
@@ -164,3 +169,50 @@ def test_while_do_else_has_exactly_three_children(grow: Grow) -> None:
     tree = grow("<WhileDoElse><AlwaysSuccess/><AlwaysSuccess/></WhileDoElse>", format=3)
     with pytest.raises(NodeRaised, match="two branches, not 2 children"):
         tree.tick_once()
+
+
+def test_spaces_around_braces_make_a_text_of_them(grow: Grow) -> None:
+    for text, status in (("{plan}", F), (" {plan}", None), ("{plan} ", None)):
+        tree = grow(f'<PlanSync plan="{text}"/>', format=3)
+        tree.blackboard["plan"] = "F"
+        if status is None:
+            with pytest.raises(NodeRaised):
+                tree.tick_once()
+        else:
+            assert tree.tick_once() is status
+
+
+def test_an_equals_sign_means_the_entry_that_is_called_as_the_port(grow: Grow) -> None:
+    tree = grow('<Sequence><PlanSync plan="="/><Inc in="1" out="="/></Sequence>', format=3)
+    tree.blackboard["plan"] = "S"
+    assert tree.tick_once() is S
+    assert tree.blackboard["out"] == 2
+
+
+def test_every_attribute_is_a_port_even_with_an_underscore(grow: Grow) -> None:
+    with pytest.raises(TreeError, match="_note"):
+        grow('<AlwaysSuccess _note="1"/>', format=3)
+    assert grow('<AlwaysSuccess _description="so"/>', format=3).tick_once() is S
+
+
+def test_some_control_nodes_may_be_empty(grow: Grow) -> None:
+    assert grow("<ReactiveSequence/>", format=3).tick_once() is S
+    for tag in ("Sequence", "SequenceStar", "Fallback"):
+        with pytest.raises(TreeError, match=tag):
+            grow(f"<{tag}/>", format=3)
+
+
+def test_retrying_takes_one_tick_too(grow: Grow, journal: Journal) -> None:
+    tree = grow(
+        '<RetryUntilSuccessful num_attempts="3"><PlanSync name="p" plan="F"/></RetryUntilSuccessful>',
+        format=3,
+    )
+    assert tree.tick_exactly_once() is F
+    assert journal.calls == ["p:tick"] * 3
+
+
+def test_a_mismatch_whose_result_is_not_on_the_blackboard_is_a_failure(grow: Grow) -> None:
+    tree = grow(check("Int", "1", "2", 'return_on_mismatch="{result}"'), format=3)
+    assert tree.tick_once() is F
+    tree.blackboard["result"] = S
+    assert tree.tick_once() is S

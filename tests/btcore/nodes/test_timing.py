@@ -181,6 +181,30 @@ def test_a_skipped_child_passes(grow: Grow, clock: SimClock) -> None:
     assert after(grow('<Timeout msec="100"><PlanAction plan="K"/></Timeout>'), clock, 0) == [K]
 
 
+def test_a_child_that_does_not_run_at_the_limit_is_not_halted_and_has_no_limit_any_more(
+    grow: Grow, clock: SimClock, journal: Journal
+) -> None:
+    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="K|RRS"/></Timeout>')
+    assert after(tree, clock, 0, 100, 1e6, 1e6) == [K, R, R, S]
+    assert "a:halted" not in journal.calls
+
+
+def test_in_format_3_a_halt_does_not_stop_the_time(grow: Grow, clock: SimClock, journal: Journal) -> None:
+    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="R"/></Timeout>', format=3)
+    after(tree, clock, 0, 60)
+    tree.halt()
+    assert after(tree, clock, 0, 39, 1) == [R, R, F]
+    assert journal.calls[-1] == "a:halted"
+    assert after(tree, clock, 0, 99, 1) == [R, R, F]
+
+
+def test_in_format_3_a_time_that_ends_between_two_starts_is_no_limit(grow: Grow, clock: SimClock) -> None:
+    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="R|RRS"/></Timeout>', format=3)
+    after(tree, clock, 0)
+    tree.halt()
+    assert after(tree, clock, 100, 1e6, 1e6) == [R, R, S]
+
+
 def test_the_inner_of_two_limits_ends_first(grow: Grow, clock: SimClock, journal: Journal) -> None:
     tree = grow(
         '<Timeout msec="200"><Fallback><Timeout msec="50"><PlanAction name="a" plan="R"/></Timeout>'

@@ -66,6 +66,39 @@ def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, grow
     assert [tree.tick_once(), tree.tick_once()] == [S, otherwise]
 
 
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_an_entry_that_is_not_there_was_not_updated(
+    tag: str, otherwise: Status, grow: Grow, journal: Journal
+) -> None:
+    tree = grow(f'<{tag} entry="x"><PlanSync name="p" plan="S"/></{tag}>')
+    assert tree.blackboard.find("x") is None
+    assert tree.tick_once() is otherwise
+    assert journal.calls == []
+
+
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_it_is_the_number_of_writes_that_is_compared(tag: str, otherwise: Status, grow: Grow) -> None:
+    tree = grow(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
+    tree.blackboard["x"] = 1
+    assert tree.tick_once() is S
+    tree.blackboard.unset("x")
+    assert tree.tick_once() is otherwise
+    tree.blackboard["x"] = 2  # the first write of a new entry, and one was seen
+    assert tree.tick_once() is otherwise
+    tree.blackboard["x"] = 2
+    assert tree.tick_once() is S
+
+
+@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
+def test_what_the_child_gives_is_the_result(tag: str, otherwise: Status, grow: Grow) -> None:
+    tree = grow(f'<{tag} entry="{{x}}"><PlanSync plan="KFS"/></{tag}>')
+    statuses = []
+    for value in range(3):
+        tree.blackboard["x"] = value
+        statuses.append(tree.tick_once())
+    assert statuses == [K, F, S]
+
+
 @pytest.mark.parametrize("entry", ["", 'entry=""'])
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_the_entry_must_be_given(tag: str, otherwise: Status, entry: str, grow: Grow) -> None:
@@ -101,6 +134,18 @@ def test_it_looks_through_the_remapping_of_a_subtree(grow: Grow) -> None:
     assert tree.tick_once() is F
     tree.blackboard["outside"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
+
+
+def test_an_entry_that_is_missing_is_a_failure(grow: Grow) -> None:
+    assert grow('<WasEntryUpdated entry="x"/>').tick_once() is F
+
+
+def test_what_it_has_seen_stays_seen_after_a_halt(grow: Grow) -> None:
+    tree = grow('<WasEntryUpdated entry="{x}"/>')
+    tree.blackboard["x"] = 1
+    assert tree.tick_once() is S
+    tree.halt()
+    assert tree.tick_once() is F
 
 
 def test_it_must_be_told_which(grow: Grow) -> None:

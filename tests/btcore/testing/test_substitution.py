@@ -167,6 +167,9 @@ def test_a_function_or_a_class_may_take_the_place_and_reads_the_same_ports(nodes
             speeds.append(-self.speed)
             return Status.FAILURE
 
+        def on_running(self) -> Status:
+            return Status.FAILURE
+
     nodes.substitute("out", Refuse)
     nodes.substitute("Drive", pretend)
     assert load(nodes).tick_once() is Status.SUCCESS

@@ -1,12 +1,13 @@
-"""What the tests of static checks share: a palette of leaves, and a way to ask what is said of a document."""
+"""What these tests share: palettes of leaves, and ways to ask what is said of a document."""
 
-from collections.abc import Collection
-from textwrap import dedent
+from collections.abc import Callable, Collection, Mapping
+from typing import Protocol
 
 import pytest
 
-from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, action, condition
-from btcore.errors import Diagnostic
+from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, SyncAction, action, condition
+from btcore.errors import Diagnostic, TreeError
+from btcore.xml.build import build
 from btcore.xml.source import read_text
 from btcore.xml.validate import validate_document
 
@@ -38,16 +39,20 @@ def tidy(board: Blackboard) -> bool:
     return "x" in board
 
 
-class Drive(StatefulAction):
+class Lasting(StatefulAction):
+    def on_start(self) -> Status:
+        return Status.RUNNING
+
+    def on_running(self) -> Status:
+        return Status.RUNNING
+
+
+class Drive(Lasting):
     goal: In[str] = "home"
 
-    def on_start(self) -> Status:
-        return Status.RUNNING
 
-
-class Grasp(StatefulAction):
-    def on_start(self) -> Status:
-        return Status.RUNNING
+class Grasp(Lasting):
+    pass
 
 
 @pytest.fixture
@@ -86,10 +91,78 @@ def check(palette: Registry) -> Checker:
     return Checker(palette)
 
 
-def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
-    return f'  <BehaviorTree ID="{ID}">\n    {body}\n  </BehaviorTree>\n'
+# --- trees that can't be made
 
 
-def said(text: str) -> str:
-    """*text* without the indentation of the test that it stands in."""
-    return dedent(text).lstrip("\n")
+class Robot:
+    pass
+
+
+class Arm(Protocol):
+    def lift(self) -> None: ...
+
+
+@action
+def drive(speed: In[float], robot: Robot) -> bool:
+    return speed > 0
+
+
+@action
+def hello(text: In[str] = "hi") -> bool:
+    return bool(text)
+
+
+@action
+def turn(angle: float) -> bool:
+    return angle > 0
+
+
+@action
+def lift(arm: Arm) -> bool:
+    arm.lift()
+    return True
+
+
+class Broken(SyncAction):
+    def __init__(self) -> None:
+        raise ValueError("no camera")
+
+
+@pytest.fixture
+def nodes() -> Registry:
+    """Leaves to make mistakes with."""
+    made = Registry.standard()
+    made.add(turn, lift, Broken)
+    for ID, thing in {"Drive": drive, "Say": hello}.items():
+        made.add(thing, ID=ID)
+    return made
+
+
+@pytest.fixture
+def document() -> Callable[..., str]:
+    """Writes a document with *body* as its main tree, *others* beside it, and *root* in its first tag."""
+
+    def write(
+        body: str,
+        others: Mapping[str, str] | str = "",
+        root: str = 'BTCPP_format="4" main_tree_to_execute="Main"',
+    ) -> str:
+        if not isinstance(others, str):
+            lines = [f'  <BehaviorTree ID="{ID}">{inside}</BehaviorTree>\n' for ID, inside in others.items()]
+            others = "".join(lines)
+        return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{others}</root>\n'
+
+    return write
+
+
+@pytest.fixture
+def refused(nodes: Registry, document: Callable[..., str]) -> Callable[[str | tuple[object, ...]], TreeError]:
+    """What is raised for a document: its text, or what the fixture *document* writes it from."""
+
+    def make(source: str | tuple[object, ...]) -> TreeError:
+        text = source if isinstance(source, str) else document(*source)
+        with pytest.raises(TreeError) as caught:
+            build(read_text(text, "t.xml"), nodes, resources=[nodes])
+        return caught.value
+
+    return make

@@ -6,8 +6,19 @@ import inspect
 import pytest
 
 import btcore
-from btcore import In, Put, Registry, SimClock, Status, TreeError, UnknownNode, action, condition
-from btcore.xml.compose import Builder, key
+from btcore import (
+    Builder,
+    In,
+    Put,
+    Registry,
+    SimClock,
+    Status,
+    TreeError,
+    UnknownNode,
+    action,
+    condition,
+    key,
+)
 from btcore.xml.source import read_text
 from btcore.xml.write import tree_to_xml
 
@@ -62,6 +73,12 @@ def test_a_tree_in_code_is_printed_as_one_would_write_it(b: Builder) -> None:
         "    </BehaviorTree>\n"
         "</root>\n"
     )
+
+
+def test_without_a_registry_it_is_that_of_the_built_in_nodes() -> None:
+    b = btcore.Builder()
+    main = b.Sequence(b.Script(code="n := 1"), b.Repeat(b.AlwaysSuccess(), num_cycles=btcore.key("n")))
+    assert b.build(main, clock=SimClock()).tick_while_running() is Status.SUCCESS
 
 
 def test_both_ways_make_one_tree(b: Builder, nodes: Registry) -> None:

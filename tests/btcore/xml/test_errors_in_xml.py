@@ -1,51 +1,20 @@
 """What a tree that can't be made says of its nodes, trees and files: the whole message, as users read it."""
 
+from collections.abc import Callable
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
-from btcore import In, Registry, SyncAction, action
+from btcore import Registry
 from btcore.errors import SyntaxFault, TreeError, UnknownNode
 from btcore.xml.build import build
 from btcore.xml.check import examine
 from btcore.xml.source import read_file, read_text
 from btcore.xml.validate import validate
 
-
-class Robot:
-    pass
-
-
-@action
-def drive(speed: In[float], robot: Robot) -> bool:
-    return speed > 0
-
-
-@action
-def say(text: In[str] = "hi") -> bool:
-    return bool(text)
-
-
-class Broken(SyncAction):
-    def __init__(self) -> None:
-        raise ValueError("no camera")
-
-
-@pytest.fixture
-def nodes() -> Registry:
-    made = Registry.standard()
-    for ID, thing in {"Drive": drive, "Say": say, "Broken": Broken}.items():
-        made.add(thing, ID=ID)
-    return made
-
-
-def document(body: str, more: str = "", root: str = 'BTCPP_format="4" main_tree_to_execute="Main"') -> str:
-    return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{more}</root>\n'
-
-
-def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
-    return f'  <BehaviorTree ID="{ID}">{body}</BehaviorTree>\n'
+Write = Callable[..., str]
+Refused = Callable[[object], TreeError]
 
 
 def searched(nodes: Registry) -> str:
@@ -55,7 +24,7 @@ def searched(nodes: Registry) -> str:
 
 CASES = {
     "an unknown node": (
-        document("<ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>"),
+        ("<ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>",),
         UnknownNode,
         """
         t.xml:3:5: E101 unknown node <ReactiveSeqence>
@@ -65,7 +34,7 @@ CASES = {
         """,
     ),
     "an unknown node by its explicit tag": (
-        document('<Action ID="Drvie" speed="1"/>'),
+        ('<Action ID="Drvie" speed="1"/>',),
         UnknownNode,
         """
         t.xml:3:17: E101 unknown node 'Drvie'
@@ -75,7 +44,7 @@ CASES = {
         """,
     ),
     "a node of format 3 in format 4": (
-        document("<SequenceStar><AlwaysSuccess/></SequenceStar>"),
+        ("<SequenceStar><AlwaysSuccess/></SequenceStar>",),
         UnknownNode,
         """
         t.xml:3:5: E101 unknown node <SequenceStar>
@@ -85,7 +54,7 @@ CASES = {
         """,
     ),
     "a node of format 4 in format 3": (
-        document('<Script code="a := 1"/>', root='main_tree_to_execute="Main"'),
+        ('<Script code="a := 1"/>', {}, 'main_tree_to_execute="Main"'),
         UnknownNode,
         """
         t.xml:3:5: E101 unknown node <Script>
@@ -94,8 +63,18 @@ CASES = {
               <Script> belongs to format 4: load the document as one (BTCPP_format="4")
         """,
     ),
+    "a node that only a model declares": (
+        ("<Weld/>", '  <TreeNodesModel><Action ID="Weld"/></TreeNodesModel>\n'),
+        UnknownNode,
+        """
+        t.xml:3:5: E101 unknown node <Weld>
+           3 |      <Weld/>
+             |      ^^^^^
+              a <TreeNodesModel> declares it, but its code isn't here: register that (--plugin, or nodes.add), or do without code: --model t.xml
+        """,  # noqa: E501
+    ),
     "a tree used as a tag": (
-        document("<Charge/>", tree("Charge")),
+        ("<Charge/>", {"Charge": "<AlwaysSuccess/>"}),
         UnknownNode,
         """
         t.xml:3:5: E101 unknown node <Charge>
@@ -105,7 +84,7 @@ CASES = {
         """,
     ),
     "a missing subtree": (
-        document('<SubTree ID="Chrage"/>', tree("Charge")),
+        ('<SubTree ID="Chrage"/>', {"Charge": "<AlwaysSuccess/>"}),
         TreeError,
         """
         t.xml:3:18: E109 no tree is called 'Chrage'
@@ -115,9 +94,9 @@ CASES = {
         """,
     ),
     "a tree that contains itself": (
-        document(
+        (
             '<Sequence><SubTree ID="A"/></Sequence>',
-            tree("A", '<SubTree ID="B"/>') + tree("B", '<SubTree ID="A"/>'),
+            {"A": '<SubTree ID="B"/>', "B": '<SubTree ID="A"/>'},
         ),
         TreeError,
         """
@@ -128,7 +107,7 @@ CASES = {
         """,
     ),
     "a decorator with two children": (
-        document("<Inverter><Say/><Say/></Inverter>"),
+        ("<Inverter><Say/><Say/></Inverter>",),
         TreeError,
         """
         t.xml:3:5: E104 <Inverter> has 2 children; a decorator has exactly 1
@@ -138,7 +117,7 @@ CASES = {
         """,
     ),
     "a control node without children": (
-        document("<Sequence/>"),
+        ("<Sequence/>",),
         TreeError,
         """
         t.xml:3:5: E104 <Sequence> has no child; a control node needs at least 1
@@ -147,7 +126,7 @@ CASES = {
         """,
     ),
     "a TryCatch with one child": (
-        document("<TryCatch><Say/></TryCatch>"),
+        ("<TryCatch><Say/></TryCatch>",),
         TreeError,
         """
         t.xml:3:5: E104 <TryCatch> has 1 child; it needs at least 2
@@ -157,7 +136,7 @@ CASES = {
         """,
     ),
     "an action with a child": (
-        document("<Say><Say/></Say>"),
+        ("<Say><Say/></Say>",),
         TreeError,
         """
         t.xml:3:5: E104 <Say> has 1 child; an action has none
@@ -166,7 +145,7 @@ CASES = {
         """,
     ),
     "a tree with two children": (
-        document("<Say/><Say/>"),
+        ("<Say/><Say/>",),
         TreeError,
         """
         t.xml:2:3: E104 the tree 'Main' has 2 children; a tree has exactly 1
@@ -176,7 +155,7 @@ CASES = {
         """,
     ),
     "a SubTree with children": (
-        document('<SubTree ID="A"><Say/></SubTree>', tree("A")),
+        ('<SubTree ID="A"><Say/></SubTree>', {"A": "<AlwaysSuccess/>"}),
         TreeError,
         """
         t.xml:3:21: E104 <SubTree ID="A"> has children; what it does stands in its <BehaviorTree>
@@ -185,7 +164,7 @@ CASES = {
         """,
     ),
     "a main tree that is not there": (
-        document("<Say/>", root='BTCPP_format="4" main_tree_to_execute="Mian"'),
+        ("<Say/>", {}, 'BTCPP_format="4" main_tree_to_execute="Mian"'),
         TreeError,
         """
         t.xml:1:46: E108 main_tree_to_execute names the tree 'Mian', which is not there
@@ -195,7 +174,7 @@ CASES = {
         """,
     ),
     "several trees and no main one": (
-        document("<Say/>", tree("Other"), root='BTCPP_format="4"'),
+        ("<Say/>", {"Other": "<AlwaysSuccess/>"}, 'BTCPP_format="4"'),
         TreeError,
         """
         t.xml:1:1: E108 several trees, and none is named as the main one
@@ -224,8 +203,18 @@ CASES = {
               a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
         """,
     ),
+    "a root in capital letters": (
+        '<Root BTCPP_format="4"/>',
+        SyntaxFault,
+        """
+        t.xml:1:1: E008 the outermost element is <Root>, not <root>
+           1 |  <Root BTCPP_format="4"/>
+             |  ^^^^^
+              did you mean <root>? XML tells capital letters from small ones
+        """,
+    ),
     "a format that is not known": (
-        document("<Say/>", root='BTCPP_format="5"'),
+        ("<Say/>", {}, 'BTCPP_format="5"'),
         SyntaxFault,
         """
         t.xml:1:21: E009 BTCPP_format '5' is not known
@@ -235,7 +224,7 @@ CASES = {
         """,
     ),
     "a tree that is called as a node": (
-        document("<Say/>", tree("Drive")),
+        ("<Say/>", {"Drive": "<AlwaysSuccess/>"}),
         TreeError,
         """
         t.xml:5:21: E105 a tree can't be called 'Drive', as a node is
@@ -245,7 +234,7 @@ CASES = {
         """,
     ),
     "a tree whose name has a space": (
-        document("<Say/>", tree("go home")),
+        ("<Say/>", {"go home": "<AlwaysSuccess/>"}),
         TreeError,
         """
         t.xml:5:21: E107 a tree's ID has no ' ' in it, but this one is 'go home'
@@ -254,8 +243,17 @@ CASES = {
               letters, digits, '_' and '-' will do
         """,
     ),
+    "a tree with a reserved name": (
+        ("<Say/>", {"root": "<Say/>"}),
+        TreeError,
+        """
+        t.xml:5:21: E107 no tree may be called 'root'; it is reserved
+           5 |    <BehaviorTree ID="root"><Say/></BehaviorTree>
+             |                      ^^^^
+        """,
+    ),
     "a compact node with an ID": (
-        document('<Say ID="greet"/>'),
+        ('<Say ID="greet"/>',),
         TreeError,
         """
         t.xml:3:14: E103 <Say> has an ID, which only explicit tags such as <Action ID="…"> have
@@ -265,7 +263,7 @@ CASES = {
         """,
     ),
     "an explicit tag without an ID": (
-        document("<Action/>"),
+        ("<Action/>",),
         TreeError,
         """
         t.xml:3:5: E102 <Action> does not say which node it is
@@ -275,7 +273,7 @@ CASES = {
         """,
     ),
     "an included file that is missing": (
-        document("<Say/>", '  <include path="nope.xml"/>\n'),
+        ("<Say/>", '  <include path="nope.xml"/>\n'),
         SyntaxFault,
         """
         t.xml:5:18: E007 the included file 'nope.xml': no such file
@@ -284,7 +282,7 @@ CASES = {
         """,
     ),
     "an included file of a ROS package": (
-        document("<Say/>", '  <include ros_pkg="nav" path="nope.xml"/>\n'),
+        ("<Say/>", '  <include ros_pkg="nav" path="nope.xml"/>\n'),
         SyntaxFault,
         """
         t.xml:5:21: E007 the ROS package 'nav' is not known
@@ -297,18 +295,17 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_message(case: str, nodes: Registry) -> None:
-    text, kind, said = CASES[case]
-    with pytest.raises(TreeError) as caught:
-        build(read_text(text, "t.xml"), nodes)
-    assert str(caught.value) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes))
-    assert type(caught.value) is kind
+def test_the_message(case: str, nodes: Registry, refused: Refused) -> None:
+    source, kind, said = CASES[case]
+    fault = refused(source)
+    assert str(fault) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes))
+    assert type(fault) is kind
 
 
-def test_all_faults_are_told_at_once_in_the_order_of_the_text(nodes: Registry) -> None:
+def test_all_faults_are_told_at_once_in_the_order_of_the_text(nodes: Registry, document: Write) -> None:
     text = document(
         '<Sequence>\n<Drvie/>\n<Drive sped="1" speed="fast"/>\n<Inverter _skipIf="1 +"/>\n</Sequence>',
-        tree("Unused", "<Nonsense/>"),
+        {"Unused": "<Nonsense/>"},
     )
     with pytest.raises(TreeError) as caught:
         build(read_text(text, "t.xml"), nodes)
@@ -317,12 +314,11 @@ def test_all_faults_are_told_at_once_in_the_order_of_the_text(nodes: Registry) -
     ]  # fmt: skip
 
 
-def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry) -> None:
-    doubling = [
-        tree(f"T{n}", f'<Sequence><SubTree ID="T{n + 1}"/><SubTree ID="T{n + 1}"/></Sequence>')
-        for n in range(60)
-    ]
-    text = document('<SubTree ID="T0"/>', "".join(doubling) + tree("T60"))
+def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry, document: Write) -> None:
+    doubling = {
+        f"T{n}": f'<Sequence><SubTree ID="T{n + 1}"/><SubTree ID="T{n + 1}"/></Sequence>' for n in range(60)
+    }
+    text = document('<SubTree ID="T0"/>', doubling | {"T60": "<AlwaysSuccess/>"})
     with pytest.raises(
         TreeError, match=r"t\.xml:2:21: E117 with all its subtrees the tree has more than 65,535 nodes"
     ):
@@ -332,8 +328,8 @@ def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry) 
 # --- warnings
 
 
-def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry) -> None:
-    text = document("<AlwaysFailure/>", tree("Main"))
+def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry, document: Write) -> None:
+    text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"})
     assert build(read_text(text), nodes).root.id == "AlwaysSuccess"
     assert [str(one) for one in examine(read_text(text, "t.xml"), nodes).faults.warnings] == [
         dedent(
@@ -346,8 +342,8 @@ def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry) -
     ]
 
 
-def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry) -> None:
-    text = document("<AlwaysFailure/>", tree("Main"), root='main_tree_to_execute="Main"')
+def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry, document: Write) -> None:
+    text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"}, 'main_tree_to_execute="Main"')
     assert build(read_text(text), nodes).root.id == "AlwaysFailure"
     (warning,) = examine(read_text(text, "t.xml"), nodes).faults.warnings
     assert str(warning).startswith(
@@ -355,8 +351,8 @@ def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry) -
     )
 
 
-def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry) -> None:
-    text = document("<Root/><Say/>", root='main_tree_to_execute="Main"')
+def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry, document: Write) -> None:
+    text = document("<Root/><Say/>", {}, 'main_tree_to_execute="Main"')
     assert build(read_text(text), nodes).root.id == "Say"
     (warning,) = examine(read_text(text, "t.xml"), nodes).faults.warnings
     assert str(warning).startswith("t.xml:3:5: W103 <Root> is obsolete and is skipped")
@@ -377,10 +373,12 @@ def test_files_that_include_each_other(tmp_path: Path, nodes: Registry) -> None:
     )
 
 
-def test_a_fault_in_an_included_file_names_that_file(tmp_path: Path, nodes: Registry) -> None:
+def test_a_fault_in_an_included_file_names_that_file(
+    tmp_path: Path, nodes: Registry, document: Write
+) -> None:
     (tmp_path / "lib").mkdir()
     (tmp_path / "lib" / "charge.xml").write_text(
-        f'<root BTCPP_format="4">\n{tree("Charge", "<Sya/>")}</root>'
+        '<root BTCPP_format="4">\n  <BehaviorTree ID="Charge"><Sya/></BehaviorTree>\n</root>'
     )
     main = tmp_path / "main.xml"
     main.write_text(document('<SubTree ID="Charge"/>', '<include path="lib/charge.xml"/>'))

@@ -232,6 +232,19 @@ def test_comments_layout_order_and_quotes_stay() -> None:
     ).replace("\t<SequenceStar", "\t<SequenceWithMemory").replace("</SequenceStar", "</SequenceWithMemory")
 
 
+def test_the_model_of_a_subtree_is_one_in_format_4_too() -> None:
+    text = (
+        '<root><BehaviorTree ID="A"><SubTreePlus ID="B" x="{y}"/></BehaviorTree>'
+        '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree>'
+        '<TreeNodesModel><SubTreePlus ID="B"><input_port name="x"/></SubTreePlus></TreeNodesModel></root>'
+    )
+    found = convert(read_text(text), NODES)
+    assert found.text == text.replace("<root>", '<root BTCPP_format="4">').replace("SubTreePlus", "SubTree")
+    assert [(one.code, one.message) for one in found.changes[2:]] == [
+        ("C102", "the model of a <SubTreePlus> becomes one of a <SubTree>")
+    ]
+
+
 def test_format_4_is_given_back_as_it_is() -> None:
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><SequenceStar/></BehaviorTree></root>'
     assert convert(read_text(text), NODES) == Conversion(text, [], [])

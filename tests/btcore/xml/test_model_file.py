@@ -59,6 +59,28 @@ def test_the_models_of_a_file_become_nodes_with_their_ports(models: Path) -> Non
     assert nodes.manifests["Guard"].ports["count"].type.name == "unsigned int"
 
 
+def test_names_and_defaults_that_only_the_code_understands_are_no_mistakes(tmp_path: Path) -> None:
+    path = tmp_path / "palette.xml"
+    path.write_text(
+        '<root><TreeNodesModel><Action ID="Scan"><input_port name="laser.range" type="double"/>'
+        '<input_port name="times" type="int" default="twice"/></Action></TreeNodesModel></root>'
+    )
+    nodes = Registry.standard()
+    add_models(nodes, path)
+    # BehaviorTree.CPP 3 takes any name of a port, and 4 can't have such a node.
+    assert list(nodes.manifests_of(3)["Scan"].ports) == ["laser.range", "times"]
+    assert list(nodes.manifests_of(4)["Scan"].ports) == ["times"]
+    body = '<BehaviorTree ID="Main"><Scan laser.range="0.5"/></BehaviorTree>'
+    assert btcore.loads(f"<root>{body}</root>", nodes=nodes).tick_once() is Status.SUCCESS
+
+
+def test_an_explicit_tag_of_format_3_may_have_any_port() -> None:
+    nodes = Registry.standard()
+    body = '<BehaviorTree ID="Main"><Action ID="Scan" laser.range="{r}"/></BehaviorTree>'
+    add_explicit(nodes, [read_text(f"<root>{body}</root>")])
+    assert list(nodes.manifests_of(3)["Scan"].ports) == ["laser.range"]
+
+
 def test_what_is_registered_stays_as_it_is(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)

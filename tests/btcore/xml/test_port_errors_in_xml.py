@@ -1,54 +1,22 @@
 """What is said of ports, scripts and leaves that don't fit: the whole message, as a user reads it."""
 
+from collections.abc import Callable
 from textwrap import dedent
 
 import pytest
 
-from btcore import In, Registry, SyncAction, action
+from btcore import Registry
 from btcore.blackboard import Blackboard
 from btcore.errors import PortFault, TreeError
 from btcore.xml.build import build
 from btcore.xml.source import read_text
 
-
-class Robot:
-    pass
-
-
-@action
-def drive(speed: In[float], robot: Robot) -> bool:
-    return speed > 0
-
-
-@action
-def say(text: In[str] = "hi") -> bool:
-    return bool(text)
-
-
-class Broken(SyncAction):
-    def __init__(self) -> None:
-        raise ValueError("no camera")
-
-
-@pytest.fixture
-def nodes() -> Registry:
-    made = Registry.standard()
-    for ID, thing in {"Drive": drive, "Say": say, "Broken": Broken}.items():
-        made.add(thing, ID=ID)
-    return made
-
-
-def document(body: str, more: str = "", root: str = 'BTCPP_format="4" main_tree_to_execute="Main"') -> str:
-    return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{more}</root>\n'
-
-
-def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
-    return f'  <BehaviorTree ID="{ID}">{body}</BehaviorTree>\n'
-
+Write = Callable[..., str]
+Refused = Callable[[object], TreeError]
 
 CASES = {
     "an unknown port": (
-        document('<Say txt="hello"/>'),
+        ('<Say txt="hello"/>',),
         PortFault,
         """
         t.xml:3:10: E201 <Say> has no port 'txt'
@@ -57,8 +25,36 @@ CASES = {
               did you mean 'text'?
         """,
     ),
+    "a parameter that is not marked as a port": (
+        ('<Turn angle="1"/>',),
+        PortFault,
+        """
+        t.xml:3:11: E201 <Turn> has no port 'angle'
+           3 |      <Turn angle="1"/>
+             |            ^^^^^
+              its parameter 'angle: float' asks for a resource; did you mean angle: In[float]?
+        """,
+    ),
+    "a parameter that is not marked, and nobody gives": (
+        ("<Turn/>",),
+        TreeError,
+        """
+        t.xml:3:5: E118 <Turn> wants a float (its parameter 'angle'), and none was handed in: pass one in resources=[…]; if it is a port, mark it: angle: In[float]
+           3 |      <Turn/>
+             |      ^^^^^
+        """,  # noqa: E501
+    ),
+    "a resource by which nothing can be found": (
+        ("<Lift/>",),
+        TreeError,
+        """
+        t.xml:3:5: E118 the parameter 'arm' of <Lift> is of type Arm, by which nothing can be found: use a class, or a Protocol marked @runtime_checkable
+           3 |      <Lift/>
+             |      ^^^^^
+        """,  # noqa: E501
+    ),
     "a port of a node that has none": (
-        document('<AlwaysSuccess speed="1"/>'),
+        ('<AlwaysSuccess speed="1"/>',),
         PortFault,
         """
         t.xml:3:20: E201 <AlwaysSuccess> has no port 'speed'
@@ -68,7 +64,7 @@ CASES = {
         """,
     ),
     "a wrong type": (
-        document('<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>'),
+        ('<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>',),
         PortFault,
         """
         t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: 'many' is no integer
@@ -78,7 +74,7 @@ CASES = {
         """,
     ),
     "an empty attribute of a typed port": (
-        document('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>'),
+        ('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>',),
         PortFault,
         """
         t.xml:3:24: E202 the port 'num_cycles' of <Repeat> takes int: '' is no integer
@@ -87,7 +83,7 @@ CASES = {
         """,
     ),
     "a blackboard entry with spaces around": (
-        document('<Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>'),
+        ('<Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>',),
         PortFault,
         """
         t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: ' {n}' is no integer
@@ -97,7 +93,7 @@ CASES = {
         """,
     ),
     "two types for one entry": (
-        document('<RunOnce then_skip="{n}"><Repeat num_cycles="{n}"><Say/></Repeat></RunOnce>'),
+        ('<RunOnce then_skip="{n}"><Repeat num_cycles="{n}"><Say/></Repeat></RunOnce>',),
         PortFault,
         """
         t.xml:3:50: E203 the port 'num_cycles' of <Repeat> is int, but its entry is bool
@@ -107,7 +103,7 @@ CASES = {
         """,
     ),
     "a script with a mistake": (
-        document('<Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>'),
+        ('<Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>',),
         PortFault,
         """
         t.xml:3:43: E206 the script in '_skipIf' of <Say>: a value is wanted, but '=' stands here
@@ -116,7 +112,7 @@ CASES = {
         """,
     ),
     "a Script without its script": (
-        document("<Script/>"),
+        ("<Script/>",),
         PortFault,
         """
         t.xml:3:5: E205 <Script> needs port [code], which the tree does not give
@@ -125,7 +121,7 @@ CASES = {
         """,
     ),
     "a leaf that nobody gives its robot": (
-        document('<Drive speed="1"/>'),
+        ('<Drive speed="1"/>',),
         TreeError,
         """
         t.xml:3:5: E118 <Drive> wants a Robot (its parameter 'robot'), and none was handed in: pass one in resources=[…]
@@ -134,7 +130,7 @@ CASES = {
         """,  # noqa: E501
     ),
     "a leaf that raises while it is made": (
-        document("<Broken/>"),
+        ("<Broken/>",),
         TreeError,
         """
         t.xml:3:5: E115 <Broken> raised while it was made: ValueError: no camera
@@ -143,7 +139,10 @@ CASES = {
         """,
     ),
     "two SubTrees of one name": (
-        document('<Sequence><SubTree ID="A" name="a"/><SubTree ID="A" name="a"/></Sequence>', tree("A")),
+        (
+            '<Sequence><SubTree ID="A" name="a"/><SubTree ID="A" name="a"/></Sequence>',
+            {"A": "<AlwaysSuccess/>"},
+        ),
         TreeError,
         """
         t.xml:3:63: E112 two SubTree nodes have the path 'a'
@@ -153,10 +152,10 @@ CASES = {
         """,
     ),
     "a port that a subtree's model demands": (
-        document(
+        (
             '<SubTree ID="A"/>',
-            tree("A")
-            + '<TreeNodesModel><SubTree ID="A"><input_port name="goal"/></SubTree></TreeNodesModel>',
+            '<BehaviorTree ID="A"><Say/></BehaviorTree>'
+            '<TreeNodesModel><SubTree ID="A"><input_port name="goal"/></SubTree></TreeNodesModel>',
         ),
         PortFault,
         """
@@ -166,8 +165,17 @@ CASES = {
               write goal="…", or give it a default in <TreeNodesModel>
         """,
     ),
+    "a port of a subtree whose name has a dot": (
+        ("<Say/>", '<TreeNodesModel><SubTree ID="A"><input_port name="a.b"/></SubTree></TreeNodesModel>'),
+        TreeError,
+        """
+        t.xml:5:51: E107 no port of a subtree can be called 'a.b': it holds '.'
+           5 |  <TreeNodesModel><SubTree ID="A"><input_port name="a.b"/></SubTree></TreeNodesModel></root>
+             |                                                    ^^^
+        """,
+    ),
     "_autoremap that is no truth": (
-        document('<SubTree ID="A" _autoremap="yes"/>', tree("A")),
+        ('<SubTree ID="A" _autoremap="yes"/>', {"A": "<AlwaysSuccess/>"}),
         PortFault,
         """
         t.xml:3:33: E207 _autoremap is 'true' or 'false', not 'yes'
@@ -179,22 +187,21 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_message(case: str, nodes: Registry) -> None:
-    text, kind, said = CASES[case]
-    with pytest.raises(TreeError) as caught:
-        build(read_text(text, "t.xml"), nodes)
-    assert str(caught.value) == dedent(said).strip("\n")
-    assert type(caught.value) is kind
+def test_the_message(case: str, refused: Refused) -> None:
+    source, kind, said = CASES[case]
+    fault = refused(source)
+    assert str(fault) == dedent(said).strip("\n")
+    assert type(fault) is kind
 
 
 def test_what_is_wrong_in_an_unused_tree_beyond_its_shape_does_not_refuse_the_main_one(
-    nodes: Registry,
+    nodes: Registry, document: Write
 ) -> None:
-    text = document("<Say/>", tree("Unused", '<Say txt="1"/>'))
+    text = document("<Say/>", {"Unused": '<Say txt="1"/>'})
     assert build(read_text(text), nodes).id == "Main"
 
 
-def test_an_entry_of_a_given_blackboard_counts(nodes: Registry) -> None:
+def test_an_entry_of_a_given_blackboard_counts(nodes: Registry, document: Write) -> None:
     blackboard = Blackboard()
     blackboard["n"] = True
     text = document('<Repeat num_cycles="{n}"><Say/></Repeat>')

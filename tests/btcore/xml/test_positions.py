@@ -60,7 +60,7 @@ def test_a_character_of_a_value_is_found_behind_references(document: Document) -
 
 
 def test_an_element_may_be_named_by_its_number(document: Document) -> None:
-    elements = list(document.root.iter("*"))
+    elements = list(document.root.iter())
     for number, element in enumerate(elements):
         assert document.places.index(element) == number
         assert document.place(number) == document.place(element)
@@ -68,7 +68,7 @@ def test_an_element_may_be_named_by_its_number(document: Document) -> None:
 
 
 def test_the_line_of_an_element_is_where_its_tag_begins(document: Document) -> None:
-    lines = {str(element.tag): document.line(element) for element in document.root.iter("*")}
+    lines = {str(element.tag): document.line(element) for element in document.root.iter()}
     assert lines == {"root": 3, "BehaviorTree": 4, "A": 5, "B": 7, "C": 8}
 
 

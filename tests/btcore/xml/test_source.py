@@ -5,6 +5,7 @@ from textwrap import dedent
 
 import pytest
 
+import btcore
 from btcore.errors import SyntaxFault
 from btcore.xml.source import read_file, read_text
 
@@ -40,7 +41,7 @@ def message(text: str) -> str:
 )
 def test_an_attribute_value_is_the_text_that_its_author_meant(written: str, value: str) -> None:
     document = read_text(f"<root><Script {written}/></root>")
-    assert document.root[0].get("code") == value
+    assert document.root.children[0].get("code") == value
 
 
 def test_what_was_read_leniently_is_a_warning_that_shows_the_escaped_form() -> None:
@@ -65,8 +66,8 @@ def test_a_well_formed_document_has_no_warnings() -> None:
 
 def test_comments_instructions_and_character_data_may_hold_anything() -> None:
     document = read_text('<!-- <a x="<> --><root><?pi <x y="&?><![CDATA[<b z="<"]]><A x="<"/></root>')
-    assert document.root[0].tag is not None
-    assert document.root.find("A") is not None
+    assert document.root.children[0].tag is not None
+    assert [child.tag for child in document.root.children] == ["A"]
     assert len(document.warnings) == 1
 
 
@@ -234,6 +235,16 @@ def test_a_file_that_is_missing(tmp_path: Path) -> None:
     assert str(caught.value) == (
         f"{tmp_path}/patroling.xml: E003 no such file\n      did you mean {tmp_path}/patrolling.xml?"
     )
+
+
+def test_a_text_where_a_path_is_wanted_and_the_other_way_round() -> None:
+    with pytest.raises(SyntaxFault) as caught:
+        btcore.load('<root BTCPP_format="4"/>')
+    assert str(caught.value) == (
+        "<text>: E003 the path of a file is wanted, and this is XML\n      btcore.loads(text) reads a text"
+    )
+    with pytest.raises(SyntaxFault, match=r"E002 [^$]*read it with btcore\.load\(path\)"):
+        btcore.loads("trees/patrol.xml")
 
 
 def test_a_folder(tmp_path: Path) -> None:

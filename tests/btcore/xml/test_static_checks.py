@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from btcore import Registry, StatefulAction, Status
+import btcore
+from btcore import Registry, StatefulAction, Status, SyncAction
 
 Check = Callable[..., str]
 
@@ -97,12 +98,85 @@ def test_what_a_subtree_may_result_in_counts(check: Check) -> None:
 
 
 def test_nothing_is_certain_of_a_node_that_was_replaced(check: Check, palette: Registry) -> None:
-    class AlwaysFailure(StatefulAction):
-        def on_start(self) -> Status:
+    class AlwaysFailure(SyncAction):
+        def tick(self) -> Status:
             return Status.SUCCESS
 
     palette.replace(AlwaysFailure=AlwaysFailure)
     assert check(children("Sequence", "<AlwaysFailure/>", "<Drive/>")) == ""
+
+
+# --- E119: children that the first tick refuses
+
+
+@pytest.mark.parametrize(
+    ("body", "has"),
+    [
+        (children("IfThenElse", *["<BatteryOk/>"] * 4),
+         "<IfThenElse> has 4 children; it needs 2 or 3: a condition, and one or two branches"),
+        (children("WhileDoElse", "<BatteryOk/>"),
+         "<WhileDoElse> has 1 child; it needs 2 or 3: a condition, and one or two branches"),
+        (children("Switch2", "<BatteryOk/>", "<BatteryOk/>").replace("<Switch2>", '<Switch2 variable="1">'),
+         "<Switch2> has 2 children; it needs 3: one for each of its 2 cases, and a default"),
+        (children("ParallelAll", "<BatteryOk/>").replace("<ParallelAll>", '<ParallelAll max_failures="2">'),
+         "<ParallelAll> has 1 child, which can never give 2 failures"),
+        (children("Parallel", "<BatteryOk/>").replace("<Parallel>", '<Parallel success_count="3">'),
+         "<Parallel> has 1 child, which can never give 3 successes"),
+    ],
+)  # fmt: skip
+def test_children_that_only_the_first_tick_refuses_are_an_error_and_do_not_keep_the_tree_from_loading(
+    check: Any, palette: Registry, document: Callable[..., str], body: str, has: str
+) -> None:
+    told = [one for one in check.found(body) if one.is_error]
+    assert [(one.code, one.line, one.message) for one in told] == [("E119", 3, has)]
+    tree = btcore.loads(document(body), nodes=palette)
+    with pytest.raises(btcore.NodeRaised):
+        tree.tick_once()
+
+
+def test_in_format_3_a_while_has_both_branches_and_a_control_node_may_be_empty(check: Any) -> None:
+    while_do = children("WhileDoElse", "<BatteryOk/>", "<Drive/>")
+    assert [one.message for one in check.found(while_do, format=3)] == [
+        "<WhileDoElse> has 2 children; it needs 3: a condition, and two branches"
+    ]
+    assert [one.message for one in check.found("<IfThenElse/>", format=3)] == [
+        "<IfThenElse> has no child; it needs 2 or 3: a condition, and one or two branches"
+    ]
+    assert check.found("<ReactiveSequence/>", format=3) == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        children("IfThenElse", "<BatteryOk/>", "<Drive/>"),
+        children("WhileDoElse", "<BatteryOk/>", "<Drive/>", "<Grasp/>"),
+        '<Switch2 variable="1" case_1="1" case_2="2"><BatteryOk/><Drive/><Grasp/></Switch2>',
+        '<Parallel success_count="-1" failure_count="2"><BatteryOk/><Drive/></Parallel>',
+        '<Sequence><Script code="n := 9"/><Parallel success_count="{n}"><Drive/></Parallel></Sequence>',
+    ],
+)
+def test_as_many_children_as_the_node_takes(check: Check, body: str) -> None:
+    assert check(body) == ""
+
+
+# --- W108: text between elements
+
+
+def test_text_between_elements_is_told_of_at_its_place(check: Check) -> None:
+    assert check("<Sequence>\n  first  charge <!-- a comment --><Drive/></Sequence>") == said(
+        """
+        t.xml:4:3: W108 the text 'first charge' stands between the elements of a tree, and is ignored
+           4 |    first  charge <!-- a comment --><Drive/></Sequence>
+             |    ^^^^^^^^^^^^
+              what a node is given stands in its attributes; what is for readers: <!-- … -->
+        """
+    )
+
+
+def test_comments_and_the_descriptions_of_models_are_no_loose_text(check: Check) -> None:
+    model = '<TreeNodesModel><Action ID="Say"><input_port name="text">what to say</input_port></Action>'
+    more = f"<!-- loose > text -->{model}</TreeNodesModel>\n"
+    assert check("<Drive _skipIf=\"1 &gt; 2 &amp;&amp; 'a>b' == 'c'\"/>", more) == ""
 
 
 # --- W106: asynchronous children of reactive nodes
@@ -167,6 +241,9 @@ def test_an_asynchronous_leaf_may_say_that_it_ends_at_once(check: Check, palette
         may_end_at_once = True
 
         def on_start(self) -> Status:
+            return self.on_running()
+
+        def on_running(self) -> Status:
             return Status.SUCCESS
 
     palette.add(WaitForScan)

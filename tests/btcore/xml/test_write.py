@@ -21,6 +21,9 @@ class Count(StatefulAction):
         ]
 
     def on_start(self) -> Status:
+        return self.on_running()
+
+    def on_running(self) -> Status:
         return Status.SUCCESS
 
 

@@ -8,11 +8,11 @@ import pytest
 import zmq
 
 import btcore
-from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, SyncAction, TreeError, values
+from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, SyncAction, values
 from btcore.errors import RegistrationError
 from btcore.xml.model_file import add_models
 from btcore.xml.source import read_text
-from btcore.xml.validate import validate_document
+from btcore.xml.validate import validate, validate_document
 from monitor.picture import PictureNode
 from monitor.serve import Publisher, serve
 from monitor.watch.address import parse_address
@@ -169,10 +169,21 @@ def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_
     said = r"<LoadController> can't have a port called 'request\.name': it holds '\.'"
     with pytest.raises(RegistrationError, match=said):
         Registry.standard().add(LoadController)
+    # A palette of an older robot is read all the same, and the tree told of at its place.
     (tmp_path / "palette.xml").write_text(DOTTED, encoding="utf-8")
-    with pytest.raises(TreeError, match=said) as refused:
-        add_models(Registry.standard(), tmp_path / "palette.xml")
-    assert refused.value.diagnostics[0].line == 6
+    nodes = Registry.standard()
+    add_models(nodes, tmp_path / "palette.xml")
+    assert list(nodes.manifests_of(4)["LoadController"].ports) == []
+    assert list(nodes.manifests_of(3)["LoadController"].ports) == ["request.name", "response.ok"]
+    found = validate(tmp_path / "palette.xml", nodes=nodes)
+    assert [(one.code, one.line, one.message) for one in found] == [
+        (
+            "W212",
+            3,
+            f"the attribute '{port}' of <LoadController> is ignored: it can't be a port, as it holds '.'",
+        )
+        for port in ("request.name", "response.ok")
+    ]
 
 
 def test_groot2_40_name_on_subtree_is_its_name_and_no_port(connect: Connect) -> None:

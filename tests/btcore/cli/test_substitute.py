@@ -1,0 +1,93 @@
+"""``btcore run --substitute``: other nodes in the place of some of the tree's, by rules in JSON."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+LastJson = Callable[[Result], dict[str, Any]]
+
+
+@pytest.fixture
+def rules(tmp_path: Path) -> Callable[..., Path]:
+    """Writes substitution rules into a file."""
+
+    def write(of: dict[str, str], configs: dict[str, Any] | None = None, name: str = "rules.json") -> Path:
+        path = tmp_path / name
+        path.write_text(json.dumps({"SubstitutionRules": of, "TestNodeConfigs": configs or {}}))
+        return path
+
+    return write
+
+
+def test_nodes_are_replaced_by_test_nodes_and_by_others(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson, rules: Callable[..., Path]
+) -> None:
+    tree = tree_file('<Fallback><Explode/><Walk name="far"/><AlwaysFailure/></Fallback>')
+    given = rules(
+        {"Explode": "fails", "far": "AlwaysSuccess"},
+        {"fails": {"return_status": "FAILURE", "async_delay": 300, "post_script": "n := 1"}},
+    )
+    result = cli("run", tree, "--plugin", library, "--fast", "--substitute", given, "--json")
+    report = last_json(result)
+    assert (result.exit_code, report["status"], report["time_s"]) == (0, "SUCCESS", 0.3)
+    assert report["nodes"]["Explode::2"]["failure"] == 1
+    assert result.stderr.count("warning") == 0
+
+
+def test_several_files_add_up_and_the_first_rule_for_a_node_counts(
+    cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]
+) -> None:
+    tree = tree_file('<Sequence><AlwaysFailure name="a"/></Sequence>')
+    first, second = rules({"a": "AlwaysSuccess"}), rules({"AlwaysFailure": "AlwaysFailure"}, name="2.json")
+    assert cli("run", tree, "--substitute", first, "--substitute", second).exit_code == 0
+    assert cli("run", tree, "--substitute", second, "--substitute", first).exit_code == 1
+
+
+def test_a_rule_that_no_node_is_met_by_is_told_of(
+    cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]
+) -> None:
+    result = cli("run", tree_file('<AlwaysSuccess name="home"/>'), "--substitute", rules({"hom": "Sleep"}))
+    assert result.exit_code == 0
+    assert result.stderr.startswith(
+        "warning: --substitute: no node is met by the rule 'hom'; did you mean 'home'?\n"
+    )
+
+
+MISTAKES = {
+    "no file": (None, "rules.json: it can't be read: No such file or directory."),
+    "no text": (b"\xff\xfe", "rules.json: it is no text in UTF-8."),
+    "no JSON": (b"{", "rules.json: the substitution rules are no JSON: "),
+    "no rules": (b"{}", "rules.json: the substitution rules lack the object 'SubstitutionRules'."),
+    "a setting": (
+        b'{"TestNodeConfigs": {"c": {"return_satus": "SUCCESS"}}, "SubstitutionRules": {}}',
+        "the configuration 'c' has 'return_satus', which is no setting; did you mean 'return_status'?",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_file_without_rules_is_a_mistake(
+    cli: Cli, tree_file: TreeFile, tmp_path: Path, mistake: str
+) -> None:
+    data, said = MISTAKES[mistake]
+    file = tmp_path / "rules.json"
+    if data is not None:
+        file.write_bytes(data)
+    result = cli("run", tree_file("<AlwaysSuccess/>"), "--substitute", file)
+    assert result.exit_code == 2
+    assert said in result.stderr
+
+
+def test_a_rule_for_a_node_that_nobody_registered_is_told_where_it_would_stand(
+    cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]
+) -> None:
+    result = cli("run", tree_file("<AlwaysFailure/>"), "--substitute", rules({"*": "AlwaysSucess"}))
+    assert result.exit_code == 2
+    assert "tree.xml:3:5: E118" in result.stderr
+    assert "did you mean 'AlwaysSuccess'?" in result.stderr

@@ -1,0 +1,108 @@
+"""Elements are read in one pass where nothing in a text is unusual, and always as libxml2 reads them."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from btcore.xml.element import Element, read_plainly, read_strictly
+
+PIECES = (
+    "<a>",
+    "</a>",
+    "<a/>",
+    "<b x='1'>",
+    "</b>",
+    '<b x="1" y="2"/>',
+    '<b y="" x=""/>',
+    "<é/>",
+    "<a:b/>",
+    "<a.b-c/>",
+    '<a xmlns="u"/>',
+    '<a xmlns:p="u"><p:b p:x="1"/></a>',
+    '<a xml:lang="en"/>',
+    '<a x="1" x="2"/>',
+    '<a x="1"y="2"/>',
+    '<a x="&lt;&amp;&#65;&#x42;&#10;"/>',
+    '<a x="&#0;"/>',
+    '<a x="&nbsp;"/>',
+    '<a x="\n\t "/>',
+    "<a x='\"'/>",
+    '<a x="\x01"/>',
+    '<a x="\ufffe"/>',
+    '<a x="😀"/>',
+    '<a x="<"/>',
+    '<a x=">"/>',
+    "<a x/>",
+    "<a\n  x = '1'\r\n/>",
+    "<!-- x -->",
+    "<!-- -- -->",
+    "<!-- <a x='1'> -->",
+    "<![CDATA[<a>]]>",
+    "]]>",
+    "text",
+    "&amp;",
+    "&nope;",
+    "&#xD800;",
+    '<?xml version="1.0"?>',
+    '<?xml version="1.0" encoding="UTF-8"?>',
+    '<?xml version="1.1"?>',
+    "<?pi x?>",
+    "<?XML x?>",
+    '<?xml version="1.0" encoding="latin-1" standalone="yes"?>',
+    "<!DOCTYPE a>",
+    "<!doctype a>",
+    " ",
+    "\n",
+    "\r",
+    "\x7f",
+)
+
+
+def shape(element: Element) -> Any:
+    return element.tag, list(element.attributes.items()), [shape(child) for child in element.children]
+
+
+@given(st.lists(st.sampled_from(PIECES), max_size=12), st.booleans())
+def test_what_is_read_plainly_is_what_libxml2_reads(pieces: list[str], whole: bool) -> None:
+    text = "".join(pieces)
+    data = (f"<root>{text}</root>" if whole else text).encode()
+    plain = read_plainly(data)
+    assert plain is None or shape(plain) == shape(read_strictly(data))
+
+
+@pytest.mark.parametrize("piece", PIECES)
+def test_each_oddity_alone_is_read_as_libxml2_reads_it(piece: str) -> None:
+    for data in (piece.encode(), f"{piece}<root/>".encode(), f"<root>{piece}</root>".encode()):
+        plain = read_plainly(data)
+        assert plain is None or shape(plain) == shape(read_strictly(data))
+
+
+def test_the_trees_that_come_with_btcore_are_read_plainly() -> None:
+    files = sorted((Path(__file__).parents[3] / "trees").rglob("*.xml"))
+    assert files
+    for file in files:
+        plain = read_plainly(file.read_bytes())
+        assert plain is not None, file
+        assert shape(plain) == shape(read_strictly(file.read_bytes()))
+
+
+def test_a_plain_element_knows_the_line_in_which_its_tag_begins() -> None:
+    plain = read_plainly(b"<?xml version='1.0'?>\n<root\n  x='1'>\n\n  <a/><b\n/>\r\n<c>\r<d/></c></root>")
+    assert plain is not None
+    assert {one.tag: one.line for one in plain.iter()} == {"root": 2, "a": 5, "b": 5, "c": 7, "d": 8}
+
+
+def test_what_is_nested_very_deep_is_left_to_libxml2() -> None:
+    assert read_plainly(b"<a>" * 1_900 + b"</a>" * 1_900) is not None
+    assert read_plainly(b"<a>" * 2_100 + b"</a>" * 2_100) is None
+
+
+def test_elements_are_found_by_their_tags() -> None:
+    plain = read_plainly(b"<root><a><b/></a><c/><a/></root>")
+    assert plain is not None
+    assert [one.tag for one in plain.iter()] == ["root", "a", "b", "c", "a"]
+    assert [one.tag for one in plain.iter("a", "b")] == ["a", "b", "a"]
+    assert [one.tag for one in plain.iterchildren("c", "b")] == ["c"]

@@ -1,0 +1,85 @@
+"""Documents that include others (nodes.md §10.1)."""
+
+from pathlib import Path
+
+import pytest
+
+from btcore import Registry, Status, TreeError, load, loads
+from btcore.xml.validate import validate
+
+
+def write(path: Path, *trees: str, include: str = "", main: str = "") -> Path:
+    """A document of *trees*, each `ID=element`, in the file *path*."""
+    named = "".join(
+        f'<BehaviorTree ID="{ID}">{element}</BehaviorTree>'
+        for ID, _, element in (tree.partition("=") for tree in trees)
+    )
+    attribute = f' main_tree_to_execute="{main}"' if main else ""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f'<root BTCPP_format="4"{attribute}>{include}{named}</root>', encoding="utf-8")
+    return path
+
+
+def test_what_is_included_comes_first_so_that_a_later_tree_of_the_same_id_counts(tmp_path: Path) -> None:
+    write(tmp_path / "a.xml", "A=<AlwaysFailure/>")
+    main = write(
+        tmp_path / "m.xml",
+        'M=<SubTree ID="A"/>',
+        "A=<AlwaysSuccess/>",
+        include='<include path="a.xml"/>',
+        main="M",
+    )
+    assert load(main).tick_once() is Status.SUCCESS
+
+
+def test_an_include_of_an_include_is_looked_for_beside_the_file_that_names_it(tmp_path: Path) -> None:
+    write(tmp_path / "one" / "two" / "c.xml", "C=<AlwaysFailure/>")
+    write(tmp_path / "one" / "b.xml", 'B=<SubTree ID="C"/>', include='<include path="two/c.xml"/>')
+    main = write(tmp_path / "m.xml", 'M=<SubTree ID="B"/>', include='<include path="one/b.xml"/>')
+    tree = load(main, tree="M")
+    assert [one.id for one in tree.subtrees] == ["M", "B", "C"]
+    assert tree.tick_once() is Status.FAILURE
+
+
+def test_the_includes_of_a_text_are_looked_for_in_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "lib" / "a.xml", "A=<AlwaysFailure/>")
+    monkeypatch.chdir(tmp_path)
+    text = '<root BTCPP_format="4"><include path="lib/a.xml"/></root>'
+    assert loads(text, tree="A").tick_once() is Status.FAILURE
+
+
+def test_the_main_tree_is_named_by_the_document_that_is_loaded_and_not_by_an_included_one(
+    tmp_path: Path,
+) -> None:
+    write(tmp_path / "a.xml", "A=<AlwaysFailure/>", "B=<AlwaysFailure/>", main="A")
+    include = '<include path="a.xml"/>'
+    named = write(
+        tmp_path / "named.xml", "M=<AlwaysSuccess/>", "N=<AlwaysFailure/>", include=include, main="M"
+    )
+    assert load(named).id == "M"
+    alone = write(tmp_path / "alone.xml", "M=<AlwaysSuccess/>", include=include)
+    assert load(alone).id == "M"
+
+
+def test_an_include_without_a_path_is_a_fault_with_its_place(tmp_path: Path) -> None:
+    main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include="\n  <include/>")
+    with pytest.raises(TreeError) as caught:
+        load(main)
+    (fault,) = caught.value.diagnostics
+    assert (fault.code, fault.line, fault.column) == ("E007", 2, 3)
+
+
+def test_a_package_is_ignored_with_a_warning_where_the_path_is_absolute(tmp_path: Path) -> None:
+    other = write(tmp_path / "elsewhere" / "a.xml", "A=<AlwaysFailure/>")
+    include = f'<include ros_pkg="nav" path="{other}"/>'
+    main = write(tmp_path / "m.xml", 'M=<SubTree ID="A"/>', include=include, main="M")
+    assert load(main).tick_once() is Status.FAILURE
+    assert [one.code for one in validate(main, nodes=Registry.standard())] == ["W107"]
+
+
+def test_a_package_that_the_resolver_does_not_know_is_a_fault(tmp_path: Path) -> None:
+    main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include='<include ros_pkg="nav" path="a.xml"/>')
+    with pytest.raises(TreeError, match="the ROS package 'nav' is not known"):
+        load(main, packages=lambda name: None)

@@ -1,0 +1,32 @@
+"""What tests of several packages share: the tree that recordings of BehaviorTree.CPP were made with."""
+
+from collections.abc import Callable
+
+import pytest
+
+
+@pytest.fixture
+def recorded_tree() -> Callable[[str], str]:
+    """Writes the document of that tree, with *inside* as the sequence in its subtree."""
+
+    def write(inside: str) -> str:
+        return f"""
+            <root BTCPP_format="4" main_tree_to_execute="Main">
+              <BehaviorTree ID="Main">
+                <Sequence name="root_seq">
+                  <Script code="x:=42; s:='hello'; f:=2.5"/>
+                  <Fallback>
+                    <AlwaysFailure/>
+                    <Count name="cnt" _onSuccess="done:=true" out="{{val}}" ticks="3"/>
+                  </Fallback>
+                  <SubTree ID="Sub" lim="7" mode="fast" target="{{val}}"/>
+                  <AlwaysSuccess _skipIf="x==42"/>
+                </Sequence>
+              </BehaviorTree>
+              <BehaviorTree ID="Sub">
+                <Sequence>{inside}</Sequence>
+              </BehaviorTree>
+            </root>
+        """
+
+    return write

@@ -1,0 +1,51 @@
+"""docs/conformance.md: its list of nodes without recorded cases is the true one, and its numbers too."""
+
+import gzip
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from btcore import Registry
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "conformance.md").read_text(encoding="utf-8")
+DATA = sorted((ROOT / "tests" / "conformance" / "data").glob("*.jsonl.gz"))
+BENT = {"v3_mutated", "v4_mutated"}
+
+
+def cases(path: Path) -> list[dict[str, object]]:
+    with gzip.open(path, "rt", encoding="utf-8") as lines:
+        return [json.loads(line) for line in lines]
+
+
+CASES = {path.name.removesuffix(".jsonl.gz"): cases(path) for path in DATA}
+
+
+def recorded(format: int) -> set[str]:
+    """The tags of the recorded trees of *format* that were made and ticked, as they were grown."""
+    found: set[str] = set()
+    for name, some in CASES.items():
+        if name.startswith(f"v{format}_") and name not in BENT:
+            for case in some:
+                if "ticks" in case["expect"]:  # type: ignore[operator]
+                    found.update(re.findall(r"<(\w+)", str(case["xml"])))
+    return found
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_a_node_is_recorded_or_on_the_list(format: int) -> None:
+    (table,) = re.findall(rf"\| nodes of format {format} \|.*?\n\n", PAGE, re.DOTALL)
+    built_in = {
+        one.id for one in Registry.standard().manifests_of(format).values() if one.distribution == "btcore"
+    }
+    assert set(re.findall(r"`(\w+)`", table)) == built_in - recorded(format)
+
+
+def test_every_file_is_listed_with_its_cases() -> None:
+    for line in re.findall(r"^\| (`.*`) \| (\d+) \|", PAGE, re.MULTILINE):
+        names = re.findall(r"`(\w+)`", line[0])
+        assert sum(len(CASES.pop(name)) for name in names) == int(line[1])
+    assert CASES == {}
+    assert "7882 passed" in PAGE
