@@ -56,8 +56,11 @@ def perform(
     *,
     clock: Clock | None = None,
     shown: Sequence[object] = (),
+    goes_on: Callable[[], bool] = lambda: True,
 ) -> Performed:
     """Let the world go on for *settings*' ``duration`` (s), or until Ctrl-C; then call *end*, in that world.
+
+    It also ends when *goes_on*, asked ten times a second, says so.
 
     What is to happen meanwhile is on the robot's schedule. *name*, in CamelCase, is what whoever watches
     sees running; *shown* are further things to be drawn. *clock* is for programs that bring their own.
@@ -68,7 +71,7 @@ def perform(
             return self.on_running()
 
         def on_running(self) -> Status:
-            return Status.RUNNING
+            return Status.RUNNING if goes_on() else Status.SUCCESS
 
     nodes = Registry.standard()
     nodes.add(Work, ID=name)

@@ -16,7 +16,7 @@ from btcore.errors import BtcoreError
 from btcore.suggest import listing, nearest
 
 COMMANDS = "btcore.commands"
-OWN = ("run", "validate", "show", "convert", "nodes", "schema")
+OWN = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff")
 
 _BROUGHT = "btcore.cli.main.brought"
 

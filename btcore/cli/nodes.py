@@ -84,7 +84,7 @@ def _port(port: Port) -> Text:
     text.append(f"\u00a0{_short(port.type.name)}".replace(" ", "\u00a0"), style="dim")
     if port.default is not None:
         default = port.default
-        if port.type is DOUBLE:
+        if default and port.type is DOUBLE:
             default = f"{float(default):g}"
         text.append(f"\u00a0=\u00a0{default or '””'}", style="cyan")
     return text

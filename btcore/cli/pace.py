@@ -155,6 +155,10 @@ class Pace:
         if self._stop:
             raise KeyboardInterrupt
         self._stop = True
+        # The handler may have interrupted the very lines that hold a lock.
+        threading.Thread(target=self._leave_breakpoint, daemon=True).start()
         if self._waiting:
-            # The handler may have interrupted the very lines that hold the signal's lock.
             threading.Thread(target=self.tree.context.wake_up, daemon=True).start()
+
+    def _leave_breakpoint(self) -> None:
+        self.tree.hooks.let_go()

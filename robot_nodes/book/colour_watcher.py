@@ -1,15 +1,19 @@
 """Watching the colour detection: what was found, in words and in a picture."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_nodes.perception.colour import ColourRange, debug_image, detect_each
+from robot_nodes.perception.colour import ColourRange, Detection, debug_image, detect_each
 from robot_nodes.perception.object_detector import Detections
 from robot_nodes.process.process import Process, Surroundings
+from robot_nodes.robot import Robot
 
+CAMERA = "head_front_camera"
+"""What the picture is called for a viewer."""
 PERIOD = 1.0
 """How often (s) it says what it sees."""
 
@@ -42,6 +46,15 @@ class ColourWatcher(Process):
             self.info(f"{one.width}x{one.height} pixels at ({one.left}, {one.top}), centre {centre}")
         self.last = None
 
+    def scene_moving(self) -> dict[str, Any]:
+        """The camera's picture and what was found in it, for a viewer of the scene."""
+        assert self.around.robot is not None
+        return seen_data(self.around.robot, self.last.objects if self.last is not None else ())
+
+    def scene_static(self) -> dict[str, Any]:
+        """Nothing: all of it moves."""
+        return {"parts": []}
+
     def figures(self) -> Mapping[str, object]:
         """In how many pictures something was found."""
         return {"pictures_with_colour": self.found}
@@ -54,6 +67,29 @@ class ColourWatcher(Process):
             raise click.UsageError("there is no picture to draw on: the robot has no camera, or it is off")
         found = detect_each(picture, self.colours) if self.each else None
         return debug_image(picture, self.colours, found)
+
+
+def seen_data(robot: Robot, objects: Sequence[Detection]) -> dict[str, Any]:
+    """The robot's newest picture, and the boxes of *objects* in it, as the scene channel's plain data."""
+    picture = robot.camera()
+    if picture is None:
+        return {}
+    height, width = picture.rgb.shape[:2]
+    return {
+        "pictures": [
+            {
+                "name": CAMERA,
+                "stamp": picture.stamp,
+                "size": [width, height],
+                "format": "rgb8",
+                "data": picture.rgb.tobytes(),
+            }
+        ],
+        "detections": [
+            {"picture": CAMERA, "name": "object", "box": [one.left, one.top, one.width, one.height]}
+            for one in objects
+        ],
+    }
 
 
 def ranges_of(text: str) -> list[int]:

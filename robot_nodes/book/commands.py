@@ -50,10 +50,16 @@ def hello(ctx: click.Context, /, **settings: Any) -> int:
 @click.argument("file", type=click.Path(path_type=Path))
 def launch(ctx: click.Context, /, **settings: Any) -> int:
     """Start what FILE, a launch file in ROS 2's YAML form, names; with a robot where it names the bridge."""
+    from robot_nodes.book.graph import draw_graph
+
     entries = read_launch(settings["file"])
     stage = Stage(ctx, settings, embodied=any(one.program == "bridge" for one in entries))
     stage.add(*start_all(entries, stage.around))
-    return stage.perform("Launched", lambda: {"processes": [one.name for one in stage.executor.processes]})
+    return stage.perform(
+        "Launched",
+        lambda: {"processes": [one.name for one in stage.executor.processes]},
+        lambda: draw_graph(stage.around.topics),
+    )
 
 
 @world_command("bumpgo-fsm", "Bump and go by a state machine (chapter 3).")
@@ -167,7 +173,7 @@ def colour(ctx: click.Context, /, **settings: Any) -> int:
     watcher = ColourWatcher(stage.around, ranges, settings["each"])
     stage.add(*make("bridge", stage.around), *make("object_detector", stage.around, start), watcher)
     stage.robot.look(settings["pan"], settings["tilt"])
-    return stage.perform("ColourDetection", watcher.figures, watcher.picture)
+    return stage.perform("ColourDetection", watcher.figures, watcher.picture, [watcher])
 
 
 @world_command("head-tracking", "The head follows a colour, by PID (chapter 5.2).")
@@ -180,7 +186,7 @@ def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
     stage = Stage(ctx, settings)
     watcher = HeadWatcher(stage.around, settings["turn"], settings["reactive"])
     stage.add(watcher)
-    return stage.perform("HeadTracking", watcher.figures, watcher.picture)
+    return stage.perform("HeadTracking", watcher.figures, watcher.picture, [watcher])
 
 
 for command in (

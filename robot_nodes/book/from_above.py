@@ -19,6 +19,7 @@ ROBOT: Colour = (255, 196, 60)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _SHIFT = 4  # bits of a pixel's fraction, which OpenCV draws with
 _MARGIN = 26  # pixels
+_SMALL = [cv2.IMWRITE_PNG_COMPRESSION, 9]
 
 
 class FromAbove:
@@ -42,8 +43,9 @@ class FromAbove:
 
     def points(self, places: ArrayLike, colour: Colour = WALL, radius: float = 2.0) -> None:
         """Dots at *places*, shape ``(n, 2)`` (m); *radius* in pixels."""
+        # Thousands of dots with soft edges would make a PNG several times as large.
         for centre in self._pixels(places):
-            cv2.circle(self.image, centre.tolist(), round(radius * 16), colour, -1, cv2.LINE_AA, _SHIFT)
+            cv2.circle(self.image, centre.tolist(), round(radius * 16), colour, -1, cv2.LINE_8, _SHIFT)
 
     def line(self, places: ArrayLike, colour: Colour = INK, width: int = 1) -> None:
         """A line through *places*, shape ``(n, 2)`` (m)."""
@@ -94,7 +96,7 @@ class FromAbove:
 
 def save_picture(image: NDArray[np.uint8], path: Path) -> None:
     """Write *image* (RGB) to *path*, whose ending tells the format. Raises OSError where that fails."""
-    fine, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    fine, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _SMALL)
     if not fine:
         raise OSError(None, "the picture can't be encoded", str(path))
     path.write_bytes(data.tobytes())

@@ -1,11 +1,13 @@
 """Watching the head tracker: it is configured and activated, and seen at work through its own camera."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_nodes.book.colour_watcher import seen_data
 from robot_nodes.control.head_tracker import BOOK, REACTIVE, HeadTracker, command_of
 from robot_nodes.perception.colour import debug_image
 from robot_nodes.process.process import Process, Surroundings
@@ -44,6 +46,15 @@ class HeadWatcher(Process):
         else:
             command = command_of(seen)
             self.info(f"{where}; the object is off by {command.pan:+.2f}, {command.tilt:+.2f}")
+
+    def scene_moving(self) -> dict[str, Any]:
+        """What the head sees, and where the object is in it, for a viewer of the scene."""
+        found = self.tracker.detection
+        return seen_data(self.robot, [] if found is None else [found])
+
+    def scene_static(self) -> dict[str, Any]:
+        """Nothing: all of it moves."""
+        return {"parts": []}
 
     def figures(self) -> Mapping[str, object]:
         """In how many pictures an object was, and where the head looks (rad)."""

@@ -57,15 +57,15 @@ class ObstacleWatcher(Process):
 
     def picture(self) -> NDArray[np.uint8]:
         """From above: the way, what the laser saw, and every place at which the obstacle was said to be."""
-        drawn = self._trail.picture({"": WAY}, "the obstacle's places in odom, ten a second")
+        drawn = self._trail.picture({"": WAY}, "the obstacle's places in odom, ten a second", self.places)
         drawn.points(self.places, OBSTACLES, 4.0)
         drawn.legend({"detected_obstacle": OBSTACLES, "the robot's way": WAY})
         return drawn.image
 
     def scene_moving(self) -> dict[str, Any]:
         """The arrow to the obstacle, for a viewer of the scene."""
-        return {"stamp": self.now(), "arrows": [as_data(one, OBSTACLE) for one in self.arrows]}
+        return {"arrows": [as_data(one, OBSTACLE) for one in self.arrows]}
 
     def scene_static(self) -> dict[str, Any]:
         """Nothing: all of it moves."""
-        return {"frame": "map", "parts": []}
+        return {"parts": []}

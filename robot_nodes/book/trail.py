@@ -1,6 +1,6 @@
 """What a robot went through, noted ten times a second, to be drawn from above afterwards."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from robot_nodes.transforms import TransformFault
 RATE = 10.0
 """Notes a second."""
 ODOM = "odom"
-_CELL = 0.05  # m; of the laser's points in one such square one is kept
+_CELL = 0.08  # m; of the laser's points in one such square one is kept
 
 
 class Trail:
@@ -32,12 +32,15 @@ class Trail:
         around.schedule.every(RATE, Rank.JUDGE, self._note)
 
     def picture(
-        self, colours: dict[str, Colour], title: str, low: tuple[float, float] | None = None
+        self, colours: dict[str, Colour], title: str, also: Sequence[tuple[float, float]] = ()
     ) -> FromAbove:
-        """The way in the colour of each state, over all that the laser saw, and the robot at its end."""
+        """The way in the colour of each state, over all that the laser saw, and the robot at its end.
+
+        The picture has room for the places in *also* (m).
+        """
         seen = self.seen()
         places = np.array([(pose.x, pose.y) for pose in self.poses] or [(0.0, 0.0)])
-        every = np.concatenate((places, seen)) if len(seen) else places
+        every = np.concatenate((places, seen, np.array(also).reshape(-1, 2)))
         corner, opposite = every.min(axis=0), every.max(axis=0)
         drawn = FromAbove(tuple(corner), tuple(np.maximum(opposite, corner + 1.0)))
         drawn.points(seen)

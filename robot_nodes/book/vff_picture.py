@@ -61,11 +61,11 @@ class ForceWatcher(Process):
 
     def scene_moving(self) -> dict[str, Any]:
         """The forces as arrows, for a viewer of the scene."""
-        return {"stamp": self.now(), "arrows": [as_data(one, _NAMES[one.number]) for one in self.arrows]}
+        return {"arrows": [as_data(one, _NAMES[one.number]) for one in self.arrows]}
 
     def scene_static(self) -> dict[str, Any]:
         """Nothing: all of it moves."""
-        return {"frame": "map", "parts": []}
+        return {"parts": []}
 
     def _look(self, now: int) -> None:
         assert self.around.robot is not None

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from robot_nodes.control.pid import PID
 from robot_nodes.perception.colour import WOOD, ColourRange, Detection, detect
@@ -102,6 +103,18 @@ class HeadTracker(LifecycleComponent):
         pan = head.pan - self._pan.output(command.pan)
         tilt = head.tilt - self._tilt.output(command.tilt)
         self.robot.look(pan, tilt)
+
+    def scene_static(self) -> dict[str, Any]:
+        """Nothing: all of it moves."""
+        return {}
+
+    def scene_moving(self) -> dict[str, Any]:
+        """What was found last, as plain data for whoever draws it in the camera's picture."""
+        found = self.detection
+        if found is None:
+            return {"detections": []}
+        box = [found.left, found.top, found.width, found.height]
+        return {"detections": [{"picture": "camera", "name": "object", "stamp": found.stamp, "box": box}]}
 
     def _look(self) -> None:
         picture = self.robot.camera()

@@ -132,7 +132,7 @@ class Avoidance(Process):
 class AvoidanceOfAll(Avoidance):
     """As Avoidance, but all that is near pushes, not only the nearest.
 
-    It goes forward only as far as the sum points forward. The book's speed is the sum's length, also when that
+    It goes forward only as far as the sum points forward. The book's speed is the sum's length, also when it
     points back, which is what drives Avoidance into a wall that it meets head-on.
     """
 

@@ -9,6 +9,9 @@ from robot_nodes.navigation.parameter_files import EVERY_SERVER, ParameterFault,
 
 __all__ = ["ParameterFault", "Parameters", "Value", "parameters_of"]
 
+USE_SIM_TIME = "use_sim_time"
+"""What every node of ROS 2 has; here time is always that of the robot."""
+
 Value = bool | int | float | str | list[int] | list[float] | list[str]
 Declared = TypeVar("Declared", bool, int, float, str, list[int], list[float], list[str])
 
@@ -49,7 +52,7 @@ class Parameters:
     def unused(self) -> Iterator[str]:
         """A sentence for every parameter that was given but never declared."""
         for name in self._given:
-            if name not in self._values:
+            if name not in self._values and name != USE_SIM_TIME:
                 near = get_close_matches(name, self._values, 1)
                 hint = f"; did you mean '{near[0]}'?" if near else ""
                 yield f"the parameter '{name}' is none of {self._owner}'s, and does nothing{hint}"

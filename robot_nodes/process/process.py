@@ -101,14 +101,16 @@ class Process:
 
     def publisher(self, topic: str, type_: type[Message], *, latched: bool = False) -> Publisher[Message]:
         """A publisher of messages of *type_* on *topic*; a latched one keeps its last for whoever comes."""
-        return Publisher(self.around.topics.topic(self.resolve(topic), type_, self.name), latched)
+        named = self.around.topics.topic(self.resolve(topic), type_, self.name)
+        named.publishers.append(self.name)
+        return Publisher(named, latched)
 
     def subscribe(
         self, topic: str, type_: type[Message], callback: Callable[[Message], None], depth: int = QUEUE
     ) -> Subscription[Message]:
         """Have *callback* called with each message on *topic*; *depth* of them wait at most."""
         named = self.around.topics.topic(self.resolve(topic), type_, self.name)
-        made = Subscription(named, callback, depth, self._wake)
+        made = Subscription(named, callback, depth, self._wake, self.name)
         named.listeners.append(made)
         self.subscriptions.append(made)
         if named.latched is not None:

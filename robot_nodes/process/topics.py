@@ -1,7 +1,7 @@
 """Typed topics: what one process publishes, others hear, each through a queue of its own."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
 
 Message = TypeVar("Message")
@@ -23,8 +23,11 @@ class Subscription(Generic[Message]):
         callback: Callable[[Message], None],
         depth: int,
         wake: Callable[[], None],
+        owner: str,
     ) -> None:
         self.topic = topic
+        self.owner = owner
+        """The process that listens."""
         self.callback = callback
         self.lost = 0
         self._queue: deque[Message] = deque(maxlen=depth)
@@ -58,6 +61,8 @@ class Topic(Generic[Message]):
         self.type = type_
         self.owner = owner
         """The process that named it first."""
+        self.publishers: list[str] = []
+        """The processes that publish on it."""
         self.listeners: list[Subscription[Message]] = []
         self.latched: Message | None = None
         """The last message of a latched publisher, for whoever comes later."""
@@ -98,6 +103,10 @@ class Topics:
     def names(self) -> list[str]:
         """The names of all topics, sorted."""
         return sorted(self._topics)
+
+    def __iter__(self) -> Iterator[Topic[Any]]:
+        """All topics, by name."""
+        return (self._topics[name] for name in self.names())
 
     def topic(self, name: str, type_: type[Message], owner: str) -> Topic[Message]:
         """The topic called *name*, made where there is none; raises TopicFault if its type is another."""

@@ -115,6 +115,10 @@ def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
     ]
 
 
+def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
+    assert list(Logger(desk.around, Start(parameters={"use_sim_time": True})).unused()) == []
+
+
 @pytest.mark.parametrize(
     "given",
     [{"number_particles": "many"}, {"number_particles": 1.5}, {"topics": "scan"}, {"topics": [1, "a"]}],

@@ -4,11 +4,13 @@ from pathlib import Path
 
 from lxml import etree
 
-from btcore import Registry
+from btcore import Diagnostic, Registry
 from btcore.xml.schema import write_schema
 from btcore.xml.validate import validate
 
 TREES = sorted((Path(__file__).parents[2] / "trees").rglob("*.xml"))
+GIVEN = {"navigation": ("goal", "goals", "waypoint_statuses")}
+"""What whoever runs the trees of a folder puts on their blackboard."""
 
 
 def palette() -> Registry:
@@ -17,9 +19,13 @@ def palette() -> Registry:
     return nodes
 
 
+def found(path: Path) -> list[Diagnostic]:
+    return validate(path, nodes=palette(), given=GIVEN.get(path.parent.name, ()))
+
+
 def test_there_is_nothing_to_say_against_them() -> None:
     assert TREES
-    assert [one for path in TREES for one in validate(path, nodes=palette())] == []
+    assert [one for path in TREES for one in found(path)] == []
 
 
 def test_they_are_valid_by_the_schema_for_editors() -> None:

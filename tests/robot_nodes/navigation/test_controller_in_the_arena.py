@@ -44,7 +44,7 @@ def test_an_s_between_boxes_is_driven_without_touching_any(arena, path, follow):
     )
 
     def done():
-        beside.append(handle.feedback.position_error if handle.feedback else 0.0)
+        beside.append(abs(handle.feedback.position_error) if handle.feedback else 0.0)
         return handle.done
 
     course.run(80.0, done)

@@ -1,0 +1,243 @@
+"""A flat of boxes, what a laser like Tiago's sees in it, and a robot that is led through it."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from robot_nodes.navigation.mapping.key_scan import KeyScan, key_scan
+from robot_nodes.navigation.mapping.mapper import Mapper
+from robot_nodes.rigid_transform import Transform
+from robot_nodes.robot import (
+    CMD_VEL,
+    BaseFacts,
+    Frame,
+    LaserFacts,
+    LaserScan,
+    Odometry,
+    Pose2D,
+    Robot,
+    RobotClock,
+    Schedule,
+    Twist2D,
+)
+from robot_nodes.transforms import TransformTree
+
+Box = tuple[float, float, float, float]
+RAYS = 666
+AHEAD = 0.202  # m from the robot's middle to its laser
+NS_PER_S = 1_000_000_000
+
+ROOM: tuple[Box, ...] = (
+    (-3.2, -2.2, -3.0, 2.2),
+    (3.0, -2.2, 3.2, 2.2),
+    (-3.2, -2.2, 3.2, -2.0),
+    (-3.2, 2.0, 3.2, 2.2),
+    (1.2, 0.8, 1.8, 1.2),
+    (-1.6, -1.5, -1.1, -1.2),
+)
+RING: tuple[Box, ...] = (
+    (-15.2, -10.2, 15.2, -10.0),
+    (-15.2, 10.0, 15.2, 10.2),
+    (-15.2, -10.2, -15.0, 10.2),
+    (15.0, -10.2, 15.2, 10.2),
+    (-13.5, -8.5, 13.5, 8.5),
+    (-1.0, -10.0, -0.5, -9.8),
+)
+
+
+def look(
+    boxes: Sequence[Box], pose: Pose2D, random: np.random.Generator, sigma: float = 0.06, stamp: int = 0
+) -> LaserScan:
+    """What the laser of a robot at *pose* sees, with noise."""
+    half = math.radians(110.0)
+    angles = np.linspace(-half, half, RAYS) + pose.yaw
+    cos, sin = np.cos(angles), np.sin(angles)
+    x, y = pose.x + AHEAD * math.cos(pose.yaw), pose.y + AHEAD * math.sin(pose.yaw)
+    ranges = np.full(RAYS, np.inf)
+    with np.errstate(divide="ignore"):
+        for xmin, ymin, xmax, ymax in boxes:
+            along = np.sort(np.stack(((xmin - x) / cos, (xmax - x) / cos)), axis=0)
+            up = np.sort(np.stack(((ymin - y) / sin, (ymax - y) / sin)), axis=0)
+            enters, leaves = np.maximum(along[0], up[0]), np.minimum(along[1], up[1])
+            ranges = np.where((enters <= leaves) & (enters > 0.0), np.minimum(ranges, enters), ranges)
+    ranges = ranges + sigma * random.standard_normal(RAYS)
+    ranges = np.where(ranges < 0.05, -np.inf, ranges)
+    return LaserScan(
+        ranges.astype(np.float32), stamp, -half, 2 * half / (RAYS - 1), 0.05, 25.0, "base_laser_link"
+    )
+
+
+@dataclass
+class LedRobot(Robot):
+    """A robot that is carried along a way, and whose odometry is told by whoever carries it."""
+
+    told: Odometry = field(default_factory=lambda: Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.3, 0.0), 0))
+    seen: LaserScan | None = None
+
+    @property
+    def clock(self) -> RobotClock:
+        raise NotImplementedError
+
+    @property
+    def schedule(self) -> Schedule:
+        raise NotImplementedError
+
+    @property
+    def base(self) -> BaseFacts:
+        return BaseFacts(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+
+    @property
+    def laser(self) -> LaserFacts:
+        half = math.radians(110.0)
+        return LaserFacts(RAYS, -half, 2 * half / (RAYS - 1), 0.05, 25.0, 10.0, 0.06, "base_laser_link")
+
+    @property
+    def neck(self) -> None:
+        return None
+
+    def frames(self) -> Sequence[Frame]:
+        return ()
+
+    def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        raise NotImplementedError
+
+    def asked(self) -> Twist2D:
+        return Twist2D(0.0, 0.0)
+
+    def scan(self) -> LaserScan | None:
+        return self.seen
+
+    def odometry(self) -> Odometry:
+        return self.told
+
+    def look(self, pan: float, tilt: float) -> None:
+        raise NotImplementedError
+
+    def head(self) -> None:
+        return None
+
+    def camera(self) -> None:
+        return None
+
+
+class Survey:
+    """A robot carried through *boxes*, and the mapper that works meanwhile.
+
+    The wheels tell *stretch* of every metre and *slip* of every radian.
+    """
+
+    def __init__(
+        self,
+        boxes: Sequence[Box],
+        start: Pose2D,
+        *,
+        stretch: float = 1.0,
+        slip: float = 1.0,
+        seed: int = 0,
+        loops: bool = True,
+    ) -> None:
+        self.boxes = boxes
+        self.true = start
+        self.stretch, self.slip = stretch, slip
+        self.random = np.random.default_rng([seed, 7])
+        self.robot = LedRobot()
+        self.tree = TransformTree()
+        still = (0.0, 0.0, 0.0, 1.0)
+        self.tree.set_static(Frame("base_laser_link", "base_footprint", (AHEAD, 0.0, 0.0945), still, 0))
+        self.time = 0
+        self.mapper = Mapper(self.robot, self.tree, start=start, loops=loops)
+        self.key_poses: list[Pose2D] = []
+        self._see()
+
+    def along(self, *places: tuple[float, float], step: float = 0.1) -> "Survey":
+        """Carry the robot to one place after the other, turning on the spot between."""
+        for (x0, y0), (x1, y1) in pairwise([(self.true.x, self.true.y), *places]):
+            self.turn(math.remainder(math.atan2(y1 - y0, x1 - x0) - self.true.yaw, math.tau))
+            count = max(1, round(math.hypot(x1 - x0, y1 - y0) / step))
+            for _ in range(count):
+                self._move(math.hypot(x1 - x0, y1 - y0) / count, 0.0)
+        return self
+
+    def turn(self, angle: float) -> None:
+        """Turn the robot by *angle* (rad)."""
+        count = max(1, math.ceil(abs(angle) / 0.1))
+        for _ in range(count):
+            self._move(0.0, angle / count)
+
+    def error(self) -> float:
+        """How far (m) the mapper is from the truth, now."""
+        told = self.mapper.pose()
+        return math.hypot(told.x - self.true.x, told.y - self.true.y)
+
+    def key_errors(self) -> NDArray[np.float64]:
+        """How far (m) the key scans are from where they were taken."""
+        true = np.array([(pose.x, pose.y) for pose in self.key_poses])
+        return np.asarray(np.hypot(*(self.mapper.poses[:, :2] - true).T))
+
+    def odometry_error(self) -> float:
+        """How far (m) odometry alone is off, begun at the true start."""
+        start, told = Transform.from_pose(self.key_poses[0]), Transform.from_pose(self.robot.told.pose)
+        x, y, _ = (start * told).position
+        return math.hypot(x - self.true.x, y - self.true.y)
+
+    def _move(self, way: float, angle: float) -> None:
+        self.time += NS_PER_S // 10
+        self.true = _onward(self.true, way, angle)
+        pose = _onward(self.robot.told.pose, way * self.stretch, angle * self.slip)
+        self.robot.told = Odometry(pose, Twist2D(10 * way, 10 * angle), self.time)
+        self._see()
+
+    def _see(self) -> None:
+        pose = self.robot.told.pose
+        turned = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
+        self.tree.set(Frame("base_footprint", "odom", (pose.x, pose.y, 0.0), turned, self.time))
+        self.robot.seen = look(self.boxes, self.true, self.random, stamp=self.time)
+        before = len(self.mapper.scans)
+        self.mapper.step(self.time)
+        if len(self.mapper.scans) > before:
+            self.key_poses.append(self.true)
+
+
+def _onward(pose: Pose2D, way: float, angle: float) -> Pose2D:
+    return Pose2D(
+        pose.x + way * math.cos(pose.yaw),
+        pose.y + way * math.sin(pose.yaw),
+        math.remainder(pose.yaw + angle, math.tau),
+    )
+
+
+@pytest.fixture
+def survey() -> type[Survey]:
+    """`survey(boxes, start, stretch=…, slip=…, loops=…).along((x, y), …)`."""
+    return Survey
+
+
+@pytest.fixture(scope="session")
+def seen() -> Callable[..., KeyScan]:
+    """`seen(boxes, pose, seed)`: the key scan that is made there."""
+
+    def make(boxes: Sequence[Box], pose: Pose2D, seed: int = 0) -> KeyScan:
+        scan = look(boxes, pose, np.random.default_rng([seed, 3]))
+        return key_scan(scan, Transform((AHEAD, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0), 0.0)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def room() -> tuple[Box, ...]:
+    """A room of 6 m by 4 m about (0, 0) with two boxes in it."""
+    return ROOM
+
+
+@pytest.fixture(scope="session")
+def ring() -> tuple[Box, ...]:
+    """A bare corridor 1.5 m wide around a block of 27 m by 17 m, with one edge to hold on to."""
+    return RING

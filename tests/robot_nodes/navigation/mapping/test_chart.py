@@ -1,0 +1,95 @@
+"""The map that scans make."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from robot_nodes.navigation.map import OccupancyMap, load_map, save_map
+from robot_nodes.navigation.mapping.chart import Chart, trimmed
+from robot_nodes.navigation.mapping.key_scan import KeyScan
+from robot_nodes.navigation.mapping.placing import row
+from robot_nodes.robot import Pose2D
+
+Seen = Callable[..., KeyScan]
+Boxes = tuple[tuple[float, float, float, float], ...]
+
+
+def charted(seen: Seen, room: Boxes, *poses: Pose2D, keepout: Boxes = ()) -> Chart:
+    chart = Chart(keepout=keepout)
+    for seed, pose in enumerate(poses):
+        chart.add(seen(room, pose, seed), row(pose))
+    return chart
+
+
+ABOUT = [Pose2D(0.1 * turn, 0.0, turn * 0.8) for turn in range(9)]
+
+
+def at(map: OccupancyMap, x: float, y: float) -> int:
+    return int(map.cells[map.cell(x, y)])
+
+
+def test_walls_are_occupied_floor_is_free_and_the_rest_unknown(seen: Seen, room: Boxes) -> None:
+    map = charted(seen, room, *ABOUT).map()
+    assert at(map, 0.0, 0.0) == at(map, -2.0, 1.0) == at(map, 2.5, -1.0) == 0
+    assert at(map, 1.5, 1.0) == -1  # inside of a box
+    assert at(map, 0.0, 2.4) == at(map, 3.5, 0.0) == -1
+    for x, y in ((0.0, -2.0), (3.0, 0.3), (-3.0, 0.7), (-0.5, 2.0)):
+        row, col = map.cell(x, y)
+        assert (map.cells[row - 1 : row + 2, col - 1 : col + 2] == 100).any(), (x, y)
+
+
+def test_nearly_all_that_is_occupied_is_a_wall(seen: Seen, room: Boxes) -> None:
+    map = charted(seen, room, *ABOUT).map()
+    places = map.centers(*np.nonzero(map.occupied))
+    off = [
+        min(np.hypot(max(x0 - x, 0, x - x1), max(y0 - y, 0, y - y1)) for x0, y0, x1, y1 in room)
+        for x, y in places
+    ]
+    assert np.mean(np.array(off) <= 0.1) >= 0.99
+
+
+def test_what_one_scan_alone_has_hit_is_not_yet_occupied(seen: Seen, room: Boxes) -> None:
+    assert not charted(seen, room, ABOUT[0]).map().occupied.any()
+    assert charted(seen, room, ABOUT[0], ABOUT[0]).map().occupied.any()
+
+
+def test_what_has_gone_is_freed_by_being_seen_through(seen: Seen, room: Boxes) -> None:
+    chart, here = Chart(), Pose2D(0.0, 0.0, 0.0)
+    box = (1.0, -0.6, 1.4, -0.2)
+    for seed in range(3):
+        chart.add(seen((*room, box), here, seed), row(here))
+    face = [(0.95, -0.4), (1.02, -0.4), (1.07, -0.4)]
+    assert any(at(chart.map(), *place) == 100 for place in face)
+    for seed in range(10):
+        chart.add(seen(room, here, seed), row(here))
+    assert all(at(chart.map(), *place) == 0 for place in face)
+
+
+def test_it_grows_to_every_side_and_keeps_what_it_had(seen: Seen, room: Boxes) -> None:
+    chart = charted(seen, room, *ABOUT)
+    before = chart.map()
+    for x, y in ((40.0, 0.0), (-40.0, 3.0), (0.0, 40.0), (7.0, -40.0)):
+        chart.add(seen(room, Pose2D(0.0, 0.0, 0.0)), np.array((x, y, 0.3)))
+    after = chart.map()
+    places = before.centers(*np.nonzero(before.occupied))
+    cells = after.indices(places)
+    assert (after.cells[cells[:, 0], cells[:, 1]] == 100).all()
+
+
+def test_trimming_moves_nothing(seen: Seen, room: Boxes) -> None:
+    whole = charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map()
+    small = trimmed(whole)
+    assert small.cells.size < whole.cells.size
+    assert small.keepout == whole.keepout
+    places = whole.centers(*np.nonzero(whole.occupied))
+    cells = small.indices(places)
+    assert (small.cells[cells[:, 0], cells[:, 1]] == 100).all()
+
+
+def test_it_comes_back_from_its_files_as_it_was(seen: Seen, room: Boxes, tmp_path: Path) -> None:
+    map = trimmed(charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map())
+    save_map(map, tmp_path / "room.yaml")
+    back = load_map(tmp_path / "room.yaml")
+    assert np.array_equal(back.cells, map.cells)
+    assert (back.origin, back.resolution, back.keepout) == (map.origin, map.resolution, map.keepout)

@@ -1,0 +1,108 @@
+"""Exploring a small flat: what `btcore run mapping` makes of it, and that one can drive on that map."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from btcore.cli.main import main
+from robot_nodes.navigation.likelihood import distances
+from robot_nodes.navigation.map import OccupancyMap, load_map
+from sim.rasterise import rasterise
+from sim.scene import load_scene
+
+Run = Callable[..., Result]
+
+WALLS = {
+    "west": ([-1.55, 0.0], [0.1, 4.2]),
+    "east": ([4.05, 0.0], [0.1, 4.2]),
+    "south": ([1.25, -2.05], [5.5, 0.1]),
+    "north": ([1.25, 2.05], [5.5, 0.1]),
+    "between_south": ([1.5, -1.3], [0.1, 1.4]),
+    "between_north": ([1.5, 1.3], [0.1, 1.4]),
+    "cabinet": ([3.7, 1.6], [0.6, 0.8]),
+}
+GO = """<root BTCPP_format="4"><BehaviorTree ID="Go"><Move goal="2.9;-0.8"/></BehaviorTree></root>"""
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two rooms with a door, and the map that an exploration made of them."""
+    folder = tmp_path_factory.mktemp("flat")
+    objects = [
+        {"name": name, "kind": "box", "position": at, "size": [*size, 2.0], "color": "#d9d4c7"}
+        for name, (at, size) in WALLS.items()
+    ]
+    scene = {
+        "description": "two rooms",
+        "start": {"pose": [0, 0, 0]},
+        "objects": objects,
+        "physics_rate": 120,
+    }
+    (folder / "flat.json").write_text(json.dumps(scene), encoding="utf-8")
+    (folder / "go.xml").write_text(GO, encoding="utf-8")
+    result = explore(folder, "made.yaml")
+    assert result.exit_code == 0, result.output
+    (folder / "told.json").write_text(result.stdout.splitlines()[-1], encoding="utf-8")
+    return folder
+
+
+def explore(folder: Path, name: str, *more: str) -> Result:
+    command = ["run", "mapping", "--world", str(folder / "flat.json"), "--fast", "--camera", "off", "--json"]
+    return CliRunner().invoke(
+        main, [*command, "--save-map", str(folder / name), "--seed", "2", *more], prog_name="btcore"
+    )
+
+
+def within(one: OccupancyMap, other: OccupancyMap, cells: int) -> float:
+    """The share of the occupied cells of *one* that have one of *other* so near."""
+    places = one.centers(*np.nonzero(one.occupied))
+    found = other.indices(places)
+    on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
+    away = np.full(len(places), np.inf)
+    away[on] = distances(other)[found[on, 0], found[on, 1]]
+    return float(np.mean(away <= cells * other.resolution + 1e-3))
+
+
+def test_it_ends_by_itself_and_touches_nothing(flat: Path) -> None:
+    told = json.loads((flat / "told.json").read_text(encoding="utf-8"))
+    assert told["status"] == "SUCCESS"
+    assert told["time_s"] < 200.0
+    robot = told["robot"]
+    assert (robot["collisions"], robot["grazes"]) == (0, 0)
+    assert robot["localization_error_m"]["max"] is None or robot["localization_error_m"]["max"] < 0.1
+
+
+def test_its_map_is_like_the_truth(flat: Path) -> None:
+    made, true = load_map(flat / "made.yaml"), rasterise(load_scene(str(flat / "flat.json")))
+    assert within(made, true, 2) >= 0.97
+    places = true.centers(*np.nonzero(true.free))
+    cells = made.indices(places)
+    assert (made.cells[cells[:, 0], cells[:, 1]] == 0).mean() > 0.95
+
+
+def test_one_can_navigate_on_it(flat: Path) -> None:
+    command = ["run", str(flat / "go.xml"), "--world", str(flat / "flat.json"), "--fast", "--camera", "off"]
+    result = CliRunner().invoke(
+        main, [*command, "--map", str(flat / "made.yaml"), "--duration", "60", "--json"], prog_name="btcore"
+    )
+    assert result.exit_code == 0, result.output
+    robot = json.loads(result.stdout.splitlines()[-1])["robot"]
+    assert robot["pose"]["x"] == pytest.approx(2.9, abs=0.4)
+    assert robot["collisions"] == 0
+
+
+def test_what_was_seen_is_saved_when_time_is_up(flat: Path) -> None:
+    result = explore(flat, "half.yaml", "--duration", "5")
+    assert result.exit_code == 0, result.output
+    half, whole = load_map(flat / "half.yaml"), load_map(flat / "made.yaml")
+    assert 0 < half.free.sum() < whole.free.sum()
+
+
+def test_a_folder_that_is_not_there_is_told_before_anything_moves(flat: Path) -> None:
+    result = explore(flat, "nowhere/made.yaml")
+    assert result.exit_code == 2
+    assert "there is no folder" in result.stderr

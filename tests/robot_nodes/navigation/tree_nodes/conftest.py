@@ -1,0 +1,147 @@
+"""Nav2's nodes on real servers and costmaps, for a robot on the floor of a walled hall."""
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import btcore
+from btcore import Registry, Status, Tree
+from btcore.testing import Journal, PlanAction
+from robot_nodes.navigation import nodes as nav2_nodes
+from robot_nodes.navigation.costmap import GlobalCostmap
+from robot_nodes.navigation.map import OccupancyMap
+from robot_nodes.navigation.plan_server import ComputePath
+from robot_nodes.navigation.planner import Planner
+from robot_nodes.navigation.servers import Servers
+from robot_nodes.robot import Pose2D, Rank
+from robot_nodes.transforms import TransformTree
+
+HALF = 5.0  # m from the middle of the hall to its walls
+CELL = 0.05  # m
+NS_PER_S = 1_000_000_000
+
+
+def hall() -> OccupancyMap:
+    """Ten metres by ten, with walls around, and an unknown corner beyond x = y = 4 m."""
+    count = round(2 * HALF / CELL)
+    cells = np.zeros((count, count), dtype=np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells[-20:, -20:] = -1
+    return OccupancyMap(cells, CELL, (-HALF, -HALF))
+
+
+class Surveyed:
+    """Knows where the robot is: where odometry says, in a map that lies where odometry began."""
+
+    def __init__(self, transforms: TransformTree) -> None:
+        self.transforms = transforms
+        self.confident = True
+        self.searching = False
+        self.searches = 0
+
+    def pose(self) -> Pose2D | None:
+        return self.transforms.lookup("map", "base_footprint").to_pose() if self.confident else None
+
+    def step(self, now: int) -> None:
+        """There is nothing to find out."""
+
+    def global_localisation(self) -> None:
+        self.searches += 1
+
+
+class Bench:
+    """A robot, its servers, and trees of Nav2's nodes among planned leaves."""
+
+    def __init__(self, course) -> None:
+        self.course = course
+        self.robot = course.robot
+        self.journal = Journal()
+        self.localiser = Surveyed(course.tree)
+        self.costmap = GlobalCostmap(hall())
+        self.compute_path = ComputePath(Planner(self.costmap), self.localiser.pose)
+        self.servers = Servers(
+            course.robot,
+            course.tree,
+            self.localiser,
+            self.costmap,
+            course.costmap,
+            self.compute_path,
+            course.follow_path,
+            course.spin,
+            course.back_up,
+            course.drive_on_heading,
+            course.wait,
+        )
+        self.robot.schedule.every(20.0, Rank.PLANNER, self.compute_path.step)
+
+    def tree(self, inside: str, **board: object) -> Tree:
+        """A tree of *inside* on a blackboard with the entries *board*."""
+        nodes = Registry.standard()
+        nav2_nodes.register(nodes)
+        nodes.add(PlanAction)
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>'
+        given = [self.servers, self.journal]
+        tree = btcore.loads(text, nodes=nodes, resources=given, clock=self.robot.clock)
+        for key, value in board.items():
+            tree.blackboard[key] = value
+        return tree
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass without a tick."""
+        self.robot.clock.wait_until(self.robot.clock.now() + round(seconds * NS_PER_S), threading.Event())
+
+    def run(self, tree: Tree, seconds: float, hz: float = 100.0) -> Status:
+        """Tick until the result isn't RUNNING, for so long at most."""
+        status = tree.tick_exactly_once()
+        end = self.robot.clock.now() + round(seconds * NS_PER_S)
+        while status is Status.RUNNING and self.robot.clock.now() < end:
+            self.wait(1.0 / hz)
+            status = tree.tick_exactly_once()
+        return status
+
+    def letters(self, tree: Tree, count: int, every: float = 0.0) -> str:
+        """The first letters of what *count* ticks give, by a parent that doesn't reset what has ended."""
+        found = ""
+        for _ in range(count):
+            found += tree.root.execute_tick().name[0]
+            if every:
+                self.wait(every)
+        return found
+
+    def move(self, x: float, y: float = 0.0, yaw: float = 0.0) -> None:
+        """Set the robot down somewhere else, odometry and all, and let its sensors see that."""
+        self.robot.pose = Pose2D(x, y, yaw)
+        self.wait(0.1)
+
+
+@pytest.fixture
+def bench(floor) -> Bench:
+    return Bench(floor())
+
+
+@pytest.fixture
+def among(floor) -> Callable[..., Bench]:
+    """`among(*boxes)`: a bench with boxes on the floor."""
+    return lambda *boxes: Bench(floor(*boxes))
+
+
+def plan(name: str, letters: str) -> str:
+    """A leaf that gives *letters*: R, S, F or K a tick, ``|`` between one start and the next."""
+    return f'<PlanAction name="{name}" plan="{letters}"/>'
+
+
+def anew(name: str, letters: str) -> str:
+    """The same, which starts anew when it is ticked again after it has ended, as a decorator makes it."""
+    return f"<Inverter><Inverter>{plan(name, letters)}</Inverter></Inverter>"
+
+
+@pytest.fixture(name="anew")
+def planned_anew() -> Callable[[str, str], str]:
+    return anew
+
+
+@pytest.fixture(name="plan")
+def planned() -> Callable[[str, str], str]:
+    return plan

@@ -1,0 +1,363 @@
+"""Nav2's nodes that have a server do their work, a test a sentence of what is known of them."""
+
+import math
+
+import pytest
+
+from btcore import Status
+from robot_nodes.navigation.action import GoalStatus
+from robot_nodes.navigation.codes import Code
+from robot_nodes.robot import Pose2D, Twist2D
+
+AHEAD = Pose2D(2.0, 0.0, 0.0)
+WALL = (1.0, -4.0, 1.4, 4.0)
+
+
+def recoveries(tree) -> int:
+    found = tree.blackboard.find("number_recoveries")
+    return found.value if found is not None and found.value is not None else 0
+
+
+# --- planning
+
+PLAN = '<ComputePathToPose goal="{goal}" path="{path}" error_code_id="{code}" error_msg="{why}" %s/>'
+
+
+def test_compute_path_runs_until_the_planner_has_answered(bench):
+    tree = bench.tree(PLAN % "", goal=AHEAD)
+    assert tree.tick_exactly_once() is Status.RUNNING
+    assert bench.run(tree, 1.0) is Status.SUCCESS
+    path = tree.blackboard["path"]
+    assert path.goal == AHEAD
+    assert path[0].x == pytest.approx(0.0, abs=0.05)
+    assert (tree.blackboard["code"], tree.blackboard["why"]) == (0, "")
+
+
+def test_compute_path_empties_the_path_and_says_why_it_failed(bench, path):
+    tree = bench.tree(PLAN % "", goal=Pose2D(4.99, 0.0, 0.0), path=path((0, 0), (1, 0)))
+    assert bench.run(tree, 1.0) is Status.FAILURE
+    assert len(tree.blackboard["path"]) == 0
+    assert tree.blackboard["code"] == Code.GOAL_OCCUPIED
+    assert tree.blackboard["why"]
+
+
+def test_compute_path_empties_the_path_on_a_halt(bench, path):
+    tree = bench.tree(PLAN % "", goal=AHEAD, path=path((0, 0), (1, 0)))
+    tree.tick_exactly_once()
+    tree.halt()
+    assert len(tree.blackboard["path"]) == 0
+    bench.wait(0.2)
+    assert not bench.compute_path.busy
+
+
+def test_compute_path_fails_where_the_robot_does_not_know_where_it_is(bench):
+    tree = bench.tree(PLAN % "", goal=AHEAD)
+    bench.localiser.confident = False
+    assert bench.run(tree, 1.0) is Status.FAILURE
+    assert tree.blackboard["code"] == Code.COMPUTE_PATH_TF_ERROR
+
+
+def test_compute_path_knows_its_planners(bench):
+    tree = bench.tree(PLAN % 'planner_id="Other"', goal=AHEAD)
+    assert bench.run(tree, 1.0) is Status.FAILURE
+    assert tree.blackboard["code"] == Code.INVALID_PLANNER
+    assert bench.run(bench.tree(PLAN % 'planner_id="GridBased"', goal=AHEAD), 1.0) is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("ports", "x"),
+    [
+        ('start="-2;0"', -2.0),
+        ('start="-2;0" use_start="true"', -2.0),
+        ('start="-2;0" use_start="false"', 0.0),
+    ],
+)
+def test_compute_path_begins_at_a_start_unless_that_is_not_to_be_used(bench, ports, x):
+    tree = bench.tree(PLAN % ports, goal=AHEAD)
+    assert bench.run(tree, 1.0) is Status.SUCCESS
+    assert tree.blackboard["path"][0].x == pytest.approx(x, abs=0.05)
+
+
+def test_compute_path_goes_by_the_viapoints(bench):
+    tree = bench.tree(PLAN % 'viapoints="{via}"', goal=AHEAD, via=[Pose2D(0.0, 2.0, 0.0)])
+    assert bench.run(tree, 1.0) is Status.SUCCESS
+    points = tree.blackboard["path"].points
+    assert min(math.hypot(x, y - 2.0) for x, y in points) < 0.1
+
+
+def test_compute_path_through_poses_passes_them_all(bench):
+    tree = bench.tree(
+        '<ComputePathThroughPoses goals="{goals}" path="{path}" last_reached_index="{last}"/>',
+        goals=[Pose2D(2.0, 0.0, 0.0), Pose2D(2.0, 2.0, 0.0), Pose2D(0.0, 2.0, 0.0)],
+    )
+    assert bench.run(tree, 1.0) is Status.SUCCESS
+    points = tree.blackboard["path"].points
+    for goal in tree.blackboard["goals"]:
+        assert min(math.hypot(x - goal.x, y - goal.y) for x, y in points) < 0.1
+    assert tree.blackboard["last"] == -1
+
+
+def test_compute_path_through_poses_has_numbers_of_its_own(bench):
+    text = '<ComputePathThroughPoses goals="{goals}" path="{path}" error_code_id="{code}"/>'
+    tree = bench.tree(text, goals=[])
+    assert bench.run(tree, 1.0) is Status.FAILURE
+    assert tree.blackboard["code"] == Code.NO_VIAPOINTS_GIVEN
+    tree = bench.tree(text, goals=[Pose2D(4.99, 0.0, 0.0)])
+    assert bench.run(tree, 1.0) is Status.FAILURE
+    assert tree.blackboard["code"] == Code.THROUGH_GOAL_OCCUPIED
+
+
+# --- driving
+
+FOLLOW = '<FollowPath path="{path}" error_code_id="{code}" tracking_feedback="{how}" %s/>'
+
+
+def test_follow_path_drives_to_the_end(bench, path):
+    tree = bench.tree(FOLLOW % "", path=path((0, 0), (1, 0)))
+    assert bench.run(tree, 20.0) is Status.SUCCESS
+    assert bench.robot.pose.x == pytest.approx(1.0, abs=0.26)
+    assert tree.blackboard["code"] == 0
+
+
+def test_follow_path_takes_another_path_over_without_a_stop(bench, path):
+    tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+    bench.run(tree, 3.0)
+    first = bench.servers.follow_path.current
+    tree.blackboard["path"] = path((0, 0), (4, 0), (4, 1))
+    slowest = 1.0
+    for _ in range(100):
+        tree.tick_exactly_once()
+        bench.wait(0.01)
+        slowest = min(slowest, bench.robot.speed)
+    assert first.status is GoalStatus.CANCELED
+    assert bench.servers.follow_path.current.goal.path is tree.blackboard["path"]
+    assert slowest == pytest.approx(0.3, abs=0.01)
+
+
+def test_follow_path_goes_on_along_the_old_path_while_there_is_no_new_one(bench, path):
+    tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+    bench.run(tree, 1.0)
+    tree.blackboard["path"] = path((0, 0), (4, 0)).__class__(path((0, 0)).poses[:0], 0)
+    bench.run(tree, 1.0)
+    assert bench.servers.follow_path.current.status is GoalStatus.EXECUTING
+    assert bench.robot.speed == pytest.approx(0.3, abs=0.01)
+
+
+def test_follow_path_sends_its_goal_again_for_another_plug_in(bench, path):
+    tree = bench.tree(FOLLOW % 'goal_checker_id="{checker}"', path=path((0, 0), (4, 0)), checker="general")
+    bench.run(tree, 0.5)
+    tree.blackboard["checker"] = "precise"
+    bench.run(tree, 0.2)
+    assert bench.servers.follow_path.current.goal.goal_checker_id == "precise"
+
+
+def test_follow_path_tells_how_it_goes_and_then_that_it_does_not(bench, path):
+    tree = bench.tree(FOLLOW % "", path=path((0, 0.1), (1, 0.1)))
+    bench.run(tree, 0.5)
+    assert tree.blackboard["how"].position_error == pytest.approx(-0.1, abs=0.02)
+    assert tree.blackboard["how"].distance_to_goal == pytest.approx(1.0, abs=0.1)
+    bench.run(tree, 20.0)
+    assert tree.blackboard["how"].distance_to_goal == 0.0
+
+
+def test_follow_path_fails_on_a_path_of_no_poses(bench):
+    tree = bench.tree(FOLLOW % "")
+    assert bench.run(tree, 1.0) is Status.FAILURE
+    assert tree.blackboard["code"] == Code.INVALID_PATH
+
+
+def test_a_halt_cancels_the_goal_and_the_robot_stands(bench, path):
+    tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+    bench.run(tree, 2.0)
+    tree.halt()
+    bench.wait(1.0)
+    assert bench.servers.follow_path.current.status is GoalStatus.CANCELED
+    assert bench.robot.speed == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_goal_that_somebody_else_cancelled_is_a_success(bench, path):
+    tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+    bench.run(tree, 1.0)
+    bench.servers.follow_path.current.cancel()
+    assert bench.run(tree, 1.0) is Status.SUCCESS
+
+
+# --- recoveries
+
+
+def test_spin_turns_to_the_left_by_a_quarter(bench):
+    tree = bench.tree("<Spin/>")
+    assert bench.run(tree, 15.0) is Status.SUCCESS
+    assert bench.robot.pose.yaw == pytest.approx(1.57, abs=0.1)
+    assert recoveries(tree) == 1
+
+
+def test_spin_is_no_recovery_if_the_tree_says_so(bench):
+    tree = bench.tree('<Spin spin_dist="-0.3" is_recovery="false"/>')
+    assert bench.run(tree, 15.0) is Status.SUCCESS
+    assert bench.robot.pose.yaw == pytest.approx(-0.3, abs=0.1)
+    assert recoveries(tree) == 0
+
+
+def test_spin_fails_when_it_takes_too_long(bench):
+    tree = bench.tree('<Spin spin_dist="3" time_allowance="1" error_code_id="{code}" error_msg="{why}"/>')
+    assert bench.run(tree, 15.0) is Status.FAILURE
+    assert tree.blackboard["code"] == Code.SPIN_TIMEOUT
+    assert tree.blackboard["why"]
+
+
+def test_back_up_takes_distance_and_speed_without_a_sign(bench):
+    bench.wait(0.3)
+    tree = bench.tree('<BackUp backup_dist="0.2" backup_speed="0.1"/>')
+    assert bench.run(tree, 10.0) is Status.SUCCESS
+    assert bench.robot.pose.x == pytest.approx(-0.2, abs=0.03)
+    assert recoveries(tree) == 1
+
+
+def test_drive_on_heading_goes_straight_and_is_no_recovery(bench):
+    tree = bench.tree('<DriveOnHeading dist_to_travel="0.3" speed="0.1"/>')
+    assert bench.run(tree, 10.0) is Status.SUCCESS
+    assert bench.robot.pose.x == pytest.approx(0.3, abs=0.03)
+    assert recoveries(tree) == 0
+
+
+def test_drive_on_heading_fails_before_a_wall(among):
+    bench = among(WALL)
+    bench.wait(0.3)
+    tree = bench.tree('<DriveOnHeading dist_to_travel="2" speed="0.2" error_code_id="{code}"/>')
+    assert bench.run(tree, 20.0) is Status.FAILURE
+    assert tree.blackboard["code"] == Code.DRIVE_ON_HEADING_COLLISION_AHEAD
+    assert bench.robot.nearest > 0.0
+
+
+@pytest.mark.parametrize("seconds", ["2", "-2"])
+def test_wait_waits_so_long_whatever_the_sign(bench, seconds):
+    tree = bench.tree(f'<Wait wait_duration="{seconds}"/>')
+    assert bench.run(tree, 1.8) is Status.RUNNING
+    assert bench.run(tree, 0.5) is Status.SUCCESS
+    assert recoveries(tree) == 1
+
+
+@pytest.mark.parametrize(
+    ("node", "server"),
+    [
+        ("CancelControl", "follow_path"),
+        ("CancelSpin", "spin"),
+        ("CancelBackUp", "back_up"),
+        ("CancelDriveOnHeading", "drive_on_heading"),
+        ("CancelWait", "wait"),
+    ],
+)
+def test_the_cancelling_nodes_end_what_their_server_does(bench, path, node, server):
+    bench.wait(0.2)
+    work = {
+        "follow_path": '<FollowPath path="{path}"/>',
+        "spin": '<Spin spin_dist="3"/>',
+        "back_up": '<BackUp backup_dist="1"/>',
+        "drive_on_heading": '<DriveOnHeading dist_to_travel="1"/>',
+        "wait": '<Wait wait_duration="9"/>',
+    }[server]
+    tree = bench.tree(work, path=path((0, 0), (3, 0)))
+    assert bench.run(tree, 0.5) is Status.RUNNING
+    assert bench.letters(bench.tree(f"<{node}/>"), 1) == "S"
+    assert bench.run(tree, 0.5) is Status.SUCCESS
+    assert getattr(bench.servers, server).current.status is GoalStatus.CANCELED
+
+
+def test_cancelling_what_does_nothing_is_a_success(bench):
+    assert bench.letters(bench.tree("<CancelSpin/>"), 1) == "S"
+
+
+# --- what is done at once
+
+
+def look(bench) -> None:
+    """Have both costmaps see what the laser sees."""
+    bench.wait(0.3)
+    scan = bench.robot.scan()
+    bench.costmap.observe(scan, bench.servers.transforms.lookup("map", scan.frame).to_pose())
+    bench.costmap.update(bench.robot.clock.now(), bench.servers.pose())
+
+
+@pytest.fixture
+def seen(among):
+    bench = among((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4))
+    look(bench)
+    assert taken(bench.costmap) == (True, True)
+    assert taken(bench.servers.local_costmap) == (True, True)
+    return bench
+
+
+def taken(costmap) -> tuple[bool, bool]:
+    """Whether the box ahead stands on *costmap*, and the one to the left."""
+    return costmap.cost(0.75, 0.0) >= 253, costmap.cost(0.9, 1.25) >= 253
+
+
+@pytest.mark.parametrize(("name", "left"), [("global", "local"), ("local", "global")])
+def test_clear_entire_costmap_forgets_what_was_seen(seen, name, left):
+    tree = seen.tree(f'<ClearEntireCostmap service_name="{name}_costmap/clear_entirely_{name}_costmap"/>')
+    assert seen.letters(tree, 1) == "S"
+    costmaps = {"global": seen.costmap, "local": seen.servers.local_costmap}
+    assert taken(costmaps[name]) == (False, False)
+    assert taken(costmaps[left]) == (True, True)
+    assert recoveries(tree) == 1
+
+
+def test_clear_entire_costmap_leaves_the_map(seen):
+    seen.letters(seen.tree('<ClearEntireCostmap service_name="global_costmap"/>'), 1)
+    assert seen.costmap.cost(4.99, 0.0) == 254
+
+
+@pytest.mark.parametrize(
+    ("node", "left"),
+    [
+        ('<ClearCostmapAroundRobot service_name="global" reset_distance="2"/>', (False, True)),
+        ('<ClearCostmapExceptRegion service_name="global" reset_distance="2"/>', (True, False)),
+        ('<ClearCostmapAroundPose service_name="global" pose="1;1.3" reset_distance="1"/>', (True, False)),
+    ],
+)
+def test_parts_of_a_costmap_can_be_cleared(seen, node, left):
+    tree = seen.tree(node)
+    assert seen.letters(tree, 1) == "S"
+    assert taken(seen.costmap) == left
+    assert recoveries(tree) == 1
+
+
+def test_reinitialize_global_localization_has_the_localiser_search(bench):
+    assert bench.letters(bench.tree("<ReinitializeGlobalLocalization/>"), 1) == "S"
+    assert bench.localiser.searches == 1
+
+
+def test_check_stop_status_runs_until_the_robot_has_stood_for_a_second(bench):
+    tree = bench.tree("<CheckStopStatus/>")
+    assert bench.letters(tree, 12, every=0.1) == "RRRRRRRRRRSS"
+
+
+def test_check_stop_status_fails_while_the_robot_moves(bench):
+    bench.robot.drive(0.3, 0.0)
+    bench.wait(0.3)
+    assert bench.robot.odometry().twist != Twist2D(0.0, 0.0)
+    assert bench.letters(bench.tree("<CheckStopStatus/>"), 1) == "F"
+
+
+@pytest.mark.parametrize(
+    ("node", "kind"),
+    [
+        ("PlannerSelector", "planner"),
+        ("ControllerSelector", "controller"),
+        ("SmootherSelector", "smoother"),
+        ("GoalCheckerSelector", "goal_checker"),
+        ("ProgressCheckerSelector", "progress_checker"),
+        ("PathHandlerSelector", "path_handler"),
+    ],
+)
+def test_the_selectors_take_the_topics_choice_or_the_default(bench, node, kind):
+    assert bench.letters(bench.tree(f'<{node} selected_{kind}="{{it}}"/>'), 1) == "F"
+    tree = bench.tree(f'<{node} default_{kind}="Usual" selected_{kind}="{{it}}"/>')
+    assert bench.letters(tree, 1) == "S"
+    assert tree.blackboard["it"] == "Usual"
+    bench.servers.topics[f"{kind}_selector"] = "Other"
+    assert bench.letters(tree, 1) == "S"
+    assert tree.blackboard["it"] == "Other"
+    required = bench.tree(f'<{node} topic_name="mine" selected_{kind}="{{it}}"/>')
+    assert bench.letters(required, 1) == "F"

@@ -1,0 +1,132 @@
+"""The commands of ``btcore book``, from the command line to the picture."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from btcore.cli.main import main
+
+BOX = {
+    "description": "a wooden box ahead",
+    "floor": "#8d9297",
+    "start": {"pose": [0, 0, 0]},
+    "objects": [
+        {"name": "box", "kind": "box", "position": [2.4, 0], "size": [0.6, 0.6, 1.2], "color": "#aa783c"}
+    ],
+}
+
+
+def run(*arguments: str) -> tuple[int, str, str]:
+    done = CliRunner().invoke(main, ["book", *arguments], standalone_mode=False)
+    if done.exception is not None:
+        return 2, done.output, getattr(done.exception, "message", str(done.exception))
+    return done.return_value or 0, done.stdout, ""
+
+
+def report(*arguments: str) -> dict:
+    code, said, error = run(*arguments, "--fast", "--json", "--quiet")
+    assert code == 0, error
+    return json.loads(said.splitlines()[-1])
+
+
+@pytest.fixture
+def box(tmp_path: Path) -> str:
+    path = tmp_path / "box.json"
+    path.write_text(json.dumps(BOX))
+    return str(path)
+
+
+COMMANDS = {
+    "bumpgo-fsm": [],
+    "vff": [],
+    "obstacle-detector": [],
+    "obstacle-detector-improved": [],
+    "colour": ["--tilt", "-0.2"],
+    "head-tracking": [],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_runs_reports_and_draws(name: str, box: str, tmp_path: Path):
+    picture = tmp_path / "picture.png"
+    found = report(
+        name,
+        *COMMANDS[name],
+        "--world",
+        box,
+        "--camera",
+        "160x120@10",
+        "--duration",
+        "3",
+        "--picture",
+        str(picture),
+    )
+    assert found["time_s"] == 3.0
+    assert found["robot"]["collisions"] == 0
+    drawn = cv2.imread(str(picture))
+    assert drawn is not None
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) >= 5
+
+
+def test_the_same_seed_gives_the_same_run(box: str):
+    first, second = (report("vff", "--world", "arena", "--seed", "5", "--duration", "10") for _ in range(2))
+    assert first == second
+
+
+def test_the_basic_detectors_obstacle_goes_along_and_the_improved_ones_stays(box: str):
+    arc = ("--world", box, "--drive", "0.1", "--turn", "0.2", "--duration", "8")
+    assert report("obstacle-detector", *arc)["spread_m"] > 1.5
+    assert report("obstacle-detector-improved", *arc)["spread_m"] < 0.5
+
+
+def test_the_head_follows_what_the_turning_base_leaves_behind(box: str):
+    found = report("head-tracking", "--world", box, "--turn", "0.1", "--duration", "5")
+    assert found["pictures_with_object"] > 30
+    assert found["head"]["pan"] == pytest.approx(-0.45, abs=0.25)
+
+
+def test_all_that_is_near_pushing_bumps_into_nothing():
+    found = report("vff", "--all", "--world", "arena_boxes", "--seed", "2", "--duration", "60")
+    assert found["robot"]["collisions"] + found["robot"]["grazes"] == 0
+    assert found["robot"]["distance_m"] > 10.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["colour", "--hsv", "1,2,3"], "'1,2,3' is no colour range"),
+        (["colour", "--hsv", "1,2,3,4,5,999"], "is no colour range"),
+        (["head-tracking", "--camera", "off"], "the camera is off"),
+        (["vff", "--world", "nowhere"], "nowhere"),
+        (["vff", "--duration", "1", "--picture", "/nowhere/a.png"], "there is no folder /nowhere"),
+        (["launch", "none.yaml"], "none.yaml can't be read"),
+        (["hello", "--params", "none.yaml"], "none.yaml can't be read"),
+    ],
+)
+def test_a_mistake_is_a_sentence(arguments: list[str], said: str):
+    code, _, error = run(*arguments, "--fast")
+    assert code == 2
+    assert said in error
+
+
+def test_a_parameter_that_nobody_knows_is_told(tmp_path: Path):
+    (tmp_path / "p.yaml").write_text("localization_node: {ros__parameters: {particles: 300}}\n")
+    done = CliRunner().invoke(
+        main,
+        ["book", "hello", "localization", "--fast", "--duration", "1", "--params", str(tmp_path / "p.yaml")],
+    )
+    assert "did you mean 'number_particles'?" in done.output
+    assert "Number of particles: 200" in done.output
+
+
+def test_a_launch_file_draws_who_publishes_for_whom(tmp_path: Path):
+    (tmp_path / "l.yaml").write_text("launch:\n- node: {exec: publisher}\n- node: {exec: subscriber}\n")
+    found = report(
+        "launch", str(tmp_path / "l.yaml"), "--duration", "1", "--picture", str(tmp_path / "g.png")
+    )
+    assert found["processes"] == ["publisher_node", "subscriber_node"]
+    assert cv2.imread(str(tmp_path / "g.png")).shape[1] == 760

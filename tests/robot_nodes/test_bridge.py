@@ -1,0 +1,92 @@
+"""The bridge: a robot's readings and commands as topics, under the book's names."""
+
+import numpy as np
+import pytest
+
+from robot_nodes.process.bridge import IMAGE, JOINT_COMMAND, JOINT_STATE, ODOMETRY, SCAN, Bridge
+from robot_nodes.process.executor import Executor
+from robot_nodes.process.messages import HeadCommand
+from robot_nodes.process.process import Process, Surroundings
+from robot_nodes.robot import HeadPosition, LaserScan, Odometry, Picture, Pose2D, Twist2D
+
+
+class Bridged:
+    """A robot behind a bridge, and somebody at the other side."""
+
+    def __init__(self, robot) -> None:
+        self.robot = robot
+        self.around = Surroundings(robot.clock, robot.schedule, lambda line: None, robot=robot)
+        self.other = Process("other", self.around)
+        executor = Executor(robot.schedule, robot.clock)
+        executor.add(Bridge(self.around))
+        executor.add(self.other)
+        self.heard: list[object] = []
+
+    def listen(self, topic: str, kind: type) -> None:
+        self.other.subscribe(topic, kind, self.heard.append)
+
+    def sleep(self, seconds: float) -> None:
+        self.robot.clock.sleep(seconds)
+
+
+@pytest.fixture
+def bridged(robot) -> Bridged:
+    return Bridged(robot)
+
+
+def test_each_scan_is_published_once(bridged: Bridged):
+    bridged.listen("/scan_raw", LaserScan)
+    bridged.robot.see(1.0)
+    bridged.sleep(0.1)
+    first = bridged.robot.seen
+    bridged.robot.see(2.0)
+    bridged.sleep(0.1)
+    assert bridged.heard == [first, bridged.robot.seen]
+    assert SCAN == "/scan_raw"
+
+
+def test_odometry_comes_fifty_times_a_second(bridged: Bridged):
+    bridged.listen(ODOMETRY, Odometry)
+    bridged.robot.at = Pose2D(1.0, 2.0, 0.5)
+    bridged.sleep(1.0)
+    assert len(bridged.heard) == 50
+    assert bridged.heard[-1].pose == Pose2D(1.0, 2.0, 0.5)
+
+
+def test_the_head_is_read_and_told(bridged: Bridged):
+    bridged.listen(JOINT_STATE, HeadPosition)
+    bridged.robot.turned = HeadPosition(0.1, 0.2, 7)
+    bridged.other.publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
+    bridged.sleep(0.1)
+    assert bridged.heard == [HeadPosition(0.1, 0.2, 7)]
+    assert bridged.robot.looks == [(0.3, -0.1)]
+
+
+@pytest.mark.parametrize(
+    ("topic", "priority"), [("/cmd_vel", 10), ("/nav_vel", 10), ("/key_vel", 90), ("/joy_vel", 100)]
+)
+def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: str, priority: int):
+    told: list[int] = []
+    drive = bridged.robot.drive
+    bridged.robot.drive = lambda v, w, *, priority: (told.append(priority), drive(v, w))
+    bridged.other.publisher(topic, Twist2D).publish(Twist2D(0.2, 0.1))
+    bridged.sleep(0.0)
+    assert bridged.robot.commands == [(0.2, 0.1)]
+    assert told == [priority]
+
+
+def test_a_picture_is_asked_for_only_while_somebody_listens(bridged: Bridged):
+    asked: list[int] = []
+    picture = Picture(np.zeros((2, 2, 3), dtype=np.uint8), 5, "camera")
+    bridged.robot.camera = lambda: (asked.append(1), picture)[1]
+    bridged.sleep(0.5)
+    assert asked == []
+    bridged.listen(IMAGE, Picture)
+    bridged.sleep(0.5)
+    assert bridged.heard == [picture]
+
+
+def test_a_bridge_without_a_robot_is_refused(robot):
+    around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+    with pytest.raises(ValueError, match="a bridge is for a robot"):
+        Bridge(around)

@@ -1,0 +1,106 @@
+"""Driving by keys: what is written, what a terminal sends, and the command."""
+
+import json
+import os
+import pty
+import select
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from btcore.cli.main import main
+from robot_nodes.control.keyboard import KeyFault, keys_in, script
+
+Run = Callable[..., Result]
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def drive(monkeypatch: pytest.MonkeyPatch) -> Run:
+    monkeypatch.setenv("COLUMNS", "110")
+
+    def call(*arguments: str) -> Result:
+        return CliRunner().invoke(main, ["drive", "--fast", *arguments], prog_name="btcore")
+
+    return call
+
+
+def test_a_script_holds_one_key_after_the_other() -> None:
+    keys = script("w:5, a:2,space,q:0.5")
+    moments = (0.0, 4.9, 5.0, 6.9, 7.0, 8.0, 8.4, 8.5)
+    assert [keys.pressed(round(one * SECOND)) for one in moments] == ["w", "w", "a", "a", " ", "q", "q", "x"]
+
+
+@pytest.mark.parametrize("text", ["", "f:2", "w:", "w:fast", "w:-1", "w:0", "w:nan", "5:w"])
+def test_a_script_that_says_nothing_is_told_so(text: str) -> None:
+    with pytest.raises(KeyFault, match="w"):
+        script(text)
+
+
+def test_arrows_and_capitals_are_keys() -> None:
+    assert keys_in("w\x1b[AzD\x1b[D x") == ["w", "w", "d", "a", " ", "x"]
+
+
+def test_it_drives_as_the_keys_say(drive: Run) -> None:
+    result = drive("--keys", "w:4,s:2", "--seed", "2", "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout.splitlines()[-1])
+    assert told["time_s"] == pytest.approx(6.0, abs=0.2)
+    assert told["robot"]["distance_m"] == pytest.approx(4 * 0.3 + 2 * 0.2, abs=0.25)
+
+
+def test_it_makes_a_map_on_the_way(drive: Run, tmp_path: Path) -> None:
+    from robot_nodes.navigation.map import load_map
+
+    file = tmp_path / "arena.yaml"
+    lines = [
+        drive("--keys", "a:14,w:3", "--map-to", str(file), "--seed", "3", "--json").stdout for _ in range(2)
+    ]
+    assert lines[0] == lines[1]
+    told = json.loads(lines[0].splitlines()[-1])
+    map = load_map(file)
+    assert told["map"]["scans"] > 20
+    assert (map.width, map.height) == (told["map"]["width"], told["map"]["height"])
+    assert map.occupied.sum() > 400
+    assert map.free.sum() * map.resolution**2 > 30.0
+
+
+def test_without_a_terminal_it_says_what_to_do(drive: Run) -> None:
+    result = drive()
+    assert result.exit_code == 2
+    assert "standard input is no terminal" in result.stderr
+    assert "--keys" in result.stderr
+
+
+def test_a_mistake_in_the_keys_or_the_folder_is_told_at_once(drive: Run, tmp_path: Path) -> None:
+    assert "'f:3' has no key to drive by" in drive("--keys", "w:1,f:3").stderr
+    result = drive("--keys", "w:1", "--map-to", str(tmp_path / "no" / "map.yaml"))
+    assert result.exit_code == 2
+    assert "there is no folder" in result.stderr
+
+
+def test_keys_of_a_terminal_drive_and_x_ends() -> None:
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "btcore", "drive", "--json"]
+    with subprocess.Popen(
+        command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2]
+    ) as driven:
+        assert driven.stdout is not None
+        assert driven.stderr is not None
+        try:
+            ready, _, _ = select.select([driven.stderr], [], [], 60)
+            assert ready
+            assert b"forward" in driven.stderr.readline()
+            for key in (*8 * [b"w"], b"x"):
+                os.write(ours, key)
+                select.select([driven.stdout], [], [], 0.2)
+            told = json.loads(driven.stdout.read().splitlines()[-1])
+        finally:
+            driven.kill()
+            os.close(ours)
+            os.close(theirs)
+    assert told["robot"]["distance_m"] > 0.1
