@@ -19,6 +19,7 @@ DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 
 # How many seeds each acceptance run is made with.
 SEEDS ?= 200
+PATROLS ?= --seeds 20
 INPUTS ?= 100000
 
 .PHONY: help setup demo test lint pure compiled vulkan accept bench clean
@@ -96,6 +97,7 @@ compiled: .venv-compiled/ready
 
 accept: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 
 bench: .venv-compiled/ready

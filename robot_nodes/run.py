@@ -1,4 +1,4 @@
-"""Navigation and the head tracker for ``btcore run``: their options, and what they offer to leaves."""
+"""Navigation, mapping and the head tracker for ``btcore run``: options, and what they offer to leaves."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robot_nodes.leaves.explore import Explores, MapFile
 from robot_nodes.leaves.navigate import GoesToPoses
 from robot_nodes.leaves.track import TracksObjects
 from robot_nodes.robot import Robot
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from robot_nodes.control.head_tracker import HeadTracker
+    from robot_nodes.navigation.map import OccupancyMap
+    from robot_nodes.navigation.mapping.exploration import Exploration
+    from robot_nodes.navigation.parameters import NavigationParameters
     from robot_nodes.navigation.stack import Navigation
 
 
@@ -23,8 +29,10 @@ class NavigationMistake(click.ClickException):
 
 
 class NavigationExtension:
-    """Offers navigation on the robot's map, and a head tracker, to trees whose leaves ask for them."""
+    """Offers navigation on the robot's map, or while one is made, and a head tracker, to trees that ask."""
 
+    serves = "leaf that navigates, makes a map or tracks"
+    """Without which its options do nothing."""
     options: Sequence[click.Option] = (
         click.Option(
             ["--map", "map_file"],
@@ -38,18 +46,26 @@ class NavigationExtension:
             metavar="FILE.yaml",
             help="Parameters of the navigation, in Nav2's form.",
         ),
+        click.Option(
+            ["--save-map"],
+            type=click.Path(dir_okay=False, path_type=Path),
+            metavar="FILE.yaml",
+            help="Where a tree that makes a map saves it, at the latest when the run ends.",
+        ),
     )
 
     def __init__(self) -> None:
         self._navigation: Navigation | None = None
+        self._exploration: Exploration | None = None
+        self._file = MapFile()
         self._tracker: HeadTracker | None = None
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """A robot, and its map, where leaves want to navigate or to track."""
-        navigates, tracks = _asked(wanted)
-        if not (navigates or tracks):
+        navigates, explores, tracks = _asked(wanted)
+        if not (navigates or explores or tracks):
             return ()
-        if not navigates:
+        if not (navigates or explores):
             return (Robot,)
         from robot_nodes.navigation.map import OccupancyMap
 
@@ -59,12 +75,16 @@ class NavigationExtension:
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
         """What leaves want of it; a user's mistake is a `NavigationMistake`."""
-        navigates, tracks = _asked(wanted)
+        navigates, explores, tracks = _asked(wanted)
         robot = next((one for one in provided if isinstance(one, Robot)), None)
         if robot is None:
             return ()
         given: list[object] = []
-        if navigates:
+        if explores:
+            self._file = MapFile(_writable(settings.get("save_map")))
+            exploration = self._exploration = _exploration(robot, settings, provided)
+            given += [exploration, exploration.servers, exploration.mapper, self._file]
+        elif navigates:
             navigation = self._navigation = _navigation(robot, settings, provided)
             given += [navigation, navigation.servers]
         if tracks:
@@ -79,52 +99,104 @@ class NavigationExtension:
     def attach(
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
-        """Stop what still tracks when the run ends."""
+        """When the run ends, stop what still tracks, and save the map that was made if the tree hasn't."""
         try:
             yield
         finally:
             if self._tracker is not None:
                 self._tracker.shutdown()
+            if self._exploration is not None and self._file.path is not None and not self._file.saved:
+                _save(self._exploration, self._file.path)
 
     def report(self) -> dict[str, object]:
         """Nothing: who judges a run knows more than the robot does."""
         return {}
 
 
-def _asked(wanted: Sequence[type]) -> tuple[bool, bool]:
-    """Whether leaves want to navigate, and whether they want to track."""
+def _asked(wanted: Sequence[type]) -> tuple[bool, bool, bool]:
+    """Whether leaves want to navigate, to explore, and to track."""
     names = {f"{kind.__module__}.{kind.__qualname__}" for kind in wanted}
     navigates = GoesToPoses in wanted or bool(names & {_NAVIGATION, _SERVERS})
-    return navigates, TracksObjects in wanted or _TRACKER in names
+    explores = Explores in wanted or bool(names & {_EXPLORATION, _MAPPER})
+    return navigates, explores, TracksObjects in wanted or _TRACKER in names
 
 
 # By name: these modules need libraries that a tree without navigation must not load.
 _NAVIGATION = "robot_nodes.navigation.stack.Navigation"
 _SERVERS = "robot_nodes.navigation.servers.Servers"
+_EXPLORATION = "robot_nodes.navigation.mapping.exploration.Exploration"
+_MAPPER = "robot_nodes.navigation.mapping.mapper.Mapper"
 _TRACKER = "robot_nodes.control.head_tracker.HeadTracker"
 
 
 def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Navigation":
-    import numpy as np
-
     from btcore.cli.trees import folder
-    from robot_nodes.navigation.map import MapError, OccupancyMap, load_map
-    from robot_nodes.navigation.parameters import ParameterFault, load_parameters
     from robot_nodes.navigation.stack import Navigation
 
-    file, figures = settings.get("map_file"), settings.get("nav_params")
-    try:
-        map = (
-            load_map(file)
-            if file is not None
-            else next((one for one in provided if isinstance(one, OccupancyMap)), None)
-        )
-        parameters = load_parameters(figures) if figures is not None else None
-    except (MapError, ParameterFault) as fault:
-        raise NavigationMistake(str(fault)) from fault
+    map, parameters = _map(settings, provided), _parameters(settings)
     if map is None:
         raise NavigationMistake("there is no map to navigate on: --map FILE.yaml names one")
-    for warning in parameters.warnings if parameters is not None else ():
+    for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
+        if not cells.any():
+            raise NavigationMistake(f"there is no {missing} on the map, so nobody can find a way by it")
+    return Navigation(robot, map, _random(settings), folder(), parameters)
+
+
+def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Exploration":
+    from btcore.cli.trees import folder
+    from robot_nodes.navigation.mapping.exploration import Exploration
+
+    # Of a map that there is already only the keep-outs count: table tops, which no laser at the floor sees.
+    map, parameters = _map(settings, provided), _parameters(settings)
+    keepout = map.keepout if map is not None else ()
+    return Exploration(robot, _random(settings), folder(), parameters, keepout)
+
+
+def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
+    """The map that the user names, or else that the world brings."""
+    from robot_nodes.navigation.map import MapError, OccupancyMap, load_map
+
+    file = settings.get("map_file")
+    try:
+        if file is not None:
+            return load_map(file)
+    except MapError as fault:
+        raise NavigationMistake(str(fault)) from fault
+    return next((one for one in provided if isinstance(one, OccupancyMap)), None)
+
+
+def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
+    from robot_nodes.navigation.parameters import ParameterFault, load_parameters
+
+    file = settings.get("nav_params")
+    if file is None:
+        return None
+    try:
+        parameters = load_parameters(file)
+    except ParameterFault as fault:
+        raise NavigationMistake(str(fault)) from fault
+    for warning in parameters.warnings:
         click.echo(f"warning: {warning}", err=True)
-    random = np.random.default_rng([settings.get("seed", 0), 4])
-    return Navigation(robot, map, random, folder(), parameters)
+    return parameters
+
+
+def _random(settings: Mapping[str, Any]) -> "np.random.Generator":
+    import numpy as np
+
+    return np.random.default_rng([settings.get("seed", 0), 4])
+
+
+def _writable(path: Path | None) -> Path | None:
+    """*path*, if its folder is there: nobody drives for a quarter of an hour to be told that it isn't."""
+    if path is not None and not path.resolve().parent.is_dir():
+        raise NavigationMistake(f"--save-map {path}: there is no folder {path.resolve().parent}")
+    return path
+
+
+def _save(exploration: "Exploration", path: Path) -> None:
+    from robot_nodes.navigation.map import MapError
+
+    try:
+        exploration.save(path)
+    except MapError as fault:
+        click.echo(f"warning: {fault}", err=True)

@@ -14,6 +14,7 @@ from btcore.cli.outcome import Outcome
 from btcore.cli.pace import Ending, Pace, Until
 from btcore.cli.progress import Progress, summary
 from btcore.cli.recipe import Recipe, Saves
+from btcore.cli.remarks import remarks
 from btcore.cli.resources import joined
 from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError, NodeRaised
@@ -95,7 +96,7 @@ class Session:
         began = time.perf_counter()
         ending: Ending = "done"
         try:
-            with pace.signals():
+            with pace.signals(), remarks(progress.console):
                 ending = pace.run() if self.saves is None else self._follow(pace, progress)
             self.tree.halt()
         except NodeRaised as error:

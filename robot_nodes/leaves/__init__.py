@@ -3,6 +3,7 @@
 from btcore import Registry
 from robot_nodes.leaves.battery import BatteryChecker, Recharge
 from robot_nodes.leaves.drive import Back, Forward, Patrol, Turn
+from robot_nodes.leaves.explore import Explore, SaveMap
 from robot_nodes.leaves.navigate import Move
 from robot_nodes.leaves.obstacle import WaitForScan, is_obstacle
 from robot_nodes.leaves.poses import add_poses
@@ -12,11 +13,13 @@ from robot_nodes.leaves.waypoint import GetWaypoint
 __all__ = [
     "Back",
     "BatteryChecker",
+    "Explore",
     "Forward",
     "GetWaypoint",
     "Move",
     "Patrol",
     "Recharge",
+    "SaveMap",
     "TrackObjects",
     "Turn",
     "WaitForScan",
@@ -30,3 +33,4 @@ def register(nodes: Registry) -> None:
     add_poses(nodes)
     nodes.add(Back, Forward, Patrol, Turn, WaitForScan, is_obstacle)
     nodes.add(BatteryChecker, GetWaypoint, Move, Recharge, TrackObjects)
+    nodes.add(Explore, SaveMap)

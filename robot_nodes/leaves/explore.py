@@ -1,6 +1,7 @@
 """Leaves that make a map: going to where nobody has looked yet, and writing down what was seen."""
 
 import logging
+import math
 from pathlib import Path
 from typing import Annotated, Protocol, runtime_checkable
 
@@ -25,6 +26,10 @@ class Explores(Protocol):
         """Send a goal in the frame ``map``; a goal that runs is given up for it."""
         ...
 
+    def held(self) -> bool:
+        """Whether the robot has to stand, since it doesn't know yet where it is."""
+        ...
+
     def look_for(self) -> Pose2D | None:
         """Where to go next in order to see more; None when there is no such place left."""
         ...
@@ -38,7 +43,7 @@ class Explores(Protocol):
         ...
 
     def save(self, path: Path) -> None:
-        """Write the map as it is now; raises an error whose message is a sentence when that can't be."""
+        """Write the map as it is now; raises `MapError` when that can't be."""
         ...
 
 
@@ -62,6 +67,8 @@ class Explore(StatefulAction):
         self.handle: GoalHandle[object, object, object] | None = None
         self.checked = 0
         self.arrived: int | None = None
+        self.aim: Pose2D | None = None
+        self.failed: Pose2D | None = None
 
     def on_start(self) -> Status:
         """Go to the first place."""
@@ -79,8 +86,11 @@ class Explore(StatefulAction):
             return Status.RUNNING if self.explorer.unseen() else self.next()
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
-            log.info("%s: left out: %s", self.path, result.message if result else "it was aborted")
-            self.explorer.give_up()
+            log.info("%s: it can't get there: %s", self.path, result.message if result else "it was aborted")
+            # What comes into sight on the way may close it; the second time there is no other.
+            if near(self.failed, self.aim):
+                self.explorer.give_up()
+            self.failed = self.aim
             return self.next()
         if self.arrived is None:
             self.arrived = now
@@ -99,20 +109,27 @@ class Explore(StatefulAction):
     def next(self) -> Status:
         """Go to the next place, if there is one."""
         self.checked, self.arrived = self.clock.now(), None
-        place = self.explorer.look_for()
-        if place is None:
+        if self.explorer.held():
+            return Status.RUNNING
+        self.aim = self.explorer.look_for()
+        if self.aim is None:
             self.on_halted()
             return Status.SUCCESS
-        self.handle = self.explorer.go_to(place)
+        self.handle = self.explorer.go_to(self.aim)
         return Status.RUNNING
+
+
+def near(one: Pose2D | None, other: Pose2D | None) -> bool:
+    """Whether two places are known, and less than 0.5 m apart."""
+    return one is not None and other is not None and math.hypot(one.x - other.x, one.y - other.y) < 0.5
 
 
 class SaveMap(SyncAction):
     """Write the map: FAILURE where that can't be."""
 
-    file: Annotated[
-        In[str], "Where to, as map_server's YAML; empty: what --save-map names, or map.yaml."
-    ] = ""
+    file: Annotated[In[str], "Where to, as map_server's YAML; empty: what --save-map names, or map.yaml."] = (
+        ""
+    )
 
     def __init__(self, explorer: Explores, named: MapFile) -> None:
         self.explorer = explorer
@@ -120,10 +137,13 @@ class SaveMap(SyncAction):
 
     def tick(self) -> bool:
         """Write it."""
+        # Here and not above: maps need libraries that other leaves do without.
+        from robot_nodes.navigation.map_yaml import MapError
+
         path = Path(self.file) if self.file else self.named.path or Path(DEFAULT_FILE)
         try:
             self.explorer.save(path)
-        except Exception as fault:
+        except MapError as fault:
             log.warning("%s: %s", self.path, fault)
             return False
         self.named.saved = self.named.saved or path == self.named.path

@@ -29,8 +29,8 @@ class Move(StatefulAction):
     """
 
     goal: Annotated[In[Pose2D], "Where to, in the frame map: x;y or x;y;yaw (m, rad), or an entry."]
-    error_code: Annotated[Out[int], "Nav2's number of what went wrong; 0 when nothing did."]
-    error: Annotated[Out[str], "What went wrong, in words."]
+    error_code: Annotated[Out[int | None], "Nav2's number of what went wrong; 0 when nothing did."] = None
+    error: Annotated[Out[str | None], "What went wrong, in words."] = None
 
     def __init__(self, navigator: GoesToPoses, robot: Robot) -> None:
         self.navigator = navigator

@@ -48,7 +48,7 @@ class Servers:
     """The servers on one robot's schedule.
 
     *topics* holds the newest message of what ROS has topics for and nothing here has a sensor: a selector's
-    choice, a goal to follow. *speeds* are the newest odometry velocities (m/s), newest last.
+    choice, a goal to follow.
     """
 
     robot: Robot

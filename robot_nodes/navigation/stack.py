@@ -1,9 +1,11 @@
 """The whole navigation of one robot: every server, wired to the robot's schedule."""
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from robot_nodes.navigation.behaviours import BackUp, DriveOnHeading, Spin, Wait
@@ -12,15 +14,17 @@ from robot_nodes.navigation.controller import FollowPath
 from robot_nodes.navigation.costmap import GlobalCostmap, LocalCostmap
 from robot_nodes.navigation.localiser import Localiser
 from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.navigator import NavigateGoal, NavigateHandle, Navigator
+from robot_nodes.navigation.navigator import NavigateGoal, NavigateHandle, Navigator, tree_file
 from robot_nodes.navigation.parameters import CostmapParameters, NavigationParameters
-from robot_nodes.navigation.path import empty_path
 from robot_nodes.navigation.plan_server import ComputePath
 from robot_nodes.navigation.planner import Planner
 from robot_nodes.navigation.scan_filter import smoothed
 from robot_nodes.navigation.servers import MAP, ODOM, Localising, Servers
-from robot_nodes.robot import GoalOutcome, Pose2D, Rank, Robot
+from robot_nodes.navigation.show import NavigationScene
+from robot_nodes.robot import CMD_VEL, GoalOutcome, Pose2D, Rank, Robot
 from robot_nodes.transforms import FrameBroadcaster, TransformFault, TransformTree
+
+log = logging.getLogger(__name__)
 
 TREES = "navigation"
 TO_POSE = "navigate_to_pose_w_replanning_and_recovery.xml"
@@ -28,6 +32,10 @@ THROUGH_POSES = "navigate_through_poses_w_replanning_and_recovery.xml"
 
 SEARCH_TURN = 0.4
 """How fast (rad/s) the robot turns on the spot to see more while it doesn't know where it is."""
+SEARCH_PRIORITY = CMD_VEL + 10
+"""Of that command: whoever is held meanwhile, and asks for standing, must not stop the search."""
+LOOKS = 3
+"""So many scans are held against the pose that the robot begins with, before it drives by that."""
 PLANNER_RATE = 20.0
 """How often (Hz) the planner looks for a goal to plan to."""
 MS_PER_S = 1000.0
@@ -37,8 +45,8 @@ class Navigation:
     """Drives *robot* about on *map*: localisation, costmaps, planning, driving, recoveries, navigators.
 
     All of it are tasks on the robot's schedule: nothing happens but while somebody waits on its clock. While
-    the localiser isn't sure, the robot is held where it is, and while it searches it turns on the spot; what
-    it was told to do goes on afterwards, from a path that is planned anew.
+    the localiser isn't sure, the robot is held where it is, and while it searches it turns on the spot; the
+    goals that it was given wait meanwhile, and go on afterwards with a path that is planned anew.
     """
 
     def __init__(
@@ -49,6 +57,8 @@ class Navigation:
         trees: Path,
         parameters: NavigationParameters | None = None,
     ) -> None:
+        # A step takes well under a millisecond: sharing it among threads costs more than it saves.
+        cv2.setNumThreads(1)
         self.robot = robot
         self.map = map
         self.parameters = figures = parameters if parameters is not None else NavigationParameters()
@@ -83,22 +93,26 @@ class Navigation:
         named = figures.navigator
         self.navigate_to_pose = Navigator(
             self.servers,
-            _tree_file(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
+            _known(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
             ended=self._outcomes.append,
+            hold=self.held,
         )
         self.navigate_through_poses = Navigator(
             self.servers,
-            _tree_file(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES),
+            _known(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES),
             through=True,
             ended=self._outcomes.append,
+            hold=self.held,
         )
         self.servers.navigators = {
             "navigate_to_pose": self.navigate_to_pose,
             "navigate_through_poses": self.navigate_through_poses,
             "goal_to": NavigateGoal,
         }
+        self._scene = NavigationScene(self.servers)
         self._scan_seen = {ODOM: -1, MAP: -1}
-        self._was_sure = True
+        self._looks = 0
+        self._was_sure = self._searched = False
         self._wire(frames)
 
     def go_to(self, goal: Pose2D) -> NavigateHandle:
@@ -111,11 +125,19 @@ class Navigation:
 
     def estimate(self) -> Pose2D | None:
         """Where the robot takes itself to be in the frame map; None while it doesn't know."""
-        return self.localiser.pose() if self.localiser.confident else None
+        return None if self.held() else self.localiser.pose()
 
     def outcomes(self) -> Sequence[GoalOutcome]:
-        """Every goal that has ended, in order."""
+        """Every goal that was accepted and has ended, in order; one that a newer one replaced is CANCELED."""
         return self._outcomes
+
+    def scene_static(self) -> dict[str, Any]:
+        """The map and its keep-outs, as plain data for whoever draws them."""
+        return self._scene.static()
+
+    def scene_moving(self) -> dict[str, Any]:
+        """What it knows and plans, as far as that is new, as plain data."""
+        return self._scene.moving(self.robot.clock.now())
 
     def _make_localiser(self, random: np.random.Generator) -> Localising:
         """Who tells where the robot is."""
@@ -127,7 +149,7 @@ class Navigation:
 
     def held(self) -> bool:
         """Whether the robot has to stand because it isn't sure where it is."""
-        return not self.localiser.confident
+        return self._looks < LOOKS or not self.localiser.confident
 
     def _wire(self, frames: FrameBroadcaster) -> None:
         every, figures, servers = self.robot.schedule.every, self.parameters, self.servers
@@ -145,20 +167,20 @@ class Navigation:
 
     def _localise(self, now: int) -> None:
         self.localiser.step(now)
-        sure = self.localiser.confident
+        self._looks += 1
+        sure = not self.held()
         if self.localiser.searching:
-            self.robot.drive(0.0, SEARCH_TURN)
+            if not self._searched:
+                log.warning("the robot doesn't know where it is: it stops, and looks around")
+            self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
         if sure and not self._was_sure:
-            self._replan()
+            # What was seen from where the robot isn't.
+            self.global_costmap.clear()
+        elif self._was_sure and not sure:
+            self.navigate_to_pose.start_over()
+            self.navigate_through_poses.start_over()
+        self._searched = self.localiser.searching
         self._was_sure = sure
-
-    def _replan(self) -> None:
-        """Forget what was planned and seen from where the robot isn't."""
-        self.global_costmap.clear()
-        for navigator in (self.navigate_to_pose, self.navigate_through_poses):
-            if navigator.busy and navigator.tree is not None:
-                navigator.tree.halt()
-                navigator.tree.blackboard["path"] = empty_path(self.robot.clock.now())
 
     def _update_local(self, now: int) -> None:
         self._observe(self.local_costmap, ODOM)
@@ -214,7 +236,7 @@ def _local_costmap(map: OccupancyMap, figures: CostmapParameters) -> LocalCostma
     )
 
 
-def _tree_file(named: str, default: Path) -> Path:
+def _known(named: str, default: Path) -> Path:
     """The file that the parameters name, or ours of that name; the default where there is neither."""
-    candidates = [Path(named), default.parent / Path(named).name] if named else []
-    return next((path for path in candidates if path.is_file()), default)
+    file = tree_file(named, default)
+    return file if file.is_file() else default

@@ -31,8 +31,14 @@ ROOT = Path(__file__).parent.parent.parent
 HOME = Path(btcore.__file__).parent.parent
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
-NEEDS = {"monitor_your_robot": ("zmq", "msgpack", "rerun"), "your-robot": ("numpy",)}
 BOOK_NEEDS = ("numpy", "cv2", "yaml", "pybullet")
+NEEDS = {
+    "monitor_your_robot": ("zmq", "msgpack", "rerun"),
+    "recording": ("zmq", "msgpack", "rerun"),
+    "your-robot": ("numpy",),
+    "mapping": BOOK_NEEDS,
+    "patrolling": BOOK_NEEDS,
+}
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
 FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|json|yaml))")
 KINDS = re.compile(r"python|console|text|toml|cpp|xml [EW]\d{3}|[a-z]+ unrun: .{8,}")

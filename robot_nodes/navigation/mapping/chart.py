@@ -1,4 +1,4 @@
-"""The map that key scans make: for every cell, how often something was hit in it and how often it was free."""
+"""The map that key scans make: for every cell, how often it was hit, and how often seen through."""
 
 import math
 from collections.abc import Sequence

@@ -15,10 +15,12 @@ from robot_nodes.navigation.layers import INSCRIBED
 from robot_nodes.navigation.map import OccupancyMap
 from robot_nodes.robot import Pose2D
 
-LEAST = 0.5
-"""The least length (m) of a frontier: what is shorter a robot does not fit through."""
-IN_SIGHT = 0.75
+LEAST = 0.35
+"""The least length (m) of a frontier: what is shorter is rarely more than the shadow of a chair's leg."""
+IN_SIGHT = 0.8
 """How far (m) from a frontier the place may be that the robot goes to in order to look."""
+ASIDE = 0.1
+"""How much farther (m) from what is unknown than its radius it stops, as that may be a wall."""
 LEFT_OUT = 0.5
 """How far (m) about a place that was given up nothing counts as a frontier."""
 BEHIND_A_WALL = 2
@@ -85,13 +87,9 @@ def frontiers(
     reached = connected(costs, start)
     costs[~reached] = WALL
     field, _ = MCP_Geometric(costs).find_costs([start])
-    away, nearest = cv2.distanceTransformWithLabels(
-        (~reached).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    # The label of a cell is that of the reached cell nearest to it.
-    rows, cols = np.nonzero(reached)
-    by_label = np.zeros((int(nearest.max()) + 1, 2), dtype=np.intp)
-    by_label[nearest[rows, cols]] = np.stack((rows, cols), axis=1)
+    from_unknown = cv2.distanceTransform((~map.unknown).astype(np.uint8), cv2.DIST_L2, 5)
+    stands_in = reached & (from_unknown * map.resolution >= radius + ASIDE)
+    away, nearest = _nearest(stands_in if stands_in.any() else reached)
     found = []
     for label in worthy:
         cells = np.argwhere(labels == label)
@@ -99,7 +97,7 @@ def frontiers(
         if not sees.any():
             continue
         cells = cells[sees]
-        stands = by_label[nearest[cells[:, 0], cells[:, 1]]]
+        stands = nearest[cells[:, 0], cells[:, 1]]
         ways = field[stands[:, 0], stands[:, 1]]
         best = int(np.argmin(ways))
         place, stand = cells[best], stands[best]
@@ -142,6 +140,18 @@ def _open_around(costmap: Costmap, here: Pose2D, start: Cell, radius: float) -> 
     part[(part < 0) & (costmap.costs[window.slices] < LETHAL)] = NEUTRAL + FACTOR * INSCRIBED
     costs[start] = max(costs[start], NEUTRAL)
     return costs
+
+
+def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    """How far (cells) each cell is from the nearest one of *mask*, and which: ``(height, width, 2)``."""
+    away, labels = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    # The label of a cell is that of the cell of the mask that is nearest to it.
+    cells = np.argwhere(mask)
+    by_label = np.zeros((int(labels.max()) + 1, 2), dtype=np.intp)
+    by_label[labels[cells[:, 0], cells[:, 1]]] = cells
+    return np.asarray(away, dtype=np.float32), by_label[labels]
 
 
 def _towards_unknown(map: OccupancyMap, place: NDArray[np.intp], stand: NDArray[np.intp]) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from robot_nodes.navigation.mapping.key_scan import KeyScan
 from robot_nodes.navigation.mapping.matcher import Found, Walls, Window
-from robot_nodes.navigation.mapping.placing import Floats, between, placed
+from robot_nodes.navigation.mapping.placing import Floats, between
 from robot_nodes.navigation.mapping.pose_graph import PoseGraph
 
 LATER = 8.0
@@ -16,12 +16,16 @@ NEAR = 3.0
 """How far (m) off it may seem to be."""
 CHAIN = 10
 """How many scans before and after the nearest old one it is matched to."""
-ALIKE = 0.6
+LEAST_CHAIN = 6
+"""How many these are at least: fewer show too little of a place."""
+ALIKE = 0.5
 """The least score of a match that closes a loop."""
-LEAST_DRIFT, DRIFT, MOST_DRIFT = 0.25, 0.03, 1.5
+LEAST_DRIFT, DRIFT, MOST_DRIFT = 0.25, 0.015, 1.5
 """How far off (m) the robot may be: at least, for each metre since it knew better, and at most."""
+SLIDES = 0.15
+"""Where the walls tell one direction so much less than the other, as in a corridor, no loop is closed."""
 _FEWEST = 60  # points; from fewer no loop is concluded
-_TURN = 0.02  # rad of drift for each metre
+_TURN = 0.005  # rad of drift for each metre
 _MOST_TURN = 0.5
 
 
@@ -35,7 +39,7 @@ class LoopFinder:
     def find(self, scans: Sequence[KeyScan], graph: PoseGraph) -> tuple[int, Found] | None:
         """The old scan near which the newest one was taken, and where that is; None where nothing is sure."""
         newest, here = scans[-1], graph.poses[-1]
-        if newest.travelled - self._tried_at < 1.0 or len(newest.points) < _FEWEST:
+        if newest.travelled - self._tried_at < 1.0 or len(newest.outline.points) < _FEWEST:
             return None
         old = [index for index, one in enumerate(scans) if newest.travelled - one.travelled >= LATER]
         if not old:
@@ -46,17 +50,28 @@ class LoopFinder:
             return None
         self._tried_at = newest.travelled
         chain = range(max(0, nearest - CHAIN), min(len(old), nearest + CHAIN + 1))
-        walls = Walls([placed(scans[one].points, graph.poses[one]) for one in chain])
+        if len(chain) < LEAST_CHAIN:
+            return None
+        walls = Walls([scans[one].outline.at(graph.poses[one]) for one in chain])
         since = newest.travelled - max(self._closed_at, scans[nearest].travelled)
         way = min(MOST_DRIFT, LEAST_DRIFT + DRIFT * since)
         turn = min(_MOST_TURN, 0.1 + _TURN * since)
-        points = newest.points[:: max(1, len(newest.points) // 150)]
+        points = newest.outline.points[:: max(1, len(newest.outline.points) // 150)]
         guess = walls.search(here, points, Window(way, turn, 2, 0.035))
-        found = walls.refine(guess, newest.points, newest.normals)
-        if found.score < ALIKE:
+        found = walls.refine(guess, newest.outline)
+        shift = between(here, found.pose)
+        if np.hypot(shift[0], shift[1]) > way or abs(shift[2]) > turn:
+            return None
+        if found.score < ALIKE or _slides(found):
             return None
         self._closed_at = newest.travelled
         return nearest, found
+
+
+def _slides(found: Found) -> bool:
+    """Whether the match could as well lie further along some direction."""
+    least, most = np.linalg.eigvalsh(found.information[:2, :2])
+    return bool(least < SLIDES * most)
 
 
 def edge_from(first: Floats, found: Found) -> tuple[Floats, Floats]:

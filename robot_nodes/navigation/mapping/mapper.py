@@ -4,10 +4,10 @@ import numpy as np
 
 from robot_nodes.navigation.map import OccupancyMap, Rectangle
 from robot_nodes.navigation.mapping.chart import Chart, trimmed
-from robot_nodes.navigation.mapping.key_scan import KeyScan, far_apart, key_scan
+from robot_nodes.navigation.mapping.key_scan import KeyScan, Sweep, far_apart, key_scan
 from robot_nodes.navigation.mapping.loops import LoopFinder, edge_from
 from robot_nodes.navigation.mapping.matcher import NEARBY, Found, Trust, Walls
-from robot_nodes.navigation.mapping.placing import Floats, between, onward, placed, pose, row
+from robot_nodes.navigation.mapping.placing import Floats, between, onward, pose, row
 from robot_nodes.navigation.mapping.pose_graph import PoseGraph
 from robot_nodes.rigid_transform import Transform
 from robot_nodes.robot import Frame, Pose2D, Robot
@@ -15,11 +15,14 @@ from robot_nodes.transforms import TransformFault, TransformTree
 
 NS_PER_S = 1_000_000_000
 
-WAY, TURN = 0.5, 0.5
-"""How far (m, rad) a key scan is from the one before (slam_toolbox's minimum_travel_…)."""
+WAY, TURN = 0.5, 0.25
+"""How far (m, rad) a key scan is from the one before: slam_toolbox's minimum_travel_distance, and half its
+minimum_travel_heading, as Tiago's laser sees little twice when it turns by more."""
 WAY_AT_REST, TURN_AT_REST = 0.15, 0.15
 """The same where the robot stands: it has come to look."""
-RECENT = 20
+SWEEPS = 5
+"""How many scans, the key scan being the last, are matched together against noise."""
+RECENT = 25
 """How many scans a new one is matched to."""
 WITHIN = 6.0
 """How near (m) these were taken."""
@@ -36,10 +39,11 @@ _STANDS = 0.01  # m/s, rad/s
 class Mapper:
     """Simultaneous localisation and mapping. `step` belongs on the schedule, at the laser's rate.
 
-    A key scan is taken every 0.5 m or 0.5 rad, and where the robot comes to rest. It is matched to the last
-    ones; between them odometry carries the pose on. When the robot comes to a place again after 8 m or more the
-    scan is matched to those from then as well, which closes a loop: all poses are moved so that the whole
-    agrees best, and the map is drawn anew. With *loops* False that is left out.
+    A key scan is taken every 0.5 m or 0.25 rad, and where the robot comes to rest. It is matched, together
+    with the four scans just before it, to the last ones; between them odometry carries the pose on. When the
+    robot comes to a place again after 8 m or more, the scan is matched to those from then as well, which
+    closes a loop: all poses are moved so that the whole agrees best, and the map is drawn anew. With *loops*
+    False that is left out.
 
     It begins at *start* in the frame ``map``. *keepout* are places that the laser can't show. It tells *tree*
     where ``odom`` is in ``map`` with each scan, and has the same attributes as a `Localiser` for whoever
@@ -67,13 +71,14 @@ class Mapper:
         self._finder = LoopFinder() if loops else None
         self._travelled = 0.0
         self._last_seen: Pose2D | None = None
+        self._sweeps: list[Sweep] = []
         self.scans: list[KeyScan] = []
         """The key scans, oldest first."""
         self.graph: PoseGraph | None = None
         """Where they were taken."""
         self.map_to_odom = Transform()
         """Where ``odom`` is in ``map``."""
-        self.stamp = 0
+        self.stamp = -1
         """The stamp (ns) of the last scan that was looked at."""
         self.version = 0
         """How often the map has changed."""
@@ -82,7 +87,7 @@ class Mapper:
 
     @property
     def confident(self) -> bool:
-        """Whether there is anything to drive by: True from the first scan on."""
+        """Whether there is anything to drive by: True from the first key scan on, after five scans."""
         return self.graph is not None
 
     @property
@@ -100,8 +105,10 @@ class Mapper:
     def map(self) -> OccupancyMap:
         """The map as far as it is known, in the frame ``map``; before the first scan one unknown cell."""
         if not self.scans:
-            here = self._start
-            return OccupancyMap(np.full((1, 1), -1, dtype=np.int8), self._chart.resolution, (here[0], here[1]))
+            unknown = np.full((1, 1), -1, dtype=np.int8)
+            return OccupancyMap(
+                unknown, self._chart.resolution, (float(self._start[0]), float(self._start[1]))
+            )
         return trimmed(self._chart.map())
 
     def step(self, now: int) -> None:
@@ -119,13 +126,14 @@ class Mapper:
         if self._last_seen is not None:
             self._travelled += float(np.hypot(odometry.x - self._last_seen.x, odometry.y - self._last_seen.y))
         self._last_seen = odometry
+        self._sweeps = [*self._sweeps[1 - SWEEPS :], Sweep(scan, laser, odometry)]
         if self._is_key(odometry):
-            self._take(key_scan(scan, laser, odometry, self._travelled))
+            self._take(key_scan(self._sweeps, self._travelled))
         self._publish()
 
     def _is_key(self, odometry: Pose2D) -> bool:
         if not self.scans:
-            return True
+            return len(self._sweeps) == SWEEPS
         last = self.scans[-1].odometry
         if far_apart(last, odometry, WAY, TURN):
             return True
@@ -136,7 +144,8 @@ class Mapper:
     def _take(self, scan: KeyScan) -> None:
         """Place a key scan, and draw it."""
         if self.graph is None:
-            self.graph = PoseGraph(self._start)
+            first = row(self._sweeps[0].odometry)
+            self.graph = PoseGraph(onward(self._start, between(first, row(scan.odometry))))
             self.scans.append(scan)
         else:
             step = between(row(self.scans[-1].odometry), row(scan.odometry))
@@ -158,18 +167,18 @@ class Mapper:
         trust = Trust(0.02 + 0.05 * float(np.hypot(step[0], step[1])), 0.01 + 0.06 * abs(float(step[2])))
         prior, last = trust.information(), graph.poses[-1]
         guess = onward(last, step)
-        if len(scan.points) < FEWEST:
+        if len(scan.outline.points) < FEWEST:
             return step, prior
         recent = [
-            placed(one.points, at)
+            one.outline.at(at)
             for one, at in zip(self.scans[-RECENT:], graph.poses[-RECENT:], strict=True)
-            if len(one.points) and np.hypot(*(at[:2] - guess[:2])) < WITHIN
+            if len(one.outline.points) and np.hypot(*(at[:2] - guess[:2])) < WITHIN
         ]
         if not recent:
             return step, prior
         walls = Walls(recent)
-        best = walls.search(guess, scan.points[::2], NEARBY)
-        found = walls.refine(best, scan.points, scan.normals, guess, trust)
+        best = walls.search(guess, scan.outline.points[:: 2 * SWEEPS], NEARBY)
+        found = walls.refine(best, scan.outline, guess, trust)
         if found.score < ALIKE:
             return step, prior
         return edge_from(last, Found(found.pose, found.score, found.information + prior))

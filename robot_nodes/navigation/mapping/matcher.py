@@ -1,14 +1,16 @@
-"""Matching one scan to others: a search over a grid of poses, then Gauss-Newton steps to a fraction of a cell.
+"""Matching one scan to others: a search over a grid of poses, then Gauss-Newton steps to parts of a cell.
 
-The others are drawn into a grid of cells and blurred, so that a wall is a ridge as wide as its noise (Olson,
-*Real-time correlative scan matching*, 2009). The search tries every pose about a guess, so it isn't caught by
-the wrong wall nearby; the steps climb the ridge from the best of them (Kohlbrecher and others, *A flexible and
-scalable SLAM system*, 2011).
+The others are drawn into grids of cells and blurred, so that a wall is a ridge (Olson, *Real-time correlative
+scan matching*, 2009). The search tries every pose about a guess, so it isn't caught by the wrong wall nearby.
+The steps start at the best of them: across a ridge b with the width σ, -σ²·∇b/b is the way from its middle.
+Each point counts along the normal of the wall that it is on. The two sides of a wall are seen from different
+rooms: they are ridges on different grids.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,17 +18,29 @@ from numpy.typing import NDArray
 
 from robot_nodes.navigation.mapping.placing import Floats, placed, wrapped
 
+FloatImage = NDArray[np.float32]
+
 RESOLUTION = 0.05
 """The side (m) of a cell."""
 BLUR = 0.09
-"""How wide (m, one deviation) a wall is in the grid."""
+"""How wide (m, one deviation) a wall is in the grid that is searched."""
+RIDGE = 0.06
+"""How wide in those that the steps are taken on."""
+NEAREST = 0.2
+"""What is farther (m) from a ridge is not on that wall."""
 BEAM_DEVIATION = 0.12
 """How sure (m) one point is across its wall. Its noise is less, but points on one wall err together."""
 _MARGIN = 1.0  # m around the points, where a scan that lies a little off still finds cells
 _SATURATION = 3.0  # scans that saw a cell; more make it hardly surer
 _STEPS = 12
 _ENOUGH = 1e-4  # a step shorter than this (m, rad) is the last
-_DAMPING = 1e-3
+_SIDES = 4  # grids, one for each direction that a wall may look in
+_LOOKS = 0.5  # the least cosine between a wall's normal and the direction of its grid
+_FAINT = 1e-3  # what a ridge has where nothing is
+_NEARER = 0.02  # of the score: what a pose at the end of the window has to be better by
+# σ² of a ridge: the blur, what interpolation adds, and what noise is left in the points.
+_WIDTH = RIDGE**2 + RESOLUTION**2 / 4 + 0.02**2
+_DAMPING = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +57,7 @@ class Trust:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """What is searched about a guess: *way* (m) to each side and *turn* (rad), at these steps (cells, rad)."""
+    """What is searched about a guess: *way* (m) and *turn* (rad) to each side, in steps (cells, rad)."""
 
     way: float
     turn: float
@@ -68,50 +82,85 @@ class Found:
     information: Floats
 
 
-class Walls:
-    """Where walls are by some scans: their points, ``(k, 2)`` each (m), all in one frame."""
+class Outline(NamedTuple):
+    """*points* on walls (m), and the walls' *normals*, ``(k, 2)`` each.
 
-    def __init__(self, scans: Sequence[Floats]) -> None:
-        together = np.concatenate(scans)
-        low = np.floor((together.min(axis=0) - _MARGIN) / RESOLUTION).astype(np.intp)
-        high = np.ceil((together.max(axis=0) + _MARGIN) / RESOLUTION).astype(np.intp)
-        width, height = (int(side) for side in high - low)
+    Normals look to where they were seen from; one that isn't known is (0, 0). *weight* is what a point
+    counts: those of several scans of the same walls are no further witnesses.
+    """
+
+    points: Floats
+    normals: Floats
+    weight: float = 1.0
+
+    def at(self, pose: Floats) -> "Outline":
+        """The same, in the frame that *pose* is told in."""
+        turned = placed(self.normals, np.array((0.0, 0.0, pose[2])))
+        return Outline(placed(self.points, pose), turned, self.weight)
+
+
+class Walls:
+    """Where walls are by some scans, all in one frame."""
+
+    def __init__(self, scans: Sequence[Outline]) -> None:
+        points = np.concatenate([one.points for one in scans])
+        normals = np.concatenate([one.normals for one in scans])
+        self._low = np.floor((points.min(axis=0) - _MARGIN) / RESOLUTION).astype(np.intp)
+        high = np.ceil((points.max(axis=0) + _MARGIN) / RESOLUTION).astype(np.intp)
+        width, height = (int(side) for side in high - self._low)
+        self._shape = height, width
         seen = np.zeros(width * height, dtype=np.float32)
-        for points in scans:
-            cells = np.floor(points / RESOLUTION).astype(np.intp) - low
+        for one in scans:
+            cells = np.floor(one.points / RESOLUTION).astype(np.intp) - self._low
             seen[np.unique(cells[:, 1] * width + cells[:, 0])] += 1.0
         seen /= seen + np.float32(_SATURATION)
         spread = BLUR / RESOLUTION
         ridges = cv2.GaussianBlur(seen.reshape(height, width), (0, 0), spread)
         # A wall of one row of cells, half sure, has a ridge of about 0.7.
-        self._field: NDArray[np.float32] = -np.expm1(-ridges * np.float32(2.5 * math.tau**0.5 * spread))
-        self._low = low * RESOLUTION
-        self._shape = height, width
+        self._field: FloatImage = -np.expm1(-ridges * np.float32(2.5 * math.tau**0.5 * spread))
+        self._sides = np.stack([self._side(points, normals, side) for side in range(_SIDES)])
+
+    def _side(self, points: Floats, normals: Floats, side: int) -> FloatImage:
+        """The ridges of the walls that look in one direction, a point shared by the four cells about it."""
+        height, width = self._shape
+        turned = math.tau * side / _SIDES
+        looks = normals @ np.array((math.cos(turned), math.sin(turned))) > _LOOKS
+        place = points[looks] / RESOLUTION - self._low - 0.5
+        cells = np.floor(place).astype(np.intp)
+        across, up = (place - cells).T
+        first = cells[:, 1] * width + cells[:, 0]
+        shares = ((1 - across) * (1 - up), across * (1 - up), (1 - across) * up, across * up)
+        drawn = np.bincount(
+            np.concatenate((first, first + 1, first + width, first + width + 1)),
+            np.concatenate(shares),
+            minlength=width * height,
+        )
+        image = drawn.reshape(height, width).astype(np.float32)
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), RIDGE / RESOLUTION), dtype=np.float32)
 
     def search(self, guess: Floats, points: Floats, window: Window) -> Floats:
         """The pose about *guess* at which *points* fall on walls best; of equals the nearest to the guess."""
         height, width = self._shape
         reach = round(window.way / RESOLUTION / window.cells) * window.cells
         shifts = np.arange(-reach, reach + 1, window.cells)
-        turns = np.arange(-round(window.turn / window.step), round(window.turn / window.step) + 1)
-        # What falls off the grid finds the margin, where nothing is.
-        padded = np.pad(self._field, reach + 1)
-        stride = width + 2 * (reach + 1)
+        most = round(window.turn / window.step)
+        edge = reach + 1
+        stride = width + 2 * edge
+        flat = np.pad(self._field, edge).ravel()
         offsets = (shifts[:, None] * stride + shifts).ravel()
-        flat = padded.ravel()
+        away = (shifts[:, None] ** 2 + shifts**2).ravel() * (_NEARER / max(1, reach) ** 2)
         best, found = -1.0, guess
-        away = (shifts[:, None] ** 2 + shifts**2).ravel() * (0.02 / max(1, reach) ** 2)
-        for turn in sorted(turns, key=abs):
+        for turn in sorted(range(-most, most + 1), key=abs):
             yaw = guess[2] + turn * window.step
             moved = placed(points, np.array((guess[0], guess[1], yaw)))
-            cells = np.floor((moved - self._low) / RESOLUTION).astype(np.intp)
-            np.clip(cells[:, 0], -1, width, out=cells[:, 0])
-            np.clip(cells[:, 1], -1, height, out=cells[:, 1])
-            places = (cells[:, 1] + reach + 1) * stride + cells[:, 0] + reach + 1
-            np.clip(places, reach * (stride + 1), len(flat) - 1 - reach * (stride + 1), out=places)
+            cells = np.floor(moved / RESOLUTION).astype(np.intp) - self._low
+            # What falls off the grid finds its edge, where nothing is.
+            cells = np.clip(cells, -1, (width, height))
+            places = (cells[:, 1] + edge) * stride + cells[:, 0] + edge
+            places = np.clip(places, reach * (stride + 1), len(flat) - 1 - reach * (stride + 1))
             scores = flat.take(places + offsets[:, None]).mean(axis=1) - away
             index = int(np.argmax(scores))
-            score = float(scores[index]) - 0.02 * (turn / max(1, turns[-1])) ** 2
+            score = float(scores[index]) - _NEARER * (turn / max(1, most)) ** 2
             if score > best:
                 row, col = divmod(index, len(shifts))
                 best = score
@@ -121,56 +170,63 @@ class Walls:
         return found
 
     def refine(
-        self, guess: Floats, points: Floats, normals: Floats, prior: Floats | None = None, trust: Trust | None = None
+        self, guess: Floats, outline: Outline, prior: Floats | None = None, trust: Trust | None = None
     ) -> Found:
-        """Climb from *guess* to where *points* lie on the ridges; a *prior* pulls with its *trust*."""
+        """Step from *guess* to where *outline* lies on the ridges; a *prior* pulls with its *trust*."""
         at = guess.astype(np.float64).copy()
-        pull = np.zeros((3, 3)) if trust is None else trust.information() * BEAM_DEVIATION**2
-        prior = at if prior is None else prior
+        pull = np.zeros((3, 3)) if trust is None else trust.information()
+        prior = at.copy() if prior is None else prior
+        certain = np.zeros((3, 3))
         for _ in range(_STEPS):
-            value, along_x, along_y = self._at(placed(points, at))
-            cos, sin = math.cos(at[2]), math.sin(at[2])
-            turned_x = -sin * points[:, 0] - cos * points[:, 1]
-            turned_y = cos * points[:, 0] - sin * points[:, 1]
-            # In metres: a slope of 1 over the ridge's width.
-            slopes = BLUR * np.stack((along_x, along_y, along_x * turned_x + along_y * turned_y))
-            off = prior - at
-            off[2] = float(wrapped(off[2:])[0])
-            normal = slopes @ slopes.T + pull + _DAMPING * np.eye(3)
-            step = np.linalg.solve(normal, slopes @ (BLUR * (1.0 - value)) + pull @ off)
-            length = float(np.hypot(step[0], step[1]))
-            step *= min(1.0, RESOLUTION / max(length, 1e-9))
+            moved = outline.at(at)
+            off, weight = self._off(moved)
+            arm = moved.points - at[:2]
+            slopes = np.stack(
+                (
+                    moved.normals[:, 0],
+                    moved.normals[:, 1],
+                    moved.normals[:, 1] * arm[:, 0] - moved.normals[:, 0] * arm[:, 1],
+                )
+            )
+            weighed = slopes * (weight * outline.weight / BEAM_DEVIATION**2)
+            certain = weighed @ slopes.T
+            back = prior - at
+            back[2] = float(wrapped(back[2:])[0])
+            step = np.linalg.solve(certain + pull + _DAMPING * np.eye(3), pull @ back - weighed @ off)
             at += step
             if float(np.abs(step).max()) < _ENOUGH:
                 break
         at[2] = float(wrapped(at[2:])[0])
-        value, _, _ = self._at(placed(points, at))
-        return Found(at, float(value.mean()), _information(at, points, normals, value))
+        return Found(at, self.score(at, outline.points), certain)
 
-    def _at(self, places: Floats) -> tuple[Floats, Floats, Floats]:
-        """The field at *places* (m), linear between the middles of cells, and its slopes along x and y (1/m)."""
-        u = (places - self._low) / RESOLUTION - 0.5
+    def score(self, at: Floats, points: Floats) -> float:
+        """How well (0 … 1) *points* fall on walls with the robot at *at*."""
         height, width = self._shape
-        inside = (u[:, 0] >= 0) & (u[:, 1] >= 0) & (u[:, 0] < width - 1) & (u[:, 1] < height - 1)
-        u[~inside] = 0.0
-        cells = u.astype(np.intp)
-        across, up = (u - cells).T
-        first = cells[:, 1] * width + cells[:, 0]
-        flat = self._field.ravel()
-        corners = flat.take(np.stack((first, first + 1, first + width, first + width + 1))).astype(np.float64)
-        low = corners[0] + across * (corners[1] - corners[0])
-        high = corners[2] + across * (corners[3] - corners[2])
-        value = (low + up * (high - low)) * inside
-        along_x = ((1 - up) * (corners[1] - corners[0]) + up * (corners[3] - corners[2])) / RESOLUTION * inside
-        along_y = (high - low) / RESOLUTION * inside
-        return value, along_x, along_y
+        cells = np.floor(placed(points, at) / RESOLUTION).astype(np.intp) - self._low
+        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
+        cells[~inside] = 0
+        return float((self._field[cells[:, 1], cells[:, 0]] * inside).mean())
 
-
-def _information(at: Floats, points: Floats, normals: Floats, value: Floats) -> Floats:
-    """How sure a match is: each point counts across its wall, as far as it lies on one."""
-    across = placed(normals, np.array((0.0, 0.0, at[2])))
-    cos, sin = math.cos(at[2]), math.sin(at[2])
-    x, y = cos * points[:, 0] - sin * points[:, 1], sin * points[:, 0] + cos * points[:, 1]
-    slopes = np.stack((across[:, 0], across[:, 1], across[:, 1] * x - across[:, 0] * y))
-    certain: Floats = (slopes * value) @ slopes.T / BEAM_DEVIATION**2
-    return certain
+    def _off(self, moved: Outline) -> tuple[Floats, Floats]:
+        """How far (m) points are from their ridges, along their normals, and what each counts (0 … 1)."""
+        height, width = self._shape
+        place = moved.points / RESOLUTION - self._low - 0.5
+        inside = (place >= 0).all(axis=1) & (place[:, 0] < width - 1) & (place[:, 1] < height - 1)
+        place[~inside] = 0.0
+        cells = place.astype(np.intp)
+        across, up = (place - cells).T
+        turned = np.arctan2(moved.normals[:, 1], moved.normals[:, 0])
+        side = np.rint(turned / (math.tau / _SIDES)).astype(np.intp) % _SIDES
+        first = (side * height + cells[:, 1]) * width + cells[:, 0]
+        flat = self._sides.ravel()
+        one, two, three, four = (
+            flat.take(first + step).astype(np.float64) for step in (0, 1, width, width + 1)
+        )
+        low, high = one + across * (two - one), three + across * (four - three)
+        value = low + up * (high - low)
+        along = ((1 - up) * (two - one) + up * (four - three)) * moved.normals[:, 0]
+        along += (high - low) * moved.normals[:, 1]
+        off = -_WIDTH * along / RESOLUTION / np.maximum(value, _FAINT)
+        known = inside & (value > _FAINT) & (np.abs(off) < NEAREST)
+        weight = known * (NEAREST / 2) ** 4 / ((NEAREST / 2) ** 2 + off**2) ** 2
+        return np.where(known, off, 0.0), weight

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robot_nodes.navigation.mapping.key_scan import KeyScan, key_scan
-from robot_nodes.navigation.mapping.mapper import Mapper
+from robot_nodes.navigation.mapping.key_scan import KeyScan, Sweep, key_scan
+from robot_nodes.navigation.mapping.mapper import SWEEPS, Mapper
 from robot_nodes.rigid_transform import Transform
 from robot_nodes.robot import (
     CMD_VEL,
@@ -155,7 +155,8 @@ class Survey:
         self.time = 0
         self.mapper = Mapper(self.robot, self.tree, start=start, loops=loops)
         self.key_poses: list[Pose2D] = []
-        self._see()
+        for _ in range(SWEEPS):
+            self._move(0.0, 0.0)
 
     def along(self, *places: tuple[float, float], step: float = 0.1) -> "Survey":
         """Carry the robot to one place after the other, turning on the spot between."""
@@ -226,7 +227,8 @@ def seen() -> Callable[..., KeyScan]:
 
     def make(boxes: Sequence[Box], pose: Pose2D, seed: int = 0) -> KeyScan:
         scan = look(boxes, pose, np.random.default_rng([seed, 3]))
-        return key_scan(scan, Transform((AHEAD, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0), 0.0)
+        sweep = Sweep(scan, Transform((AHEAD, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0))
+        return key_scan([sweep], 0.0)
 
     return make
 

@@ -1,0 +1,135 @@
+"""Maps by exploration: both houses are explored, the maps held against the truth, and patrolled on.
+
+``python tests/acceptance/mapping.py`` prints a table, and exits with 1 on any miss.
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from runs import RESULTS, Case, Result, complaints, run, sources
+
+from robot_nodes.navigation.likelihood import distances
+from robot_nodes.navigation.map import OccupancyMap, load_map
+from sim.rasterise import rasterise
+from sim.scene import load_scene
+
+HOUSES = ("house", "aws_house")
+NEAR = 2
+"""How many cells off a wall may be."""
+LEAST_RIGHT, LEAST_FOUND = 0.95, 0.90
+"""The least share of what the map has that is true, and of what is true and can be seen that the map has."""
+
+
+def away(one: OccupancyMap, cells: NDArray[np.bool_], other: OccupancyMap) -> NDArray[np.float64]:
+    """How far (m) each of *cells* of *one* is from the nearest occupied cell of *other*."""
+    places = one.centers(*np.nonzero(cells))
+    found = other.indices(places)
+    on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
+    distance = np.full(len(places), np.inf)
+    distance[on] = distances(other)[found[on, 0], found[on, 1]]
+    return distance
+
+
+def faces(map: OccupancyMap) -> NDArray[np.bool_]:
+    """The occupied cells that free floor lies beside: what a laser could see."""
+    free = np.pad(map.free, 1)
+    height, width = map.cells.shape
+    beside = np.zeros(map.cells.shape, dtype=np.bool_)
+    for row in (0, 1, 2):
+        for col in (0, 1, 2):
+            beside |= free[row : row + height, col : col + width]
+    return map.occupied & beside
+
+
+def explored(house: str, file: Path) -> Case:
+    """Explore *house*, and save the map as *file*."""
+    true = rasterise(load_scene(house))
+
+    def misses(result: Result) -> list[str]:
+        robot = result["robot"]
+        found = [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
+        if result["status"] != "SUCCESS":
+            found.append(f"it ended with {result['status']}")
+        made = load_map(file)
+        limit = NEAR * true.resolution + 1e-3
+        result["right"] = float(np.mean(away(made, made.occupied, true) <= limit))
+        result["found"] = float(np.mean(away(true, faces(true), made) <= limit))
+        if result["right"] < LEAST_RIGHT:
+            found.append(f"only {result['right']:.3f} of what is occupied is a wall")
+        if result["found"] < LEAST_FOUND:
+            found.append(f"only {result['found']:.3f} of the walls were found")
+        return found
+
+    arguments = (
+        "mapping",
+        "--world",
+        house,
+        "--camera",
+        "off",
+        "--duration",
+        "1500",
+        "--save-map",
+        str(file),
+    )
+    return Case(f"mapping {house}", arguments, misses)
+
+
+def patrolled(house: str, file: Path) -> Case:
+    """Patrol *house* on the map that was made."""
+
+    def misses(result: Result) -> list[str]:
+        robot = result["robot"]
+        found = [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes", "goals_failed") if robot[kind]]
+        if len(robot["waypoints_visited"]) < 4:
+            found.append(f"only {len(robot['waypoints_visited'])} waypoints")
+        error = robot["localization_error_m"]
+        if error["median"] > 0.15 or error["max"] > 0.40:
+            found.append(f"localised within {error['median']} m (median), {error['max']} m at most")
+        return found
+
+    arguments = ("patrolling", "--world", house, "--camera", "off", "--map", str(file))
+    return Case(f"on-map {house}", (*arguments, "--until", "success", "--duration", "300"), misses)
+
+
+def main() -> int:
+    """Run, print the table, and tell by the exit code whether all is well."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=5, help="explorations a house (default: %(default)s)")
+    parser.add_argument("--only", default="", metavar="TEXT", help="the houses with TEXT in their name")
+    options = parser.parse_args()
+    print(
+        f"{'house':12} {'seed':>4} {'time s':>7} {'way m':>6} {'right':>6} {'found':>6} {'off m':>6}"
+        f" {'odom. m':>7} {'real time ×':>11} {'patrol off m':>12}"
+    )
+    missed: list[str] = []
+    folder = RESULTS / f"maps-{sources()}"
+    folder.mkdir(parents=True, exist_ok=True)
+    for house in HOUSES:
+        for seed in range(1, options.seeds + 1) if options.only in house else ():
+            file = folder / f"{house}-{seed}.yaml"
+            exploring, patrolling = explored(house, file), patrolled(house, file)
+            made = run(exploring, seed)
+            missed += complaints(exploring, [made])
+            if "error" in made:
+                continue
+            on_it = run(patrolling, seed)
+            missed += complaints(patrolling, [on_it])
+            robot = made["robot"]
+            patrol = "" if "error" in on_it else f"{on_it['robot']['localization_error_m']['median']:12.3f}"
+            print(
+                f"{house:12} {seed:4} {made['time_s']:7.0f} {robot['distance_m']:6.1f} {made['right']:6.3f}"
+                f" {made['found']:6.3f} {robot['localization_error_m']['max']:6.3f}"
+                f" {robot['odometry_error_m']:7.2f} {made['real_time_factor']:11.1f} {patrol}",
+                flush=True,
+            )
+    for one in missed:
+        print(f"miss: {one}")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    raise SystemExit(main())

@@ -1,0 +1,83 @@
+"""Runs of the command line that navigate: alike for a seed, clear about what is wrong, home after all."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.map import OccupancyMap, save_map
+
+ROOT = Path(__file__).parents[3]
+
+
+def room(floor: int, wall: int, origin: tuple[float, float] = (-1.0, -1.0)) -> OccupancyMap:
+    cells = np.full((40, 40), floor, dtype=np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = wall
+    return OccupancyMap(cells, 0.05, origin)
+
+
+def run(*arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "btcore", "run", *arguments, "--camera", "off", "--fast", "--json"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+
+
+def test_the_same_seed_gives_the_same_bytes_in_two_processes():
+    arguments = ("patrolling", "--world", "aws_house", "--duration", "20", "--seed", "3")
+    said = [one.communicate()[0] for one in [run(*arguments), run(*arguments)]]
+    one, other = ({**json.loads(text), "real_time_factor": 0.0} for text in said)
+    assert one["robot"]["distance_m"] > 1.0
+    assert json.dumps(one) == json.dumps(other)
+
+
+def test_goal_or_home_goes_home_and_says_why():
+    process = run("tutorials/goal_or_home", "--world", "house", "--duration", "30")
+    said, logged = process.communicate()
+    result = json.loads(said)
+    assert result["status"] == "SUCCESS"
+    assert result["nodes"]["Goal"]["failure"] == 1
+    assert result["nodes"]["Home"]["ticks"] > 10
+    assert result["nodes"]["Home"]["success"] == 1
+    assert logged.startswith("warning: Goal: can't go to (-9.65, -5.00): GOAL_OCCUPIED: ")
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "said"),
+    [
+        ("--map", None, "there is no such file"),
+        ("--map", "image: [", "this is not YAML"),
+        ("--nav-params", None, "No such file"),
+        ("--nav-params", "a: [", "this is no YAML"),
+    ],
+)
+def test_a_file_that_is_no_good_ends_the_run_before_it_begins(tmp_path, option, text, said):
+    file = tmp_path / "file.yaml"
+    if text is not None:
+        file.write_text(text)
+    process = run("patrolling", "--world", "house", "--duration", "1", option, str(file))
+    logged = process.communicate()[1]
+    assert process.returncode == 2
+    assert "file.yaml" in logged
+    assert said in logged
+    assert "Traceback" not in logged
+
+
+def test_on_a_map_that_the_robot_is_not_on_it_looks_around_and_drives_nowhere(tmp_path):
+    save_map(room(0, 100, origin=(20.0, 20.0)), tmp_path / "far.yaml")
+    process = run("patrolling", "--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
+    said, logged = process.communicate()
+    assert "the robot doesn't know where it is" in logged
+    assert json.loads(said)["robot"]["distance_m"] < 0.02
+
+
+@pytest.mark.parametrize(
+    ("floor", "wall", "missing"), [(100, 100, "free floor"), (-1, 100, "free floor"), (0, 0, "wall")]
+)
+def test_a_map_without_floor_or_walls_is_refused(tmp_path, floor, wall, missing):
+    save_map(room(floor, wall), tmp_path / "map.yaml")
+    process = run("patrolling", "--world", "house", "--duration", "2", "--map", str(tmp_path / "map.yaml"))
+    logged = process.communicate()[1]
+    assert process.returncode == 2
+    assert f"there is no {missing} on the map" in logged

@@ -1,0 +1,143 @@
+"""What the navigation tells a viewer, in the simulated house: new things once, all again to a new viewer."""
+
+import math
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.show import PARTICLES_AT_MOST
+from robot_nodes.navigation.stack import Navigation
+from robot_nodes.robot import Pose2D
+from sim.body import Body
+from sim.rasterise import rasterise
+from sim.scene import load_scene
+from sim.world import World
+
+TREES = Path(__file__).parents[3] / "trees"
+SECOND = 1_000_000_000
+
+
+class House:
+    """A robot that navigates in the house, and what it told."""
+
+    def __init__(self) -> None:
+        scene = load_scene("house")
+        self.world = World(scene, seed=1)
+        self.body = Body(self.world)
+        self.navigation = Navigation(self.body, rasterise(scene), np.random.default_rng([1, 4]), TREES)
+        self.told: list[dict] = []
+
+    def run(self, seconds: float) -> list[dict]:
+        """What was told in each tenth of so many seconds."""
+        told = []
+        for _ in range(round(seconds * 10)):
+            self.world.wait_until(self.world.now() + SECOND // 10, threading.Event())
+            told.append(self.navigation.scene_moving())
+        return told
+
+
+@pytest.fixture
+def house():
+    made = House()
+    yield made
+    made.world.close()
+
+
+def of(told: list[dict], key: str, name: str) -> list[dict]:
+    return [one for scene in told for one in scene[key] if one["name"] == name]
+
+
+def poses(entry: dict) -> np.ndarray:
+    return np.frombuffer(entry["rows"], dtype="<f4").reshape(-1, 3)
+
+
+def test_the_map_is_told_at_the_start_with_the_places_to_keep_out_of(house):
+    static = house.navigation.scene_static()
+    (grid,) = static["grids"]
+    known = house.navigation.map
+    assert (grid["name"], grid["kind"], grid["size"]) == ("map", "occupancy", [known.width, known.height])
+    cells = np.frombuffer(grid["cells"], dtype=np.int8).reshape(known.height, known.width)
+    assert (cells == known.cells).all()
+    assert [tuple(area["corners"]) for area in static["areas"]] == list(known.keepout)
+    assert not of(house.run(3.0), "grids", "map")
+
+
+def test_costmaps_are_told_when_they_changed_the_large_one_once_a_second_at_most(house):
+    house.navigation.scene_static()
+    house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
+    told = house.run(6.0)
+    large, small = of(told, "grids", "global_costmap"), of(told, "grids", "local_costmap")
+    assert 4 <= len(large) <= 6
+    assert 18 <= len(small) <= 24
+    costs = house.navigation.global_costmap
+    assert large[-1]["size"] == [costs.map.width, costs.map.height]
+    assert small[-1]["frame"] == "odom"
+    here = house.body.odometry().pose
+    assert small[-1]["origin"] == pytest.approx([here.x - 1.5, here.y - 1.5], abs=0.2)
+    assert {253, 254} <= set(small[-1]["cells"]) | set(large[-1]["cells"])
+
+
+def test_path_and_goal_are_told_once_and_taken_back_when_nobody_drives(house):
+    house.navigation.scene_static()
+    assert [len(poses(one)) for one in of(house.run(0.2), "poses", "path")] == [0]
+    handle = house.navigation.go_to(Pose2D(1.07, -12.38, 0.5))
+    told = house.run(2.0)
+    path = poses(of(told, "poses", "path")[-1])
+    assert math.hypot(*path[0, :2]) < 0.6
+    assert path[-1] == pytest.approx([1.07, -12.38, 0.5], abs=1e-3)
+    assert [poses(one).tolist() for one in of(told, "poses", "goal")] == [
+        [pytest.approx([1.07, -12.38, 0.5])]
+    ]
+    assert told[-1]["notes"]["localisation"] == "sure"
+    assert told[-1]["notes"]["goal"].startswith("(1.1, -12.4), 1")
+    handle.cancel()
+    after = house.run(0.5)
+    assert len(poses(of(after, "poses", "path")[-1])) == len(poses(of(after, "poses", "goal")[-1])) == 0
+    assert after[-1]["notes"]["goal"] == "–"
+
+
+def test_it_tells_where_it_takes_itself_to_be_and_where_by_its_wheels_alone(house):
+    house.navigation.scene_static()
+    house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
+    told = house.run(25.0)
+    true = house.body.true_pose()
+    estimate = poses(of(told, "poses", "estimate")[-1])[0]
+    by_wheels = poses(of(told, "poses", "odometry")[-1])[0]
+    off = math.hypot(estimate[0] - true.x, estimate[1] - true.y)
+    drifted = math.hypot(by_wheels[0] - true.x, by_wheels[1] - true.y)
+    assert off < 0.1 < drifted
+    odom = told[-1]["frames"][0]
+    assert odom[:2] == ["odom", "map"]
+    clouds = of(told, "poses", "particles")
+    assert 3 < len(clouds) < len(told)
+    assert all(10 < len(poses(one)) <= PARTICLES_AT_MOST for one in clouds)
+    middle = np.median(poses(clouds[-1])[:, :2], axis=0)
+    assert math.hypot(middle[0] - true.x, middle[1] - true.y) < 1.0
+
+
+def test_a_new_viewer_is_told_everything_again(house):
+    house.navigation.scene_static()
+    house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
+    house.run(2.0)
+    assert not house.navigation.scene_moving()["grids"]
+    house.navigation.scene_static()
+    again = house.navigation.scene_moving()
+    assert {one["name"] for one in again["grids"]} == {"global_costmap", "local_costmap"}
+    assert {one["name"] for one in again["poses"]} == {"path", "goal", "particles", "estimate", "odometry"}
+
+
+def test_a_robot_that_was_carried_off_while_it_drives_says_so_and_turns_to_look_round(house):
+    house.navigation.scene_static()
+    house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
+    house.run(10.0)
+    house.body.carry(Pose2D(3.275, -0.375, 1.0))
+    states, turns = [], []
+    for _ in range(60):
+        states.append(house.run(0.1)[-1]["notes"]["localisation"])
+        if house.navigation.localiser.searching:
+            turns.append(house.body.twist_asked()[1])
+    assert any("lost" in state for state in states)
+    assert states[-1] == "sure"
+    assert max(turns) > 0.3

@@ -1,0 +1,341 @@
+"""The whole navigation in the simulator: a flat of two rooms and a closet that nothing leads into."""
+
+import math
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot_nodes.navigation.action import GoalStatus
+from robot_nodes.navigation.codes import Code
+from robot_nodes.navigation.navigator import NavigateGoal
+from robot_nodes.navigation.parameters import NavigationParameters
+from robot_nodes.navigation.stack import Navigation
+from robot_nodes.robot import Pose2D
+from sim.body import Body
+from sim.faults import Fault
+from sim.rasterise import rasterise
+from sim.scene import Scene, Thing
+from sim.world import World
+
+TREES = Path(__file__).parents[3] / "trees"
+NS_PER_S = 1_000_000_000
+GREY = (200, 200, 200, 255)
+
+WALLS = {
+    "south": (-3.1, -2.6, 5.1, -2.5),
+    "north": (-3.1, 2.5, 5.1, 2.6),
+    "west": (-3.1, -2.5, -3.0, 2.5),
+    "east": (5.0, -2.5, 5.1, 2.5),
+    "between_south": (1.0, -2.5, 1.1, -0.6),
+    "between_north": (1.0, 0.6, 1.1, 2.5),
+    "closet_west": (3.4, 1.0, 3.5, 2.5),
+    "closet_south": (3.5, 1.0, 5.0, 1.1),
+    "crate": (-1.5, -2.2, -1.0, -1.7),
+    "cupboard": (-3.0, 1.6, -2.4, 2.5),
+    "chest": (3.6, -2.5, 4.2, -2.0),
+}
+"""x and y from, x and y to (m)."""
+
+
+def box(name: str, x0: float, y0: float, x1: float, y1: float) -> Thing:
+    size, middle = (x1 - x0, y1 - y0, 1.5), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
+    return Thing(name, "box", size, middle, 0.0, 0.0, GREY)
+
+
+class Flat:
+    """A body that navigates in the flat; *faults* fail, as on the command line."""
+
+    def __init__(
+        self,
+        *faults: Fault,
+        seed: int = 1,
+        start: Pose2D | None = None,
+        parameters: NavigationParameters | None = None,
+    ) -> None:
+        things = tuple(box(name, *sides) for name, sides in WALLS.items())
+        at = start or Pose2D(0.0, 0.0, 0.0)
+        scene = Scene("flat", "", things, (-3, -2.5, 5, 2.5), 0.0, at, GREY, physics_rate=120)
+        self.world = World(scene, seed=seed)
+        self.body = Body(self.world, faults=faults)
+        random = np.random.default_rng([seed, 4])
+        self.navigation = Navigation(self.body, rasterise(scene), random, TREES, parameters)
+        self.speeds: list[float] = []
+
+    def run(self, seconds: float, until=lambda: False) -> float:
+        """Let time pass, until something holds; the seconds that took."""
+        began, self.speeds = self.world.now(), []
+        end = began + round(seconds * NS_PER_S)
+        while self.world.now() < end and not until():
+            self.world.wait_until(self.world.now() + NS_PER_S // 20, threading.Event())
+            self.speeds.append(self.body.twist_asked()[0])
+        return (self.world.now() - began) / NS_PER_S
+
+    def off(self, x: float, y: float) -> float:
+        """How far (m) the body truly is from a place."""
+        true = self.body.true_pose()
+        return math.hypot(true.x - x, true.y - y)
+
+
+@pytest.fixture
+def flat():
+    made = []
+
+    def make(*faults: Fault, **options) -> Flat:
+        made.append(Flat(*faults, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        assert one.body.contacts.collisions == one.body.contacts.grazes == 0
+        one.world.close()
+
+
+def test_a_goal_in_the_other_room_is_reached(flat):
+    home = flat()
+    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
+    home.run(40.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert home.off(3.0, -1.0) < 0.35
+    assert home.body.true_pose().yaw == pytest.approx(1.0, abs=0.35)
+    assert [one.status for one in home.navigation.outcomes()] == ["SUCCEEDED"]
+    assert home.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
+
+
+def test_feedback_tells_how_far_it_is(flat):
+    home = flat()
+    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    home.run(5.0)
+    feedback = handle.feedback
+    assert feedback.navigation_time == pytest.approx(5.0, abs=0.1)
+    assert feedback.distance_remaining == pytest.approx(3.2 - home.body.distance, abs=0.3)
+    assert feedback.number_of_recoveries == 0
+    assert feedback.current_pose.x == pytest.approx(home.body.true_pose().x, abs=0.1)
+
+
+def test_a_new_goal_takes_over_without_a_stop(flat):
+    home = flat()
+    first = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
+    home.run(6.0)
+    assert home.body.twist_asked()[0] > 0.25
+    second = home.navigation.go_to(Pose2D(4.0, -0.7, 0.0))
+    home.run(3.0)
+    assert first.status is GoalStatus.CANCELED
+    assert min(home.speeds) > 0.2
+    home.run(40.0, lambda: second.done)
+    assert second.status is GoalStatus.SUCCEEDED
+    assert home.off(4.0, -0.7) < 0.35
+    assert [one.status for one in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
+
+
+def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat):
+    home = flat()
+    handle = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
+    home.run(5.0)
+    handle.cancel()
+    home.run(1.0)
+    assert handle.status is GoalStatus.CANCELED
+    assert home.body.twist_asked() == pytest.approx((0.0, 0.0), abs=0.02)
+    assert not home.navigation.servers.follow_path.busy
+    assert {node.status.name for node in home.navigation.navigate_to_pose.tree.nodes} == {"IDLE"}
+    driven = home.body.distance
+    home.run(2.0)
+    assert home.body.distance == pytest.approx(driven, abs=0.01)
+    assert [one.status for one in home.navigation.outcomes()] == ["CANCELED"]
+
+
+@pytest.mark.parametrize(
+    ("goal", "code", "seconds"),
+    [
+        (Pose2D(1.05, 1.5, 0.0), Code.GOAL_OCCUPIED, 2.0),
+        (Pose2D(9.0, 0.0, 0.0), Code.GOAL_OUTSIDE_MAP, 2.0),
+        (Pose2D(4.3, 1.9, 0.0), Code.NO_VALID_PATH, 60.0),
+    ],
+)
+def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(flat, goal, code, seconds):
+    home = flat()
+    handle = home.navigation.go_to(goal)
+    home.run(seconds, lambda: handle.done)
+    assert handle.status is GoalStatus.ABORTED
+    assert handle.result.code == code
+    assert handle.result.message.startswith(f"{code.name}: ")
+    assert [one.status for one in home.navigation.outcomes()] == ["ABORTED"]
+
+
+def test_the_reason_is_not_that_of_an_earlier_goal(flat):
+    home = flat()
+    handle = home.navigation.go_to(Pose2D(1.05, 1.5, 0.0))
+    home.run(2.0, lambda: handle.done)
+    bad = NavigateGoal((Pose2D(1.0, 0.0, 0.0),), str(Path(__file__).parent / "no_such.xml"))
+    again = home.navigation.navigate_to_pose.send_goal(bad)
+    home.run(1.0, lambda: again.done)
+    assert again.result.code == Code.FAILED_TO_LOAD_BEHAVIOR_TREE
+
+
+def test_several_goals_are_passed_in_their_order(flat):
+    home = flat()
+    goals = [Pose2D(0.0, 1.5, 0.0), Pose2D(0.3, -1.2, 0.0), Pose2D(2.5, 0.0, 0.0)]
+    handle = home.navigation.go_through(goals)
+    nearest = [9.0] * 3
+    order = []
+
+    def passing():
+        for index, goal in enumerate(goals):
+            nearest[index] = min(nearest[index], home.off(goal.x, goal.y))
+            if nearest[index] < 0.75 and index not in order:
+                order.append(index)
+        return handle.done
+
+    home.run(80.0, passing)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert order == [0, 1, 2]
+    assert home.off(2.5, 0.0) < 0.35
+    board = home.navigation.navigate_through_poses.tree.blackboard
+    assert [one.state.name for one in board["waypoint_statuses"]][:2] == ["COMPLETED", "COMPLETED"]
+
+
+def test_a_goal_may_bring_its_own_tree(flat):
+    home = flat()
+    goal = NavigateGoal(
+        (Pose2D(0.8, 0.0, 0.0),), str(TREES / "navigation" / "navigate_w_replanning_time.xml")
+    )
+    handle = home.navigation.navigate_to_pose.send_goal(goal)
+    home.run(20.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert "RecoveryNode" not in {node.id for node in home.navigation.navigate_to_pose.tree.nodes}
+
+
+def test_nav2s_path_of_a_tree_means_the_one_of_that_name_here(flat):
+    home = flat()
+    named = "/opt/ros/humble/share/nav2_bt_navigator/behavior_trees/navigate_w_replanning_time.xml"
+    handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), named))
+    home.run(20.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<root",
+        '<root BTCPP_format="4"><BehaviorTree ID="T"><Fly/></BehaviorTree></root>',
+        '<root BTCPP_format="4"><BehaviorTree ID="T"><RecoveryNode/></BehaviorTree></root>',
+    ],
+)
+def test_a_broken_tree_fails_its_goal_and_no_other(flat, tmp_path, text):
+    home = flat()
+    file = tmp_path / "tree.xml"
+    file.write_text(text)
+    handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), str(file)))
+    home.run(1.0, lambda: handle.done)
+    assert handle.status is GoalStatus.ABORTED
+    assert handle.result.code == Code.FAILED_TO_LOAD_BEHAVIOR_TREE
+    assert "tree.xml" in handle.result.message
+    after = home.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
+    home.run(20.0, lambda: after.done)
+    assert after.status is GoalStatus.SUCCEEDED
+
+
+def test_a_leaf_that_raises_fails_the_goal_and_the_robot_stands(flat, tmp_path):
+    home = flat()
+    file = tmp_path / "tree.xml"
+    file.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="T"><Parallel>'
+        '<Sequence><Wait wait_duration="3"/><TransformAvailable/></Sequence>'
+        '<Sequence><ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/></Sequence>'
+        "</Parallel></BehaviorTree></root>"
+    )
+    handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(4.0, 0.0, 0.0),), str(file)))
+    home.run(10.0, lambda: handle.done)
+    home.run(1.0)
+    assert handle.status is GoalStatus.ABORTED
+    assert "TransformAvailable" in handle.result.message
+    assert home.body.twist_asked()[0] == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_laser_that_is_dead_for_five_seconds_stops_the_robot_and_nothing_fails(flat):
+    home = flat(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
+    handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
+    home.run(6.0)
+    assert home.speeds[-1] > 0.25
+    home.run(1.0)
+    assert home.speeds[-1] == pytest.approx(0.0, abs=0.02)
+    home.run(4.0)
+    assert max(home.speeds) < 0.02
+    home.run(60.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert home.off(4.3, 0.0) < 0.35
+
+
+def test_carried_off_the_robot_notices_finds_itself_and_still_gets_there(flat):
+    home = flat()
+    handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
+    home.run(5.0)
+    planned = home.navigation.servers.compute_path.newest
+    home.body.carry(Pose2D(-2.2, -0.5, 2.5))
+    noticed = home.run(5.0, lambda: home.navigation.estimate() is None)
+    assert noticed < 2.0
+    home.run(1.0)
+    assert max(home.speeds[-5:]) == pytest.approx(0.0, abs=0.02)
+    found = home.run(60.0, lambda: home.navigation.estimate() is not None)
+    assert found < 60.0
+    estimate, true = home.navigation.estimate(), home.body.true_pose()
+    assert math.hypot(estimate.x - true.x, estimate.y - true.y) < 0.3
+    home.run(60.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert home.navigation.servers.compute_path.newest is not planned
+    assert home.off(2.5, -1.2) < 0.35
+
+
+def test_a_goal_that_comes_while_the_robot_recovers_ends_the_recovery(flat):
+    home = flat()
+    first = home.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
+    home.run(60.0, lambda: home.navigation.servers.wait.busy)
+    assert home.navigation.servers.wait.busy
+    second = home.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
+    home.run(1.0)
+    assert first.status is GoalStatus.CANCELED
+    assert not home.navigation.servers.wait.busy
+    home.run(20.0, lambda: second.done)
+    assert second.status is GoalStatus.SUCCEEDED
+
+
+def test_the_way_of_an_earlier_goal_is_no_way_to_the_same_goal_again(flat):
+    home = flat()
+    first = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    home.run(4.0)
+    first.cancel()
+    home.run(1.0)
+    planned = home.navigation.servers.compute_path.newest
+    again = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    home.run(1.0)
+    assert not again.done
+    assert home.navigation.servers.compute_path.newest is not planned
+
+
+@pytest.mark.parametrize(
+    ("named", "meant"),
+    [
+        ("/opt/ros/humble/share/navigate_w_replanning_time.xml", "navigate_w_replanning_time.xml"),
+        ("navigate_w_replanning_time", "navigate_w_replanning_time.xml"),
+        ("/somewhere/no_such_tree.xml", "navigate_to_pose_w_replanning_and_recovery.xml"),
+        ("", "navigate_to_pose_w_replanning_and_recovery.xml"),
+    ],
+)
+def test_a_tree_in_the_parameters_is_ours_of_that_name_or_the_usual_one(flat, named, meant):
+    usual = NavigationParameters()
+    navigator = replace(usual.navigator, default_nav_to_pose_bt_xml=named)
+    home = flat(parameters=replace(usual, navigator=navigator))
+    assert home.navigation.navigate_to_pose.default_tree == TREES / "navigation" / meant
+
+
+def test_a_goal_waits_until_the_robot_knows_where_it_is(flat, caplog):
+    home = flat(start=Pose2D(3.0, -1.2, 2.0))
+    handle = home.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
+    home.run(1.0)
+    assert home.navigation.estimate() is None
+    assert "doesn't know where it is" in caplog.text
+    home.run(90.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert home.off(0.0, 0.0) < 0.35
