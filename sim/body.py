@@ -23,6 +23,7 @@ from robot_nodes.robot import (
     TorsoFacts,
     Twist2D,
 )
+from sim import show
 from sim.battery import FULL, Cells
 from sim.camera import Camera, PictureSize
 from sim.contacts import ContactCounter
@@ -35,7 +36,6 @@ from sim.laser import Laser, Moved
 from sim.model import Model
 from sim.outlines import Outlines
 from sim.schedule import Schedule
-from sim.show import frames, robot_parts, world_parts
 from sim.sonar import Sonars
 from sim.visible import Visible
 from sim.world import World
@@ -90,6 +90,8 @@ class Body(Robot):
         self._place = self.model.place()[0]
         self.distance = 0.0
         """The length (m) of the way driven, in truth."""
+        self.carried: list[int] = []
+        """When (ns) somebody carried it elsewhere."""
         still = [thing for thing in world.scene.things if thing.still]
         facts = self.description.laser.facts
         moved = Moved(world.client, {body: world.bodies[body] for body in world.movable})
@@ -117,6 +119,8 @@ class Body(Robot):
         if mounts:
             self._sense_sonars(0)
             every(self.description.sonar_rate, Rank.SENSORS, self._sense_sonars)
+        self._eye: list[list[Any]] = []
+        self._shown = -1
         world.around_steps(self._before_step, self._after_step)
 
     @property
@@ -237,6 +241,7 @@ class Body(Robot):
 
     def carry(self, pose: Pose2D) -> None:
         """Stand at *pose* as if somebody had carried the robot: its wheels tell nothing of it."""
+        self.carried.append(self.world.now())
         self.model.put(pose)
         self._place = self.model.place()[0]
 
@@ -245,34 +250,41 @@ class Body(Robot):
         return self._base.twist.v, self._base.twist.w
 
     def scene_static(self) -> dict[str, Any]:
-        """The shapes of the world and of the robot, the laser's geometry and the footprint, as plain data."""
-        facts = self.laser
-        return {
+        """The shapes of world and robot, the sensors' geometry, named places, as plain data."""
+        self._shown = -1
+        static: dict[str, Any] = {
             "frame": "map",
-            "parts": world_parts(self.world) + robot_parts(self.world, self.model),
-            "laser": {
-                "frame": facts.frame,
-                "angle_min": facts.angle_min,
-                "angle_increment": facts.angle_increment,
-                "range_min": facts.range_min,
-                "range_max": facts.range_max,
-            },
+            "parts": show.world_parts(self.world) + show.robot_parts(self.world, self.model),
+            "laser": show.geometry(self.laser),
+            "places": show.places(self.world),
             "footprint_radius": self.base.radius,
+            "battery": self.cells.level,
         }
+        if self.lens is not None:
+            static["cameras"] = [show.pinhole(self.lens)]
+            self._eye = show.way_to(self.lens.frame, self.frames(), self.model.links)
+        return static
 
     def scene_moving(self) -> dict[str, Any]:
-        """Every frame now, the newest scan, the velocity and the contacts, as plain data."""
+        """Every frame now, the newest scan, velocity, battery and contacts, as plain data.
+
+        A picture is among it when somebody had one taken since the last call.
+        """
         twist = self._odometry.twist
         moving: dict[str, Any] = {
             "stamp": self.world.now(),
-            "frames": frames(self.world, self.model),
+            "frames": show.frames(self.world, self.model) + self._eye,
             "velocity": [twist.v, twist.w],
+            "battery": self.cells.level,
             "collisions": self.contacts.collisions,
             "grazes": self.contacts.grazes,
         }
         if self._scan is not None:
-            ranges = self._scan.ranges.astype("<f4", copy=False).tobytes()
-            moving["scan"] = {"stamp": self._scan.stamp, "ranges": ranges}
+            moving["scan"] = show.scan_data(self._scan)
+        picture = self._camera.newest if self._camera is not None else None
+        if picture is not None and picture.stamp != self._shown:
+            self._shown = picture.stamp
+            moving["pictures"] = [show.picture_data(picture)]
         return moving
 
     def _before_step(self, now: int) -> None:

@@ -59,14 +59,15 @@ class Camera:
         )
         """The pinhole. Columns and rows count from 0, and a whole number is the middle of a pixel."""
         self._painter = Painter(self.facts)
-        self._picture: Picture | None = None
+        self.newest: Picture | None = None
+        """The last picture that was drawn."""
 
     def picture(self, model: Model, link: int, now: int, dead: bool) -> Picture | None:
         """The newest picture; drawn now if the camera's rate allows a newer one, and it is not *dead*."""
-        last = self._picture
+        last = self.newest
         if not dead and (last is None or self._count(now) > self._count(last.stamp)):
-            self._picture = self._draw(model, link, now)
-        return self._picture
+            self.newest = self._draw(model, link, now)
+        return self.newest
 
     def _count(self, now: int) -> int:
         return int(now * self.facts.rate / 1e9)

@@ -6,15 +6,53 @@ from statistics import median
 
 from robot_nodes.robot import GoalOutcome, Navigating, Pose2D, Rank
 from sim.body import Body
+from sim.schedule import NS_PER_S
 
 WARMED_UP = 10.0
 """m driven before localisation is judged."""
+
+FOUND = 0.3
+"""m between the true pose and the estimate within which a robot that was carried off has found itself."""
+
+WRONG = 0.5
+"""m between them from which on an estimate is no good to drive by."""
 
 REACHED = 0.5
 """m between the true pose and a goal that may count as reached."""
 
 _RATE = 10.0  # Hz
 _SAME_PLACE = 0.05  # m between a goal and the waypoint that it is
+
+
+class Carrying:
+    """How a robot that was carried off after it had driven *driven* (m), at *began* (ns), got over it."""
+
+    def __init__(self, began: int, driven: float) -> None:
+        self._began = began
+        self._driven = driven
+        self._noticed: float | None = None
+        self._found: float | None = None
+        self._astray = 0.0
+
+    def watch(self, now: int, driven: float, off: float | None) -> None:
+        """At *now* (ns) it has driven *driven* (m), and its estimate is *off* (m) the truth, or None."""
+        seconds = (now - self._began) / NS_PER_S
+        if off is None:
+            self._noticed = seconds if self._noticed is None else self._noticed
+        elif off <= FOUND:
+            self._found = seconds if self._found is None else self._found
+        elif off > WRONG:
+            self._astray += driven - self._driven
+        self._driven = driven
+
+    def figures(self) -> dict[str, float | None]:
+        """``t`` (s), ``noticed_s``, ``found_s`` (None for never), ``astray_m``."""
+        return {
+            "t": self._began / NS_PER_S,
+            "noticed_s": None if self._noticed is None else round(self._noticed, 3),
+            "found_s": None if self._found is None else round(self._found, 3),
+            "astray_m": round(self._astray, 4),
+        }
 
 
 class Judge:
@@ -29,15 +67,18 @@ class Judge:
         self._taken = 0
         self._failed = 0
         self._visited: list[str] = []
+        self._carryings: list[Carrying] = []
         if navigator is not None:
-            body.schedule.every(_RATE, Rank.JUDGE, lambda now: self._watch(navigator))
+            body.schedule.every(_RATE, Rank.JUDGE, lambda now: self._watch(navigator, now))
 
     def figures(self) -> dict[str, object]:
         """``battery_min`` (percent) and ``odometry_error_m``; the rest only when somebody navigates.
 
         ``localization_error_m`` has ``median`` and ``max`` (None when nothing was judged), as
         ``localization_yaw_error_rad`` has ``max``; ``unlocalized_s`` is how long the navigator said that it
-        doesn't know where it is.
+        doesn't know where it is. Where the robot was carried off, ``carried`` lists for each time when
+        (``t``, s), how long it took to notice and until the estimate was right again (``noticed_s``,
+        ``found_s``; None for never), and how far it drove on an estimate that was wrong (``astray_m``).
         """
         body = self._body
         found: dict[str, object] = {
@@ -48,6 +89,8 @@ class Judge:
             return found
         self._take(self._navigator.outcomes())
         errors = self._errors
+        if self._carryings:
+            found["carried"] = [one.figures() for one in self._carryings]
         return found | {
             "localization_error_m": {
                 "median": round(median(errors), 4) if errors else None,
@@ -60,16 +103,21 @@ class Judge:
             "goals_failed": self._failed,
         }
 
-    def _watch(self, navigator: Navigating) -> None:
+    def _watch(self, navigator: Navigating, now: int) -> None:
         self._take(navigator.outcomes())
-        if self._body.distance < WARMED_UP:
+        body, estimate = self._body, navigator.estimate()
+        true = body.true_pose()
+        off = None if estimate is None else _apart(true, estimate)
+        for began in body.carried[len(self._carryings) :]:
+            self._carryings.append(Carrying(began, body.distance))
+        if self._carryings:
+            self._carryings[-1].watch(now, body.distance, off)
+        if body.distance < WARMED_UP:
             return
-        estimate = navigator.estimate()
-        if estimate is None:
+        if estimate is None or off is None:
             self._unknown += 1
             return
-        true = self._body.true_pose()
-        self._errors.append(math.hypot(estimate.x - true.x, estimate.y - true.y))
+        self._errors.append(off)
         self._yaw_error = max(self._yaw_error, abs(math.remainder(estimate.yaw - true.yaw, 2 * math.pi)))
 
     def _take(self, outcomes: Sequence[GoalOutcome]) -> None:

@@ -6,8 +6,10 @@ Sizes and positions are in m, quaternions (x, y, z, w), colours RGBA of 0–255;
 
 import math
 from collections import Counter
+from collections.abc import Collection, Sequence
 from typing import Any
 
+from robot_nodes.robot import CameraFacts, Frame, LaserFacts, LaserScan, Picture
 from sim.engine import pybullet
 from sim.model import Model
 from sim.scene import Thing
@@ -72,6 +74,62 @@ def frames(world: World, model: Model) -> list[list[Any]]:
         found.append([world.bodies[number].name, "map", list(place), list(turned)])
     mount = model.description.laser
     found.append([mount.facts.frame, mount.link, list(mount.position), UPRIGHT])
+    return found
+
+
+def geometry(laser: LaserFacts) -> dict[str, Any]:
+    """The laser, before its first scan."""
+    return {
+        "frame": laser.frame,
+        "angle_min": laser.angle_min,
+        "angle_increment": laser.angle_increment,
+        "range_min": laser.range_min,
+        "range_max": laser.range_max,
+    }
+
+
+def places(world: World) -> list[dict[str, Any]]:
+    """The world's waypoints, but for the one where the robot begins, which is seen anyway."""
+    named = world.scene.waypoints.items()
+    return [{"name": name, "position": [x, y, 0.0]} for name, (x, y) in named if name != "start"]
+
+
+def pinhole(lens: CameraFacts) -> dict[str, Any]:
+    """The camera, before its first picture."""
+    return {
+        "name": "camera",
+        "frame": lens.frame,
+        "size": [lens.width, lens.height],
+        "focal": [lens.fx, lens.fy],
+        "center": [lens.cx, lens.cy],
+    }
+
+
+def scan_data(scan: LaserScan) -> dict[str, Any]:
+    """One sweep."""
+    return {"stamp": scan.stamp, "ranges": scan.ranges.astype("<f4", copy=False).tobytes()}
+
+
+def picture_data(picture: Picture) -> dict[str, Any]:
+    """One picture, as the camera took it."""
+    height, width, _ = picture.rgb.shape
+    return {
+        "name": "camera",
+        "stamp": picture.stamp,
+        "size": [width, height],
+        "format": "rgb8",
+        "data": picture.rgb.tobytes(),
+    }
+
+
+def way_to(name: str, known: Sequence[Frame], placed: Collection[str]) -> list[list[Any]]:
+    """The frames of *known* that lead from one of those that are *placed* to *name*."""
+    parents = {one.child: one for one in known}
+    found: list[list[Any]] = []
+    while name in parents and name not in placed:
+        one = parents[name]
+        found.append([one.child, one.parent, list(one.position), list(one.quaternion)])
+        name = one.parent
     return found
 
 

@@ -109,7 +109,7 @@ class Visibility:
 
         *points* ``(k, 2)`` and *eye*, where the laser is, are in the robot's frame (m).
         """
-        if not len(points):
+        if not len(points) or not poses:
             return [Agreement(0.0, 0.0) for _ in poses]
         lengths, seen, end_x, end_y = self._cast(poses, eye, points)
         through = lengths - seen > BEYOND

@@ -55,15 +55,20 @@ class FollowGoal:
     controller_id: str = ""
     goal_checker_id: str = ""
     progress_checker_id: str = ""
+    path_handler_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowFeedback:
-    """The way left (m), the *speed* asked for (m/s), and how far beside the path the robot is (m)."""
+    """The way left (m), the *speed* asked for (m/s), and how well the robot keeps to the path.
 
-    distance_to_goal: float
-    speed: float
-    position_error: float
+    *position_error* (m) is + to the left of the path, - to its right; *heading_error* (rad) the same.
+    """
+
+    distance_to_goal: float = 0.0
+    speed: float = 0.0
+    position_error: float = 0.0
+    heading_error: float = 0.0
 
 
 class FollowPath(ActionServer[FollowGoal, FollowFeedback, None]):
@@ -169,7 +174,8 @@ class FollowPath(ActionServer[FollowGoal, FollowFeedback, None]):
         odometry = self._robot.odometry().pose
         pose = _moved(to_path, odometry)
         pursuit.locate(pose)
-        handle.feedback = FollowFeedback(pursuit.left, self._throttle.v, pursuit.off)
+        turned = 0.0 if pursuit.heading is None else wrapped(pose.yaw - pursuit.heading)
+        handle.feedback = FollowFeedback(pursuit.left, self._throttle.v, pursuit.aside, turned)
         if self._blind(now) or (self._hold is not None and self._hold()):
             self._progress.pause(passed)
             self._creeps.pause(passed)

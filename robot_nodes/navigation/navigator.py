@@ -4,14 +4,16 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import btcore
 from btcore import BtcoreError, NodeRaised, Registry, Status, Tree
 from robot_nodes.navigation import nodes as nav2_nodes
 from robot_nodes.navigation.action import ActionServer, GoalHandle, GoalStatus
 from robot_nodes.navigation.codes import Code
+from robot_nodes.navigation.nodes.goals import WaypointStatus
 from robot_nodes.navigation.nodes.serving import RECOVERIES
-from robot_nodes.navigation.path import NavPath
+from robot_nodes.navigation.path import NavPath, empty_path
 from robot_nodes.navigation.servers import Servers
 from robot_nodes.robot import GoalOutcome, Pose2D
 
@@ -46,7 +48,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     """Serves ``navigate_to_pose``, or with *through* ``navigate_through_poses``.
 
     The goal stands on the tree's blackboard as ``goal`` (``goals``). A new goal for the same tree is put
-    there without a halt, and the tree sees that it is another; a cancelled one halts the tree.
+    there without a halt, and the tree sees that it is another; a cancelled one halts the tree. While *hold*
+    says so, a goal waits.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         *,
         through: bool = False,
         ended: Callable[[GoalOutcome], None] | None = None,
+        hold: Callable[[], bool] | None = None,
     ) -> None:
         super().__init__()
         self.name = "navigate_through_poses" if through else "navigate_to_pose"
@@ -65,15 +69,20 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self.tree: Tree | None = None
         """The tree of the goal that was accepted last."""
         self._ended = ended
+        self._hold = hold
         self._trees: dict[Path, Tree] = {}
         self._began = 0
+        self._earlier: list[object] = []
 
     def start(self, handle: NavigateHandle, now: int, previous: NavigateHandle | None) -> None:
         """Put the goal on the blackboard of its tree."""
         if not handle.goal.goals:
             self._end(handle, Code.GOAL_REJECTED, "there is no goal to go to", now)
             return
+        if previous is not None:
+            self._tell(previous, now, GoalStatus.CANCELED)
         self._began = now
+        self._earlier = [server.current for server in self._workers()]
         before = self.tree
         try:
             tree = self._tree_of(handle.goal.behavior_tree)
@@ -81,12 +90,17 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._halt()
             self._end(handle, Code.FAILED_TO_LOAD_BEHAVIOR_TREE, str(fault), now)
             return
-        if before is not None and (before is not tree or previous is None):
-            before.halt()
-        self.tree = tree
         board = tree.blackboard
+        # A tree that recovers has stopped already, and would only see the new goal when it is done with that.
+        drives = previous is not None and before is tree and not self._recovers()
+        if before is not None and not drives:
+            before.halt()
+        if not drives:
+            board["path"] = empty_path(now)
+        self.tree = tree
         if self.through:
             board["goals"] = list(handle.goal.goals)
+            board["waypoint_statuses"] = [WaypointStatus(*one[::-1]) for one in enumerate(handle.goal.goals)]
         else:
             board["goal"] = handle.goal.goals[-1]
         board[RECOVERIES] = 0
@@ -94,11 +108,12 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     def work(self, handle: NavigateHandle, now: int) -> None:
         """Tick the tree."""
         tree = self.tree
-        if tree is None:
+        if tree is None or (self._hold is not None and self._hold()):
             return
         try:
             status = tree.tick_exactly_once()
         except NodeRaised as error:
+            self._halt()
             self._end(handle, Code.NAVIGATE_UNKNOWN, str(error), now)
             return
         handle.feedback = self._feedback(tree, now)
@@ -115,12 +130,29 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self._halt()
         self._tell(handle, now, GoalStatus.CANCELED)
 
+    def start_over(self) -> None:
+        """Begin anew with the goal that there is: halt the tree, forget its path."""
+        if self.tree is not None and self.current is not None and not self.current.done:
+            self.tree.halt()
+            self.tree.blackboard["path"] = empty_path(self.servers.now())
+
     def _halt(self) -> None:
         if self.tree is not None:
             self.tree.halt()
 
+    def _workers(self) -> tuple[ActionServer[Any, Any, Any], ...]:
+        servers = self.servers
+        return servers.compute_path, servers.follow_path, *self._recovering()
+
+    def _recovering(self) -> tuple[ActionServer[Any, Any, Any], ...]:
+        servers = self.servers
+        return servers.spin, servers.back_up, servers.drive_on_heading, servers.wait
+
+    def _recovers(self) -> bool:
+        return any(server.busy for server in self._recovering())
+
     def _tree_of(self, file: str) -> Tree:
-        path = Path(file) if file else self.default_tree
+        path = tree_file(file, self.default_tree)
         if path not in self._trees:
             nodes = Registry.standard()
             nav2_nodes.register(nodes)
@@ -143,10 +175,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 
     def _reason(self) -> tuple[int, str]:
         """Why the tree failed: what the first server says whose last goal was aborted since it began."""
-        servers = self.servers
-        for server in (servers.compute_path, servers.follow_path, servers.spin, servers.back_up):
+        for server, earlier in zip(self._workers(), self._earlier, strict=True):
             current = server.current
-            if current is not None and current.status is GoalStatus.ABORTED and current.result is not None:
+            if current is None or current is earlier or current.status is not GoalStatus.ABORTED:
+                continue
+            if current.result is not None:
                 return current.result.code, current.result.message
         return int(Code.NAVIGATE_UNKNOWN), "its behaviour tree failed"
 
@@ -158,6 +191,18 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         if self._ended is not None and handle.goal.goals:
             known = status if status is not None else handle.status
             self._ended(GoalOutcome(handle.goal.goals[-1], known.name, now))
+
+
+def tree_file(named: str, default: Path) -> Path:
+    """The file *named*, or the one of that name beside the *default*, which also stands for no name.
+
+    So Nav2's own paths, such as ``/opt/ros/…/navigate_w_replanning_time.xml``, mean the trees that are here.
+    """
+    if not named:
+        return default
+    path = Path(named)
+    beside = default.parent / (path.name if path.suffix else f"{path.name}.xml")
+    return beside if not path.is_file() and beside.is_file() else path
 
 
 def _named(code: int) -> str:

@@ -40,6 +40,10 @@ class Pursuit:
         """How far (m) along the path the robot is."""
         self.off = 0.0
         """How far (m) beside the path the robot is."""
+        self.aside = 0.0
+        """The same with a sign: + to the left of the path, - to its right."""
+        self.heading: float | None = None
+        """Where (rad) the path goes at the robot's place; None of a path that is one point."""
 
     @property
     def left(self) -> float:
@@ -65,8 +69,10 @@ class Pursuit:
                 if off < best:
                     best = off
                     self.passed = float(self._along[start]) + share
+                    self.aside = math.copysign(off, east * (pose.y - y) - north * (pose.x - x))
+                    self.heading = math.atan2(north, east)
         if best == math.inf:
-            best = math.sqrt(float(squares.min()))
+            best = self.aside = math.sqrt(float(squares.min()))
             self.passed = float(self._along[nearest])
         self.off = best
 

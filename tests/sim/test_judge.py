@@ -129,3 +129,33 @@ def test_turning_on_the_spot_four_times_odometry_is_wrong_by_some_degrees(stand:
         wrong.append(math.degrees(off))
     assert all(4.0 < one < 13.0 for one in wrong)
     assert len(set(wrong)) == 3
+
+
+def test_how_a_robot_gets_over_being_carried_off_is_told(body: Any, steer: Any):
+    navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
+    judge = Judge(body, navigator)
+    steer(body, 2.0, (0.5, 0.0))
+    assert "carried" not in judge.figures()
+    body.carry(Pose2D(3.0, 3.0, 0.0))
+    navigator.error = Pose2D(3.0, 0.0, 0.0)
+    steer(body, 1.0, (0.5, 0.0))
+    navigator.error = None
+    steer(body, 2.0, (0.0, 0.5))
+    navigator.error = Pose2D(0.4, 0.0, 0.0)
+    steer(body, 1.0, (0.5, 0.0))
+    navigator.error = Pose2D(0.1, 0.0, 0.0)
+    steer(body, 1.0, (0.5, 0.0))
+    (one,) = judge.figures()["carried"]
+    assert one["t"] == pytest.approx(2.0)
+    assert one["noticed_s"] == pytest.approx(1.0, abs=0.11)
+    assert one["found_s"] == pytest.approx(4.0, abs=0.11)
+    assert one["astray_m"] == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_robot_that_never_notices_that_it_was_carried_off_goes_astray(body: Any, steer: Any):
+    judge = Judge(body, Navigator(body, Pose2D(0.0, 2.0, 0.0)))
+    body.carry(Pose2D(3.0, 3.0, 0.0))
+    steer(body, 4.0, (0.5, 0.0))
+    (one,) = judge.figures()["carried"]
+    assert one["noticed_s"] is one["found_s"] is None
+    assert one["astray_m"] == pytest.approx(2.0, abs=0.2)

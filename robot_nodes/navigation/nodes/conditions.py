@@ -4,9 +4,20 @@ import math
 from collections import deque
 from typing import Annotated
 
-from btcore import Condition, In, Port, Status
+from btcore import Condition, In, NodeFault, Port
 from robot_nodes.navigation.controller import FollowFeedback
-from robot_nodes.navigation.nodes.inputs import Goals, entry, given, goals_of, path_at, path_in, pose_at
+from robot_nodes.navigation.nodes.inputs import (
+    OPTIONAL,
+    Goals,
+    begins,
+    given,
+    goals_of,
+    path_at,
+    path_in,
+    pose_at,
+    stands,
+)
+from robot_nodes.navigation.nodes.search import Search
 from robot_nodes.navigation.path import NavPath
 from robot_nodes.navigation.servers import Servers
 from robot_nodes.robot import Odometry, Pose2D
@@ -15,14 +26,14 @@ NS_PER_S = 1_000_000_000
 BUMP = -10.0
 """The deceleration (m/s²) that nothing but a bump brings about; Nav2's figure."""
 
-Goal = Annotated[In[Pose2D], "The goal; the entry {goal} where it isn't given."]
-Several = Annotated[In[list[Pose2D]], "The goals; the entry {goals} where they aren't given."]
+Goal = Annotated[In[Pose2D], "The goal."]
+Several = Annotated[In[list[Pose2D]], "The goals."]
 BaseFrame = Annotated[In[str], "The robot's frame; base_footprint here."]
 GlobalFrame = Annotated[In[str], "The frame of the distance; map here."]
 
 
 class GoalReached(Condition):
-    """SUCCESS when the robot is nearer to *goal* than the navigator's tolerance."""
+    """SUCCESS when the robot is as near to *goal* as the navigator's tolerance, or nearer."""
 
     goal: Annotated[In[Pose2D], "The goal."]
     robot_base_frame: BaseFrame = "base_footprint"
@@ -33,14 +44,14 @@ class GoalReached(Condition):
     def tick(self) -> bool:
         """Compare."""
         goal = pose_at(self, "goal")
-        return goal is not None and self.servers.distance_to(goal) < self.servers.goal_tolerance
+        return goal is not None and self.servers.distance_to(goal) <= self.servers.goal_tolerance
 
 
 class GoalUpdated(Condition):
     """SUCCESS when the goal is another than at the last tick; the first tick after a reset only looks."""
 
-    goal: Goal
-    goals: Several
+    goal: Goal = stands("goal")
+    goals: Several = stands("goals")
 
     def __init__(self) -> None:
         self.known: Goals = (None, ())
@@ -48,7 +59,7 @@ class GoalUpdated(Condition):
     def tick(self) -> bool:
         """Look, and compare."""
         goals = goals_of(self)
-        changed = goals != self.known and self.status is not Status.IDLE
+        changed = goals != self.known and not begins(self)
         self.known = goals
         return changed
 
@@ -56,8 +67,8 @@ class GoalUpdated(Condition):
 class GlobalUpdatedGoal(Condition):
     """SUCCESS when the goal is another than at the last tick, halts or not; the very first tick succeeds."""
 
-    goal: Goal
-    goals: Several
+    goal: Goal = stands("goal")
+    goals: Several = stands("goals")
 
     def __init__(self) -> None:
         self.known: Goals | None = None
@@ -78,16 +89,15 @@ class IsStuck(Condition):
         self.history: deque[Odometry] = deque(maxlen=10)
 
     def tick(self) -> bool:
-        """Look at the last two readings that differ in time."""
+        """Look at the last two readings that differ in time, once there are three."""
         newest = self.robot.odometry()
         if not self.history or newest.stamp > self.history[-1].stamp:
             self.history.append(newest)
-        if len(self.history) < 2:
+        if len(self.history) < 3:
             return False
         before, last = self.history[-2], self.history[-1]
         seconds = (last.stamp - before.stamp) / NS_PER_S
-        slowing = (abs(last.twist.v) - abs(before.twist.v)) / seconds
-        return slowing < BUMP
+        return (last.twist.v - before.twist.v) / seconds < BUMP
 
 
 class IsBatteryLow(Condition):
@@ -133,7 +143,7 @@ class DistanceTraveled(Condition):
     def tick(self) -> bool:
         """Compare."""
         here = self.servers.pose()
-        if self.status is Status.IDLE or self.start is None:
+        if begins(self) or self.start is None:
             self.start = here
             return False
         if here is None or math.hypot(here.x - self.start.x, here.y - self.start.y) < self.distance:
@@ -153,7 +163,7 @@ class TimeExpired(Condition):
     def tick(self) -> bool:
         """Look at the clock."""
         now = self.now()
-        if self.status is Status.IDLE:
+        if begins(self):
             self.since = now
             return False
         if now - self.since < self.seconds * NS_PER_S:
@@ -199,27 +209,34 @@ class TransformAvailable(Condition):
         self.found = False
 
     def tick(self) -> bool:
-        """Look it up."""
+        """Look it up. Raises NodeFault where a frame isn't named."""
+        if not (self.parent and self.child):
+            raise NodeFault("<TransformAvailable> needs the names of two frames: child and parent")
         self.found = self.found or self.transforms.available(self.parent, self.child)
         return self.found
 
 
 class InitialPoseReceived(Condition):
-    """SUCCESS when the flag is true; the entry {initial_pose_received} where the port isn't given."""
+    """SUCCESS when the flag is true."""
 
-    initial_pose_received: Annotated[In[bool], "Whether the robot was told where it is."]
+    initial_pose_received: Annotated[In[bool], "Whether the robot was told where it is."] = stands(
+        "initial_pose_received"
+    )
 
     def tick(self) -> bool:
-        """Look."""
-        port = "initial_pose_received"
-        return bool(given(self, port) if port in self.config.inputs else entry(self, port))
+        """Look; a flag that nobody has written yet isn't true."""
+        return bool(given(self, "initial_pose_received"))
 
 
 class IsGoalNearby(Condition):
     """SUCCESS when what is left of *path* is shorter than *proximity_threshold*."""
 
     proximity_threshold: Annotated[In[float], "How near (m) counts, along the path."] = 1.0
-    max_robot_pose_search_dist: Annotated[In[float], "How far (m) ahead the robot is sought; -1: all."] = -1.0
+    max_robot_pose_search_dist: Annotated[
+        In[float], "How far (m) along the path from where the robot was it is sought; -1: everywhere."
+    ] = -1.0
+    global_frame: GlobalFrame = "map"
+    robot_base_frame: BaseFrame = "base_footprint"
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -228,13 +245,16 @@ class IsGoalNearby(Condition):
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
+        self.search = Search()
 
     def tick(self) -> bool:
-        """Measure."""
-        path = path_at(self, "path")
-        if path is None or self.servers.pose() is None:
+        """Measure; FAILURE without a path, and where the robot doesn't know where it is."""
+        path, here = path_at(self, "path"), self.servers.pose()
+        if path is None or here is None:
             return False
-        return self.servers.remaining(path) < self.proximity_threshold
+        nearest = self.search.nearest(path, here, self.max_robot_pose_search_dist)
+        along = path.distances()
+        return float(along[-1] - along[nearest]) < self.proximity_threshold
 
 
 class ArePosesNear(Condition):
@@ -256,10 +276,8 @@ class IsWithinPathTrackingBounds(Condition):
 
     max_error_left: Annotated[In[float], "How far (m) to the left of the path it may be."] = 0.5
     max_error_right: Annotated[In[float], "How far (m) to the right of the path it may be."] = 0.5
-    max_error_heading: Annotated[In[float], "How far (rad) its heading may be off; not looked at here."] = (
-        3.14
-    )
-    tracking_feedback: Annotated[In[FollowFeedback], "What FollowPath tells."]
+    max_error_heading: Annotated[In[float], "How far (rad) its heading may be off the path's."] = 3.14
+    tracking_feedback: Annotated[In[FollowFeedback], "What FollowPath tells."] = OPTIONAL
 
     def tick(self) -> bool:
         """Compare; without feedback all is well."""
@@ -267,4 +285,5 @@ class IsWithinPathTrackingBounds(Condition):
         if not isinstance(feedback, FollowFeedback):
             return True
         aside = feedback.position_error
-        return abs(aside) <= (self.max_error_left if aside > 0 else self.max_error_right)
+        most = self.max_error_left if aside >= 0.0 else self.max_error_right
+        return abs(aside) <= abs(most) and abs(feedback.heading_error) <= abs(self.max_error_heading)

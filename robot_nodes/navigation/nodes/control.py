@@ -20,7 +20,6 @@ class PipelineSequence(ControlNode):
 
     def tick(self) -> Status:
         """Tick from the first child."""
-        self.set_status(RUNNING)
         skipped = 0
         for index, child in enumerate(self.children):
             status = child.execute_tick()
@@ -153,7 +152,6 @@ class NonblockingSequence(ControlNode):
 
     def tick(self) -> Status:
         """Tick all."""
-        self.set_status(RUNNING)
         result = SUCCESS
         skipped = 0
         for child in self.children:

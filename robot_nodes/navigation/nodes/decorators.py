@@ -1,19 +1,31 @@
 """Nav2's decorators: they tick their child at a rate, after a way, or when the goal is another."""
 
 import math
+from collections import deque
 from typing import Annotated
 
-from btcore import DecoratorNode, In, Out, Port, Status
-from robot_nodes.navigation.nodes.inputs import Goals, goals_of, path_at, path_in, pose_at, poses_at, tell
+from btcore import DecoratorNode, In, NodeFault, Out, Port, Status
+from robot_nodes.navigation.nodes.inputs import (
+    OPTIONAL,
+    Goals,
+    begins,
+    goals_of,
+    path_at,
+    path_in,
+    pose_at,
+    poses_at,
+    stands,
+    tell,
+)
 from robot_nodes.navigation.path import NavPath
 from robot_nodes.navigation.servers import Servers
 from robot_nodes.robot import Pose2D
 
 NS_PER_S = 1_000_000_000
-IDLE, RUNNING, SUCCESS, FAILURE = Status.IDLE, Status.RUNNING, Status.SUCCESS, Status.FAILURE
+RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
-Goal = Annotated[In[Pose2D], "The goal; the entry {goal} where it isn't given."]
-Several = Annotated[In[list[Pose2D]], "The goals; the entry {goals} where they aren't given."]
+Goal = Annotated[In[Pose2D], "The goal."]
+Several = Annotated[In[list[Pose2D]], "The goals."]
 
 
 class RateController(DecoratorNode):
@@ -29,7 +41,7 @@ class RateController(DecoratorNode):
 
     def tick(self) -> Status:
         """Tick the child if it is time."""
-        first = self.status is IDLE
+        first = begins(self)
         if first:
             self.since = self.now()
         self.set_status(RUNNING)
@@ -55,14 +67,14 @@ class DistanceController(DecoratorNode):
 
     def tick(self) -> Status:
         """Tick the child if it is far enough; FAILURE where the robot doesn't know where it is."""
-        first = self.status is IDLE
+        if begins(self):
+            self.start = None
         self.set_status(RUNNING)
         here = self.servers.pose()
         if here is None:
             return FAILURE
-        if first:
-            self.start = here
-        start = self.start if self.start is not None else here
+        first = self.start is None
+        start = self.start = self.start or here
         far = math.hypot(here.x - start.x, here.y - start.y) >= self.distance
         if not (first or far or self.child.status is RUNNING):
             return RUNNING
@@ -75,15 +87,17 @@ class DistanceController(DecoratorNode):
 class SpeedController(DecoratorNode):
     """Ticks its child the more often the faster the robot is; at once when the goal is another.
 
-    Between *min_speed* and *max_speed* the rate goes from *min_rate* to *max_rate*.
+    Between *min_speed* and *max_speed* the rate goes from *min_rate* to *max_rate*. Each period is as long
+    as the mean speed of *filter_duration* was when the one before ended.
     """
 
     min_rate: Annotated[In[float], "The least rate (Hz)."] = 0.1
     max_rate: Annotated[In[float], "The greatest rate (Hz)."] = 1.0
     min_speed: Annotated[In[float], "The speed (m/s) of the least rate."] = 0.0
     max_speed: Annotated[In[float], "The speed (m/s) of the greatest rate."] = 0.5
-    goal: Goal
-    goals: Several
+    filter_duration: Annotated[In[float], "Over how long (s) the speed is averaged."] = 0.3
+    goal: Goal = stands("goal")
+    goals: Several = stands("goals")
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -91,38 +105,39 @@ class SpeedController(DecoratorNode):
         self.period = 0.0
         self.known: Goals = (None, ())
         self.fresh = True
+        self.speeds: deque[tuple[int, float]] = deque()
 
     def tick(self) -> Status:
         """Tick the child if it is time."""
-        if self.status is IDLE:
-            self.begin()
+        now, goals = self.now(), goals_of(self)
+        speed = self.speed()
+        if begins(self) or goals != self.known:
+            if min(self.min_rate, self.max_rate) <= 0.0:
+                raise NodeFault("<SpeedController> needs rates above 0, so that there is a time to wait")
+            self.known, self.since, self.fresh = goals, now, True
+            self.period = 1.0 / self.max_rate
         self.set_status(RUNNING)
-        goals = goals_of(self)
-        if goals != self.known:
-            self.known = goals
-            self.begin()
-        if not (self.fresh or self.now() - self.since >= self.period * NS_PER_S):
-            if self.child.status is not RUNNING:
-                return RUNNING
-        elif not self.fresh:
-            self.period = 1.0 / self.rate()
+        due = now - self.since >= self.period * NS_PER_S
+        if not (self.fresh or due or self.child.status is RUNNING):
+            return RUNNING
         self.fresh = False
-        status = self.child.execute_tick()
-        if status is SUCCESS:
-            self.since = self.now()
-        return status
+        if due:
+            self.since, self.period = now, 1.0 / self.rate(speed)
+        return self.child.execute_tick()
 
-    def begin(self) -> None:
-        """Start anew, at the greatest rate."""
-        self.known = goals_of(self)
-        self.since = self.now()
-        self.period = 1.0 / self.max_rate
-        self.fresh = True
+    def speed(self) -> float:
+        """The mean speed (m/s) that odometry told lately."""
+        newest = self.servers.robot.odometry()
+        if not self.speeds or newest.stamp > self.speeds[-1][0]:
+            self.speeds.append((newest.stamp, newest.twist.v))
+        oldest = newest.stamp - self.filter_duration * NS_PER_S
+        while self.speeds[0][0] < oldest:
+            self.speeds.popleft()
+        return abs(sum(speed for _, speed in self.speeds) / len(self.speeds))
 
-    def rate(self) -> float:
-        """The rate (Hz) at the speed that odometry says."""
-        twist = self.servers.robot.odometry().twist
-        share = (abs(twist.v) - self.min_speed) / max(self.max_speed - self.min_speed, 1e-9)
+    def rate(self, speed: float) -> float:
+        """The rate (Hz) at *speed* (m/s)."""
+        share = (speed - self.min_speed) / max(self.max_speed - self.min_speed, 1e-9)
         least, most = self.min_rate, self.max_rate
         return max(least, min(most, least + share * (most - least)))
 
@@ -130,15 +145,15 @@ class SpeedController(DecoratorNode):
 class GoalUpdatedController(DecoratorNode):
     """Ticks its child at first, when the goal is another, and while it is RUNNING; otherwise RUNNING."""
 
-    goal: Goal
-    goals: Several
+    goal: Goal = stands("goal")
+    goals: Several = stands("goals")
 
     def __init__(self) -> None:
         self.known: Goals = (None, ())
 
     def tick(self) -> Status:
         """Tick the child if there is a reason."""
-        first = self.status is IDLE
+        first = begins(self)
         self.set_status(RUNNING)
         goals = goals_of(self)
         changed = goals != self.known
@@ -149,26 +164,48 @@ class GoalUpdatedController(DecoratorNode):
 
 
 class GoalUpdater(DecoratorNode):
-    """Hands its child the goal to follow: the newest message of ``goal_update``, else the one it is given."""
+    """Hands its child the newest goal: what it is given, or what the topic ``goal_update`` said since.
 
-    input_goal: Annotated[In[Pose2D], "The goal to begin with."]
-    input_goals: Annotated[In[list[Pose2D]], "The goals to begin with."]
-    output_goal: Annotated[Out[Pose2D], "The goal to follow."]
-    output_goals: Annotated[Out[list[Pose2D]], "The goals to follow."]
+    The same with several goals, and the topic ``goals_update``.
+    """
+
+    input_goal: Annotated[In[Pose2D], "The goal to begin with."] = OPTIONAL
+    input_goals: Annotated[In[list[Pose2D]], "The goals to begin with."] = OPTIONAL
+    output_goal: Annotated[Out[Pose2D], "The goal to follow."] = OPTIONAL
+    output_goals: Annotated[Out[list[Pose2D]], "The goals to follow."] = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics
+        self.single = Newest()
+        self.several = Newest()
 
     def tick(self) -> Status:
         """Copy, and tick the child."""
-        self.set_status(RUNNING)
-        goal = self.topics.get("goal_update", pose_at(self, "input_goal"))
-        goals = self.topics.get("goals_update", list(poses_at(self, "input_goals")))
+        goal = self.single.of(pose_at(self, "input_goal"), self.topics.get("goal_update"))
+        goals = self.several.of(list(poses_at(self, "input_goals")), self.topics.get("goals_update"))
         if goal is not None:
             tell(self, output_goal=goal)
         if goals:
             tell(self, output_goals=goals)
         return self.child.execute_tick()
+
+
+class Newest:
+    """Which of two sources has changed last: what a tree gives, or what a topic says."""
+
+    def __init__(self) -> None:
+        self.given: object = None
+        self.said: object = None
+        self.choice: object = None
+
+    def of(self, given: object, said: object) -> object:
+        """The one of the two that is newer."""
+        if self.choice is None or given != self.given:
+            self.choice = given
+        if said and said is not self.said:
+            self.choice = said
+        self.given, self.said = given, said
+        return self.choice
 
 
 class SingleTrigger(DecoratorNode):
@@ -179,7 +216,7 @@ class SingleTrigger(DecoratorNode):
 
     def tick(self) -> Status:
         """Tick the child, the first time."""
-        if self.status is IDLE:
+        if begins(self):
             self.triggered = False
         self.set_status(RUNNING)
         if self.triggered:
@@ -190,7 +227,11 @@ class SingleTrigger(DecoratorNode):
 
 
 class PathLongerOnApproach(DecoratorNode):
-    """Ticks its child when, near the goal, the path to the same goal has become much longer; else SUCCESS."""
+    """Ticks its child when, near the goal, the path to the same goal has become much longer; else SUCCESS.
+
+    While the child is RUNNING, paths are compared with the one from before it began; when the newest is no
+    longer that long, the child is halted.
+    """
 
     prox_len: Annotated[In[float], "How long (m) the path may be at most to be near the goal."] = 3.0
     length_factor: Annotated[In[float], "How many times longer counts."] = 2.0
@@ -205,18 +246,15 @@ class PathLongerOnApproach(DecoratorNode):
 
     def tick(self) -> Status:
         """Compare, and tick the child if there is a reason."""
-        if self.status is IDLE:
-            self.before = None
         self.set_status(RUNNING)
-        path, before = path_at(self, "path"), self.before
-        if self.child.status is RUNNING or self.longer(path, before):
+        path, status = path_at(self, "path"), SUCCESS
+        if self.longer(path, self.before):
             status = self.child.execute_tick()
-            if status is RUNNING:
-                return RUNNING
-            self.before = path
-            return status
+            if status in (RUNNING, Status.SKIPPED):
+                return status
+        self.reset_child()
         self.before = path
-        return SUCCESS
+        return status
 
     def longer(self, path: NavPath | None, before: NavPath | None) -> bool:
         """Whether *path* is a longer one to the same goal, which is near."""

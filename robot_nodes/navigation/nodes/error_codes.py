@@ -8,7 +8,10 @@ from robot_nodes.navigation.codes import (
     PLANNER_RECOVERY_HELPS,
     SMOOTHER_RECOVERY_HELPS,
 )
-from robot_nodes.navigation.nodes.inputs import given
+from robot_nodes.navigation.nodes.inputs import OPTIONAL, given
+
+ROUTE_RECOVERY_HELPS = frozenset({400, 404, 405})
+"""Nav2's numbers for a route server that knows not why, was too slow, or found no route."""
 
 Number = Annotated[In[int], "What a server wrote; 0 when nothing went wrong."]
 Numbers = Annotated[In[list[int]], "The numbers that count, in place of the usual ones."]
@@ -18,7 +21,7 @@ class AreErrorCodesPresent(Condition):
     """SUCCESS when *error_code* is one of *error_codes_to_check*."""
 
     error_code: Number
-    error_codes_to_check: Numbers
+    error_codes_to_check: Numbers = OPTIONAL
 
     usual: ClassVar[frozenset[int]] = frozenset()
 
@@ -46,3 +49,9 @@ class WouldASmootherRecoveryHelp(AreErrorCodesPresent):
     """SUCCESS when the smoother failed in a way that another try may cure."""
 
     usual = frozenset(map(int, SMOOTHER_RECOVERY_HELPS))
+
+
+class WouldARouteRecoveryHelp(AreErrorCodesPresent):
+    """SUCCESS when a route server failed in a way that another try may cure."""
+
+    usual = ROUTE_RECOVERY_HELPS

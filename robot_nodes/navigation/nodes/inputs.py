@@ -1,11 +1,26 @@
 """Ports that a tree may leave out, and goals that stand on the blackboard by themselves."""
 
-from btcore import BlackboardFault, Direction, NodeFault, Port, TreeNode
+from typing import Any, Final
+
+from btcore import BlackboardFault, Direction, NodeFault, Port, Status, TreeNode
 from robot_nodes.navigation.path import NavPath
 from robot_nodes.robot import Pose2D
 
+OPTIONAL: Final[Any] = None
+"""The default of a port that a tree may leave out: an input is None then, and an output goes nowhere."""
+
 Goals = tuple[Pose2D | None, tuple[Pose2D, ...]]
 """The goal and the goals of a navigation, either of which may be absent."""
+
+
+def stands(key: str) -> Any:
+    """The default of an input that is the entry *key* of the blackboard where a tree leaves it out."""
+    return f"{{{key}}}"
+
+
+def begins(node: TreeNode) -> bool:
+    """Whether *node* is ticked for the first time since it was reset, or skipped."""
+    return node.status is Status.IDLE or node.status is Status.SKIPPED
 
 
 def given(node: TreeNode, port: str) -> object:
@@ -37,19 +52,8 @@ def poses_at(node: TreeNode, port: str) -> tuple[Pose2D, ...]:
 
 
 def goals_of(node: TreeNode) -> Goals:
-    """The ports ``goal`` and ``goals``; where the tree doesn't give one, the entry of that name."""
-    goal = given(node, "goal") if "goal" in node.config.inputs else entry(node, "goal")
-    goals = given(node, "goals") if "goals" in node.config.inputs else entry(node, "goals")
-    return (
-        goal if isinstance(goal, Pose2D) else None,
-        tuple(goals) if isinstance(goals, list | tuple) else (),
-    )
-
-
-def entry(node: TreeNode, key: str) -> object:
-    """The blackboard's entry *key*, or None."""
-    found = node.blackboard.find(key)
-    return None if found is None else found.value
+    """The ports ``goal`` and ``goals``."""
+    return pose_at(node, "goal"), poses_at(node, "goals")
 
 
 def tell(node: TreeNode, **outputs: object) -> None:
@@ -66,4 +70,4 @@ def path_in(description: str) -> Port:
 
 def path_out(description: str) -> Port:
     """An output port called ``path``."""
-    return Port("path", Direction.OUT, description=description)
+    return Port("path", Direction.OUT, default="", description=description)

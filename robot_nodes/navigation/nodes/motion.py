@@ -1,12 +1,13 @@
 """Nav2's nodes that move the robot: following a path, recoveries, navigating."""
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 from btcore import In, Out, Port
 from robot_nodes.navigation.action import ActionServer
 from robot_nodes.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from robot_nodes.navigation.controller import FollowFeedback, FollowGoal
-from robot_nodes.navigation.nodes.inputs import given, path_at, path_in, poses_at, tell
+from robot_nodes.navigation.nodes.inputs import OPTIONAL, given, path_at, path_in, poses_at, tell
 from robot_nodes.navigation.nodes.serving import (
     ErrorCode,
     ErrorMsg,
@@ -28,21 +29,21 @@ class MovingNode(ServerNode):
 
     server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
-    error_code_id: ErrorCode
-    error_msg: ErrorMsg
+    error_code_id: ErrorCode = OPTIONAL
+    error_msg: ErrorMsg = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
 
 class FollowPath(MovingNode):
-    """Drive along *path*. A path that is another one while it drives is taken over without a stop."""
+    """Drive along *path*. Another path or plug-in while it drives is taken over without a stop."""
 
     controller_id: Annotated[In[str], "The plug-in: FollowPath, or nothing."] = ""
     goal_checker_id: Annotated[In[str], "The goal checker's plug-in."] = ""
     progress_checker_id: Annotated[In[str], "The progress checker's plug-in."] = ""
     path_handler_id: Annotated[In[str], "The path handler's plug-in."] = ""
-    tracking_feedback: Annotated[Out[FollowFeedback], "How far it is, and how far off the path."]
+    tracking_feedback: Annotated[Out[FollowFeedback], "How far it is, and how far off the path."] = OPTIONAL
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -54,18 +55,30 @@ class FollowPath(MovingNode):
         return self.servers.follow_path
 
     def make_goal(self) -> FollowGoal:
-        """The path as it is now."""
+        """The path and the plug-ins as they are now."""
         path = path_at(self, "path")
-        return FollowGoal(path if path is not None else empty_path(self.now()))
+        return FollowGoal(
+            path if path is not None else empty_path(self.now()),
+            self.controller_id,
+            self.goal_checker_id,
+            self.progress_checker_id,
+            self.path_handler_id,
+        )
 
     def waiting(self, handle: Handle) -> None:
-        """Tell how it goes; take over a path that is another one."""
+        """Tell how it goes; send the goal anew when it is another one."""
         if handle.feedback is not None:
             tell(self, tracking_feedback=handle.feedback)
-        path = path_at(self, "path")
-        if path is not None and path is not handle.goal.path:
-            self.handle = self.servers.follow_path.send_goal(FollowGoal(path))
+        wanted = self.make_goal()
+        if not len(wanted.path):
+            wanted = replace(wanted, path=handle.goal.path)
+        if wanted != handle.goal:
+            self.handle = self.servers.follow_path.send_goal(wanted)
             self.sent = self.now()
+
+    def ended(self, handle: Handle) -> None:
+        """There is nothing to track any more."""
+        tell(self, tracking_feedback=FollowFeedback())
 
 
 class Recovery(MovingNode):
@@ -138,7 +151,7 @@ class DriveOnHeading(MovingNode):
 
 
 class Wait(Recovery):
-    """Wait for *wait_duration* (s)."""
+    """Wait for *wait_duration* (s), whatever its sign."""
 
     wait_duration: Annotated[In[float], "How long (s)."] = 1.0
 
@@ -148,7 +161,7 @@ class Wait(Recovery):
 
     def behaviour(self) -> WaitGoal:
         """The time."""
-        return WaitGoal(self.wait_duration)
+        return WaitGoal(abs(self.wait_duration))
 
 
 class NavigateToPose(MovingNode):

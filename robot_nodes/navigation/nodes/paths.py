@@ -1,49 +1,49 @@
-"""Nav2's nodes that work on the paths and goals of the blackboard."""
+"""Nav2's nodes that work on the paths of the blackboard."""
 
 import math
 from typing import Annotated
 
 import numpy as np
 
-from btcore import In, Out, Port, SyncAction
+from btcore import Condition, In, Out, Port, SyncAction
+from robot_nodes.navigation.codes import Code
 from robot_nodes.navigation.costmap import LETHAL, UNKNOWN
-from robot_nodes.navigation.nodes.inputs import path_at, path_in, pose_at, poses_at, tell
-from robot_nodes.navigation.nodes.serving import ServerName, ServerTimeout
-from robot_nodes.navigation.path import NavPath, joined
+from robot_nodes.navigation.nodes.inputs import OPTIONAL, path_at, path_in, pose_at, tell
+from robot_nodes.navigation.nodes.search import Search
+from robot_nodes.navigation.nodes.serving import ErrorCode, ErrorMsg, ServerName, ServerTimeout
+from robot_nodes.navigation.path import NavPath, empty_path, joined
 from robot_nodes.navigation.servers import Servers
 from robot_nodes.robot import Pose2D
 
 InPath = Annotated[In[NavPath], "The path."]
 OutPath = Annotated[Out[NavPath], "The path that results."]
-InGoals = Annotated[In[list[Pose2D]], "The goals."]
-OutGoals = Annotated[Out[list[Pose2D]], "The goals that are left."]
 UnknownCounts = Annotated[In[bool], "Whether what isn't known counts as an obstacle."]
-Threshold = Annotated[In[float], "The cost (0–254) from which on a place counts as taken."]
 
 
 class TruncatePath(SyncAction):
     """Leave out the end of a path: every pose nearer than *distance* to the last. Always SUCCESS.
 
-    The last pose that is left looks to the goal.
+    Two poses stay in any case. The last one that is left looks to the goal.
     """
 
     input_path: InPath
     distance: Annotated[In[float], "How much (m) is left out, as the crow flies."] = 1.0
-    output_path: OutPath
+    output_path: OutPath = OPTIONAL
 
     def tick(self) -> bool:
         """Cut."""
         path = path_at(self, "input_path")
         if path is None:
+            tell(self, output_path=empty_path(self.now()))
             return True
         goal = path.points[-1]
         far = np.hypot(*(path.points - goal).T) >= self.distance
         last = int(np.flatnonzero(far)[-1]) if far.any() else 0
-        poses = path.poses[: last + 1].copy()
+        poses = path.poses[: max(last, 1) + 1].copy()
         dx, dy = goal - poses[-1, :2]
         if math.hypot(dx, dy) > 0.0:
             poses[-1, 2] = math.atan2(dy, dx)
-        self.output_path = NavPath(poses, path.stamp, path.frame)
+        tell(self, output_path=NavPath(poses, path.stamp, path.frame))
         return True
 
 
@@ -56,34 +56,34 @@ class TruncatePathLocal(SyncAction):
     input_path: InPath
     distance_forward: Annotated[In[float], "How far (m) ahead; -1: to the end."] = 8.0
     distance_backward: Annotated[In[float], "How far (m) back."] = 4.0
-    pose: Annotated[In[Pose2D], "Where the robot is, if it isn't to be asked."]
+    pose: Annotated[In[Pose2D], "Where the robot is, if it isn't to be asked."] = OPTIONAL
     robot_base_frame: Annotated[In[str], "The robot's frame."] = "base_footprint"
     transform_tolerance: Annotated[In[float], "How old (s) the robot's place may be."] = 0.2
     angular_distance_weight: Annotated[In[float], "How much (m/rad) a heading that is off counts."] = 0.0
-    max_robot_pose_search_dist: Annotated[In[float], "How far (m) ahead the robot is sought."] = math.inf
-    output_path: OutPath
+    max_robot_pose_search_dist: Annotated[
+        In[float], "How far (m) along the path from where the robot was it is sought; inf: everywhere."
+    ] = math.inf
+    output_path: OutPath = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
+        self.search = Search()
 
     def tick(self) -> bool:
         """Find the robot on the path, and cut."""
         path = path_at(self, "input_path")
         here = pose_at(self, "pose") or self.servers.pose()
-        if path is None or here is None:
+        if here is None:
             return False
+        if path is None:
+            tell(self, output_path=empty_path(self.now()))
+            return True
         along = path.distances()
-        off = np.hypot(path.poses[:, 0] - here.x, path.poses[:, 1] - here.y)
-        off += self.angular_distance_weight * np.abs(
-            np.remainder(path.poses[:, 2] - here.yaw + np.pi, 2 * np.pi) - np.pi
-        )
-        reach = self.max_robot_pose_search_dist
-        searched = len(off) if reach < 0 or math.isinf(reach) else int(np.searchsorted(along, reach, "right"))
-        nearest = int(np.argmin(off[:searched]))
-        forward = self.distance_forward
-        most = along[-1] if forward < 0 else along[nearest] + forward
-        kept = (along >= along[nearest] - self.distance_backward) & (along <= most)
-        self.output_path = NavPath(path.poses[kept], path.stamp, path.frame)
+        reach, turn = self.max_robot_pose_search_dist, self.angular_distance_weight
+        at = along[self.search.nearest(path, here, reach, turn)]
+        forward = self.distance_forward if self.distance_forward >= 0.0 else math.inf
+        kept = (along >= at - self.distance_backward) & (along <= at + forward)
+        tell(self, output_path=NavPath(path.poses[kept], path.stamp, path.frame))
         return True
 
 
@@ -99,9 +99,34 @@ class ValidatePath(SyncAction):
         In[float], "How far (m) along the path is looked; -1: to the end."
     ] = -1.0
     service_name: ServerName = ""
-    server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
-    collision_poses: Annotated[Out[list[Pose2D]], "Where something is in the way."]
+    collision_poses: Annotated[Out[list[Pose2D]], "Where something is in the way."] = OPTIONAL
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The path; its name is taken in Python."""
+        return [path_in("The path.")]
+
+    def __init__(self, servers: Servers) -> None:
+        self.servers = servers
+
+    def tick(self) -> bool:
+        """Look along the path, from where the robot is; FAILURE for a path of no poses."""
+        path = path_at(self, "path")
+        reach = self.max_lookahead_distance
+        found: list[Pose2D] = []
+        if path is not None:
+            found = in_the_way(self.servers, path, self.max_cost, self.consider_unknown_as_obstacle, reach)
+        tell(self, collision_poses=found[:1] if self.stop_at_first_collision else found)
+        return path is not None and not found
+
+
+class IsPathValid(Condition):
+    """The condition that Nav2 had in place of ValidatePath up to humble."""
+
+    max_cost: Annotated[In[int], "The greatest cost (0–254) that a path may have under the robot."] = 254
+    consider_unknown_as_obstacle: UnknownCounts = False
+    server_timeout: ServerTimeout = 20
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -113,27 +138,29 @@ class ValidatePath(SyncAction):
 
     def tick(self) -> bool:
         """Look along the path, from where the robot is."""
-        path = path_at(self, "path")
-        if path is None:
-            return False
-        here = self.servers.pose()
-        start = path.nearest(here.x, here.y) if here is not None else 0
-        ahead = path.poses[start:]
-        if self.max_lookahead_distance >= 0.0:
-            along = path.distances()[start:]
-            ahead = ahead[along - along[0] <= self.max_lookahead_distance]
-        costs = self.servers.global_costmap.costs_at(ahead[:, :2])
-        # A circle is in collision where its middle is within its radius of an obstacle: cost 253.
-        bad = (costs >= min(self.max_cost, LETHAL - 1)) & (costs != UNKNOWN)
-        if self.consider_unknown_as_obstacle:
-            bad |= costs == UNKNOWN
-        found = [Pose2D(float(x), float(y), float(yaw)) for x, y, yaw in ahead[bad]]
-        tell(self, collision_poses=found[:1] if self.stop_at_first_collision else found)
-        return not found
+        path, unknown = path_at(self, "path"), self.consider_unknown_as_obstacle
+        return path is not None and not in_the_way(self.servers, path, self.max_cost, unknown)
 
 
-class IsPathValid(ValidatePath):
-    """ValidatePath under the name that Nav2 had for it up to humble."""
+def in_the_way(
+    servers: Servers, path: NavPath, max_cost: int, unknown: bool, reach: float = -1.0
+) -> list[Pose2D]:
+    """The poses of *path* from the robot on, *reach* (m) along it or all, at which the robot can't be.
+
+    *unknown* tells that what isn't known is in the way too.
+    """
+    here = servers.pose()
+    start = path.nearest(here.x, here.y) if here is not None else 0
+    ahead = path.poses[start:]
+    if reach >= 0.0:
+        along = path.distances()[start:]
+        ahead = ahead[along - along[0] <= reach]
+    costs = servers.global_costmap.costs_at(ahead[:, :2])
+    # A circle is in collision where its middle is within its radius of an obstacle: cost 253.
+    bad = (costs >= min(max_cost, LETHAL - 1)) & (costs != UNKNOWN)
+    if unknown:
+        bad |= costs == UNKNOWN
+    return [Pose2D(float(x), float(y), float(yaw)) for x, y, yaw in ahead[bad]]
 
 
 class SmoothPath(SyncAction):
@@ -145,17 +172,18 @@ class SmoothPath(SyncAction):
     smoother_id: Annotated[In[str], "The plug-in."] = ""
     server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
-    smoothed_path: OutPath
-    smoothing_duration: Annotated[Out[float], "How long (s) it took."]
-    was_completed: Annotated[Out[bool], "Whether it came to its end."]
-    error_code_id: Annotated[Out[int], "Nav2's number of what went wrong; 0 when nothing did."]
-    error_msg: Annotated[Out[str], "What went wrong, in words."]
+    smoothed_path: OutPath = OPTIONAL
+    smoothing_duration: Annotated[Out[float], "How long (s) it took."] = OPTIONAL
+    was_completed: Annotated[Out[bool], "Whether it came to its end."] = OPTIONAL
+    error_code_id: ErrorCode = OPTIONAL
+    error_msg: ErrorMsg = OPTIONAL
 
     def tick(self) -> bool:
         """Hand it on."""
         path = path_at(self, "unsmoothed_path")
         if path is None:
-            tell(self, error_code_id=505, error_msg="there is no path to smooth", was_completed=False)
+            code = int(Code.SMOOTH_INVALID_PATH)
+            tell(self, error_code_id=code, error_msg="there is no path to smooth", was_completed=False)
             return False
         tell(
             self,
@@ -168,83 +196,11 @@ class SmoothPath(SyncAction):
         return True
 
 
-class RemovePassedGoals(SyncAction):
-    """Leave out the first goals as long as the robot is nearer than *radius* to them; the last one stays."""
-
-    input_goals: InGoals
-    radius: Annotated[In[float], "How near (m) is passed."] = 0.5
-    robot_base_frame: Annotated[In[str], "The robot's frame."] = "base_footprint"
-    output_goals: OutGoals
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
-
-    def tick(self) -> bool:
-        """Leave out; FAILURE where the robot doesn't know where it is."""
-        goals = list(poses_at(self, "input_goals"))
-        if goals and self.servers.pose() is None:
-            return False
-        while len(goals) > 1 and self.servers.distance_to(goals[0]) <= self.radius:
-            del goals[0]
-        self.output_goals = goals
-        return True
-
-
-class RemoveInCollisionGoals(SyncAction):
-    """Leave out the goals at which something is in the way, by the global costmap."""
-
-    input_goals: InGoals
-    cost_threshold: Threshold = 254.0
-    use_footprint: Annotated[In[bool], "Whether the robot's size counts."] = True
-    consider_unknown_as_obstacle: UnknownCounts = False
-    service_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
-    output_goals: OutGoals
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
-
-    def tick(self) -> bool:
-        """Look at every goal."""
-        self.output_goals = [
-            goal
-            for goal in poses_at(self, "input_goals")
-            if not occupied(
-                self.servers, goal, self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
-            )
-        ]
-        return True
-
-
-class CheckPoseOccupancy(SyncAction):
-    """SUCCESS when nothing is in the way at *pose*."""
-
-    pose: Annotated[In[Pose2D], "The place."]
-    cost_threshold: Threshold = 254.0
-    use_footprint: Annotated[In[bool], "Whether the robot's size counts."] = True
-    consider_unknown_as_obstacle: UnknownCounts = False
-    service_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
-
-    def tick(self) -> bool:
-        """Look."""
-        return not occupied(
-            self.servers,
-            self.pose,
-            self.cost_threshold,
-            self.use_footprint,
-            self.consider_unknown_as_obstacle,
-        )
-
-
 class GetPoseFromPath(SyncAction):
     """Write the pose *index* of a path; a negative one counts from the end. FAILURE where there is none."""
 
     index: Annotated[In[int], "Which, from 0."] = 0
-    pose: Annotated[Out[Pose2D], "The pose."]
+    pose: Annotated[Out[Pose2D], "The pose."] = OPTIONAL
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -256,7 +212,7 @@ class GetPoseFromPath(SyncAction):
         path = path_at(self, "path")
         if path is None or not -len(path) <= self.index < len(path):
             return False
-        self.pose = path[self.index]
+        tell(self, pose=path[self.index])
         return True
 
 
@@ -265,7 +221,7 @@ class GetCurrentPose(SyncAction):
 
     global_frame: Annotated[In[str], "The frame of the pose; map here."] = "map"
     robot_base_frame: Annotated[In[str], "The robot's frame."] = "base_footprint"
-    current_pose: Annotated[Out[Pose2D], "Where the robot is."]
+    current_pose: Annotated[Out[Pose2D], "Where the robot is."] = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -275,7 +231,7 @@ class GetCurrentPose(SyncAction):
         here = self.servers.pose()
         if here is None:
             return False
-        self.current_pose = here
+        tell(self, current_pose=here)
         return True
 
 
@@ -284,47 +240,12 @@ class ConcatenatePaths(SyncAction):
 
     input_path1: InPath
     input_path2: InPath
-    output_path: OutPath
+    output_path: OutPath = OPTIONAL
 
     def tick(self) -> bool:
         """Join."""
         paths = [path for port in ("input_path1", "input_path2") if (path := path_at(self, port)) is not None]
         if not paths:
             return False
-        self.output_path = joined(paths, self.now())
+        tell(self, output_path=joined(paths, self.now()))
         return True
-
-
-class AppendGoalPoseToGoals(SyncAction):
-    """Write the goals with one more at their end."""
-
-    goal_pose: Annotated[In[Pose2D], "The goal to append."]
-    input_goals: InGoals
-    output_goals: OutGoals
-
-    def tick(self) -> bool:
-        """Append."""
-        self.output_goals = [*poses_at(self, "input_goals"), self.goal_pose]
-        return True
-
-
-class GetNextFewGoals(SyncAction):
-    """Write the first *num_goals* of the goals."""
-
-    num_goals: Annotated[In[int], "How many."]
-    input_goals: InGoals
-    output_goals: OutGoals
-
-    def tick(self) -> bool:
-        """Take them; FAILURE where there are none."""
-        goals = list(poses_at(self, "input_goals"))[: self.num_goals]
-        self.output_goals = goals
-        return bool(goals)
-
-
-def occupied(servers: Servers, place: Pose2D, threshold: float, footprint: bool, unknown: bool) -> bool:
-    """Whether the robot (with *footprint*), or its middle, can't be at *place* by the global costmap."""
-    cost = servers.global_costmap.cost(place.x, place.y)
-    if cost == UNKNOWN:
-        return unknown
-    return cost >= (min(threshold, LETHAL - 1) if footprint else threshold)

@@ -4,14 +4,15 @@ from typing import Annotated, Any
 
 from btcore import In, Out, Port
 from robot_nodes.navigation.action import ActionServer, GoalStatus
-from robot_nodes.navigation.nodes.inputs import given, path_out, pose_at, poses_at, tell
+from robot_nodes.navigation.nodes.inputs import OPTIONAL, given, path_out, pose_at, poses_at, tell
 from robot_nodes.navigation.nodes.serving import ErrorCode, ErrorMsg, ServerName, ServerNode, ServerTimeout
 from robot_nodes.navigation.path import NavPath, empty_path
 from robot_nodes.navigation.plan_server import PathGoal
 from robot_nodes.navigation.servers import Handle, Servers
 from robot_nodes.robot import Pose2D
 
-Planned = Annotated[Out[NavPath], "The path; an empty one when there is none."]
+ALL_GOALS = -1
+"""Nav2's index of a path that leaves no goal out."""
 PlannerId = Annotated[In[str], "The plug-in: GridBased, or nothing."]
 
 
@@ -21,8 +22,8 @@ class PlanningNode(ServerNode):
     server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
     planner_id: PlannerId = ""
-    error_code_id: ErrorCode
-    error_msg: ErrorMsg
+    error_code_id: ErrorCode = OPTIONAL
+    error_msg: ErrorMsg = OPTIONAL
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -40,23 +41,27 @@ class PlanningNode(ServerNode):
         """Write the path, or an empty one."""
         found = handle.result.value if handle.result is not None else None
         if handle.status is GoalStatus.SUCCEEDED and isinstance(found, NavPath):
-            tell(self, path=found)
+            self.write(found)
         else:
-            tell(self, path=empty_path(self.now()))
+            self.write(empty_path(self.now()))
 
     def on_halted(self) -> None:
         """Cancel the goal; there is no path."""
         super().on_halted()
-        tell(self, path=empty_path(self.now()))
+        self.write(empty_path(self.now()))
+
+    def write(self, path: NavPath) -> None:
+        """Write the path."""
+        tell(self, path=path)
 
 
 class ComputePathToPose(PlanningNode):
     """Plan to *goal*, through *viapoints* if there are any."""
 
     goal: Annotated[In[Pose2D], "Where to."]
-    start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."]
-    use_start: Annotated[In[bool], "Whether *start* counts."] = True
-    viapoints: Annotated[In[list[Pose2D]], "Places to pass on the way."]
+    start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."] = OPTIONAL
+    use_start: Annotated[In[bool], "Whether *start* counts; it does unless this says false."] = OPTIONAL
+    viapoints: Annotated[In[list[Pose2D]], "Places to pass on the way."] = OPTIONAL
 
     def make_goal(self) -> PathGoal:
         """The goal, after the places on the way."""
@@ -68,17 +73,16 @@ class ComputePathThroughPoses(PlanningNode):
     """Plan through *goals*, one after another."""
 
     goals: Annotated[In[list[Pose2D]], "Where to, one after another."]
-    start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."]
-    use_start: Annotated[In[bool], "Whether *start* counts."] = True
-    last_reached_index: Annotated[Out[int], "The last of the goals that the path reaches."]
+    start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."] = OPTIONAL
+    last_reached_index: Annotated[
+        Out[int], "The last goal that a path which isn't whole reaches; -1 of one that is, and of none."
+    ] = OPTIONAL
 
     def make_goal(self) -> PathGoal:
         """All goals."""
-        start = pose_at(self, "start") if given(self, "use_start") is not False else None
-        return PathGoal(poses_at(self, "goals"), start, self.planner_id, through=True)
+        return PathGoal(poses_at(self, "goals"), pose_at(self, "start"), self.planner_id, through=True)
 
-    def ended(self, handle: Handle) -> None:
-        """Write the path, and how far it reaches."""
-        super().ended(handle)
-        reached = len(handle.goal.goals) - 1 if handle.status is GoalStatus.SUCCEEDED else -1
-        tell(self, last_reached_index=reached)
+    def write(self, path: NavPath) -> None:
+        """Write the path, which is whole or none."""
+        super().write(path)
+        tell(self, last_reached_index=ALL_GOALS)

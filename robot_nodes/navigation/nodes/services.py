@@ -4,7 +4,8 @@ from typing import Annotated, Any, ClassVar
 
 from btcore import In, Out, StatefulAction, Status, SyncAction
 from robot_nodes.navigation.action import ActionServer
-from robot_nodes.navigation.nodes.serving import ServerName, ServerTimeout
+from robot_nodes.navigation.nodes.inputs import OPTIONAL, tell
+from robot_nodes.navigation.nodes.serving import ServerName, ServerTimeout, count_recovery
 from robot_nodes.navigation.servers import Servers
 from robot_nodes.robot import Pose2D
 
@@ -16,17 +17,18 @@ NS_PER_MS = 1_000_000
 
 
 class ClearEntireCostmap(SyncAction):
-    """Forget every obstacle of a costmap that isn't on the map."""
+    """Forget every obstacle of a costmap that isn't on the map. Counts as a recovery."""
 
     service_name: ServiceName = ""
     server_timeout: ServerTimeout = 20
-    plugins: Plugins
+    plugins: Plugins = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
     def tick(self) -> bool:
         """Clear."""
+        count_recovery(self.blackboard)
         self.servers.costmap(self.service_name).clear()
         return True
 
@@ -37,7 +39,7 @@ class _ClearPart(SyncAction):
     reset_distance: Side = 1.0
     service_name: ServiceName = ""
     server_timeout: ServerTimeout = 20
-    plugins: Plugins
+    plugins: Plugins = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -54,6 +56,7 @@ class ClearCostmapExceptRegion(_ClearPart):
 
     def tick(self) -> bool:
         """Clear."""
+        count_recovery(self.blackboard)
         here = self.around()
         if here is None:
             return False
@@ -66,6 +69,7 @@ class ClearCostmapAroundRobot(_ClearPart):
 
     def tick(self) -> bool:
         """Clear."""
+        count_recovery(self.blackboard)
         here = self.around()
         if here is None:
             return False
@@ -80,6 +84,7 @@ class ClearCostmapAroundPose(_ClearPart):
 
     def tick(self) -> bool:
         """Clear."""
+        count_recovery(self.blackboard)
         self.servers.global_costmap.clear_around(self.pose, self.reset_distance)
         return True
 
@@ -197,7 +202,7 @@ class _Selector(SyncAction):
         topic, default = str(self.get_input("topic_name")), str(self.get_input(f"default_{self.kind}"))
         chosen = str(self.topics.get(topic) or default)
         if chosen:
-            self.set_output(f"selected_{self.kind}", chosen)
+            tell(self, **{f"selected_{self.kind}": chosen})
         return bool(chosen)
 
 
@@ -207,7 +212,7 @@ class PlannerSelector(_Selector):
     kind = "planner"
     topic_name: Annotated[In[str], "The topic that may choose."] = "planner_selector"
     default_planner: Annotated[In[str], "What is used unless the topic chooses."] = ""
-    selected_planner: Annotated[Out[str], "What is to be used."]
+    selected_planner: Annotated[Out[str], "What is to be used."] = OPTIONAL
 
 
 class ControllerSelector(_Selector):
@@ -216,7 +221,7 @@ class ControllerSelector(_Selector):
     kind = "controller"
     topic_name: Annotated[In[str], "The topic that may choose."] = "controller_selector"
     default_controller: Annotated[In[str], "What is used unless the topic chooses."] = ""
-    selected_controller: Annotated[Out[str], "What is to be used."]
+    selected_controller: Annotated[Out[str], "What is to be used."] = OPTIONAL
 
 
 class SmootherSelector(_Selector):
@@ -225,7 +230,7 @@ class SmootherSelector(_Selector):
     kind = "smoother"
     topic_name: Annotated[In[str], "The topic that may choose."] = "smoother_selector"
     default_smoother: Annotated[In[str], "What is used unless the topic chooses."] = ""
-    selected_smoother: Annotated[Out[str], "What is to be used."]
+    selected_smoother: Annotated[Out[str], "What is to be used."] = OPTIONAL
 
 
 class GoalCheckerSelector(_Selector):
@@ -234,7 +239,7 @@ class GoalCheckerSelector(_Selector):
     kind = "goal_checker"
     topic_name: Annotated[In[str], "The topic that may choose."] = "goal_checker_selector"
     default_goal_checker: Annotated[In[str], "What is used unless the topic chooses."] = ""
-    selected_goal_checker: Annotated[Out[str], "What is to be used."]
+    selected_goal_checker: Annotated[Out[str], "What is to be used."] = OPTIONAL
 
 
 class ProgressCheckerSelector(_Selector):
@@ -243,7 +248,7 @@ class ProgressCheckerSelector(_Selector):
     kind = "progress_checker"
     topic_name: Annotated[In[str], "The topic that may choose."] = "progress_checker_selector"
     default_progress_checker: Annotated[In[str], "What is used unless the topic chooses."] = ""
-    selected_progress_checker: Annotated[Out[str], "What is to be used."]
+    selected_progress_checker: Annotated[Out[str], "What is to be used."] = OPTIONAL
 
 
 class PathHandlerSelector(_Selector):
@@ -252,4 +257,4 @@ class PathHandlerSelector(_Selector):
     kind = "path_handler"
     topic_name: Annotated[In[str], "The topic that may choose."] = "path_handler_selector"
     default_path_handler: Annotated[In[str], "What is used unless the topic chooses."] = ""
-    selected_path_handler: Annotated[Out[str], "What is to be used."]
+    selected_path_handler: Annotated[Out[str], "What is to be used."] = OPTIONAL

@@ -1,0 +1,129 @@
+"""`btcore stats` and `btcore diff`: what logs say, and where two of them part."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+
+CAPTURES = Path(__file__).parents[1] / "logs" / "captures"
+BTLOG, DB3, FBL = (CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl"))
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+
+
+@pytest.mark.parametrize("log", [BTLOG, DB3], ids=["btlog", "sqlite"])
+def test_the_recorded_run_is_counted(cli: Cli, log: Path) -> None:
+    result = cli("stats", log, "--json")
+    assert result.exit_code == 0, result.output
+    data = json.loads(result.stdout)
+    assert data["transitions"] == 57
+    assert data["damage"] is None
+    root = data["nodes"]["root_seq"]
+    assert (root["success"], root["failure"], round(root["rate"], 3), root["runs"]) == (2, 1, 0.667, 3)
+    assert data["nodes"]["AlwaysSuccess::10"]["rate"] is None
+
+
+def test_a_log_of_format_3_is_counted(cli: Cli) -> None:
+    result = cli("stats", FBL)
+    assert "20 transitions of 11 nodes in 0.456 s" in result.stdout
+    assert "root_seq ▶" in result.stdout
+    assert "slowest leaves  cnt 0.305 s, Sub::6/Count::8 0.151 s" in result.stdout
+
+
+def test_the_slowest_come_first_if_asked(cli: Cli) -> None:
+    result = cli("stats", FBL, "--sort", "total", "--top", "2", "--json")
+    assert list(json.loads(result.stdout)["nodes"]) == ["root_seq", "Fallback::3"]
+
+
+def test_a_log_that_is_cut_off_counts_up_to_the_cut_and_says_so(cli: Cli, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.btlog"
+    cut.write_bytes(BTLOG.read_bytes()[:-100])
+    result = cli("stats", cut)
+    assert result.exit_code == 0
+    assert "the file is cut off within a transition, 8 bytes after the last whole one" in result.stderr
+    assert "45 transitions are read" in result.stderr
+    assert "45 transitions of 10 nodes" in result.stdout
+
+
+def test_a_gap_is_told(cli: Cli, tmp_path: Path) -> None:
+    shutil.copy(BTLOG, tmp_path / "run.btlog")
+    (tmp_path / "run.btlog.gaps").write_text("20 the transitions 21 to 30 are lost\n")
+    result = cli("stats", tmp_path / "run.btlog", "--json")
+    assert "a gap before transition 21: the transitions 21 to 30 are lost" in result.stderr
+    assert json.loads(result.stdout)["gaps"] == [{"before": 21, "said": "the transitions 21 to 30 are lost"}]
+
+
+@pytest.mark.parametrize("command", [["stats"], ["diff", str(BTLOG)], ["replay", "--text"]])
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("gone.btlog", None, "this log can't be read: no such file"),
+        ("run.rrd", b"RRF2", "logs that can be read end in .btlog, .db3, .btdb or .fbl"),
+        ("empty.btlog", b"", "this isn't a .btlog"),
+        ("empty.db3", b"", "this isn't an SQLite database, it is empty"),
+        ("empty.fbl", b"", "this isn't a .fbl"),
+        ("other.btlog", FBL.read_bytes(), "this isn't a .btlog"),
+        ("other.fbl", BTLOG.read_bytes(), "this isn't a .fbl"),
+        ("other.db3", BTLOG.read_bytes(), "this isn't an SQLite database"),
+        ("head.btlog", BTLOG.read_bytes()[:5000], "this log ends in its header: 5000 of 8339 bytes"),
+        ("half.db3", DB3.read_bytes()[:14000], "the file is cut off: it has 14000 of 28672 bytes"),
+    ],
+)
+def test_what_is_no_log_is_a_sentence_and_exit_code_2(
+    cli: Cli, tmp_path: Path, command: list[str], name: str, content: bytes | None, said: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    result = cli(*command, name)
+    assert result.exit_code == 2, result.output
+    assert f"error: {name}: " in result.stderr
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_the_same_run_in_two_formats_is_the_same(cli: Cli) -> None:
+    result = cli("diff", BTLOG, DB3, "--times", "0.001")
+    assert (result.exit_code, result.stdout) == (0, "the same: 57 transitions\n")
+
+
+def test_two_runs_of_a_tree_are_compared_by_what_their_nodes_did(cli: Cli, tree_file: TreeFile) -> None:
+    tree = tree_file('<Repeat num_cycles="2"><Sleep name="nap" msec="100"/></Repeat>')
+    cli("run", tree, "--fast", "--log", "a.btlog")
+    cli("run", tree, "--fast", "--log", "b.db3")
+    assert cli("diff", "a.btlog", "b.db3").exit_code == 0
+    tree.write_text(tree.read_text().replace('"2"', '"3"'))
+    cli("run", tree, "--fast", "--log", "c.btlog")
+    longer = cli("diff", "a.btlog", "c.btlog", "--context", "2")
+    assert longer.exit_code == 1
+    lines = longer.stdout.splitlines()
+    assert lines[0] == "the runs part after 7 common transitions"
+    assert [line[:2].strip() for line in lines[1:]] == ["", "", "A", "A", "B", "B", "B"]
+    assert "SUCCESS" in lines[3]
+    assert "RUNNING" in lines[5]
+
+
+def test_where_times_differ_by_more_than_the_tolerance_they_part(cli: Cli, tree_file: TreeFile) -> None:
+    tree = tree_file('<Sleep name="nap" msec="100"/>')
+    cli("run", tree, "--fast", "--log", "a.btlog")
+    tree.write_text(tree.read_text().replace('"100"', '"900"'))
+    cli("run", tree, "--fast", "--log", "b.btlog")
+    assert cli("diff", "a.btlog", "b.btlog").exit_code == 0
+    assert cli("diff", "a.btlog", "b.btlog", "--times", "1").exit_code == 0
+    result = cli("diff", "a.btlog", "b.btlog", "--times", "0.5")
+    assert result.exit_code == 1
+    assert "after 1 common transition: the next is the same, but 0.800000 s apart" in result.stdout
+
+
+def test_a_run_that_ends_earlier_and_trees_that_differ_are_said(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "cut.btlog").write_bytes(BTLOG.read_bytes()[:-18])
+    result = cli("diff", "cut.btlog", BTLOG)
+    assert result.exit_code == 1
+    assert "after 55 common transitions: A ends, and B goes on" in result.stdout
+    assert "(the end of cut.btlog)" in result.stdout
+    other = cli("diff", BTLOG, FBL)
+    assert other.exit_code == 1
+    assert "only the tree of A has Script::2" in other.stderr
