@@ -20,6 +20,8 @@ GROUP = "btcore"
 # The cold part stays interpreted: what runs once, talks to people, or is the place where builds are chosen.
 COLD_FOLDERS = {"cli", "testing", "xml", "logs"}
 COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py", "suggest.py"} | {
+    "aside.py",
+    "hooks.py",
     "declaration.py",
     "signature.py",
     "manifest.py",

@@ -22,12 +22,14 @@ class TreeContext:
 
     *observers* is None while nobody listens, so that telling nobody costs one comparison.
     *deadlines* maps a node's uid to the time (ns) at which it wants the tree to be ticked.
-    *on_wake* is called by a wake-up, from any thread; an event loop that runs the tree needs it.
+    *on_wake* is called by a wake-up, from any thread; an event loop that runs the tree needs it. *lock*
+    is held while something is put around a node's ticks, which any thread may do.
     """
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.wake = threading.Event()
+        self.lock = threading.Lock()
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
         self.on_wake: Callable[[], object] | None = None

@@ -1,7 +1,10 @@
-"""What surrounds the ticks of a node that has more to it than a tick: its conditions, a count of results."""
+"""What surrounds the ticks of a node that has more to it than a tick: conditions, callbacks, a count."""
+
+from collections.abc import Callable
+from typing import Any
 
 from btcore.conditions import Conditions
-from btcore.status import FAILURE, SKIPPED, SUCCESS, Status
+from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 
 
 class Tally:
@@ -25,8 +28,38 @@ class Tally:
 
 
 class Guard:
-    """What surrounds the ticks of a node that has more than a tick: conditions, a tally."""
+    """What surrounds the ticks of a node that has more than a tick: conditions, callbacks, a tally."""
 
     def __init__(self) -> None:
         self.conditions: Conditions | None = None
         self.tally: Tally | None = None
+        self.pre_tick: Callable[[Any], Status] | None = None
+        self.post_tick: Callable[[Any, Status], Status] | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing more than a tick."""
+        return (
+            self.conditions is None
+            and self.tally is None
+            and self.pre_tick is None
+            and self.post_tick is None
+        )
+
+    def instead(self, node: Any, status: Status) -> Status:
+        """What takes the place of a tick of *node*, which stands at *status*; IDLE = nothing does."""
+        callback = self.pre_tick
+        if callback is not None and status is not SUCCESS and status is not FAILURE:
+            forced = callback(node)
+            if forced is SUCCESS or forced is FAILURE:
+                return forced
+        return IDLE
+
+    def overridden(self, node: Any, status: Status) -> Status:
+        """What *node* returns in the end, when *status* is what its tick came to."""
+        callback = self.post_tick
+        if callback is not None:
+            forced = callback(node, status)
+            if forced is SUCCESS or forced is FAILURE:
+                return forced
+        return status

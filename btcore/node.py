@@ -4,7 +4,8 @@
 tick is BehaviorTree.CPP's (nodes.md §2.1): pre-conditions, tick, post-conditions, stored status.
 """
 
-from typing import ClassVar, Final
+from collections.abc import Callable
+from typing import Any, ClassVar, Final
 
 from mypy_extensions import mypyc_attr
 
@@ -17,8 +18,6 @@ from btcore.guard import Guard, Tally
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
 
 NO_CHILDREN: Final[list["TreeNode"]] = []
-
-
 _UNPLACED: Final = NodeConfig("", "")
 
 
@@ -102,11 +101,31 @@ class TreeNode:
 
     def count(self) -> Tally:
         """Count the ticks of this node from now on."""
-        if self._guard is None:
-            self._guard = Guard()
-        if self._guard.tally is None:
-            self._guard.tally = Tally()
-        return self._guard.tally
+        with self._context.lock:
+            self._guard = guard = self._guard or Guard()
+            guard.tally = tally = guard.tally or Tally()
+        return tally
+
+    def set_pre_tick_function(self, callback: "Callable[[Any], Status] | None") -> None:
+        """Ask *callback* (None: nobody) before each tick, with the node; any thread may set it.
+
+        SUCCESS or FAILURE from it takes the place of the tick. It isn't asked where a pre-condition
+        decides, nor of a node that has completed and was not reset.
+        """
+        with self._context.lock:
+            guard = self._guard or Guard()
+            guard.pre_tick = callback
+            self._guard = None if guard.is_empty else guard
+
+    def set_post_tick_function(self, callback: "Callable[[Any, Status], Status] | None") -> None:
+        """Ask *callback* (None: nobody) after each tick and its post-conditions, with node and status.
+
+        SUCCESS or FAILURE from it takes the place of that status, whoever decided it.
+        """
+        with self._context.lock:
+            guard = self._guard or Guard()
+            guard.post_tick = callback
+            self._guard = None if guard.is_empty else guard
 
     def __repr__(self) -> str:
         return f"<{self.config.id} '{self.config.path}' {self._status.name}>"
@@ -147,10 +166,14 @@ class TreeNode:
                 status = conditions.before(self._status)
                 if status is SKIPPED and self._status is RUNNING:
                     self.halt_node()
+            if status is IDLE and guard.pre_tick is not None:
+                status = guard.instead(self, self._status)
             if status is IDLE:
                 status = self._verdict(self.tick())
             if conditions is not None and (status is SUCCESS or status is FAILURE):
                 conditions.after(status)
+            if guard.post_tick is not None:
+                status = guard.overridden(self, status)
         except NodeRaised as error:
             self.trace(error)
             raise

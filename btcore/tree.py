@@ -13,6 +13,7 @@ from btcore.clock import NS_PER_S, Clock, SystemClock
 from btcore.context import TreeContext
 from btcore.errors import BtcoreError, NodeRaised
 from btcore.guard import Tally
+from btcore.hooks import Hooks
 from btcore.node import TreeNode
 from btcore.observers import Observer, Observers
 from btcore.pacing import Metronome
@@ -88,6 +89,7 @@ class Tree:
         self.registry = registry
         self.ticks = 0
         self.status: Status = IDLE
+        self._hooks: Hooks | None = None
 
     @property
     def blackboard(self) -> Blackboard:
@@ -130,7 +132,9 @@ class Tree:
     async def run(self, period: float = 0.01) -> Status:
         """As :meth:`tick_while_running`, in an event loop, which goes on while the tree waits.
 
-        Leaves may then await whatever asyncio offers. Cancelling it halts the tree. Raises as above.
+        Leaves may then await whatever asyncio offers. Cancelling it halts the tree. A breakpoint is
+        awaited: where one is set, ticks run on a thread of their own, in turns with the loop's. Raises as
+        above.
         """
         context = self.context
         loop = asyncio.get_running_loop()
@@ -139,7 +143,11 @@ class Tree:
         context.on_wake = Waker(loop, woken)
         try:
             while True:
-                status = self.tick_once()
+                hooks = self._hooks
+                if hooks is not None and hooks.may_stand:
+                    status = await hooks.tick_aside(self.tick_once)
+                else:
+                    status = self.tick_once()
                 if status is not RUNNING:
                     return status
                 due = context.first_deadline(metronome.next(context.clock.now()))
@@ -156,6 +164,8 @@ class Tree:
             raise
         finally:
             context.on_wake = None
+            if self._hooks is not None:
+                self._hooks.leave_loop()
 
     def _tick_root(self) -> Status:
         self.ticks += 1
@@ -227,7 +237,15 @@ class Tree:
         """End a sleep early, and tick. Any thread may call it."""
         self.context.wake_up()
 
-    # --- looking
+    # --- breakpoints, looking
+
+    @property
+    def hooks(self) -> Hooks:
+        """Breakpoints and injected statuses; any thread may set them."""
+        with self.context.lock:
+            if self._hooks is None:
+                self._hooks = Hooks(self.nodes, self.context)
+            return self._hooks
 
     def subscribe(self, observer: Observer) -> Callable[[], None]:
         """Let *observer* hear what happens; the callable returned ends that."""

@@ -1,17 +1,23 @@
 """``btcore monitor``: watch a robot live, record it, or take its picture."""
 
 import contextlib
-import importlib.util
-import signal
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Final
 
 import click
+
+from monitor.showing import (
+    UsersMistake,
+    check_folder,
+    check_installed,
+    open_outlets,
+    showing_options,
+    stopped_by_signals,
+    take_picture,
+)
 
 if TYPE_CHECKING:
     from monitor.screen.sinks import Outlets
@@ -25,55 +31,27 @@ _WAIT: Final = 0.2
 """s between two looks at a feed that says nothing."""
 _LOOK_EVERY: Final = 2.0
 """s between two looks whether the viewer is still open."""
-_NEEDED: Final = ("rerun", "zmq", "msgpack", "numpy")
-
-
-class UsersMistake(click.ClickException):
-    """What was asked for can't be had; the message says what can."""
-
-    exit_code = 2
-
-
-def _size(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:
-    width, _, height = value.partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
-        raise click.BadParameter(f"'{value}' is no size: write WIDTHxHEIGHT in pixels, such as 1920x1080")
-    return int(width), int(height)
 
 
 @click.command()
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
+@showing_options
 @click.option(
-    "--save", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.rrd", help="Record it."
+    "--no-record",
+    is_flag=True,
+    help="Leave a C++ robot's recording of transitions to others: it is whoever's reads it first.",
 )
 @click.option(
-    "--serve-web",
-    type=click.IntRange(1, 65535),
-    is_flag=False,
-    flag_value=9090,
-    metavar="[PORT]",
-    help="Serve the viewer to browsers instead of opening a window.  [port: 9090]",
-)
-@click.option(
-    "--screenshot",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE.png",
-    help="Picture of the monitor at the end; needs no display.",
-)
-@click.option("--at", type=float, metavar="SECONDS", help="Tree time of the screenshot.  [default: the end]")
-@click.option(
-    "--size", default="1920x1080", callback=_size, show_default=True, metavar="WxH", help="Of the screenshot."
+    "--blackboard-rate",
+    type=click.FloatRange(min=0, max=100),
+    default=2.0,
+    show_default=True,
+    metavar="HZ",
+    help="How often a C++ robot is asked for its blackboards; 0: never.",
 )
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
 @click.option("--for", "seconds", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long.")
-@click.option(
-    "--memory-limit",
-    default="25%",
-    show_default=True,
-    metavar="SIZE",
-    help="What the viewer may use before it drops its oldest data: 2GB, or a share of the memory.",
-)
 def monitor(
     addresses: tuple[str, ...],
     save: Path | None,
@@ -81,6 +59,8 @@ def monitor(
     screenshot: Path | None,
     at: float | None,
     size: tuple[int, int],
+    no_record: bool,
+    blackboard_rate: float,
     no_view: bool,
     until_end: bool,
     seconds: float | None,
@@ -91,11 +71,7 @@ def monitor(
     ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667), or a recording
     FILE.rrd. The robot may come later, go, and come back. Ctrl-C stops.
     """
-    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise UsersMistake(
-            f"the monitor needs {missing[0]}, which isn't installed: pip install 'btcore[monitor]'"
-        )
+    check_installed("rerun", "zmq", "msgpack", "numpy")
     from monitor.screen.sinks import ScreenFault
 
     watching = [one for one in addresses if not one.endswith(".rrd")] if addresses else [DEFAULT_ADDRESS]
@@ -108,13 +84,15 @@ def monitor(
             return
         with contextlib.ExitStack() as stack:
             if screenshot is not None:
-                _check_folder("--screenshot", screenshot)
+                check_folder("--screenshot", screenshot)
                 if save is None:
                     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))
                     save = Path(folder) / "screenshot.rrd"
-            feeds = [stack.enter_context(contextlib.closing(feed)) for feed in _feeds(watching)]
+            feeds = _feeds(watching, blackboard_rate, not no_record)
+            for feed in feeds:
+                stack.enter_context(contextlib.closing(feed))
             wants_window = not no_view and screenshot is None and serve_web is None
-            outlets = _outlets(save, serve_web, wants_window, memory_limit)
+            outlets = open_outlets(save, serve_web, wants_window, memory_limit)
             files = _watch(feeds, outlets, until_end, seconds)
             if save is not None and not files and screenshot is None:
                 seen_at = ", ".join(watching)
@@ -122,42 +100,19 @@ def monitor(
             if screenshot is not None:
                 if not files:
                     raise UsersMistake(f"no tree was seen at {', '.join(watching)}, so there is no picture")
-                _picture(files[-1], screenshot, at, size)
+                take_picture(files[-1], screenshot, at, size)
     except ScreenFault as fault:
         raise UsersMistake(str(fault)) from None
 
 
-def _check_folder(option: str, path: Path) -> None:
-    if not path.resolve().parent.is_dir():
-        raise UsersMistake(f"{option} {path}: there is no folder {path.resolve().parent}")
-
-
-def _feeds(addresses: list[str]) -> "list[Feed]":
+def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[Feed]":
     from monitor.watch.address import AddressFault
     from monitor.watch.feed import Feed
 
     try:
-        return [Feed(address) for address in addresses]
+        return [Feed(one, blackboard_rate=blackboard_rate, record=record) for one in addresses]
     except AddressFault as fault:
         raise UsersMistake(str(fault)) from None
-
-
-def _outlets(save: Path | None, web_port: int | None, window: bool, memory_limit: str) -> "Outlets":
-    from monitor.screen.sinks import Outlets, open_window, serve_web
-
-    if save is not None:
-        _check_folder("--save", save)
-    if web_port is not None:
-        web = serve_web(web_port, memory_limit=memory_limit)
-        click.echo(f"monitor: look at {web.page}", err=True)
-        return Outlets(save=save, viewer=web.address, keep=web)
-    if window:
-        return Outlets(save=save, viewer=open_window(memory_limit))
-    if save is None:
-        raise UsersMistake(
-            "--no-view leaves nothing to do: add --save FILE.rrd, --serve-web or --screenshot FILE.png"
-        )
-    return Outlets(save=save)
 
 
 def _watch(feeds: "list[Feed]", outlets: "Outlets", until_end: bool, seconds: float | None) -> list[Path]:
@@ -166,7 +121,11 @@ def _watch(feeds: "list[Feed]", outlets: "Outlets", until_end: bool, seconds: fl
     from monitor.screen.stream import Screen
 
     stop = threading.Event()
-    screens = [Screen(outlets) for _ in feeds]
+    places = [
+        str(feed.address).removeprefix("tcp://").removeprefix("127.0.0.1") if len(feeds) > 1 else ""
+        for feed in feeds
+    ]
+    screens = [Screen(outlets, label=place) for place in places]
     faults: list[BaseException] = []
 
     def run(feed: "Feed", screen: Screen) -> None:
@@ -182,7 +141,7 @@ def _watch(feeds: "list[Feed]", outlets: "Outlets", until_end: bool, seconds: fl
         threading.Thread(target=run, args=pair, name=f"monitor {pair[0].address}")
         for pair in zip(feeds, screens, strict=True)
     ]
-    with _stopped_by_signals(stop):
+    with stopped_by_signals(stop):
         for thread in threads:
             thread.start()
         deadline = None if seconds is None else time.monotonic() + seconds
@@ -226,21 +185,6 @@ def _show(feed: "Feed", screen: "Screen", until_end: bool, stop: threading.Event
                 return
 
 
-@contextlib.contextmanager
-def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C and a kind request to end set *stop*, so that files are finished."""
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def _show_recordings(
     recordings: list[Path],
     picture: Path | None,
@@ -259,8 +203,8 @@ def _show_recordings(
             if not file.read(4).startswith(_RECORDING):
                 raise UsersMistake(f"{recording} is no recording of rerun")
     if picture is not None:
-        _check_folder("--screenshot", picture)
-        _picture(recordings[-1], picture, at, size)
+        check_folder("--screenshot", picture)
+        take_picture(recordings[-1], picture, at, size)
         return
     if web_port is None:
         open_window(memory_limit, files=recordings)
@@ -269,12 +213,5 @@ def _show_recordings(
     web.show(recordings)
     click.echo(f"monitor: look at {web.page}; Ctrl-C ends it", err=True)
     stop = threading.Event()
-    with _stopped_by_signals(stop):
+    with stopped_by_signals(stop):
         stop.wait(seconds)
-
-
-def _picture(recording: Path, picture: Path, at: float | None, size: tuple[int, int]) -> None:
-    from monitor.screen.screenshot import screenshot
-
-    screenshot(recording, picture, at, size)
-    click.echo(f"monitor: the picture is {picture}", err=True)

@@ -15,6 +15,10 @@ Kind = Literal["action", "condition", "control", "decorator", "subtree"]
 LinkState = Literal["waiting", "connected", "lost", "ended"]
 """How it stands with the robot: not there yet · heard · silent since a while · has said goodbye."""
 
+Topic = Literal["transitions", "ticks", "exceptions", "blackboard"]
+"""What a robot may tell of, beside its tree: changes of statuses · when the root was ticked, and what that
+cost · nodes that raised · the blackboards."""
+
 IDLE: Final = 0
 RUNNING: Final = 1
 SUCCESS: Final = 2
@@ -52,13 +56,15 @@ class Picture:
     """A whole tree: depth-first, parents first, a subtree's content right after its SubTree node.
 
     *tree_id* is new for every start of a robot (32 hex digits); *name* is the main tree's ID;
-    *subtrees* maps an instance's path (``""``: main) to its tree ID, in order of creation.
+    *subtrees* maps an instance's path (``""``: main) to its tree ID, in order of creation; *xml* is the
+    full tree as the robot sent it (empty if it sent another form).
     """
 
     tree_id: str
     name: str
     nodes: tuple[PictureNode, ...]
     subtrees: Mapping[str, str] = field(default_factory=dict)
+    xml: bytes = field(default=b"", repr=False, compare=False)
     by_uid: Mapping[int, PictureNode] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -83,11 +89,27 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
+class Wire:
+    """How a robot tells of its tree. *name* is the protocol's; *lacks* says, by topic, what isn't sent.
+
+    A topic that isn't among *lacks* is told of completely.
+    """
+
+    name: str
+    lacks: Mapping[Topic, str] = field(default_factory=dict)
+
+
+SCENE_CHANNEL: Final = Wire("btcore's scene channel")
+"""The one that lacks nothing."""
+
+
+@dataclass(frozen=True, slots=True)
 class TreeSeen:
     """A tree was met: first of all, and again when the robot came back with another one.
 
     *statuses* maps every uid to its status at that moment. *numbered* is true if transitions
-    carry the robot's own numbers, so that a missing one shows; false if they are sampled.
+    carry the robot's own numbers, so that a missing one shows; *wire* says what else is not to be seen.
+    The same tree again means that transitions between are unknown.
     """
 
     picture: Picture
@@ -95,6 +117,7 @@ class TreeSeen:
     wall: int
     statuses: Mapping[int, int]
     numbered: bool = True
+    wire: Wire = SCENE_CHANNEL
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +188,20 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
+class Unseen:
+    """Something of *topic* went unseen between the tree's time *since* and *t*: how much, nobody knows.
+
+    That is for robots whose transitions have no numbers; else it is a :class:`Gap`. *reason* is a sentence.
+    """
+
+    t: int
+    wall: int
+    since: int
+    topic: Topic
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Link:
     """How it stands with the robot from now on; *detail* is a sentence for people."""
 
@@ -172,5 +209,16 @@ class Link:
     detail: str = ""
 
 
-Event = TreeSeen | StatusChanged | Ticked | BlackboardSeen | SceneStatic | SceneMoving | Raised | Gap | Link
+Event = (
+    TreeSeen
+    | StatusChanged
+    | Ticked
+    | BlackboardSeen
+    | SceneStatic
+    | SceneMoving
+    | Raised
+    | Gap
+    | Unseen
+    | Link
+)
 """Anything that a feed tells, in the order in which it happened."""

@@ -17,8 +17,11 @@ from typing import Any, Final
 import click
 
 from btcore.tree import Tree
-from monitor.commands import UsersMistake
+from monitor.display import has_display
 from monitor.serve import Publisher, ServeError, serve
+from monitor.serve.ports import GROOT1_PORTS
+from monitor.showing import UsersMistake, check_is_recording, check_writable
+from monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from monitor.wire.groot2 import DEFAULT_PORT
 
 START_TIMEOUT: Final = 30.0
@@ -31,6 +34,8 @@ VIEWER_GRACE: Final = 10.0
 """Seconds (wall clock) that the viewer has to catch up after the last tick."""
 
 _SAY_AFTER: Final = 2.0
+_APART: Final = BESIDE_GROOT2 - DEFAULT_PORT
+"""How far Groot 1's ports are behind Groot 2's, if both are served: 1667 and 2666."""
 
 
 class MonitorExtension:
@@ -40,7 +45,8 @@ class MonitorExtension:
         click.Option(
             ["--publish"],
             type=click.Choice(["groot2", "groot1"]),
-            help="Let monitors in: Groot 2, and btcore's own. (groot1 isn't built yet.)",
+            multiple=True,
+            help="Let monitors in: Groot 2 or Groot 1 (or both: say it twice), and btcore's own.",
         ),
         click.Option(
             ["--bind"],
@@ -52,8 +58,13 @@ class MonitorExtension:
         click.Option(
             ["--port"],
             type=click.IntRange(0, 65533),
-            help=f"The first of three ports; 0 takes free ones.  [default: {DEFAULT_PORT}; "
-            "a free one for --monitor and --save alone]",
+            help=f"The first port; 0 takes free ones.  [default: {DEFAULT_PORT}, for Groot 1 {PUBLISH_PORT}; "
+            f"Groot 1 beside Groot 2 is {_APART} further; a free one for --monitor and --save alone]",
+        ),
+        click.Option(
+            ["--allow-control"],
+            is_flag=True,
+            help="Let whoever reaches the port set breakpoints and inject statuses (btcore hook).",
         ),
         click.Option(["--monitor"], is_flag=True, help="Start the viewer and show the run live."),
         click.Option(
@@ -67,18 +78,29 @@ class MonitorExtension:
     def __init__(self) -> None:
         self._publisher: Publisher | None = None
 
-    def provide(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[object]:
+    def provide(
+        self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
+    ) -> Sequence[object]:
         """Nothing for leaves; the options are checked here, before a world is built in vain."""
-        if settings["publish"] == "groot1":
+        _ports(settings)
+        if "groot1" in settings["publish"] and importlib.util.find_spec("flatbuffers") is None:
             raise UsersMistake(
-                "--publish groot1 isn't built yet: --publish groot2 is, and btcore monitor reads it"
+                "--publish groot1 needs flatbuffers, which isn't installed: pip install 'btcore[monitor]'"
             )
+        if settings["allow_control"] and "groot2" not in settings["publish"]:
+            raise UsersMistake("--allow-control needs --publish groot2, by which a robot is controlled")
         save: Path | None = settings["save"]
         if save is not None:
-            _check_writable(save)
+            check_is_recording(save)
+            check_writable("--save", save)
         if (save is not None or settings["monitor"]) and importlib.util.find_spec("rerun") is None:
             option = "--save" if save is not None else "--monitor"
             raise UsersMistake(f"{option} needs rerun, which isn't installed: pip install 'btcore[monitor]'")
+        if settings["monitor"] and not has_display():
+            raise UsersMistake(
+                "--monitor: there is no display here. --save FILE.rrd records the run to look at it later; "
+                "--publish groot2 lets a monitor in, also one in a browser: btcore monitor --serve-web"
+            )
         return ()
 
     def attach(
@@ -102,18 +124,29 @@ class MonitorExtension:
     ) -> Iterator[None]:
         save: Path | None = settings["save"]
         view: bool = settings["monitor"]
-        if settings["publish"] is None and save is None and not view:
+        if not settings["publish"] and save is None and not view:
             yield
             return
-        port = settings["port"]
-        if port is None:
-            port = DEFAULT_PORT if settings["publish"] else 0
+        port, groot1 = _ports(settings)
         try:
-            publisher = serve(tree, groot2=port, bind=settings["bind"], resources=resources)
+            publisher = serve(
+                tree,
+                groot2=port,
+                groot1=groot1,
+                bind=settings["bind"],
+                resources=resources,
+                allow_control=settings["allow_control"],
+            )
         except ServeError as error:
             raise UsersMistake(str(error)) from None
         with publisher:
             _say(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
+            if publisher.groot1 is not None:
+                why = f", since Groot 2 has {publisher.port}" if port is not None else ""
+                _say(
+                    f"Groot 1 finds it at publisher port {publisher.groot1} and server port "
+                    f"{publisher.groot1 + 1}{why}"
+                )
             listeners = []
             if save is not None:
                 listeners.append(
@@ -132,18 +165,21 @@ class MonitorExtension:
                     listener.finish()
 
 
-def _check_writable(save: Path) -> None:
-    """Raise UsersMistake where no recording can be written; an existing file stays as it is."""
-    if not save.resolve().parent.is_dir():
-        raise UsersMistake(f"--save {save}: there is no folder {save.resolve().parent}")
-    is_new = not save.exists()
-    try:
-        with save.open("ab"):
-            pass
-        if is_new:
-            save.unlink()
-    except OSError as fault:
-        raise UsersMistake(f"--save {save}: it can't be written: {fault.strerror or fault}") from None
+def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
+    """The first ports for Groot 2 and for Groot 1; None: not for it. Raises UsersMistake."""
+    publish, first = settings["publish"], settings["port"]
+    if "groot1" not in publish:
+        return (DEFAULT_PORT if publish else 0) if first is None else first, None
+    if "groot2" not in publish:
+        return None, PUBLISH_PORT if first is None else first
+    port = DEFAULT_PORT if first is None else first
+    groot1 = port + _APART if port else 0
+    if groot1 + GROOT1_PORTS > 1 << 16:
+        raise UsersMistake(
+            f"--port {port} leaves no port for Groot 1, which is {_APART} further: choose one up to "
+            f"{(1 << 16) - GROOT1_PORTS - _APART}"
+        )
+    return port, groot1
 
 
 class _Listener:

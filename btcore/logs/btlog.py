@@ -3,16 +3,20 @@
 The magic word, one byte of protocol, the tree's XML behind its length, the first stamp in µs since
 1970; then nine bytes a transition: 48 bits of µs since the first stamp, the node's uid, its status.
 Little endian. There is no count and no end, so a file that was cut off is a shorter file.
+
+It has no place for what a writer knows to be missing. That stands beside it, in ``FILE.btlog.gaps``: a
+line a gap, the number of transitions before it and a sentence.
 """
 
 import os
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from btcore.logs.files import LogFault, contents, create, expect_extension, write_whole
 from btcore.logs.log import Log
-from btcore.logs.recording import STATUSES, History, Recording, nodes_of
+from btcore.logs.recording import STATUSES, Gap, History, Recording, nodes_of
 from btcore.status import Transition
 from btcore.tree import Tree
 from btcore.xml.write import tree_to_xml
@@ -28,6 +32,44 @@ _FIRST_STAMP: Final = struct.Struct("<q")
 _RECORD: Final = struct.Struct("<IHHB")
 
 
+class BtLogFile:
+    """Such a file, being written; what was in it is gone.
+
+    *xml* is the tree, *start* the first stamp (µs since 1970). Raises LogFault: the extension isn't
+    ``.btlog``, or the file can't be written.
+    """
+
+    def __init__(self, path: Path, xml: bytes, start: int) -> None:
+        expect_extension(path, EXTENSION)
+        self.path = path
+        self._count = 0
+        self._file = create(path, _HEADER.pack(MAGIC, PROTOCOL, len(xml)) + xml + _FIRST_STAMP.pack(start))
+        try:
+            _beside(path).unlink(missing_ok=True)
+        except OSError as error:
+            self._file.close()
+            raise LogFault(
+                f"{_beside(path)}: this is of an older log, and can't be removed: {error}"
+            ) from None
+
+    def append(self, records: Iterable[tuple[int, int, int]]) -> None:
+        """Append transitions: µs since the start, uid, status. Raises OSError."""
+        data = bytearray()
+        for since, uid, status in records:
+            data += _RECORD.pack(since & 0xFFFFFFFF, since >> 32, uid, status)
+            self._count += 1
+        write_whole(self._file, bytes(data))
+
+    def gap(self, said: str) -> None:
+        """Note, beside the file, what is missing before the next transition. Raises OSError."""
+        with _beside(self.path).open("a", encoding="utf-8") as file:
+            file.write(f"{self._count} {' '.join(said.split())}\n")
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+
 class BtLog(Log):
     """Writes the transitions of *tree* to *path*, as FileLogger2 does; what was in the file is gone.
 
@@ -40,18 +82,15 @@ class BtLog(Log):
         expect_extension(self.path, EXTENSION)
         xml = tree_to_xml(tree).encode("utf-8")
         super().__init__(tree, str(self.path), idle=idle)
-        head = _HEADER.pack(MAGIC, PROTOCOL, len(xml)) + xml + _FIRST_STAMP.pack(self.epoch // NS_PER_US)
-        self._file = create(self.path, head)
+        self._file = BtLogFile(self.path, xml, self.epoch // NS_PER_US)
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
         """Append *changes*."""
         start = self.start
-        data = bytearray()
-        for _, stamp, _, uid, _, status in changes:
-            since = (stamp - start) // NS_PER_US
-            data += _RECORD.pack(since & 0xFFFFFFFF, since >> 32, uid, status)
-        write_whole(self._file, bytes(data))
+        self._file.append(
+            ((stamp - start) // NS_PER_US, uid, status) for _, stamp, _, uid, _, status in changes
+        )
 
     def release(self) -> None:
         """Close the file."""
@@ -92,4 +131,20 @@ def read_btlog(path: str | os.PathLike[str]) -> Recording:
             damage = f"the file is damaged from byte {first + index * _RECORD.size} on: there is no {what}"
             break
         history.add((start + low + (high << 32)) * NS_PER_US, uid, STATUSES[code])
-    return Recording(path, xml.decode("utf-8", "replace"), start * NS_PER_US, nodes, history.changes, damage)
+    changes = history.changes
+    text = xml.decode("utf-8", "replace")
+    return Recording(path, text, start * NS_PER_US, nodes, changes, damage, _gaps(path, len(changes)))
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f"{path.name}.gaps")
+
+
+def _gaps(path: Path, most: int) -> tuple[Gap, ...]:
+    """The gaps noted beside *path*, up to *most* transitions; what is no such line is passed over."""
+    try:
+        lines = _beside(path).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return ()
+    parted = [line.partition(" ") for line in lines]
+    return tuple(Gap(int(at), said) for at, _, said in parted if at.isdecimal() and int(at) <= most and said)

@@ -21,7 +21,8 @@ _RECORD: Final = struct.Struct("<IIHbb")
 _TYPES: Final = {int(kind): kind for kind in NodeType}
 # Fields of the tables, by their numbers in the schema.
 _TREE_NODES, _TREE_MODELS = 1, 2
-_NODE_UID, _NODE_CHILDREN, _NODE_NAME, _NODE_ID = 0, 1, 3, 4
+_NODE_UID, _NODE_CHILDREN, _NODE_NAME, _NODE_ID, _NODE_PORTS = 0, 1, 3, 4, 5
+_PORT_NAME, _PORT_TEXT = 0, 1
 _MODEL_ID, _MODEL_TYPE = 0, 1
 
 
@@ -76,5 +77,6 @@ def _nodes(tree: Table) -> dict[int, RecordedNode]:
         children = table.numbers(_NODE_CHILDREN)
         inside = f"{path}/" if kind is NodeType.SUBTREE else prefix
         prefixes.update(dict.fromkeys(children, inside))
-        found[uid] = RecordedNode(uid, name, id, kind, path, children)
+        ports = {port.text(_PORT_NAME): port.text(_PORT_TEXT) for port in table.tables(_NODE_PORTS)}
+        found[uid] = RecordedNode(uid, name, id, kind, path, children, ports)
     return found

@@ -7,6 +7,7 @@ from typing import Final, TypeVar
 
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
+from btcore.logs.database import EXTENSIONS
 from btcore.logs.fbl import read_fbl
 from btcore.logs.files import LogFault
 from btcore.logs.log import Log
@@ -54,8 +55,14 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
 
 
 def read_log(path: str | os.PathLike[str]) -> Recording:
-    """What the log *path* tells; of a database, its last session. Raises LogFault."""
+    """What the log *path* tells; of a database its last session, of ``FILE.db3#2`` its session 2.
+
+    Raises LogFault.
+    """
     place = Path(path)
+    name, mark, number = place.name.rpartition("#")
+    if mark and number.isdecimal() and Path(name).suffix in EXTENSIONS and not place.exists():
+        return read_sqlite(place.with_name(name), int(number))
     return _chosen(place, READERS, "read")(place)
 
 

@@ -1,7 +1,8 @@
 """What a log file tells, whatever its format: the tree's nodes, and how their statuses changed."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,6 +13,7 @@ from btcore.status import IDLE, NodeType, Status
 
 STATUSES: Final = {int(status): status for status in Status}
 
+_NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
 _TYPES: Final = {
     "Action": NodeType.ACTION,
     "Condition": NodeType.CONDITION,
@@ -30,9 +32,20 @@ class Change(NamedTuple):
     status: Status
 
 
+class Gap(NamedTuple):
+    """Something is missing before the change number *at* (0: the first); *said* tells what, and why."""
+
+    at: int
+    said: str
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedNode:
-    """A node of the recorded tree: *id* is its registration ID, *path* its full path, *children* are uids."""
+    """A node of the recorded tree.
+
+    *id* is its registration ID, *path* its full path, *children* are uids, *ports* maps ports and conditions
+    to their text in the XML.
+    """
 
     uid: int
     name: str
@@ -40,6 +53,7 @@ class RecordedNode:
     type: NodeType
     path: str
     children: tuple[int, ...]
+    ports: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +62,8 @@ class Recording:
 
     *nodes* are the tree's by uid, in pre-order; *xml* is the tree as BehaviorTree.CPP 4 writes it ("" in
     a format-3 log); *start* is when the log began (ns since 1970; the first change's stamp where the file
-    does not say). *damage* says, in one sentence, where the file stops making sense ("" if it does not).
+    does not say). *damage* says, in one sentence, where the file stops making sense ("" if it does not);
+    *gaps* tell what the writer knew to be missing, in order.
     """
 
     path: Path
@@ -57,11 +72,33 @@ class Recording:
     nodes: dict[int, RecordedNode]
     changes: list[Change]
     damage: str = ""
+    gaps: tuple[Gap, ...] = ()
 
-    def statuses(self) -> dict[int, Status]:
-        """How every node stands after the last change."""
+    @property
+    def end(self) -> int:
+        """When the last change was (ns since 1970)."""
+        return self.changes[-1].stamp if self.changes else self.start
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a reader has to know of what is missing: sentences on every gap, and on the damage."""
+        told = [f"{self.path}: a gap before transition {gap.at + 1}: {gap.said}" for gap in self.gaps]
+        if self.damage:
+            told.append(f"{self.path}: {self.damage}; {len(self.changes)} transitions are read")
+        return told
+
+    def keys(self) -> dict[int, str]:
+        """The path of every node by its uid; where paths are equal ``#<uid>`` is appended."""
+        times = Counter(node.path for node in self.nodes.values())
+        return {
+            uid: node.path if times[node.path] == 1 else f"{node.path}#{uid}"
+            for uid, node in self.nodes.items()
+        }
+
+    def statuses(self, count: int | None = None) -> dict[int, Status]:
+        """How every node stands after the first *count* changes, by default after all."""
         found: dict[int, Status] = dict.fromkeys(self.nodes, IDLE)
-        for change in self.changes:
+        for change in self.changes[:count]:
             found[change.uid] = change.status
         return found
 
@@ -129,7 +166,9 @@ def _walk(
             path = f"{prefix}{name}::{uid}" if name == tag else prefix + name
             below = _elements(element)
             kind = types.get(tag, NodeType.UNDEFINED)
-        yield RecordedNode(uid, name, tag, kind, path, tuple(_uid(child, source) for child in below))
+        children = tuple(_uid(child, source) for child in below)
+        ports = {str(key): str(value) for key, value in element.attrib.items() if key not in _NOT_PORTS}
+        yield RecordedNode(uid, name, tag, kind, path, children, ports)
         waiting += ((child, inside) for child in reversed(below))
 
 

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from . import now, panels, scene, tree
+from . import now, panels, scene, sight, tree
 from .rows import TREE_TIME, WALL_TIME
 from .style import Palette
 
@@ -23,17 +23,25 @@ _PAST: Final = 24.0
 _AHEAD: Final = 1.5
 """Seconds of past and future around the time cursor in lanes and curves."""
 _TRAIL_SECONDS: Final = 120.0
+_COLOURS: Final = " · green: the way to its goal · orange: the way it came · cyan: laser"
 _BESIDE: Final = (1.5, -1.6, 1.5)
 """m; from where the close-up looks at the robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Eye:
-    """Where the scene is looked at from, and where to (m); *robot* is the entity that a close-up follows."""
+    """Where the scene is looked at from, and where to (m).
+
+    *robot* is the entity that a close-up follows; *pictures*, *battery* and *navigates* say whether there are
+    pictures, a battery's level and a way to a goal to show.
+    """
 
     position: tuple[float, float, float]
     target: tuple[float, float, float]
     robot: str = ""
+    pictures: bool = False
+    battery: bool = False
+    navigates: bool = False
 
 
 def lanes_share(lanes: int) -> float:
@@ -56,23 +64,29 @@ def blueprint(
     bounds: tuple[float, float, float, float],
     lanes: Collection[str],
     eye: Eye | None,
+    costed: bool = True,
+    several: bool = False,
 ) -> rrb.Blueprint:
-    """The window of tree *name*: with a scene where there is an *eye*, else with a wider tree."""
+    """The window of tree *name*: with a scene where there is an *eye*, else with a wider tree.
+
+    *costed*: the robot tells what its ticks cost. *several*: other robots can be chosen at the left.
+    """
     tree_view = _tree(palette, name, bounds)
     lane_view = _lanes(lanes)
-    curves: list[rrb.View] = [
-        _curve("Tick duration [ms]", "tick", palette),
-        _curve("Tick rate [Hz]", "rate", palette),
-    ]
+    ticks = [_curve("Tick duration [ms]", "tick", palette), _curve("Tick rate [Hz]", "rate", palette)]
+    if not costed:
+        ticks = [rrb.TextDocumentView(origin=panels.UNSENT, name="Tick duration and rate")]
     below = lanes_share(len(lanes))
     layout: rrb.Container
     if eye is not None:
-        curves.append(_curve("Speed", scene.SPEED, palette))
+        curves: list[rrb.View | rrb.Container] = [_curve("Speed", scene.SPEED, palette), rrb.Tabs(*ticks)]
+        if eye.battery:
+            curves.insert(0, _curve("Battery [%]", scene.BATTERY, palette))
         layout = rrb.Horizontal(
             rrb.Vertical(tree_view, lane_view, row_shares=[1.0 - below, below]),
             rrb.Vertical(
                 _scene(palette, eye),
-                rrb.Horizontal(_words(), _log(), column_shares=[0.36, 0.64]),
+                rrb.Horizontal(_words(), _log(), column_shares=[0.42, 0.58]),
                 rrb.Horizontal(*curves),
                 row_shares=[0.49, 0.31, 0.2],
             ),
@@ -85,8 +99,8 @@ def blueprint(
                 lane_view,
                 rrb.Vertical(
                     rrb.Horizontal(_words(), _log(), column_shares=[0.36, 0.64]),
-                    rrb.Horizontal(*curves),
-                    row_shares=[0.62, 0.38],
+                    rrb.Horizontal(*ticks),
+                    row_shares=[0.62, 0.38] if costed else [0.86, 0.14],
                 ),
                 column_shares=[0.5, 0.5],
             ),
@@ -94,7 +108,7 @@ def blueprint(
         )
     return rrb.Blueprint(
         layout,
-        rrb.BlueprintPanel(state="hidden"),
+        rrb.BlueprintPanel(state="expanded" if several else "hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=TREE_TIME, play_state="following"),
         auto_views=False,
@@ -142,7 +156,7 @@ def _words() -> rrb.Container:
     return rrb.Vertical(
         rrb.TextDocumentView(origin=now.NOW, name="Now"),
         rrb.TextDocumentView(origin=panels.BLACKBOARD, name="Blackboard"),
-        row_shares=[0.49, 0.51],
+        row_shares=[0.54, 0.46],
     )
 
 
@@ -163,11 +177,21 @@ def _log() -> rrb.View:
 
 
 def _scene(palette: Palette, eye: Eye) -> rrb.Container:
-    wide = _space(palette, "Robot", eye.position, eye.target)
+    wide = _space(palette, f"Robot{_COLOURS * eye.navigates}", eye.position, eye.target)
     if not eye.robot:
         return rrb.Horizontal(wide)
-    close = _space(palette, "Close up", _BESIDE, (0.0, 0.0, 0.4), follow=eye.robot)
+    close: rrb.View | rrb.Container = _space(palette, "Close up", _BESIDE, (0.0, 0.0, 0.4), follow=eye.robot)
+    if eye.pictures:
+        close = rrb.Vertical(close, _camera(palette), row_shares=[0.5, 0.5])
     return rrb.Horizontal(wide, close, column_shares=[0.66, 0.34])
+
+
+def _camera(palette: Palette) -> rrb.View:
+    return rrb.Spatial2DView(
+        origin=sight.CAMERA,
+        name="Camera",
+        background=rrb.Background(color=palette.background, kind="SolidColor"),
+    )
 
 
 def _space(

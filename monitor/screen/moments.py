@@ -17,6 +17,10 @@ SAID: Final = 3
 """Added to a result (SUCCESS 2, FAILURE 3, SKIPPED 4): said in this tick, and reset since."""
 SHOWN_NAMES: Final = (*STATUS_NAMES, *STATUS_NAMES[2:])
 
+QUIET: Final = 1_000_000
+LONG: Final = 20_000_000
+"""Where there are no numbers of ticks, what changes within 1 ms (of ns) is of one tick, up to 20 ms."""
+
 States = NDArray[np.uint8]
 
 
@@ -37,7 +41,8 @@ class Moments:
         self._ended: dict[int, int] = {}
         self._touched: set[int] = set()
         self._held: set[int] = set()
-        self._moment: int | None = None
+        self._tick: int | None = None
+        self._began = 0
 
     def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
         """Everything stands as in *statuses* from *t* on."""
@@ -52,13 +57,22 @@ class Moments:
         self._held.clear()
         self._before = self.shown.copy()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether anything was noted since the last close()."""
+        return self._tick is not None
+
     def is_over(self, event: StatusChanged) -> bool:
         """Whether *event* belongs to a later tick than what was noted since the last close()."""
-        return self._moment is not None and self._moment != _moment(event)
+        if self._tick is None or event.tick != self._tick:
+            return self._tick is not None
+        return event.tick == 0 and (event.t - self.t >= QUIET or event.t - self._began >= LONG)
 
     def change(self, event: StatusChanged) -> None:
         """Note a transition."""
-        self._moment = _moment(event)
+        if self._tick is None:
+            self._began = event.t
+        self._tick = event.tick
         self.t, self.wall = event.t, event.wall
         at = self.index.get(event.uid)
         if at is None:
@@ -92,9 +106,4 @@ class Moments:
     def _forget(self) -> None:
         self._ended.clear()
         self._touched.clear()
-        self._moment = None
-
-
-def _moment(event: StatusChanged) -> int:
-    """What tells ticks apart: their number, or the time where a robot sends no numbers."""
-    return event.tick or -1 - event.t
+        self._tick = None

@@ -6,8 +6,8 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from ..picture import RUNNING, STATUS_NAMES, Picture, Ticked
-from .moments import Moments
+from ..picture import RUNNING, STATUS_NAMES, Gap, Picture, Ticked, Unseen, Wire
+from .moments import SHOWN_NAMES, Moments
 from .rows import Rows, Series
 
 NOW: Final = "now"
@@ -15,38 +15,64 @@ _NAMES_AT_MOST: Final = 4
 
 
 class NowPanel:
-    """A few lines: the leaves at work, the tick, the robot's contacts."""
+    """A few lines: the leaves at work, what the robot says of itself, its contacts, the tick."""
 
     def __init__(self, rows: Rows, picture: Picture) -> None:
         self._series: Series[str] = rows.series(NOW, documents)
         self._names = [node.name for node in picture.nodes]
         self._leaf = np.array([not node.children for node in picture.nodes])
         self._contacts = ""
+        self._notes: dict[str, str] = {}
         self._shown = ""
+        self._wire: list[str] = []
+        self._lost = self._holes = 0
 
-    def contacts(self, data: Mapping[str, Any]) -> None:
-        """Take the counts of a SceneMoving's *data*."""
+    def wire(self, wire: Wire) -> None:
+        """Take what the robot doesn't tell."""
+        self._wire = [f"| by | {wire.name} |"] if wire.lacks else []
+        if "exceptions" in wire.lacks:
+            self._wire.append(f"| raised | {wire.lacks['exceptions']} |")
+
+    def missing(self, event: Gap | Unseen) -> None:
+        """Count what is missing."""
+        if isinstance(event, Gap):
+            self._lost += event.last - event.first + 1
+        elif event.topic == "transitions":
+            self._holes += 1
+
+    def moving(self, data: Mapping[str, Any]) -> None:
+        """Take what a SceneMoving's *data* says in words and counts."""
+        self._notes.update(data.get("notes", {}))
         if "collisions" in data:
             self._contacts = f"{data['collisions']} collisions · {data.get('grazes', 0)} grazes"
 
     def tick(self, event: Ticked, moments: Moments) -> None:
         """The lines as of this tick."""
+        self._show(event.t, event.wall, moments, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
+
+    def moment(self, moments: Moments) -> None:
+        """The lines as of *moments*, of a robot that doesn't tell of its ticks."""
+        self._show(moments.t, moments.wall, moments, SHOWN_NAMES[int(moments.shown[0])])
+
+    def _show(self, t: int, wall: int, moments: Moments, root: str) -> None:
         at_work = [self._names[at] for at in np.flatnonzero((moments.shown == RUNNING) & self._leaf)]
         text = ", ".join(f"**{name}**" for name in at_work[:_NAMES_AT_MOST])
         if len(at_work) > _NAMES_AT_MOST:
             text += f" and {len(at_work) - _NAMES_AT_MOST} more"
-        lines = [
-            f"| runs | {text or '–'} |",
-            "|:--|:--|",
-            f"| root | {STATUS_NAMES[event.status]} |",
-            f"| tick | {event.tick} |",
-        ]
+        lines = [f"| runs | {text or '–'} |", "|:--|:--|"]
+        lines += [f"| {name} | {note} |" for name, note in self._notes.items()]
         if self._contacts:
             lines.append(f"| robot | {self._contacts} |")
+        lines.append(f"| root | {root} |")
+        lines += self._wire
+        if self._lost:
+            lines.append(f"| lost | {self._lost} transitions |")
+        if self._holes:
+            lines.append(f"| lost | transitions, {self._holes} times |")
         document = "\n".join(lines)
         if document != self._shown:
             self._shown = document
-            self._series.add(event.t, event.wall, document)
+            self._series.add(t, wall, document)
 
 
 def documents(values: list[str]) -> Iterable[Any]:

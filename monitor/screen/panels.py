@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from ..picture import STATUS_NAMES, Gap, Link, Picture, Raised, StatusChanged, Ticked
+from ..picture import STATUS_NAMES, Gap, Link, Picture, Raised, StatusChanged, Ticked, Unseen, Wire
 from .moments import SHOWN_NAMES, Moments
 from .now import documents
 from .rows import Rows, Series, scalars
@@ -21,6 +21,8 @@ BLACKBOARD: Final = "blackboard"
 TICK_MS: Final = "tick/duration"
 BUDGET_MS: Final = "tick/budget"
 RATE: Final = "rate/ticks"
+UNSENT: Final = "tick/unsent"
+"""What stands in the place of a tick's cost where a robot doesn't tell it."""
 LANES_AT_MOST: Final = 48
 """A lane is some 40 px high, so more than these would not be looked at."""
 NAME_WIDTH: Final = 22
@@ -70,7 +72,7 @@ def _states(values: list[int]) -> Iterable[Any]:
 
 
 class TransitionLog:
-    """Every numbered transition, and what else is worth a line."""
+    """Every transition, and what else is worth a line."""
 
     def __init__(self, rows: Rows, picture: Picture, palette: Palette) -> None:
         self._names = {node.uid: f"{node.name:{NAME_WIDTH}.{NAME_WIDTH}}" for node in picture.nodes}
@@ -98,6 +100,18 @@ class TransitionLog:
         line = f"{t / 1e9:9.2f}s transitions #{event.first} to #{event.last} are missing: they never arrived"
         self._lines.add(t, wall, (line, "WARN", int(self._palette.ink[1])))
 
+    def unseen(self, event: Unseen) -> None:
+        """Something is missing, nobody knows how much."""
+        since = f"since {event.since / 1e9:.2f}s " if event.since < event.t else ""
+        line = f"{event.t / 1e9:9.2f}s {event.topic} {since}incomplete: {event.reason}"
+        self._lines.add(event.t, event.wall, (line, "WARN", int(self._palette.ink[1])))
+
+    def wire(self, wire: Wire, t: int, wall: int) -> None:
+        """What the robot doesn't tell."""
+        for topic, sentence in wire.lacks.items():
+            line = f"{t / 1e9:9.2f}s {topic}: {sentence}"
+            self._lines.add(t, wall, (line, "INFO", self._palette.faint))
+
     def link(self, event: Link, t: int, wall: int) -> None:
         """The robot is there, or gone."""
         line = f"{t / 1e9:9.2f}s robot {event.state}" + (f": {event.detail}" if event.detail else "")
@@ -119,16 +133,27 @@ def _numbers(values: list[StatusChanged]) -> Iterable[Any]:
 
 
 class BlackboardTable:
-    """The blackboards as one table: what changed since the last time stands in bold."""
+    """The blackboards as one table: what changed since the last time stands in bold.
 
-    def __init__(self, rows: Rows) -> None:
+    *note* says above it what a robot doesn't tell of them.
+    """
+
+    def __init__(self, rows: Rows, note: str = "") -> None:
         self._series: Series[str] = rows.series(BLACKBOARD, documents)
+        self.note = note
         self._last: Mapping[str, Mapping[str, Any]] = {}
         self._shown = ""
+
+    def blank(self, t: int, wall: int) -> None:
+        """Nothing but the note, until a blackboard is seen."""
+        if not self._shown:
+            self._series.add(t, wall, f"*{_plain(self.note)}*")
 
     def show(self, t: int, wall: int, boards: Mapping[str, Mapping[str, Any]]) -> None:
         """The table of *boards*, unless it is the one already there."""
         document = markdown(boards, self._last)
+        if self.note:
+            document = f"*{_plain(self.note)}*\n\n{document}"
         self._last = boards
         if document != self._shown:
             self._shown = document
@@ -157,7 +182,11 @@ def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mappi
 def _short(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, Mapping) and "__type" in value:
+        parts = (f"{key}={_short(part)}" for key, part in value.items() if key != "__type")
+        text = f"{value['__type']}({', '.join(parts)})"
+    else:
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
     return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
 
 

@@ -1,4 +1,4 @@
-"""The robot's world in 3D: shapes by their frames, laser, trail, speed."""
+"""The robot's world in 3D: shapes by their frames, laser, trail; and beside it speed and battery."""
 
 import math
 from collections import defaultdict
@@ -9,8 +9,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from .floor import Floor
+from .marks import Marks
 from .rows import Rows, Series, scalars
 from .shapes import archetypes, extent
+from .sight import Sight
 from .style import Palette
 
 ORIGIN: Final = "scene"
@@ -18,6 +21,7 @@ TRAIL: Final = f"{ORIGIN}/trail"
 POINTS: Final = f"{ORIGIN}/laser/points"
 FAN: Final = f"{ORIGIN}/laser/fan"
 SPEED: Final = "speed"
+BATTERY: Final = "battery"
 _FAN_STEP: Final = 4
 """Every so many rays have a corner in the fan: a shape needs fewer than the readings do."""
 _FAN_REACH: Final = 6.0
@@ -26,6 +30,8 @@ _BODIES: Final = ("base_footprint", "base_link")
 """Frames that are called so by REP 105 stand for the robot as a whole."""
 _TRAIL_STEP: Final = 0.02
 """m between two points of the trail."""
+_TRAIL_HEIGHT: Final = 0.06
+"""m; above what lies on the floor, and above the path, which it covers as far as that was driven."""
 
 Vector = NDArray[np.float64]
 
@@ -44,6 +50,10 @@ class SceneView:
         self._trail: Series[Any] = rows.series(TRAIL, _strips)
         self._v: Series[float] = rows.series(f"{SPEED}/v", scalars)
         self._w: Series[float] = rows.series(f"{SPEED}/w", scalars)
+        self._battery: Series[float] = rows.series(f"{BATTERY}/level", scalars)
+        self._floor = Floor(rows, palette, ORIGIN)
+        self._marks = Marks(rows, ORIGIN)
+        self._sight = Sight(rows, ORIGIN)
         self._directions: NDArray[np.float32] = np.zeros((0, 3), dtype=np.float32)
         self._scan_stamp = -1
         self._last: Vector | None = None
@@ -53,8 +63,23 @@ class SceneView:
         """Whether there is a scene to show."""
         return bool(self._static)
 
-    def static(self, data: Mapping[str, Any]) -> bool:
-        """Draw the shapes; False if they are those already drawn (parts are re-sent on request)."""
+    @property
+    def pictured(self) -> bool:
+        """Whether there are pictures to show."""
+        return self._sight.pictured
+
+    @property
+    def powered(self) -> bool:
+        """Whether there is a battery to show."""
+        return "battery" in self._static
+
+    @property
+    def navigates(self) -> bool:
+        """Whether there is a map to go by."""
+        return bool(self._static.get("grids"))
+
+    def static(self, t: int, wall: int, data: Mapping[str, Any]) -> bool:
+        """Draw it, from *t* and *wall* (ns) on; False if it is drawn already (it is re-sent on request)."""
         if data == self._static:
             return False
         self._static = data
@@ -67,7 +92,10 @@ class SceneView:
             for name, shape in archetypes(kind, parts, around=frame == self._root):
                 entity = f"{ORIGIN}/parts/{_segment(frame)}/{name}"
                 log(entity, rr.CoordinateFrame(frame), shape, static=True)
+        self._marks.footprint = data.get("footprint_radius", self._marks.footprint)
         self._draw_sensors()
+        self._floor.static(t, wall, data, self._root)
+        self._sight.static(data)
         return True
 
     @property
@@ -88,12 +116,16 @@ class SceneView:
             )
         trail = rr.LineStrips3D.from_fields(colors=[palette.trail], radii=[0.014])
         log(TRAIL, rr.CoordinateFrame(self._root), trail, static=True)
-        for name, colour, label in (("v", palette.trail, "v  m/s"), ("w", palette.laser, "ω  rad/s")):
+        for entity, colour, label in (
+            (f"{SPEED}/v", palette.trail, "v  m/s"),
+            (f"{SPEED}/w", palette.laser, "ω  rad/s"),
+            (f"{BATTERY}/level", int(palette.ink[2]), "battery  %"),
+        ):
             look = rr.SeriesLines(colors=[colour], names=[label], widths=[1.6])
-            log(f"{SPEED}/{name}", look, static=True)
+            log(entity, look, static=True)
 
     def moving(self, t: int, wall: int, data: Mapping[str, Any]) -> None:
-        """One moment: frames that moved, a new scan, the speed asked for."""
+        """One moment: frames that moved, a new scan, the speed, and whatever else is new."""
         for child, parent, position, quaternion in data.get("frames", ()):
             pose = (parent, tuple(position), tuple(quaternion))
             if self._poses.get(child) == pose:
@@ -111,7 +143,12 @@ class SceneView:
         if velocity is not None:
             self._v.add(t, wall, float(velocity[0]))
             self._w.add(t, wall, float(velocity[1]))
+        if "battery" in data:
+            self._battery.add(t, wall, float(data["battery"]))
         self._extend_trail(t, wall)
+        self._floor.moving(t, wall, data, self._root)
+        self._marks.moving(t, wall, data, self._root)
+        self._sight.moving(t, wall, data)
 
     def _frame_series(self, child: str, parent: str) -> Series[Any]:
         def encode(values: list[tuple[Sequence[float], Sequence[float]]]) -> Iterable[Any]:
@@ -164,7 +201,7 @@ class SceneView:
             parent, position, quaternion = self._poses[frame]
             place = _rotated(place, quaternion) + np.array(position, dtype=np.float64)
             if parent == self._root:
-                place[2] = 0.01
+                place[2] = _TRAIL_HEIGHT
                 return place
             if parent not in self._poses:
                 return None
@@ -178,7 +215,7 @@ class SceneView:
         ]
         (x0, y0), (x1, y1) = extent(around)
         x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0)
-        return (x - 0.14 * span, y - 0.92 * span, 0.86 * span), (x, y - 0.07 * span, 0.0)
+        return (x - 0.08 * span, y - 0.66 * span, 0.82 * span), (x, y - 0.06 * span, 0.0)
 
     def robot(self) -> str:
         """The entity of the robot's body, for an eye that follows it ("": there is none)."""

@@ -14,7 +14,7 @@ walls of 2.4 m would hide the robot, and the laser sees nothing of what is above
 _FLAT: Final = 0.05
 """m; what is thinner lies on the floor, or is it."""
 _FLOOR_LIGHT: Final = 0.3
-_OUTLINE_LIGHT: Final = 0.26
+_OUTLINE_LIGHT: Final = 0.18
 _LINE: Final = -0.75
 """Outlines' radius; rerun takes a negative one as pixels."""
 

@@ -2,9 +2,7 @@
 
 import contextlib
 import importlib.util
-import os
 import socket
-import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,6 +10,8 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 import rerun as rr
+
+from monitor.display import has_display
 
 
 class ScreenFault(Exception):
@@ -59,13 +59,6 @@ def viewer_program() -> Path:
             if program.exists():
                 return program
     raise ScreenFault("the rerun viewer is not installed: pip install 'btcore[monitor]' brings it")
-
-
-def has_display() -> bool:
-    """Whether a window can be opened here."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def open_window(memory_limit: str = "25%", port: int = 9876, files: Sequence[Path] = ()) -> str:

@@ -20,11 +20,13 @@ from ..picture import (
     StatusChanged,
     Ticked,
     TreeSeen,
+    Unseen,
+    Wire,
 )
 from .blueprint import Eye, blueprint, tree_aspect
 from .moments import Moments
 from .now import NowPanel
-from .panels import BlackboardTable, Lanes, TickCost, TransitionLog
+from .panels import UNSENT, BlackboardTable, Lanes, TickCost, TransitionLog
 from .rows import Rows
 from .scene import SceneView
 from .sinks import Outlets
@@ -42,10 +44,12 @@ class Screen:
     :meth:`close` at the end.
 
     A tree with a new id begins a new recording, so that a robot's restart does not write over what was seen.
+    Where several robots are shown in one window, each has its *label*; recordings are chosen by it.
     """
 
-    def __init__(self, outlets: Outlets, palette: Palette = GROOT) -> None:
+    def __init__(self, outlets: Outlets, palette: Palette = GROOT, label: str = "") -> None:
         self.outlets = outlets
+        self._label = label
         self.files: list[Path] = []
         self._palette = palette
         self._shown: _Shown | None = None
@@ -78,6 +82,7 @@ class Screen:
         self._sent = time.monotonic()
         self._draw()
         if self._shown is not None:
+            self._shown.settle()
             self._shown.send()
 
     def close(self) -> None:
@@ -90,11 +95,11 @@ class Screen:
         met, self._met = self._met, None
         if met is None:
             return
-        if self._shown is not None and self._shown.tree_id == met.picture.tree_id:
+        if self._shown is not None and self._shown.is_of(met):
             self._shown.again(met)
         else:
             self._finish()
-            self._shown = _Shown(met, self.outlets, self._palette, self._scene is not None)
+            self._shown = _Shown(met, self.outlets, self._palette, self._scene is not None, self._label)
             if self._shown.file is not None:
                 self.files.append(self._shown.file)
         if self._scene is not None:
@@ -110,16 +115,22 @@ class Screen:
 class _Shown:
     """One tree on the screen, with its recording."""
 
-    def __init__(self, event: TreeSeen, outlets: Outlets, palette: Palette, scene: bool) -> None:
+    def __init__(self, event: TreeSeen, outlets: Outlets, palette: Palette, scene: bool, label: str) -> None:
         picture = event.picture
         self.tree_id = picture.tree_id
         self.name = picture.name
-        application = re.sub(r"[^A-Za-z0-9_ -]+", "_", f"btcore {picture.name}")
+        # Blueprints are kept by application: robots with trees of one name must not share one.
+        application = re.sub(
+            r"[^A-Za-z0-9_ -]+", "_", f"{label} {picture.name}" if label else f"btcore {picture.name}"
+        )
+        self.label = label
+        self.numbered = event.numbered
+        self.wire = Wire("")
         self.recording = rr.RecordingStream(application)
         self.recording.set_log_tick_enabled(False)
         self.recording.set_log_time_enabled(False)
         self.file = outlets.attach(self.recording)
-        self.recording.send_recording_name(picture.name)
+        self.recording.send_recording_name(f"{label} · {picture.name}" if label else picture.name)
         self.rows = Rows(self.recording)
         self._palette = palette
         self.moments = Moments(picture)
@@ -131,6 +142,7 @@ class _Shown:
         self.now = NowPanel(self.rows, picture)
         self.scene = SceneView(self.rows, palette)
         self._t, self._wall = event.t, event.wall
+        self._hear_by(event.wire, event.t, event.wall)
         self._show_blueprint()
         self.tree.draw()
         self.lanes.draw()
@@ -145,6 +157,7 @@ class _Shown:
             SceneMoving: self._moving,
             Raised: self._raised,
             Gap: self._gap,
+            Unseen: self._unseen,
             Link: self._link,
         }
 
@@ -153,15 +166,40 @@ class _Shown:
         self._at(event.t, event.wall)
         self._restart(event)
 
+    def is_of(self, event: TreeSeen) -> bool:
+        """Whether *event* is of this tree, and by a wire with this one's clock."""
+        return self.tree_id == event.picture.tree_id and self.numbered == event.numbered
+
     def _restart(self, event: TreeSeen) -> None:
+        self._hear_by(event.wire, event.t, event.wall)
         self.moments.start(event.t, event.wall, event.statuses)
         self.tree.colour(self.moments)
         self.lanes.show(self.moments, range(len(self.moments.shown)))
+        if "ticks" in self.wire.lacks:
+            self.now.moment(self.moments)
 
     def show(self, event: Event) -> None:
         taker = self._takers.get(type(event))
         if taker is not None:
             taker(event)
+
+    def _hear_by(self, wire: Wire, t: int, wall: int) -> None:
+        if wire == self.wire:
+            return
+        self.wire = wire
+        self.now.wire(wire)
+        self.log.wire(wire, t, wall)
+        self.blackboard.note = wire.lacks.get("blackboard", "")
+        if self.blackboard.note:
+            self.blackboard.blank(t, wall)
+        if "ticks" in wire.lacks:
+            note = rr.TextDocument(f"*{wire.lacks['ticks']}*", media_type="text/markdown")
+            self.recording.log(UNSENT, note, static=True)
+
+    def settle(self) -> None:
+        """Show what changed last, of a robot that doesn't tell when a tick ends."""
+        if "ticks" in self.wire.lacks and self.moments.is_open:
+            self._end_tick(self._t, self._wall)
 
     def send(self) -> None:
         self.rows.send()
@@ -179,6 +217,8 @@ class _Shown:
         if changed:
             self.tree.colour(self.moments)
             self.lanes.show(self.moments, changed)
+            if "ticks" in self.wire.lacks:
+                self.now.moment(self.moments)
 
     def _at(self, t: int, wall: int) -> None:
         self._t, self._wall = t, wall
@@ -201,13 +241,16 @@ class _Shown:
         self.blackboard.show(event.t, event.wall, event.boards)
 
     def _static(self, event: SceneStatic) -> None:
-        if self.scene.static(event.data):
+        if self.scene.static(self._t, self._wall, event.data):
             self._show_blueprint()
 
     def _moving(self, event: SceneMoving) -> None:
         self._at(event.t, event.wall)
+        pictured = self.scene.pictured
         self.scene.moving(event.t, event.wall, event.data)
-        self.now.contacts(event.data)
+        self.now.moving(event.data)
+        if self.scene.pictured != pictured:
+            self._show_blueprint()
 
     def _raised(self, event: Raised) -> None:
         self._at(event.t, event.wall)
@@ -215,11 +258,28 @@ class _Shown:
 
     def _gap(self, event: Gap) -> None:
         self.log.gap(event, self._t, self._wall)
+        self.now.missing(event)
+
+    def _unseen(self, event: Unseen) -> None:
+        self.log.unseen(event)
+        self.now.missing(event)
 
     def _link(self, event: Link) -> None:
         self.log.link(event, self._t, self._wall)
 
     def _show_blueprint(self) -> None:
-        eye = Eye(*self.scene.eye(), robot=self.scene.robot()) if self.scene.present else None
-        window = blueprint(self._palette, self.name, self.tree.bounds(), self.lanes.entities.values(), eye)
+        scene = self.scene
+        eye = None
+        if scene.present:
+            has = scene.pictured, scene.powered, scene.navigates
+            eye = Eye(*scene.eye(), scene.robot(), *has)
+        window = blueprint(
+            self._palette,
+            self.name,
+            self.tree.bounds(),
+            self.lanes.entities.values(),
+            eye,
+            costed="ticks" not in self.wire.lacks,
+            several=bool(self.label),
+        )
         self.recording.send_blueprint(window)

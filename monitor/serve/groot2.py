@@ -8,21 +8,29 @@ from typing import Final
 
 from btcore.tree import Tree
 from monitor.serve.boards import RootTaken
+from monitor.serve.control import Control, RefusedRequest
 from monitor.serve.recorder import Changed
 from monitor.wire import groot2
 from monitor.wire.fault import WireFault
 from monitor.wire.groot2 import Request, RequestHeader
+from monitor.wire.json_faults import JsonFault
 
 MOST_NODES: Final = 0xFFFF
 """A uid has 16 bits on the wire: nodes beyond are not in STATUS and not in recordings."""
 
 
 class Groot2Server:
-    """Answers for one tree. Belongs to the publisher's thread."""
+    """Answers for one tree. Belongs to the publisher's thread. Without *control*, hooks are disabled."""
 
     def __init__(
-        self, tree: Tree, xml: bytes, boards: Callable[[list[str]], bytes], tree_id: uuid.UUID
+        self,
+        tree: Tree,
+        xml: bytes,
+        boards: Callable[[list[str]], bytes],
+        tree_id: uuid.UUID,
+        control: Control | None = None,
     ) -> None:
+        self.control = control
         self._xml = xml
         self._boards = boards
         self._tree_id = tree_id.bytes
@@ -61,6 +69,8 @@ class Groot2Server:
 
     def answer(self, frames: Sequence[bytes]) -> list[bytes]:
         """The reply to a request; what can't be answered gets an error reply, never an exception."""
+        if self.control is not None:
+            self.control.heard()
         try:
             header = RequestHeader.decode(frames[0])
         except WireFault:
@@ -73,11 +83,12 @@ class Groot2Server:
             return groot2.encode_error(groot2.NOT_RECOGNIZED)
         if kind in groot2.TWO_FRAMES and len(frames) != 2:
             return groot2.encode_error(groot2.TWO_PARTS)
-        if kind in groot2.HOOKS:
-            return groot2.encode_error(groot2.HOOKS_DISABLED)
         try:
-            body = self._body(kind, frames)
-        except RootTaken as error:
+            if kind in groot2.HOOKS:
+                body = self._control(kind, frames)
+            else:
+                body = self._body(kind, frames)
+        except (RootTaken, RefusedRequest, JsonFault) as error:
             return groot2.encode_error(str(error))
         return groot2.encode_reply(header, self._tree_id, body)
 
@@ -93,6 +104,11 @@ class Groot2Server:
         recorded = b"".join(self._recorded)
         self._recorded.clear()
         return recorded
+
+    def _control(self, kind: Request, frames: Sequence[bytes]) -> bytes | None:
+        if self.control is None:
+            raise RefusedRequest(groot2.HOOKS_DISABLED)
+        return self.control.answer(kind, frames[1] if len(frames) > 1 else b"")
 
     def _toggle(self, what: bytes) -> bytes | None:
         if what != b"start":

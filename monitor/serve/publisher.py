@@ -8,17 +8,19 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Final, Self
 
 import zmq
 
 from btcore.tree import Tree
-from monitor.serve.ports import Socket, bind_in_a_row
+from monitor.serve.groot1 import Groot1Sockets
+from monitor.serve.ports import GROOT1_ALONE, GROOT1_PORTS, PORTS, ServeError, Socket, bind_in_a_row
 from monitor.serve.scene import SceneServer
 from monitor.serve.served import Served
 from monitor.wire import scene as wire
+from monitor.wire.groot1 import BESIDE_GROOT2
 
 _POLL_MS: Final = 10
 _REQUEST_AT_MOST: Final = 1 << 20
@@ -32,12 +34,26 @@ class Publisher:
     """Publishes one tree until closed. Made by :func:`monitor.serve.serve`; a context manager."""
 
     def __init__(
-        self, tree: Tree, port: int, bind: str, scene: bool, resources: Sequence[object], grace: float
+        self,
+        tree: Tree,
+        port: int | None,
+        bind: str,
+        scene: bool,
+        resources: Sequence[object],
+        grace: float,
+        groot1: int | None = None,
+        control: float | None = None,
     ) -> None:
+        if port and groot1 and -GROOT1_PORTS < groot1 - port < PORTS:
+            raise ServeError(
+                f"Groot 2 needs the ports {port} to {port + PORTS - 1} and Groot 1 needs {groot1} and "
+                f"{groot1 + 1}, which meet: choose another for one, such as {BESIDE_GROOT2} for Groot 1"
+            )
         self._grace = grace
         self._scene = scene
+        self._control = control
         # The tree that ticks, and the one that the publisher's thread is at; it follows soon.
-        self._latest = self._served = Served(tree, resources, scene)
+        self._latest = self._served = Served(tree, resources, scene, None if groot1 is None else 0, control)
         self._fresh: deque[Served] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
         self._replies = self._context.socket(zmq.REP)
@@ -50,12 +66,16 @@ class Publisher:
             socket.setsockopt(zmq.LINGER, 0)
         for name, value in wire.KEEPALIVE.items():
             self._stream.setsockopt(getattr(zmq, name), value)
-        used = [self._replies, self._notices] + ([self._stream] if scene else [])
+        self._groot1 = None if groot1 is None else Groot1Sockets(self._context)
+        self.groot1: int | None = None
+        """The port of Groot 1's updates, if it is spoken; its requests go one further."""
         try:
-            self.port = bind_in_a_row(used, bind, port)
+            self.port = self._bind(port, groot1, bind)
         except BaseException:
             for socket in (self._replies, self._notices, self._stream):
                 socket.close()
+            if self._groot1 is not None:
+                self._groot1.close()
             self._context.term()
             raise
         self.address = f"tcp://{_reachable(bind)}:{self.port}"
@@ -67,6 +87,22 @@ class Publisher:
         self._latest.hear()
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
         self._thread.start()
+
+    def _bind(self, port: int | None, groot1: int | None, host: str) -> int:
+        """Take the ports; returns the one that clients ask at: Groot 2's, or else Groot 1's."""
+        stream = [self._stream] if self._scene else []
+        asked = 0
+        if port is not None:
+            asked = bind_in_a_row([self._replies, self._notices, *stream], host, port)
+        if self._groot1 is not None and groot1 is not None:
+            row: list[Socket | None] = [self._groot1.news, self._groot1.replies]
+            count = GROOT1_PORTS
+            if port is None:
+                row += [None, *stream]
+                count = GROOT1_ALONE
+            self.groot1 = bind_in_a_row(row, host, groot1, count)
+            asked = asked or self.groot1 + 1
+        return asked
 
     @property
     def tree_id(self) -> str:
@@ -98,7 +134,8 @@ class Publisher:
         """
         if self._finished:
             return
-        fresh = Served(tree, resources, self._scene)
+        before = self._latest.groot1
+        fresh = Served(tree, resources, self._scene, None if before is None else before.end, self._control)
         # In this order: when the publisher's thread finds the new one, the old one's queue is complete.
         self._latest.leave()
         fresh.hear()
@@ -146,13 +183,17 @@ class Publisher:
         poller.register(self._replies, zmq.POLLIN)
         if self._scene:
             poller.register(self._stream, zmq.POLLIN)
+        if self._groot1 is not None:
+            poller.register(self._groot1.replies, zmq.POLLIN)
         next_sign = 0.0
         try:
             while not self._stop.is_set():
                 busy = self._drain()
+                self._tell_of_hooks()
                 ready = dict(poller.poll(0 if busy else _POLL_MS))
                 if self._replies in ready:
                     self._answer()
+                self._speak_groot1(ready)
                 scene = self._served.scene
                 if scene is None:
                     continue
@@ -164,13 +205,19 @@ class Publisher:
                     self._send(*scene.alive())
             while self._drain():
                 pass
+            self._speak_groot1({}, at_once=True)
         except Exception:
             _log.exception("the publisher stops; the tree goes on")
         finally:
+            # nobody is left who could unlock a breakpoint
+            self._served.control_nothing()
+            self._latest.control_nothing()
             # the goodbye is in flight to clients that read; those that don't aren't waited for
             self._stream.close(linger=200)
             self._replies.close(linger=200)
             self._notices.close(linger=0)
+            if self._groot1 is not None:
+                self._groot1.close(linger=200)
             self._context.term()
             with self._change:
                 self._clients = 0
@@ -191,6 +238,7 @@ class Publisher:
 
     def _follow(self, fresh: Served) -> None:
         """Go over to the next tree, and tell everybody."""
+        self._speak_groot1({}, at_once=True)
         before, self._served = self._served, fresh
         if before.scene is not None and fresh.scene is not None:
             fresh.scene.clients = before.scene.clients
@@ -204,6 +252,22 @@ class Publisher:
         self._drain()  # all of it, unless the tree floods the queue
         frames = self._replies.recv_multipart()
         self._replies.send_multipart(self._served.groot2.answer(frames))
+
+    def _tell_of_hooks(self) -> None:
+        control = self._served.groot2.control
+        if control is not None:
+            for frames in control.notices():
+                self._notices.send_multipart(frames, zmq.DONTWAIT)
+
+    def _speak_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
+        sockets, server = self._groot1, self._served.groot1
+        if sockets is None or server is None:
+            return
+        if sockets.replies in ready:
+            self._drain()
+            server = self._served.groot1 or server
+            sockets.answer(server)
+        sockets.publish(server, time.monotonic(), at_once)
 
     def _hear(self, scene: SceneServer) -> None:
         while self._stream.poll(0, zmq.POLLIN):

@@ -7,7 +7,7 @@ numbers tell), and scenes are not taken at all (counted).
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
 from btcore.errors import NodeRaised
@@ -21,21 +21,52 @@ QUEUE_AT_MOST: Final = 200_000
 _BIG_AT_MOST: Final = 500
 """Scenes and blackboards that wait, which are big; further ones are skipped."""
 
+_BLOB: Final = 1 << 16
+"""Bytes of a grid or picture in a scene that count as one big thing more."""
+
 SCENE_EVERY_NS: Final = 30_000_000
 """The least time (tree clock) between two scenes."""
 
 
 @runtime_checkable
 class SceneSource(Protocol):
-    """A resource that can be shown. Both methods are called on the tick thread, and are cheap."""
+    """A resource that can be shown, in the words of :mod:`monitor.wire.scenery`.
+
+    Both methods are called on the tick thread, and are cheap: what they give is compressed elsewhere, and
+    stays as it is from then on. Whoever tells a thing only when it has changed tells it again after
+    ``scene_static``, with which a new listener begins.
+    """
 
     def scene_static(self) -> dict[str, Any]:
         """What stands still."""
         ...
 
     def scene_moving(self) -> dict[str, Any]:
-        """What moved."""
+        """What moved, or changed."""
         ...
+
+
+def merged(scenes: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """*scenes* of several sources as one: lists are strung together, maps joined, else the first counts."""
+    whole: dict[str, Any] = {}
+    for scene in scenes:
+        for key, value in scene.items():
+            known = whole.get(key)
+            if known is None:
+                whole[key] = value
+            elif isinstance(known, list) and isinstance(value, list):
+                whole[key] = known + value
+            elif isinstance(known, dict) and isinstance(value, dict):
+                whole[key] = {**value, **known}
+    return whole
+
+
+def weight(scene: Mapping[str, Any]) -> int:
+    """How many big things *scene* counts for."""
+    blobs = [one["cells"] for one in scene.get("grids", ())] + [
+        one["data"] for one in scene.get("pictures", ())
+    ]
+    return 1 + sum(map(len, blobs)) // _BLOB
 
 
 class Changed(NamedTuple):
@@ -69,6 +100,7 @@ class SceneTaken(NamedTuple):
     stamp: int
     wall: int
     data: dict[str, Any]
+    weight: int
 
 
 class NodeFailed(NamedTuple):
@@ -99,7 +131,7 @@ class Recorder(Observer):
         self.scenes_skipped = 0
         """Ticks after which scene and blackboards were not taken, because too many waited."""
         self.big_taken = 0
-        """Scenes and blackboards that the publisher's thread took; it alone counts here."""
+        """Scenes, by their weight, and blackboards that the publisher's thread took; it alone counts here."""
         self._big_put = 0
         self.ended_at = 0
         """The monotonic time (ns) up to which the queued blackboards are the latest."""
@@ -134,9 +166,10 @@ class Recorder(Observer):
             return
         # a little early is in time: ticks may jitter
         self._next_scene = stamp + SCENE_EVERY_NS - SCENE_EVERY_NS // 10
-        for source in self._scenes:
-            self.queue.append(SceneTaken(stamp, wall, source.scene_moving()))
-            self._big_put += 1
+        data = merged([source.scene_moving() for source in self._scenes])
+        taken = SceneTaken(stamp, wall, data, weight(data))
+        self.queue.append(taken)
+        self._big_put += taken.weight
 
     def raised(self, error: NodeRaised, stamp: int) -> None:
         """Queue the sentence."""

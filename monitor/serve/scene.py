@@ -8,6 +8,7 @@ from typing import Any, Final
 from btcore.status import Status
 from monitor.serve.boards import portable_board
 from monitor.serve.history import History
+from monitor.serve.jpeg import with_jpeg
 from monitor.serve.recorder import BoardsChanged, Changed, Finished, Item, NodeFailed, SceneTaken, TickEnded
 from monitor.wire.scene import (
     ALIVE,
@@ -15,6 +16,7 @@ from monitor.wire.scene import (
     AliveMessage,
     BlackboardMessage,
     EndMessage,
+    Message,
     MovingMessage,
     RaisedMessage,
     StaticMessage,
@@ -35,7 +37,7 @@ class SceneServer:
     """Makes the stream of one tree and answers who asks for its past. Belongs to the publisher's thread."""
 
     def __init__(
-        self, tree_id: str, xml: bytes, statics: list[dict[str, Any]], statuses: dict[int, int], stamp: int
+        self, tree_id: str, xml: bytes, static: dict[str, Any] | None, statuses: dict[int, int], stamp: int
     ) -> None:
         self.tree_id = tree_id
         self.dropped = 0
@@ -43,10 +45,11 @@ class SceneServer:
         self.clients: set[bytes] = set()
         """Tokens of the clients that are here."""
         self._xml = xml
-        self._statics = statics
         self.history = History(statuses, stamp, time.time_ns())
         self._sent = 0
         self._complained = False
+        # Encoded at once, on the thread that ticks: nobody else may look into it later.
+        self._static = None if static is None else self._encoded(StaticMessage(tree_id, static))
         self._expected: int | None = None
         self._first = 0
         self._rows: list[list[int]] = []
@@ -65,7 +68,7 @@ class SceneServer:
             boards = {path: portable_board(board) for path, board in item.boards.items()}
             self._add(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
         elif isinstance(item, SceneTaken):
-            self._add(MovingMessage(self.tree_id, seq, item.stamp, item.wall, item.data))
+            self._add(MovingMessage(self.tree_id, seq, item.stamp, item.wall, with_jpeg(item.data)))
         elif isinstance(item, NodeFailed):
             self._add(RaisedMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message))
         elif isinstance(item, Finished):
@@ -106,18 +109,22 @@ class SceneServer:
         rows, self._rows = self._rows, []
         first = self._first if rows else (self._expected or 0)
         seq = self.history.latest + 1
-        self._add(TicksMessage(self.tree_id, seq, tick, stamp, wall, duration, status, ended, first, rows))
+        self._add(TicksMessage(self.tree_id, seq, stamp, wall, tick, duration, status, ended, first, rows))
 
     def _add(self, message: StreamMessage) -> None:
+        data = self._encoded(message)
+        if data is not None:
+            self.history.add(message.kind, data)
+
+    def _encoded(self, message: Message) -> bytes | None:
         try:
-            data = encode(message)
-        except (TypeError, ValueError, OverflowError, RecursionError) as error:
+            return encode(message)
+        except (TypeError, ValueError, LookupError, OverflowError, RecursionError) as error:
             # a scene may hold anything; one that can't be sent must not silence the rest
             if not self._complained:
                 self._complained = True
-                _log.warning("a '%s' message can't be sent and is left out: %s", message.kind, error)
-            return
-        self.history.add(message.kind, data)
+                _log.warning("a '%s' message can't be sent and is left out: %r", message.kind, error)
+            return None
 
     def alive(self) -> Frames:
         """A sign of life."""
@@ -154,7 +161,7 @@ class SceneServer:
                 ),
             )
         if what in (b"tree", b"static"):
-            for data in self._statics:
-                yield topic, encode(StaticMessage(self.tree_id, data))
+            if self._static is not None:
+                yield topic, self._static
         elif what.isdigit() and len(what) < 19:
             yield topic, encode(self.history.piece(self.tree_id, int(what)))

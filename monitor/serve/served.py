@@ -7,9 +7,19 @@ from typing import Final
 
 from btcore.tree import Tree
 from btcore.xml.write import tree_to_xml
-from monitor.serve.boards import BoardKeeper, Boards, portable_board
+from monitor.serve.boards import BoardKeeper, Boards
+from monitor.serve.control import Control
+from monitor.serve.groot1 import Groot1Server
 from monitor.serve.groot2 import Groot2Server, statuses_of
-from monitor.serve.recorder import BoardsChanged, Changed, Finished, Recorder, SceneSource, SceneTaken
+from monitor.serve.recorder import (
+    BoardsChanged,
+    Changed,
+    Finished,
+    Recorder,
+    SceneSource,
+    SceneTaken,
+    merged,
+)
 from monitor.serve.scene import SceneServer
 from monitor.wire.values import encode_boards
 
@@ -23,10 +33,20 @@ _FRESH_NS: Final = 1_000_000_000
 class Served:
     """What a publisher has for *tree*, whose id on the wire is new. *scene*: whether it has the channel.
 
+    *groot1* is the last uid that Groot 1 knows of the tree before, 0 if there was none, and None if Groot 1
+    isn't spoken. *control* is how long (s) hooks outlive the last request; None: there are none.
+
     Made, and told to hear and to end, on the thread that ticks.
     """
 
-    def __init__(self, tree: Tree, resources: Sequence[object], scene: bool) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        resources: Sequence[object],
+        scene: bool,
+        groot1: int | None = None,
+        control: float | None = None,
+    ) -> None:
         self.tree = tree
         identity = uuid.uuid4()
         self.tree_id = identity.hex
@@ -36,11 +56,13 @@ class Served:
         self._recorder = Recorder(self._keeper, self._sources)
         xml = tree_to_xml(tree).encode()
         statuses = statuses_of(tree)
-        self.groot2 = Groot2Server(tree, xml, self._answer_boards, identity)
+        hooks = None if control is None else Control(tree, control)
+        self.groot2 = Groot2Server(tree, xml, self._answer_boards, identity, hooks)
+        self.groot1 = None if groot1 is None else Groot1Server(tree, groot1)
         self.scene: SceneServer | None = None
         if scene:
-            statics = [portable_board(one.scene_static()) for one in self._sources]
-            self.scene = SceneServer(self.tree_id, xml, statics, statuses, tree.clock.now())
+            static = merged([one.scene_static() for one in self._sources]) if self._sources else None
+            self.scene = SceneServer(self.tree_id, xml, static, statuses, tree.clock.now())
         self._unsubscribe: Callable[[], None] | None = None
 
     def hear(self) -> None:
@@ -50,9 +72,15 @@ class Served:
             self._recorder.look(self.tree.clock.now(), time.time_ns())
 
     def leave(self) -> None:
-        """Hear the tree no more."""
+        """Hear and control the tree no more."""
+        self.control_nothing()
         if self._unsubscribe is not None:
             self._unsubscribe()
+
+    def control_nothing(self) -> None:
+        """Take all hooks away, for good; from any thread."""
+        if self.groot2.control is not None:
+            self.groot2.control.close()
 
     def finish(self) -> None:
         """Hear the tree no more, and let clients know that nothing follows."""
@@ -70,10 +98,13 @@ class Served:
             item = queue.popleft()
             if isinstance(item, Changed):
                 self.groot2.heard(item)
-            elif isinstance(item, BoardsChanged | SceneTaken):
+                if self.groot1 is not None:
+                    self.groot1.heard(item, time.monotonic())
+            elif isinstance(item, BoardsChanged):
                 self._recorder.big_taken += 1
-                if isinstance(item, BoardsChanged):
-                    self._boards = item.boards
+                self._boards = item.boards
+            elif isinstance(item, SceneTaken):
+                self._recorder.big_taken += item.weight
             if self.scene is not None:
                 self.scene.put(item)
             if time.monotonic() > enough:
@@ -81,7 +112,10 @@ class Served:
         if self.scene is not None:
             self.scene.flush()
         if self.groot2.dropped != dropped:
-            self.groot2.correct(statuses_of(self.tree))
+            statuses = statuses_of(self.tree)
+            self.groot2.correct(statuses)
+            if self.groot1 is not None:
+                self.groot1.correct(statuses, time.time_ns(), time.monotonic())
         return bool(queue)
 
     def _answer_boards(self, names: list[str]) -> bytes:

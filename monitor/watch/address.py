@@ -1,4 +1,8 @@
-"""Where a robot is: ``tcp://robot.local:1667``, or any shorter form of that."""
+"""Where a robot is: ``tcp://robot.local:1667``, or any shorter form of that.
+
+A robot that speaks Groot 1's protocol publishes one port below the one it is asked at, 1666 and 1667. If it
+has other ports, the one for publishing stands behind: ``tcp://robot.local:1800/1700``.
+"""
 
 import re
 from typing import Final, NamedTuple
@@ -6,7 +10,8 @@ from typing import Final, NamedTuple
 from monitor.wire.groot2 import DEFAULT_PORT
 
 _FORM: Final = re.compile(
-    r"(?:tcp://)?(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^:/\s\[\]]*)(?::(?P<port>[0-9]{1,5}))?/?"
+    r"(?:tcp://)?(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^:/\s\[\]]*)(?::(?P<port>[0-9]{1,5}))?"
+    r"/?(?P<publish>(?<=/)[0-9]{1,5})?"
 )
 
 
@@ -15,26 +20,32 @@ class AddressFault(ValueError):
 
 
 class Address(NamedTuple):
-    """A host (IPv6 in brackets) and the port of Groot 2's requests."""
+    """A host (IPv6 in brackets), the port of requests, and Groot 1's for publishing (0: not told)."""
 
     host: str
     port: int
+    publish: int = 0
 
     def at(self, offset: int = 0) -> str:
         """The ZMQ endpoint *offset* ports further."""
         return f"tcp://{self.host}:{self.port + offset}"
 
+    def published(self) -> str:
+        """The ZMQ endpoint where a robot publishes that speaks Groot 1's protocol."""
+        return f"tcp://{self.host}:{self.publish or self.port - 1}"
+
     def __str__(self) -> str:
-        return self.at()
+        return self.at() + (f"/{self.publish}" if self.publish else "")
 
 
 def parse_address(text: str) -> Address:
     """The address in *text*: ``tcp://HOST:PORT``, ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
 
-    The host defaults to 127.0.0.1 and the port to 1667. Raises :class:`AddressFault`.
+    Each may be followed by ``/PORT``, where Groot 1's updates are published. The host defaults to
+    127.0.0.1 and the port to 1667. Raises :class:`AddressFault`.
     """
     text = text.strip()
-    if text.isascii() and text.isdigit():
+    if text.isascii() and text.partition("/")[0].isdigit():
         text = f":{text}"
     found = _FORM.fullmatch(text)
     if found is None:
@@ -42,4 +53,7 @@ def parse_address(text: str) -> Address:
     port = int(found["port"] or DEFAULT_PORT)
     if not 1 <= port <= 65533:
         raise AddressFault(f"port {port} is out of range: a robot is found at a port from 1 to 65533")
-    return Address(found["host"] or "127.0.0.1", port)
+    publish = int(found["publish"] or 0)
+    if publish > 65535:
+        raise AddressFault(f"port {publish} is out of range: a robot publishes at a port from 1 to 65535")
+    return Address(found["host"] or "127.0.0.1", port, publish)

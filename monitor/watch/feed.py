@@ -1,4 +1,4 @@
-"""One robot's events, whatever it speaks: btcore's scene channel if there is one, else Groot 2.
+"""One robot's events, whatever it speaks: btcore's scene channel if there is one, else Groot 2 or Groot 1.
 
     with Feed("tcp://robot.local:1667") as feed:
         for event in feed:
@@ -29,7 +29,10 @@ from monitor.picture import (
     TreeSeen,
 )
 from monitor.watch.address import parse_address
-from monitor.watch.groot2 import Groot2Client, NoAnswer
+from monitor.watch.asking import NoAnswer
+from monitor.watch.discover import SpeaksGroot1
+from monitor.watch.groot1 import Groot1Robot
+from monitor.watch.groot2 import Groot2Client
 from monitor.watch.sampled import SampledRobot
 from monitor.watch.scene import SceneClient
 from monitor.wire import scene as wire
@@ -37,7 +40,7 @@ from monitor.wire.fault import WireFault
 from monitor.wire.fulltree import read_fulltree
 
 SCENE_FIRST: Final = 0.7
-"""Seconds that a robot which answers Groot 2's requests has to speak on the scene channel too."""
+"""Seconds that a robot which answers Groot's requests has to speak on the scene channel too."""
 
 SILENT_AFTER: Final = 3.0
 """Seconds (wall clock) without a sign of life after which a btcore robot counts as lost."""
@@ -45,21 +48,28 @@ SILENT_AFTER: Final = 3.0
 ABANDONED_AFTER: Final = 60.0
 """Seconds (wall clock) that ``events(until_end=True)`` waits for a robot that isn't there."""
 
+PATIENCE: Final = 8.0
+"""Seconds (wall clock) that an answer may take over a slow network."""
+
 _STEP: Final = 0.2
+_LOOK_EVERY: Final = 0.05
 
 
 class Feed:
     """Events of the robot at *address*, in order; use it from one thread (but for :meth:`stop`).
 
     *blackboard_rate* (Hz) is how often a robot without scene channel is asked for its
-    blackboards. Raises :class:`~monitor.watch.address.AddressFault` if *address* is none.
+    blackboards (0: never); with *record* it is asked to record its transitions too, which are then
+    nobody else's. Raises :class:`~monitor.watch.address.AddressFault` if *address* is none.
     """
 
-    def __init__(self, address: str, *, blackboard_rate: float = 2.0) -> None:
+    def __init__(self, address: str, *, blackboard_rate: float = 2.0, record: bool = True) -> None:
         self.address = parse_address(address)
         self._scene = SceneClient(self.address)
-        self._groot2 = Groot2Client(self.address)
-        self._sampled = SampledRobot(self._groot2, blackboard_rate)
+        self._groot2 = Groot2Client(self.address, patience=PATIENCE)
+        self._sampled = SampledRobot(self._groot2, blackboard_rate, record)
+        self._groot1: Groot1Robot | None = None
+        self._early: list[Event] = []
         self._stopped = threading.Event()
         self._state: LinkState | None = None
         self._by_scene = False
@@ -104,7 +114,9 @@ class Feed:
         """Free the sockets; the robot does not mind."""
         self._stopped.set()
         self._scene.close()
+        self._sampled.leave()
         self._groot2.close()
+        self._leave_groot1()
 
     def __enter__(self) -> Self:
         return self
@@ -130,6 +142,7 @@ class Feed:
         now = time.monotonic()
         if now - self._scene.heard_at < SILENT_AFTER and self._scene.tree_id:
             self._by_scene = True
+            self._leave_groot1()
             if self._state == "lost":
                 self._link(events, "connected", f"{self.address} is back")
         elif self._by_scene:
@@ -138,6 +151,8 @@ class Feed:
             self._answered_at = 0.0
             if self._state == "connected":
                 self._link(events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER:g} s")
+        elif self._groot1 is not None:
+            self._from_groot1(self._groot1, now, events)
         else:
             self._from_groot2(now, events)
         return events
@@ -186,23 +201,61 @@ class Feed:
     def _from_groot2(self, now: float, events: list[Event]) -> None:
         """Ask in Groot 2's words; show the answers once the scene channel had its chance to speak."""
         self._answered_at = self._answered_at or (now if self._sampled.picture is not None else 0.0)
-        too_early = not self._answered_at or now - self._answered_at < SCENE_FIRST
+        chance = max(SCENE_FIRST, self._groot2.round_trip)
+        too_early = not self._answered_at or now - self._answered_at < chance
         try:
             found = self._sampled.step(tree_only=too_early)
+        except SpeaksGroot1 as answer:
+            self._sampled.forget()
+            self._answered_at = now
+            self._groot1 = Groot1Robot(self.address, PATIENCE)
+            if self._state == "connected":
+                self._link(events, "lost", str(answer))
+            return
         except (NoAnswer, WireFault) as error:
             self._sampled.forget()
             self._answered_at = 0.0
             if self._state == "connected":
                 self._link(events, "lost", str(error))
             return
-        if found and isinstance(found[0], TreeSeen):
+        if self._sampled.following:
             self._link(events, "connected", f"{self.address}, by Groot 2's protocol")
         events.extend(found)
+
+    def _from_groot1(self, robot: Groot1Robot, now: float, events: list[Event]) -> None:
+        """Hear what is published; show it, as above, once the scene channel had its chance."""
+        try:
+            self._early += robot.step()
+        except NoAnswer as silence:
+            if self._state == "connected":
+                self._link(events, "lost", str(silence))
+        except WireFault as error:
+            self._leave_groot1()
+            if self._state == "connected":
+                self._link(events, "lost", str(error))
+            return
+        if now - self._answered_at < SCENE_FIRST:
+            return
+        if self._early or robot.is_back:
+            self._link(events, "connected", str(robot))
+        events += self._early
+        self._early = []
+
+    def _leave_groot1(self) -> None:
+        if self._groot1 is not None:
+            self._groot1.close()
+            self._groot1 = None
+            self._early = []
+            self._answered_at = 0.0
 
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
         poller.register(self._scene.socket, zmq.POLLIN)
-        if not self._by_scene:
+        if self._groot1 is not None:
+            for socket in self._groot1.sockets:
+                poller.register(socket, zmq.POLLIN)
+            seconds = min(seconds, _LOOK_EVERY)
+        elif not self._by_scene:
             if self._groot2.busy:
                 poller.register(self._groot2.socket, zmq.POLLIN)
             seconds = min(seconds, max(0.01, self._sampled.next_at - time.monotonic()))

@@ -19,6 +19,7 @@ from monitor.wire.scene import (
     Message,
     PieceMessage,
     StaticMessage,
+    StreamMessage,
     TreeMessage,
     UnknownMessage,
 )
@@ -48,7 +49,7 @@ class SceneClient:
         self._next = 1
         self._latest = 0
         self._gone_up_to = 0
-        self._waiting: dict[int, Message] = {}
+        self._waiting: dict[int, StreamMessage | UnknownMessage] = {}
         self._topic = b""
         self._asked_at = 0.0
         self._here = b""
@@ -155,8 +156,8 @@ class SceneClient:
         del self._questions[:-1]
 
     def _keep(self, message: Message, more_room: int) -> None:
-        if isinstance(message, PieceMessage | AliveMessage | StaticMessage | TreeMessage):
-            return  # not of the stream
+        if not isinstance(message, StreamMessage | UnknownMessage):
+            return
         room = len(self._waiting) < _WAITING_AT_MOST + more_room
         if message.seq == self._next or (message.seq > self._next and room):
             self._waiting[message.seq] = message

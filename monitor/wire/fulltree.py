@@ -1,4 +1,4 @@
-"""The XML that a Groot 2 publisher answers FULLTREE with, read into a Picture.
+"""The XML that a Groot 2 publisher answers FULLTREE with, read into a Picture, and written.
 
 A robot is not trusted more than a web page: a document type is refused before parsing, so there
 are no entities to expand, and nothing is fetched.
@@ -21,6 +21,7 @@ FAMILIES: Final[dict[str, Kind]] = {
 }
 """Tags of a TreeNodesModel, which are also the tags of nodes in explicit form."""
 
+_TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
 
 
@@ -50,7 +51,36 @@ def read_fulltree(xml: bytes, tree_id: str) -> Picture:
     if not nodes:
         raise WireFault("expected nodes in the full tree, and the main tree has none")
     names = {path: str(element.get("ID") or "") for path, element in trees.items()}
-    return Picture(tree_id, names[main], nodes, names)
+    return Picture(tree_id, names[main], nodes, names, xml)
+
+
+def write_fulltree(picture: Picture) -> bytes:
+    """The document that shows *picture*: the robot's own, else one with what is known."""
+    if picture.xml:
+        return picture.xml
+    root = etree.Element("root", BTCPP_format="4")
+    trees: dict[str, etree._Element] = {}
+    above: dict[int, etree._Element] = {}
+    models = etree.Element("TreeNodesModel")
+    known: set[str] = set()
+    for node in picture.nodes:
+        if node.subtree not in trees:
+            tree_id = picture.subtrees.get(node.subtree, picture.name)
+            trees[node.subtree] = etree.SubElement(root, "BehaviorTree", ID=tree_id, _fullpath=node.subtree)
+        parent = above.get(node.parent)
+        if parent is None or picture.by_uid[node.parent].kind == "subtree":
+            parent = trees[node.subtree]
+        own = {"ID": picture.subtrees.get(node.path, node.name), "_fullpath": node.path}
+        if node.kind != "subtree":
+            own = {"name": node.name}
+        tag = "SubTree" if node.kind == "subtree" else node.id
+        above[node.uid] = etree.SubElement(parent, tag, {**own, "_uid": str(node.uid), **node.ports})
+        if node.kind != "subtree" and node.id not in known:
+            known.add(node.id)
+            etree.SubElement(models, _TAGS[node.kind], ID=node.id)
+    root.append(models)
+    etree.indent(root, "    ")
+    return etree.tostring(root, encoding="utf-8") + b"\n"
 
 
 def _parse(xml: bytes) -> etree._Element:

@@ -109,7 +109,7 @@ def encode_reply(asked: RequestHeader, tree_id: bytes, body: bytes | None = None
 
 def encode_error(sentence: str) -> list[bytes]:
     """The frames of a reply that refuses."""
-    return [ERROR, sentence.encode()]
+    return [ERROR, sentence.encode("utf-8", "replace")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from typing import Any, ClassVar, Final, TypeVar
 
 import msgpack
 
+from monitor.wire import scenery
 from monitor.wire.fault import WireFault, shown
 from monitor.wire.values import portable, unpacked
 
@@ -55,7 +56,24 @@ ALIVE: Final = b"alive"
 
 
 @dataclass(frozen=True, slots=True)
-class TreeMessage:
+class Message:
+    """Anything said about the tree *tree_id*."""
+
+    kind: ClassVar[str] = ""
+    tree_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class StreamMessage(Message):
+    """Something that happened, the message number *seq* of its tree, at *stamp* and *wall*."""
+
+    seq: int
+    stamp: int
+    wall: int
+
+
+@dataclass(frozen=True, slots=True)
+class TreeMessage(Message):
     """The tree: Groot 2's FULLTREE *xml*, and where the stream stands.
 
     *oldest* is the first message that can still be re-sent, *latest* the newest one (0: none
@@ -63,7 +81,6 @@ class TreeMessage:
     """
 
     kind: ClassVar[str] = "tree"
-    tree_id: str
     stamp: int
     wall: int
     xml: bytes
@@ -73,16 +90,15 @@ class TreeMessage:
 
 
 @dataclass(frozen=True, slots=True)
-class StaticMessage:
-    """What stands still: ``frame``, ``parts``, ``laser``, ``footprint_radius``."""
+class StaticMessage(Message):
+    """What stands still: ``frame``, ``parts``, … (:mod:`monitor.wire.scenery`)."""
 
     kind: ClassVar[str] = "static"
-    tree_id: str
     data: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class TicksMessage:
+class TicksMessage(StreamMessage):
     """Transitions in their order, and, if *ended*, the end of the tick number *tick*.
 
     Transition i has the number ``first + i`` and is (stamp, wall, tick, uid, previous, status);
@@ -90,11 +106,7 @@ class TicksMessage:
     """
 
     kind: ClassVar[str] = "ticks"
-    tree_id: str
-    seq: int
     tick: int
-    stamp: int
-    wall: int
     duration: int
     status: int
     ended: bool
@@ -103,69 +115,52 @@ class TicksMessage:
 
 
 @dataclass(frozen=True, slots=True)
-class MovingMessage:
-    """What moved: ``frames`` of [child, parent, position, quaternion], ``scan``, ``velocity``, …"""
+class MovingMessage(StreamMessage):
+    """What moved or changed: ``frames``, ``scan``, ``velocity``, … (:mod:`monitor.wire.scenery`)."""
 
     kind: ClassVar[str] = "moving"
-    tree_id: str
-    seq: int
-    stamp: int
-    wall: int
     data: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class BlackboardMessage:
+class BlackboardMessage(StreamMessage):
     """All blackboards after a tick that wrote one: subtree path (``""``: main) → key → value."""
 
     kind: ClassVar[str] = "blackboard"
-    tree_id: str
-    seq: int
-    stamp: int
-    wall: int
     boards: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class RaisedMessage:
+class RaisedMessage(StreamMessage):
     """A node raised: its full *path*, and the sentence."""
 
     kind: ClassVar[str] = "raised"
-    tree_id: str
-    seq: int
-    stamp: int
-    wall: int
     path: str
     message: str
 
 
 @dataclass(frozen=True, slots=True)
-class EndMessage:
+class EndMessage(StreamMessage):
     """The last message: the robot stops publishing. *status* is that of the last tick.
 
     *dropped* counts transitions that the robot itself lost because it had no room for them.
     """
 
     kind: ClassVar[str] = "end"
-    tree_id: str
-    seq: int
-    stamp: int
-    wall: int
     status: int
     dropped: int
 
 
 @dataclass(frozen=True, slots=True)
-class AliveMessage:
+class AliveMessage(Message):
     """A sign of life; *latest* is the newest number of the stream, so a lost tail shows."""
 
     kind: ClassVar[str] = "alive"
-    tree_id: str
     latest: int
 
 
 @dataclass(frozen=True, slots=True)
-class PieceMessage:
+class PieceMessage(Message):
     """A piece of the stream, past or present: its messages from *first* to *last*, encoded one by one.
 
     Numbers in that range that are not among *messages* are lost for good. *latest* is the newest
@@ -173,7 +168,6 @@ class PieceMessage:
     """
 
     kind: ClassVar[str] = "piece"
-    tree_id: str
     first: int
     last: int
     latest: int
@@ -181,16 +175,11 @@ class PieceMessage:
 
 
 @dataclass(frozen=True, slots=True)
-class UnknownMessage:
+class UnknownMessage(Message):
     """A kind that a newer publisher of the same version has; *seq* is 0 if it is not of the stream."""
 
-    kind: ClassVar[str] = ""
-    tree_id: str
     seq: int
 
-
-StreamMessage = TicksMessage | MovingMessage | BlackboardMessage | RaisedMessage | EndMessage
-Message = TreeMessage | StaticMessage | StreamMessage | AliveMessage | PieceMessage | UnknownMessage
 
 _KINDS: Final[dict[str, type[Any]]] = {
     one.kind: one
@@ -219,19 +208,22 @@ _TYPES: Final[dict[Any, type]] = {
 _FIELDS: Final = {
     kind: tuple((one.name, _TYPES[one.type]) for one in fields(message)) for kind, message in _KINDS.items()
 }
+_SCENES: Final = frozenset({StaticMessage.kind, MovingMessage.kind})
 _T = TypeVar("_T")
 
 
-def encode(message: Any) -> bytes:
+def encode(message: Message) -> bytes:
     """*message* as MessagePack. Its data must be portable (:mod:`monitor.wire.values`)."""
     kind = message.kind
     whole: dict[str, Any] = {"v": VERSION, "kind": kind}
     for name, _ in _FIELDS[kind]:
         whole[name] = getattr(message, name)
-    if kind == TreeMessage.kind:
+    if isinstance(message, TreeMessage):
         whole["statuses"] = list(message.statuses.items())
-    packed: bytes = msgpack.packb(whole, default=portable, unicode_errors="replace")
-    return packed
+    elif isinstance(message, StaticMessage | MovingMessage):
+        whole["data"] = scenery.packed(message.data)
+    encoded: bytes = msgpack.packb(whole, default=portable, unicode_errors="replace")
+    return encoded
 
 
 def decode(data: bytes) -> Message:
@@ -256,6 +248,8 @@ def decode(data: bytes) -> Message:
         )
     if kind == TreeMessage.kind:
         whole["statuses"] = _pairs(whole)
+    elif kind in _SCENES:
+        whole["data"] = scenery.read(_as(dict, whole, "data", kind), kind)
     message: Message = _KINDS[kind](*(_as(wanted, whole, name, kind) for name, wanted in _FIELDS[kind]))
     if isinstance(message, TicksMessage):
         _check_rows(message.transitions)

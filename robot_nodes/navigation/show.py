@@ -86,11 +86,8 @@ class NavigationScene:
 
     def _paths(self) -> list[dict[str, Any]]:
         """The path and the goals of a navigator at work; none where nobody navigates."""
-        goals: tuple[Pose2D, ...] = ()
-        for navigator in self._servers.navigators.values():
-            current = getattr(navigator, "current", None)
-            if current is not None and not current.done:
-                goals = current.goal.goals
+        handle = self._at_work()
+        goals: tuple[Pose2D, ...] = handle.goal.goals if handle is not None else ()
         path = self._servers.compute_path.newest if goals else None
         told = []
         if self._is_new("path", path):
@@ -98,6 +95,14 @@ class NavigationScene:
         if self._is_new("goals", goals):
             told.append(rows("goal", "goal", goals))
         return told
+
+    def _at_work(self) -> Any:
+        """The goal of a navigator that has one to go to, as its handle; None where nobody navigates."""
+        for navigator in self._servers.navigators.values():
+            current = getattr(navigator, "current", None)
+            if current is not None and not current.done:
+                return current
+        return None
 
     def _grids(self, now: int) -> list[dict[str, Any]]:
         servers, told = self._servers, []
@@ -125,14 +130,11 @@ class NavigationScene:
         return {"localisation": state, "goal": self._way()}
 
     def _way(self) -> str:
-        for navigator in self._servers.navigators.values():
-            current = getattr(navigator, "current", None)
-            feedback = current.feedback if current is not None and not current.done else None
-            if feedback is not None:
-                recoveries = feedback.number_of_recoveries
-                tail = f", {recoveries} recoveries" if recoveries else ""
-                goal = current.goal.goals[-1]
-                return f"({goal.x:.1f}, {goal.y:.1f}), {feedback.distance_remaining:.1f} m to go{tail}"
+        handle = self._at_work()
+        if handle is not None and handle.feedback is not None:
+            goal, feedback = handle.goal.goals[-1], handle.feedback
+            tail = f", {feedback.number_of_recoveries} recoveries" if feedback.number_of_recoveries else ""
+            return f"({goal.x:.1f}, {goal.y:.1f}), {feedback.distance_remaining:.1f} m to go{tail}"
         return "–"
 
     def _is_new(self, name: str, thing: object) -> bool:

@@ -35,6 +35,7 @@ BOOK_NEEDS = ("numpy", "cv2", "yaml", "pybullet")
 NEEDS = {
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
+    "protocols": ("zmq", "msgpack"),
     "your-robot": ("numpy",),
     "mapping": BOOK_NEEDS,
     "patrolling": BOOK_NEEDS,

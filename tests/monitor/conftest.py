@@ -8,28 +8,6 @@ import pytest
 import btcore
 from btcore import In, Out, Registry, SimClock, StatefulAction, Status
 
-SAMPLE = """
-<root BTCPP_format="4" main_tree_to_execute="Main">
-  <BehaviorTree ID="Main">
-    <Sequence name="root_seq">
-      <Script code="x:=42; s:='hello'; f:=2.5"/>
-      <Fallback>
-        <AlwaysFailure/>
-        <Count name="cnt" ticks="3" out="{val}" _onSuccess="done:=true"/>
-      </Fallback>
-      <SubTree ID="Sub" lim="7" mode="fast" target="{val}"/>
-      <AlwaysSuccess _skipIf="x==42"/>
-    </Sequence>
-  </BehaviorTree>
-  <BehaviorTree ID="Sub">
-    <Sequence>
-      <Script code="loc:=target"/>
-      <Count ticks="2" out="{o2}"/>
-    </Sequence>
-  </BehaviorTree>
-</root>
-"""
-
 ENDLESS = """
 <root BTCPP_format="4">
   <BehaviorTree ID="Endless">
@@ -40,6 +18,26 @@ ENDLESS = """
         <Fallback><AlwaysFailure/><AlwaysSuccess/></Fallback>
       </Sequence>
     </KeepRunningUntilFailure>
+  </BehaviorTree>
+</root>
+"""
+
+
+OLD = """
+<root main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence name="root_seq">
+      <SetBlackboard output_key="x" value="42"/>
+      <Fallback>
+        <AlwaysFailure/>
+        <Count name="cnt" ticks="3" out="{val}"/>
+      </Fallback>
+      <SubTree ID="Sub"/>
+      <SubTreePlus ID="Sub"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Sub">
+    <Sequence><Count ticks="2" out="{o2}"/></Sequence>
   </BehaviorTree>
 </root>
 """
@@ -62,11 +60,20 @@ class Count(StatefulAction):
 
 
 @pytest.fixture
-def sample() -> btcore.Tree:
+def sample(recorded_tree: Callable[[str], str]) -> btcore.Tree:
     """The captures' tree, on simulated time."""
     nodes = Registry.standard()
     nodes.add(Count)
-    return btcore.loads(SAMPLE, nodes=nodes, resources=[SimClock()])
+    source = recorded_tree('<Script code="loc:=target"/><Count ticks="2" out="{o2}"/>')
+    return btcore.loads(source, nodes=nodes, resources=[SimClock()])
+
+
+@pytest.fixture
+def sample3() -> btcore.Tree:
+    """The tree that the captures of BehaviorTree.CPP 3 were made with, on simulated time."""
+    nodes = Registry.standard()
+    nodes.add(Count)
+    return btcore.loads(OLD, nodes=nodes, resources=[SimClock()])
 
 
 @pytest.fixture

@@ -149,9 +149,47 @@ def test_a_saved_tree_is_published_at_the_same_port_and_recorded_in_a_file_of_it
         assert file.stat().st_size > 1000
 
 
+@pytest.mark.parametrize("both", [False, True])
+def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_told(both: bool, tree_file, free_port):
+    """Alone it has the port that is named and the next one; Groot 2's neighbour is 999 further."""
+    options = ["--publish", "groot1", "--port", str(free_port), *(["--publish", "groot2"] if both else [])]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "btcore", "run", tree_file, *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    lines = [process.stderr.readline() for _ in range(2)]
+    try:
+        first = free_port + (999 if both else 0)
+        told = f"Groot 1 finds it at publisher port {first} and server port {first + 1}"
+        assert told + (f", since Groot 2 has {free_port}" if both else "") in lines[1]
+        # alone it has the scene channel, beside Groot 2 that is behind Groot 2's ports
+        spoken = "Groot 1's protocol" if both else "scene channel"
+        with Feed(f":{first + 1}") as feed:
+            for event in feed:
+                if isinstance(event, Link) and event.state == "connected":
+                    assert spoken in event.detail
+                if isinstance(event, StatusChanged):
+                    break
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, rest = process.communicate(timeout=60)
+    assert process.returncode == 130, rest
+
+
 def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:
     return {
-        "groot1": (["--publish", "groot1"], "--publish groot1 isn't built yet"),
+        "groot1": (
+            ["--publish", "groot1", "--port", str(free_port - 1)],
+            f"port {free_port} is in use ({free_port - 1} to {free_port + 2} are needed)",
+        ),
+        "both": (
+            ["--publish", "groot2", "--publish", "groot1", "--port", "65000"],
+            "--port 65000 leaves no port for Groot 1, which is 999 further: choose one up to 64535",
+        ),
+        "suffix": (["--save", "run.txt"], "a recording is an .rrd file: --save run.rrd"),
         "folder": (["--save", "/no/such/folder/run.rrd"], "there is no folder /no/such/folder"),
         "bind": (
             ["--publish", "groot2", "--port", "0", "--bind", "203.0.113.9"],
@@ -161,7 +199,7 @@ def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]
     }
 
 
-@pytest.mark.parametrize("name", ["groot1", "folder", "bind", "port"])
+@pytest.mark.parametrize("name", ["groot1", "both", "suffix", "folder", "bind", "port"])
 def test_a_mistake_ends_the_run_before_it_begins_with_one_sentence(
     name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
 ):
@@ -172,3 +210,16 @@ def test_a_mistake_ends_the_run_before_it_begins_with_one_sentence(
     assert said in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
+    assert done.stderr.count("error") == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_without_a_display_the_viewer_is_refused_before_the_run_in_one_sentence(tree_file, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    done = run(tree_file, "--monitor", "--fast", "--duration", "1")
+    assert done.returncode == 2
+    assert done.stderr == (
+        "error: --monitor: there is no display here. --save FILE.rrd records the run to look at it later; "
+        "--publish groot2 lets a monitor in, also one in a browser: btcore monitor --serve-web\n"
+    )

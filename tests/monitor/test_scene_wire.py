@@ -27,11 +27,17 @@ from monitor.wire.scene import (
 
 ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 TICKS = TicksMessage(
-    ID, 3, 7, 1_000, 2_000, 300, 1, True, 41, [[900, 1900, 7, 1, 0, 1], [950, 1950, 7, 2, 1, 2]]
+    ID, 3, 1_000, 2_000, 7, 300, 1, True, 41, [[900, 1900, 7, 1, 0, 1], [950, 1950, 7, 2, 1, 2]]
 )
 MESSAGES = [
     TreeMessage(ID, 5, 6, b"<root/>", 1, 9, {1: 0, 2: 4}),
-    StaticMessage(ID, {"frame": "map", "parts": [{"name": "wall", "kind": "box", "size": [1.0, 2.0, 3.0]}]}),
+    StaticMessage(
+        ID,
+        {
+            "frame": "map",
+            "parts": [{"name": "wall", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.0, 1.0, 1.5]}],
+        },
+    ),
     TICKS,
     MovingMessage(ID, 4, 1_000, 2_000, {"stamp": 1_000, "scan": {"stamp": 1, "ranges": b"\x00\x00\x80\x3f"}}),
     BlackboardMessage(ID, 5, 1, 2, {"": {"x": 42, "goal": None}}),
@@ -109,7 +115,7 @@ def test_a_message_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(m
 
 def ticks(seq: int, size: int) -> TicksMessage:
     rows = [[10**15 + seq, 10**18 + seq, seq, 1, 1 - row % 2, row % 2] for row in range(size)]
-    return TicksMessage(ID, seq, seq, 10**15 + seq, 10**18 + seq, 0, 1, True, 1, rows)
+    return TicksMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
 
 
 def test_a_history_holds_a_million_transitions_and_tells_how_the_tree_stood_before():
@@ -127,9 +133,9 @@ def test_a_history_holds_a_million_transitions_and_tells_how_the_tree_stood_befo
 
 def test_big_scenes_push_no_transitions_out():
     history = History({}, 0, 0)
-    scene_bytes = LANE_ROOM["moving"] // 10
+    scene_bytes = LANE_ROOM["moving"] // 40 * 4
     for seq in range(1, 41):
-        moving = MovingMessage(ID, seq, 0, 0, {"scan": b"\x00" * scene_bytes})
+        moving = MovingMessage(ID, seq, 0, 0, {"scan": {"ranges": b"\x00" * scene_bytes}})
         history.add("ticks" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
     kept = history_numbers(history)
     assert [seq for seq in kept if seq % 2] == list(range(1, 41, 2))

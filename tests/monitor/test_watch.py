@@ -76,13 +76,14 @@ class Scene:
     """A resource that can be shown."""
 
     def scene_static(self) -> dict:
-        return {"frame": "map", "parts": [{"name": "wall", "kind": "box"}]}
+        wall = {"name": "wall", "kind": "box", "size": [1, 2, 3], "position": [0, 0, 1.5]}
+        return {"frame": "map", "parts": [wall]}
 
     def scene_moving(self) -> dict:
         return {
             "stamp": 5,
             "frames": [["base_link", "map", [0, 0, 0], [0, 0, 0, 1]]],
-            "scan": {"ranges": b"\x00"},
+            "scan": {"ranges": b"\x00\x00\x80\x3f"},
         }
 
 
@@ -116,7 +117,7 @@ def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
     ]
     assert [one.tick for one in early.of(Ticked)] == [1, 2, 3]
     assert early.of(SceneStatic)[0].data["frame"] == "map"
-    assert early.of(SceneMoving)[0].data["scan"]["ranges"] == b"\x00"
+    assert early.of(SceneMoving)[0].data["scan"]["ranges"] == b"\x00\x00\x80\x3f"
     assert early.of(BlackboardSeen)[-1].boards["Sub::6"]["mode"] == "fast"
     assert [link.state for link in early.of(Link)] == ["waiting", "connected", "ended"]
     assert not early.of(Gap)
@@ -386,7 +387,7 @@ def test_a_client_of_a_silent_robot_says_so_and_can_ask_again(sample):
     ],
 )
 def test_an_address_may_be_short(text, where):
-    assert parse_address(text) == where
+    assert parse_address(text)[:2] == where
 
 
 @pytest.mark.parametrize("text", ["http://robot", "a b", "robot:port", "robot:99999", "65534", "::1"])

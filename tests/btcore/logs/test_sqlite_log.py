@@ -209,9 +209,9 @@ def test_what_is_no_such_log_is_said(sample: Tree, tmp_path: Path) -> None:
     text, empty = tmp_path / "text.db3", tmp_path / "empty.db3"
     text.write_text("no database, but a text that is long enough to have a header" * 10)
     empty.touch()
-    with pytest.raises(LogFault, match="this log can't be read: file is not a database"):
+    with pytest.raises(LogFault, match="this isn't an SQLite database, it doesn't begin as one"):
         read_sqlite(text)
-    with pytest.raises(LogFault, match="this log can't be read: no such table: Definitions"):
+    with pytest.raises(LogFault, match="this isn't an SQLite database, it is empty"):
         read_sqlite(empty)
     with pytest.raises(LogFault, match="this log can't be read: no such file"):
         sessions(tmp_path / "missing.db3")

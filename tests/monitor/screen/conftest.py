@@ -1,11 +1,14 @@
-"""A bump-and-go robot without the robot: the events that one would send, from a script."""
+"""A bump-and-go robot without the robot: the events that one would send; and recordings, read back."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from monitor.picture import (
     BlackboardSeen,
@@ -19,6 +22,8 @@ from monitor.picture import (
     Ticked,
     TreeSeen,
 )
+from monitor.screen.sinks import Outlets
+from monitor.screen.stream import Screen
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 PERIOD = 100_000_000
@@ -127,3 +132,51 @@ def run():
         return list(_run(ticks, scene, tree_id))
 
     return events
+
+
+class Recording:
+    """Rows of an .rrd by entity and component: [(t in ns, None if static, values)] in order of t."""
+
+    def __init__(self, path: Path) -> None:
+        self.rows = defaultdict(list)
+        for chunk in RrdReader(path).stream():
+            batch = chunk.to_record_batch()
+            names = batch.schema.names
+            times = batch.column("t").cast("int64").to_pylist() if "t" in names else [None] * len(batch)
+            for name in names:
+                if name not in ("rerun.controls.RowId", "t", "wall"):
+                    values = batch.column(name).to_pylist()
+                    self.rows[str(chunk.entity_path), name] += zip(times, values, strict=True)
+        for rows in self.rows.values():
+            rows.sort(key=lambda row: row[0] if row[0] is not None else -1)
+
+    def of(self, entity: str, component: str) -> list[tuple[int, list]]:
+        return [row for row in self.rows[entity, component] if row[1] is not None]
+
+    def at(self, entity: str, component: str, t: int) -> list:
+        """The latest value at time *t*."""
+        return [values for time, values in self.of(entity, component) if time <= t][-1]
+
+    def lane(self, name: str) -> str:
+        return next(entity for entity, _ in self.rows if entity.endswith(f"_{name}"))
+
+
+@pytest.fixture
+def read():
+    """``read(path)``: a recording's rows."""
+    return Recording
+
+
+@pytest.fixture
+def recorded():
+    """``recorded(events, path)``: the rows of the recording that the screen makes of *events*."""
+
+    def record(events: list[Event], path: Path) -> Recording:
+        screen = Screen(Outlets(save=path))
+        for event in events:
+            screen.show(event)
+        screen.close()
+        assert screen.files == [path]
+        return Recording(path)
+
+    return record

@@ -1,11 +1,7 @@
 """What the screen writes, read back from the file with rerun's own reader."""
 
-from collections import defaultdict
-from pathlib import Path
-
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from monitor.picture import BlackboardSeen, Gap, Raised, StatusChanged, Ticked, TreeSeen
 from monitor.screen.moments import SAID
@@ -17,44 +13,8 @@ IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
 
 
-class Recording:
-    """Rows of an .rrd by entity and component: [(t in ns, None if static, values)] in order of t."""
-
-    def __init__(self, path: Path) -> None:
-        self.rows = defaultdict(list)
-        for chunk in RrdReader(path).stream():
-            batch = chunk.to_record_batch()
-            names = batch.schema.names
-            times = batch.column("t").cast("int64").to_pylist() if "t" in names else [None] * len(batch)
-            for name in names:
-                if name not in ("rerun.controls.RowId", "t", "wall"):
-                    values = batch.column(name).to_pylist()
-                    self.rows[str(chunk.entity_path), name] += zip(times, values, strict=True)
-        for rows in self.rows.values():
-            rows.sort(key=lambda row: row[0] if row[0] is not None else -1)
-
-    def of(self, entity: str, component: str) -> list[tuple[int, list]]:
-        return [row for row in self.rows[entity, component] if row[1] is not None]
-
-    def at(self, entity: str, component: str, t: int) -> list:
-        """The latest value at time *t*."""
-        return [values for time, values in self.of(entity, component) if time <= t][-1]
-
-    def lane(self, name: str) -> str:
-        return next(entity for entity, _ in self.rows if entity.endswith(f"_{name}"))
-
-
-def recorded(events, path: Path) -> Recording:
-    screen = Screen(Outlets(save=path))
-    for event in events:
-        screen.show(event)
-    screen.close()
-    assert screen.files == [path]
-    return Recording(path)
-
-
 @pytest.fixture
-def thousand(run, tmp_path):
+def thousand(run, tmp_path, recorded):
     events = run(1000)
     return events, recorded(events, tmp_path / "run.rrd")
 
@@ -103,7 +63,7 @@ def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand):
                 assert colour in allowed, (event.tick, uid)
 
 
-def test_the_first_row_is_idle(run, tmp_path):
+def test_the_first_row_is_idle(run, tmp_path, recorded):
     recording = recorded(run(1), tmp_path / "run.rrd")
     t, colours = recording.of("/tree/pills", "LineStrips2D:colors")[0]
     assert t == 0
@@ -111,7 +71,7 @@ def test_the_first_row_is_idle(run, tmp_path):
     assert recording.of(recording.lane("Back"), "StateChange:state")[0] == (0, ["IDLE"])
 
 
-def test_lanes_show_what_a_leaf_said_in_a_tick_though_it_was_reset_in_the_same_tick(run, tmp_path):
+def test_lanes_show_what_a_leaf_said_in_a_tick_though_it_was_reset_in_the_same_tick(run, tmp_path, recorded):
     recording = recorded(run(70), tmp_path / "run.rrd")
     second = 10**9
 
@@ -130,7 +90,7 @@ def test_lanes_show_what_a_leaf_said_in_a_tick_though_it_was_reset_in_the_same_t
     assert len(recording.of(recording.lane("IsObstacle"), "StateChange:state")) < 10
 
 
-def test_the_running_path_leads_from_the_root_to_the_leaf_at_work(run, tmp_path):
+def test_the_running_path_leads_from_the_root_to_the_leaf_at_work(run, tmp_path, recorded):
     recording = recorded(run(70), tmp_path / "run.rrd")
     strips = recording.at("/tree/path", "LineStrips2D:strips", 4_500_000_000)
     edges = recording.of("/tree/edges", "LineStrips2D:strips")[0][1]
@@ -139,13 +99,13 @@ def test_the_running_path_leads_from_the_root_to_the_leaf_at_work(run, tmp_path)
     assert strips[0][-1][1] < strips[1][0][1] < strips[2][0][1]
 
 
-def test_lane_names_keep_the_order_of_the_tree(run, tmp_path):
+def test_lane_names_keep_the_order_of_the_tree(run, tmp_path, recorded):
     recording = recorded(run(1), tmp_path / "run.rrd")
     lanes = sorted({entity for entity, component in recording.rows if component == "StateChange:state"})
     assert lanes == ["/1_IsObstacle", "/2_Back", "/3_Turn", "/4_Forward"]
 
 
-def test_the_blackboard_is_a_table_in_which_changes_stand_out(run, tmp_path):
+def test_the_blackboard_is_a_table_in_which_changes_stand_out(run, tmp_path, recorded):
     recording = recorded(run(130), tmp_path / "run.rrd")
     first = recording.at("/blackboard", "TextDocument:text", 5 * 10**9)[0]
     assert "| bumps | `0` |" in first
@@ -153,7 +113,7 @@ def test_the_blackboard_is_a_table_in_which_changes_stand_out(run, tmp_path):
     assert "| **bumps** | `1` |" in recording.at("/blackboard", "TextDocument:text", 6 * 10**9)[0]
 
 
-def test_a_table_survives_bars_ticks_and_long_values(run, tmp_path):
+def test_a_table_survives_bars_ticks_and_long_values(run, tmp_path, recorded):
     boards = {
         "": {"a|b": "x`y\nz", "long": "w" * 500, "pi": 3.14159265, "on": True},
         "Patrol": {"goal": "1;2"},
@@ -181,25 +141,25 @@ def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand):
     assert [values for _, values in speeds] == [[0.3]] * ticks
 
 
-def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path):
+def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path, recorded):
     events = [*run(3), Gap(40, 44), Raised(10**9, 10**9, "avoid/Back", "division by zero")]
     lines = [values[0] for _, values in recorded(events, tmp_path / "run.rrd").of("/log", "TextLog:text")]
     assert any("#40 to #44 are missing" in line for line in lines)
     assert any("avoid/Back raised: division by zero" in line for line in lines)
 
 
-def test_a_robot_that_comes_back_with_another_tree_gets_a_recording_of_its_own(run, tmp_path):
+def test_a_robot_that_comes_back_with_another_tree_gets_a_recording_of_its_own(run, tmp_path, read):
     path = tmp_path / "run.rrd"
     screen = Screen(Outlets(save=path))
     for event in [*run(20), *run(30, tree_id="b" * 32)]:
         screen.show(event)
     screen.close()
     assert screen.files == [path, tmp_path / "run.2.rrd"]
-    ticks = [len(Recording(one).of("/tick/duration", "Scalars:scalars")) for one in screen.files]
+    ticks = [len(read(one).of("/tick/duration", "Scalars:scalars")) for one in screen.files]
     assert ticks == [20, 30]
 
 
-def test_the_same_tree_after_a_lost_connection_goes_on_in_its_recording(run, tmp_path):
+def test_the_same_tree_after_a_lost_connection_goes_on_in_its_recording(run, tmp_path, recorded):
     events = run(45)
     again = TreeSeen(events[1].picture, 5 * 10**9, 5 * 10**9, {BACK: RUNNING, ROOT: RUNNING})
     recording = recorded([*events, again], tmp_path / "run.rrd")
@@ -207,7 +167,7 @@ def test_the_same_tree_after_a_lost_connection_goes_on_in_its_recording(run, tmp
     assert len(recording.of("/tree/edges", "LineStrips2D:strips")) == 1
 
 
-def test_a_run_without_ticks_or_scene_is_recorded(run, tmp_path):
+def test_a_run_without_ticks_or_scene_is_recorded(run, tmp_path, recorded):
     events = [event for event in run(20, scene=False) if not isinstance(event, Ticked)]
     recording = recorded(events, tmp_path / "run.rrd")
     assert recording.at(recording.lane("Forward"), "StateChange:state", 2 * 10**9) == ["RUNNING"]

@@ -1,0 +1,11 @@
+"""Whether there is a screen here to open a window on."""
+
+import os
+import sys
+
+
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

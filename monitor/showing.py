@@ -1,0 +1,155 @@
+"""Where a tree is shown, and what that needs: for every command that shows one.
+
+Nothing heavy is imported before it is needed, so that ``--help`` is quick, and there without rerun.
+"""
+
+import contextlib
+import importlib.util
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from monitor.screen.sinks import Outlets
+
+
+class UsersMistake(click.ClickException):
+    """What was asked for can't be had; the message says what can."""
+
+    exit_code = 2
+
+
+def showing_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give *command* the options of where to show: save, serve_web, screenshot, at, size, memory_limit."""
+    for option in reversed(_options()):
+        command = option(command)
+    return command
+
+
+def check_installed(*modules: str) -> None:
+    """Raise UsersMistake where one of *modules* is missing."""
+    missing = [name for name in modules if importlib.util.find_spec(name) is None]
+    if missing:
+        raise UsersMistake(
+            f"the monitor needs {missing[0]}, which isn't installed: pip install 'btcore[monitor]'"
+        )
+
+
+def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:
+    """The callback of ``--size``: width and height in *value*."""
+    width, _, height = value.partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
+        raise click.BadParameter(f"'{value}' is no size: write WIDTHxHEIGHT in pixels, such as 1920x1080")
+    return int(width), int(height)
+
+
+def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
+    file = click.Path(dir_okay=False, path_type=Path)
+    return [
+        click.option("--save", type=file, metavar="FILE.rrd", help="Record it."),
+        click.option(
+            "--serve-web",
+            type=click.IntRange(1, 65535),
+            is_flag=False,
+            flag_value=9090,
+            metavar="[PORT]",
+            help="Serve the viewer to browsers instead of opening a window.  [port: 9090]",
+        ),
+        click.option(
+            "--screenshot",
+            type=file,
+            metavar="FILE.png",
+            help="Picture of the monitor at the end; needs no display.",
+        ),
+        click.option(
+            "--at", type=float, metavar="SECONDS", help="Tree time of the screenshot.  [default: the end]"
+        ),
+        click.option(
+            "--size",
+            default="1920x1080",
+            callback=pixels,
+            show_default=True,
+            metavar="WxH",
+            help="Of the screenshot.",
+        ),
+        click.option(
+            "--memory-limit",
+            default="25%",
+            show_default=True,
+            metavar="SIZE",
+            help="What the viewer may use before it drops its oldest data: 2GB, or a share of the memory.",
+        ),
+    ]
+
+
+def check_is_recording(save: Path) -> None:
+    """Raise UsersMistake where the file of ``--save`` is not called as rerun's recordings are."""
+    if save.suffix.lower() != ".rrd":
+        raise UsersMistake(f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}")
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Raise UsersMistake where the folder of *option*'s file isn't there."""
+    if not path.resolve().parent.is_dir():
+        raise UsersMistake(f"{option} {path}: there is no folder {path.resolve().parent}")
+
+
+def check_writable(option: str, path: Path) -> None:
+    """Raise UsersMistake where *option*'s file can't be written; an existing file stays as it is."""
+    check_folder(option, path)
+    is_new = not path.exists()
+    try:
+        with path.open("ab"):
+            pass
+        if is_new:
+            path.unlink()
+    except OSError as fault:
+        raise UsersMistake(f"{option} {path}: it can't be written: {fault.strerror or fault}") from None
+
+
+def open_outlets(save: Path | None, web_port: int | None, window: bool, memory_limit: str) -> "Outlets":
+    """Where a run is to be shown: a file, and a window or browsers. Raises UsersMistake, ScreenFault."""
+    from monitor.screen.sinks import Outlets, open_window, serve_web
+
+    if save is not None:
+        check_is_recording(save)
+        check_folder("--save", save)
+    if web_port is not None:
+        web = serve_web(web_port, memory_limit=memory_limit)
+        click.echo(f"monitor: look at {web.page}", err=True)
+        return Outlets(save=save, viewer=web.address, keep=web)
+    if window:
+        return Outlets(save=save, viewer=open_window(memory_limit))
+    if save is None:
+        raise UsersMistake(
+            "--no-view leaves nothing to do: add --save FILE.rrd, --serve-web or --screenshot FILE.png"
+        )
+    return Outlets(save=save)
+
+
+@contextlib.contextmanager
+def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C and a kind request to end set *stop*, so that files are finished."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def take_picture(recording: Path, picture: Path, at: float | None, size: tuple[int, int]) -> None:
+    """Write *picture* of *recording* at *at* (s; None: its end). Raises ScreenFault."""
+    from monitor.screen.screenshot import screenshot
+
+    screenshot(recording, picture, at, size)
+    click.echo(f"monitor: the picture is {picture}", err=True)

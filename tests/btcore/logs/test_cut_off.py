@@ -1,0 +1,208 @@
+"""What our logs write is read again as it was; cut off at any byte, a beginning of it, and it is said."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from btcore import SimClock, Status, Tree
+from btcore.logs import BtLog, Change, LogFault, SqliteLog, read_btlog, read_log, read_sqlite
+from btcore.logs.btlog import BtLogFile
+from btcore.logs.database import Database
+
+NODES = 6
+RECORD = 9
+PAGE = 4096
+WALL = 1_700_000_000_000_000
+
+Written = list[tuple[int, int, Status]]
+fast = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@st.composite
+def runs(draw: st.DrawFn) -> Written:
+    """Rows of (µs since the start, uid, status), in order of time, each of them a change."""
+    rows: Written = []
+    since, last = 0, dict.fromkeys(range(1, NODES + 1), Status.IDLE)
+    for step in draw(st.lists(st.integers(1, 10**9), max_size=40)):
+        since += step
+        uid = draw(st.integers(1, NODES))
+        status = draw(st.sampled_from([one for one in Status if one is not last[uid]]))
+        last[uid] = status
+        rows.append((since, uid, status))
+    return rows
+
+
+@pytest.fixture
+def small_tree(small: Callable[..., Tree]) -> Tree:
+    leaves = "".join(f'<AlwaysSuccess name="leaf_{number}"/>' for number in range(1, NODES))
+    return small(f"<Sequence>{leaves}</Sequence>")
+
+
+@pytest.fixture
+def xml(small_tree: Tree) -> str:
+    from btcore.xml.write import tree_to_xml
+
+    return tree_to_xml(small_tree)
+
+
+def changes(rows: Written) -> list[Change]:
+    last = dict.fromkeys(range(1, NODES + 1), Status.IDLE)
+    found = []
+    for since, uid, status in rows:
+        found.append(Change((WALL + since) * 1000, uid, last[uid], status))
+        last[uid] = status
+    return found
+
+
+def write_btlog(path: Path, xml: str, rows: Written) -> None:
+    file = BtLogFile(path, xml.encode(), WALL)
+    file.append(rows)
+    file.close()
+
+
+def write_database(path: Path, xml: str, rows: Written) -> None:
+    path.unlink(missing_ok=True)
+    base = Database(path, xml, [("leaf_1", 2)])
+    base.begin_at(WALL)
+    for change, (since, uid, status) in zip(changes(rows), rows, strict=True):
+        base.add(since, uid, change.previous, status)
+    base.flush()
+    base.finish()
+    base.close()
+
+
+WRITERS = pytest.mark.parametrize(
+    ("write", "name"), [(write_btlog, "run.btlog"), (write_database, "run.db3")], ids=["btlog", "sqlite"]
+)
+
+
+@WRITERS
+@given(rows=runs())
+@fast
+def test_what_is_written_is_read(write, name: str, tmp_path: Path, xml: str, rows: Written) -> None:
+    write(tmp_path / name, xml, rows)
+    recording = read_log(tmp_path / name)
+    assert recording.changes == changes(rows)
+    assert recording.remarks == []
+
+
+@given(rows=runs(), data=st.data())
+@fast
+def test_a_btlog_cut_at_any_byte_is_a_beginning(
+    tmp_path: Path, xml: str, rows: Written, data: st.DataObject
+) -> None:
+    path = tmp_path / "run.btlog"
+    write_btlog(path, xml, rows)
+    whole = path.read_bytes()
+    cut = data.draw(st.integers(0, len(whole) - 1))
+    path.write_bytes(whole[:cut])
+    head = len(whole) - RECORD * len(rows)
+    if cut < head:
+        with pytest.raises(LogFault):
+            read_btlog(path)
+        return
+    recording = read_btlog(path)
+    count, rest = divmod(cut - head, RECORD)
+    assert recording.changes == changes(rows)[:count]
+    assert bool(recording.damage) == bool(rest)
+
+
+@pytest.fixture(scope="module")
+def long_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A database whose transitions fill many pages."""
+    path = tmp_path_factory.mktemp("long") / "run.db3"
+    leaf = '<AlwaysSuccess name="leaf" _uid="2"/>'
+    tree = f'<BehaviorTree ID="Main" _fullpath=""><Sequence name="Sequence" _uid="1">{leaf}</Sequence>'
+    xml = f'<root BTCPP_format="4">{tree}</BehaviorTree><TreeNodesModel/></root>'
+    base = Database(path, xml, [("Sequence::1", 1), ("leaf", 2)])
+    base.begin_at(WALL)
+    for number in range(4_000):
+        status = Status.SUCCESS if number % 2 else Status.RUNNING
+        base.add(number * 10, 1 + number // 2 % 2, Status.IDLE, status)
+        if number % 10 == 9:
+            base.flush()
+    base.finish()
+    base.close()
+    return path
+
+
+@given(millionths=st.integers(0, 999_999))
+@settings(fast, max_examples=40)
+def test_a_database_cut_at_any_byte_is_a_beginning_or_a_sentence(
+    tmp_path: Path, long_database: Path, millionths: int
+) -> None:
+    content, whole = long_database.read_bytes(), read_sqlite(long_database).changes
+    cut = len(content) * millionths // 1_000_000
+    path = tmp_path / "cut.db3"
+    path.write_bytes(content[:cut])
+    if cut < 6 * PAGE:  # where the tables and the tree are
+        with pytest.raises(
+            LogFault, match=r"this isn't an SQLite|this log ends in its|the file is cut off: it has"
+        ):
+            read_sqlite(path)
+        return
+    recording = read_sqlite(path)
+    assert recording.changes == whole[: len(recording.changes)]
+    assert recording.damage == f"the file is cut off: it has {cut} of {len(content)} bytes"
+    assert recording.remarks[0].endswith(f"{len(recording.changes)} transitions are read")
+
+
+def test_of_a_database_cut_in_half_about_half_is_read(tmp_path: Path, long_database: Path) -> None:
+    content, whole = long_database.read_bytes(), read_sqlite(long_database).changes
+    path = tmp_path / "cut.db3"
+    path.write_bytes(content[: len(content) // 2])
+    assert 1_000 < len(read_sqlite(path).changes) < 3_000 < len(whole)
+
+
+def test_a_live_database_is_not_taken_for_one_that_is_cut_off(small_tree: Tree, tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    with SqliteLog(small_tree, path):
+        small_tree.tick_exactly_once()
+        recording = read_sqlite(path)
+        assert len(recording.changes) > 5
+        assert recording.damage == ""
+
+
+def test_gaps_are_told_by_both_formats(tmp_path: Path, xml: str) -> None:
+    file = BtLogFile(tmp_path / "run.btlog", xml.encode(), WALL)
+    file.append([(1, 1, Status.RUNNING)])
+    file.gap("the transitions 2\nto 9 are lost")
+    file.append([(50, 1, Status.SUCCESS)])
+    file.close()
+    base = Database(tmp_path / "run.db3", xml, [])
+    base.add(1, 1, Status.IDLE, Status.RUNNING)
+    base.add(50, 1, Status.RUNNING, Status.SUCCESS, "gap: the transitions 2 to 9 are lost")
+    base.finish()
+    base.close()
+    for name in ("run.btlog", "run.db3"):
+        recording = read_log(tmp_path / name)
+        assert recording.gaps == ((1, "the transitions 2 to 9 are lost"),)
+        assert recording.remarks == [
+            f"{tmp_path / name}: a gap before transition 2: the transitions 2 to 9 are lost"
+        ]
+
+
+def test_a_new_log_has_nothing_of_the_gaps_of_the_one_before(small_tree: Tree, tmp_path: Path) -> None:
+    beside = tmp_path / "run.btlog.gaps"
+    beside.write_text("0 something is missing\nnonsense\n9999 beyond the end\n")
+    with BtLog(small_tree, tmp_path / "run.btlog"):
+        pass
+    assert not beside.exists()
+    beside.write_text("0 something is missing\nnonsense\n9999 beyond the end\n")
+    assert read_btlog(tmp_path / "run.btlog").gaps == ((0, "something is missing"),)
+
+
+def test_a_session_is_named_after_the_file(small: Callable[..., Tree], tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    for ticks in (1, 2):
+        clock = SimClock()
+        tree = small("<Sequence><AlwaysSuccess/></Sequence>", clock=clock)
+        with SqliteLog(tree, path, append=True):
+            for _ in range(ticks):
+                tree.tick_exactly_once()
+    assert len(read_log(path).changes) == 2 * len(read_log(f"{path}#1").changes)
+    with pytest.raises(LogFault, match="this log has no session 3; there is 1 and 2"):
+        read_log(f"{path}#3")

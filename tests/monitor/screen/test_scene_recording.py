@@ -1,0 +1,173 @@
+"""A robot that navigates, on the screen: what the scene's events become in the file."""
+
+import numpy as np
+import pytest
+
+from monitor.picture import SceneMoving, SceneStatic, TreeSeen
+from monitor.screen.marks import LOOKS
+
+SECOND = 10**9
+
+
+def rows(name: str, kind: str, *poses: tuple[float, float, float], frame: str = "map") -> dict:
+    data = np.array(poses, dtype="<f4").tobytes()
+    return {"name": name, "kind": kind, "frame": frame, "rows": data}
+
+
+def grid(name: str, kind: str, cells: list[list[int]], origin=(1.0, 2.0), frame: str = "map") -> dict:
+    return {
+        "name": name,
+        "kind": kind,
+        "frame": frame,
+        "resolution": 0.5,
+        "origin": list(origin),
+        "size": [len(cells[0]), len(cells)],
+        "cells": bytes(value & 255 for line in cells for value in line),
+    }
+
+
+STATIC = {
+    "frame": "map",
+    "footprint_radius": 0.25,
+    "battery": 100.0,
+    "places": [{"name": "wp1", "position": [1.0, -2.0, 0.0]}],
+    "areas": [{"name": "table", "corners": [0.0, 0.0, 1.0, 0.5]}],
+    "cameras": [{"name": "camera", "frame": "optical", "size": [32, 24], "focal": [30.0, 30.0]}],
+    "grids": [grid("map", "occupancy", [[0, 100, -1], [0, 0, -1]])],
+}
+
+
+@pytest.fixture
+def show(run, recorded, tmp_path):
+    """``show({second: what moved, …})``: the recording of that."""
+
+    def made(moved: dict[float, dict], static: dict = STATIC):
+        seen = next(event for event in run(1) if isinstance(event, TreeSeen))
+        events = [seen, SceneStatic(static)]
+        events += [SceneMoving(round(t * SECOND), round(t * SECOND), data) for t, data in moved.items()]
+        return recorded(events, tmp_path / "run.rrd")
+
+    return made
+
+
+def colours(recording, name: str, t: float) -> np.ndarray:
+    entity = f"/scene/grids/{name}"
+    data = recording.at(entity, "GridMap:data", round(t * SECOND))[0]
+    size = recording.at(entity, "GridMap:format", round(t * SECOND))[0]
+    return np.array(data, dtype=np.uint8).reshape(size["height"], size["width"], 4)
+
+
+def test_the_map_lies_where_it_belongs_and_what_nobody_knows_is_not_painted(show):
+    recording = show({0.0: {}})
+    painted = colours(recording, "map", 0.0)
+    assert painted[1, 1, 3] == 255  # occupied, in the lowest row, which is an image's last
+    assert 0 < painted[0, 0, 3] < 255
+    assert painted[:, 2, 3].tolist() == [0, 0]
+    place = recording.at("/scene/grids/map", "GridMap:translation", 0)[0]
+    assert place[:2] == [1.0, 2.0]
+    assert recording.at("/scene/grids/map", "GridMap:cell_size", 0) == [0.5]
+
+
+def test_a_costmap_is_painted_anew_when_it_is_told_of_and_stays_until_then(show):
+    costs = grid("local_costmap", "costs", [[0, 1, 252], [253, 254, 255]], (0.0, 0.0), frame="odom")
+    later = grid("local_costmap", "costs", [[0, 0, 0], [0, 0, 0]], (3.0, 0.0), frame="odom")
+    recording = show({1.0: {"grids": [costs]}, 5.0: {"grids": [later]}})
+    below, above = colours(recording, "local_costmap", 4.9)[::-1]
+    assert below[0, 3] == above[2, 3] == 0  # free, and unknown
+    assert below[1, 2] > below[1, 0]  # cheap is blue, dear is red
+    assert below[2, 0] > below[2, 2]
+    assert above[0].tolist()[:3] == [0, 225, 225]  # inscribed: cyan
+    assert above[1].tolist()[:3] == [255, 0, 220]  # lethal: magenta
+    assert not colours(recording, "local_costmap", 5.0)[:, :, 3].any()
+    assert recording.at("/scene/grids/local_costmap", "GridMap:translation", 6 * SECOND)[0][0] == 3.0
+    assert recording.of("/scene/grids/local_costmap", "CoordinateFrame:frame")[0][1] == ["odom"]
+    heights = [
+        recording.at(f"/scene/grids/{name}", "GridMap:translation", 6 * SECOND)[0][2]
+        for name in ("map", "local_costmap")
+    ]
+    assert heights[0] < heights[1]
+
+
+def test_places_and_keep_outs_are_drawn_once(show):
+    recording = show({0.0: {}})
+    assert recording.of("/scene/places", "Points3D:labels") == [(None, ["wp1"])]
+    strips = recording.of("/scene/areas", "LineStrips3D:strips")[0][1]
+    xs, ys, _ = zip(*(point for strip in strips for point in strip), strict=True)
+    assert (min(xs), max(xs), min(ys), max(ys)) == (0.0, 1.0, 0.0, 0.5)
+
+
+def test_a_path_is_a_line_until_there_is_none(show):
+    path = rows("path", "path", (0, 0, 0), (1, 0, 0), (1, 1, 1.5))
+    recording = show({1.0: {"poses": [path]}, 2.0: {}, 3.0: {"poses": [rows("path", "path")]}})
+    told = recording.of("/scene/poses/path", "LineStrips3D:strips")
+    assert [t for t, _ in told] == [SECOND, 3 * SECOND]
+    assert [point[:2] for point in told[0][1][0]] == [[0, 0], [1, 0], [1, 1]]
+    assert told[1][1] == []
+    assert recording.of("/scene/poses/path", "LineStrips3D:colors") == [(None, [LOOKS["path"].colour])]
+
+
+@pytest.mark.parametrize(("kind", "strips"), [("cloud", 1), ("goal", 3), ("estimate", 2), ("odometry", 2)])
+def test_each_kind_of_pose_has_its_shape_where_it_is_and_heads_where_it_looks(show, kind, strips):
+    recording = show({1.0: {"poses": [rows("it", kind, (2.0, 3.0, np.pi / 2))]}})
+    drawn = recording.of("/scene/poses/it", "LineStrips3D:strips")[0][1]
+    assert len(drawn) == strips
+    points = np.array([point[:2] for strip in drawn for point in strip])
+    assert np.abs(points - (2.0, 3.0)).max() < 0.6
+    furthest = points[np.linalg.norm(points - (2.0, 3.0), axis=1).argmax()]
+    assert furthest[0] == pytest.approx(2.0, abs=1e-6)
+    assert furthest[1] > 3.0
+
+
+def test_poses_that_stay_take_no_row(show):
+    goal = {"poses": [rows("goal", "goal", (1, 2, 0))]}
+    recording = show({1.0: goal, 2.0: goal, 3.0: goal})
+    assert len(recording.of("/scene/poses/goal", "LineStrips3D:strips")) == 1
+
+
+def test_arrows_are_there_as_long_as_they_are_told_of(show):
+    push = {
+        "name": "push",
+        "frame": "base_link",
+        "start": [0, 0, 0],
+        "end": [1, 2, 0],
+        "color": [255, 0, 0, 255],
+    }
+    pull = {**push, "name": "pull", "end": [0, 1, 0]}
+    recording = show({1.0: {"arrows": [push, pull]}, 2.0: {"arrows": [push]}, 3.0: {}, 4.0: {"arrows": []}})
+    assert recording.of("/scene/arrows/push", "Arrows3D:vectors") == [(SECOND, [[1, 2, 0]]), (4 * SECOND, [])]
+    assert recording.of("/scene/arrows/pull", "Arrows3D:vectors") == [(SECOND, [[0, 1, 0]]), (2 * SECOND, [])]
+    assert recording.of("/scene/arrows/push", "CoordinateFrame:frame") == [(None, ["base_link"])]
+
+
+def test_pictures_come_with_what_was_found_in_them(show):
+    jpeg = {"name": "camera", "size": [32, 24], "format": "jpeg", "data": b"\xff\xd8 and so on"}
+    raw = {"name": "camera", "size": [2, 1], "format": "rgb8", "data": b"\x01\x02\x03\x04\x05\x06"}
+    found = {"picture": "camera", "name": "object", "box": [10, 4, 6, 8]}
+    recording = show(
+        {
+            1.0: {"pictures": [jpeg], "detections": [found]},
+            2.0: {"detections": [found]},
+            3.0: {"pictures": [raw], "detections": []},
+        }
+    )
+    assert bytes(recording.of("/camera/pictures/camera", "EncodedImage:blob")[0][1][0]) == jpeg["data"]
+    assert bytes(recording.of("/camera/pictures/camera", "Image:buffer")[0][1][0]) == raw["data"]
+    centers = recording.of("/camera/detections", "Boxes2D:centers")
+    assert centers == [(SECOND, [[13.0, 8.0]]), (3 * SECOND, [])]
+    assert recording.of("/camera/detections", "Boxes2D:half_sizes")[0][1] == [[3.0, 4.0]]
+
+
+def test_the_pyramid_of_sight_is_as_wide_as_the_lens(show):
+    strips = show({0.0: {}}).of("/scene/sight/camera", "LineStrips3D:strips")[0][1]
+    rim = np.array(strips[0])
+    assert np.ptp(rim[:, 0]) / rim[0, 2] == pytest.approx(32 / 30)
+    assert len(strips) == 5
+
+
+def test_the_battery_is_a_curve_and_the_robot_says_how_it_stands(run, recorded, tmp_path):
+    events = run(3)
+    t = events[-2].t
+    moved = SceneMoving(t, t, {"battery": 77.5, "notes": {"localisation": "sure"}})
+    recording = recorded([*events[:-2], moved, *run(4)[-3:-2]], tmp_path / "run.rrd")
+    assert recording.of("/battery/level", "Scalars:scalars") == [(t, [77.5])]
+    assert "| localisation | sure |" in recording.of("/now", "TextDocument:text")[-1][1][0]

@@ -1,0 +1,334 @@
+"""Breakpoints from code and from the terminal, in a robot that really runs."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import SimClock
+from monitor.breaks import BreakFault, Breaks, matching
+from monitor.picture import Picture, PictureNode
+from monitor.serve import serve
+
+pytestmark = pytest.mark.usefixtures("no_threads_left")
+ROOT = Path(__file__).parents[2]
+PATROL = """
+<root BTCPP_format="4" main_tree_to_execute="Patrol">
+  <BehaviorTree ID="Patrol">
+    <KeepRunningUntilFailure>
+      <Fallback name="choose">
+        <SubTree ID="Move" name="go"/>
+        <AlwaysSuccess name="rescue"/>
+      </Fallback>
+    </KeepRunningUntilFailure>
+  </BehaviorTree>
+  <BehaviorTree ID="Move">
+    <Sequence name="legs"><AlwaysSuccess name="left"/><AlwaysSuccess name="right"/></Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+
+class Robot:
+    """A tree that ticks on a thread of its own."""
+
+    def __init__(self, port: int = 0) -> None:
+        self.tree = btcore.loads(PATROL, resources=[SimClock()])
+        self.publisher = serve(self.tree, groot2=port, scene=False, allow_control=True)
+        self.address = self.publisher.address
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.002):
+            self.tree.tick_exactly_once()
+
+    def end(self) -> None:
+        self._stop.set()
+        self.publisher.close()
+        if self._thread.ident is not None:
+            self._thread.join(10)
+            assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    made = Robot()
+    yield made
+    made.end()
+
+
+def command(*arguments: str) -> list[str]:
+    start = "import sys; from monitor.hook_command import hook; sys.argv[0] = 'hook'; hook()"
+    return [sys.executable, "-c", start, *arguments]
+
+
+def hook(*arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        command(*arguments),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+def picture(*names: str) -> Picture:
+    nodes = tuple(
+        PictureNode(uid, name.rpartition("/")[2], "Work", "action", name)
+        for uid, name in enumerate(names, start=1)
+    )
+    return Picture("0" * 32, "Main", nodes)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("Move/left", ["Move/left"]),
+        ("left", ["Move/left", "Turn/left"]),
+        ("Move/*", ["Move/left", "Move/right"]),
+        ("*gh?", ["Move/right"]),
+        ("odd[1]", ["odd[1]"]),
+    ],
+)
+def test_a_pattern_is_a_path_a_name_or_a_glob(pattern, found):
+    nodes = matching(picture("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
+    assert [one.path for one in nodes] == found
+
+
+def test_a_pattern_that_fits_nothing_is_an_error_with_a_guess():
+    with pytest.raises(BreakFault, match=r"no node 'Move/Rihgt'; did you mean 'Move/right'\?"):
+        matching(picture("Move/left", "Move/right"), "Move/Rihgt")
+
+
+def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released(robot):
+    with Breaks(robot.address) as breaks:
+        assert breaks.break_at("go/l*") == ["go/legs", "go/left"]
+        robot.start()
+        assert breaks.wait().path == "go/legs"
+        assert breaks.status("left") == "IDLE"
+        breaks.release("go/legs", remove=True)
+        assert breaks.wait().path == "go/left"
+        assert breaks.status("legs") == "RUNNING"
+        assert robot.tree.ticks == 1
+        breaks.clear()
+        assert breaks.hooks() == []
+
+
+def test_a_release_may_say_what_became_of_the_node(robot):
+    with Breaks(robot.address) as breaks:
+        breaks.break_at("left", after=True)
+        robot.start()
+        breaks.wait()
+        breaks.break_at("rescue")
+        breaks.release("left", "failure", remove=True)
+        assert breaks.wait().path == "rescue"
+        assert breaks.status("choose") == "RUNNING"
+
+
+def test_a_status_is_injected_into_one_tick(robot):
+    tally = robot.tree.node("rescue").count()
+    robot.start()
+    with Breaks(robot.address) as breaks:
+        assert breaks.inject("right", 3) == ["go/right"]
+        assert breaks.wait().path == "go/right"
+        breaks.step()
+        assert tally.success == 1
+        assert [one.uid for one in breaks.hooks()] == [1]
+
+
+def test_the_tree_is_stepped_tick_by_tick(robot):
+    robot.start()
+    with Breaks(robot.address) as breaks:
+        breaks.step(0)
+        ticks = robot.tree.ticks
+        for more in range(1, 4):
+            breaks.step()
+            assert robot.tree.ticks == ticks + more
+        breaks.step(10)
+        assert robot.tree.ticks == ticks + 13
+
+
+def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
+    robot.start()
+    with Breaks(robot.address) as breaks:
+        breaks.step(0)
+        breaks.break_at("right")
+        assert breaks.step().path == "go/right"
+
+
+def test_a_robot_stands_as_long_as_somebody_is_there_to_talk_to_it(until):
+    tree = btcore.loads(PATROL, resources=[SimClock()])
+    with serve(tree, groot2=0, scene=False, allow_control=True, max_heartbeat_delay=1.5) as publisher:
+        tick = threading.Thread(target=tree.tick_exactly_once)
+        with Breaks(publisher.address) as breaks:
+            breaks.break_at("left")
+            tick.start()
+            breaks.wait()
+            tick.join(3)
+            assert tick.is_alive()
+        tick.join(10)
+        assert not tick.is_alive()
+
+
+def test_a_robot_that_comes_back_gets_its_breakpoints_again(robot, until):
+    with Breaks(robot.address) as breaks:
+        breaks.break_at("left")
+        before = breaks.picture.tree_id
+        port = robot.publisher.port
+        robot.end()
+        again = Robot(port)
+        try:
+            until(lambda: breaks.picture.tree_id != before and again.tree.hooks.all(), "set again")
+            again.start()
+            assert breaks.wait().path == "go/left"
+        finally:
+            again.end()
+
+
+def test_a_robot_may_come_later():
+    made: list[Robot] = []
+    with serve(btcore.loads(PATROL), groot2=0, scene=False) as publisher:
+        port = publisher.port
+    late = threading.Timer(0.3, lambda: made.append(Robot(port)))
+    late.start()
+    try:
+        with Breaks(f"{port}", timeout=10) as breaks:
+            assert breaks.break_at("left") == ["go/left"]
+    finally:
+        late.join()
+        made[0].end()
+
+
+def test_a_robot_that_is_not_there_is_an_error():
+    with pytest.raises(BreakFault, match=r"no robot answers at tcp://127\.0\.0\.1:1: is it running"):
+        Breaks("127.0.0.1:1", timeout=0.1)
+    with pytest.raises(BreakFault, match="'no robot' is no address"):
+        Breaks("no robot")
+
+
+def test_a_robot_that_may_not_be_controlled_is_an_error_that_says_what_would_help():
+    tree = btcore.loads(PATROL)
+    with (
+        serve(tree, groot2=0, scene=False) as publisher,
+        Breaks(publisher.address) as breaks,
+        pytest.raises(BreakFault, match="start it with --allow-control"),
+    ):
+        breaks.break_at("left")
+
+
+def test_what_cannot_be_done_is_told_with_what_is_there(robot):
+    with Breaks(robot.address) as breaks:
+        with pytest.raises(BreakFault, match="no breakpoint at 'left': the robot has no hooks"):
+            breaks.release("left")
+        breaks.break_at("right")
+        with pytest.raises(BreakFault, match="the robot's hooks are at go/right"):
+            breaks.clear("left")
+        with pytest.raises(BreakFault, match="'RUNNING' can't be injected"):
+            breaks.inject("left", "RUNNING")
+        with pytest.raises(BreakFault, match=r"no breakpoint was reached within 0.01 s"):
+            breaks.wait(0.01)
+        with pytest.raises(BreakFault, match=r"came to no other tick within 0\.01 s"):
+            breaks.step(timeout=0.01)
+
+
+def test_from_the_terminal_a_status_is_injected_and_hooks_are_listed_and_cleared(robot):
+    robot.start()
+    assert hook(robot.address, "inject", "left", "failure").stdout == "go/left: FAILURE\n"
+    assert hook(robot.address, "list").stdout == "no hooks\n"
+    assert hook(robot.address, "break", "right", "--leave").stdout == "breakpoint before go/right\n"
+    assert hook(robot.address, "list").stdout == "breakpoint before go/right\n"
+    assert hook(robot.address, "release", "right").stdout == "released go/right\n"
+    assert hook(robot.address, "clear").stdout == "cleared go/right\n"
+    assert "stands before the next tick; running: " in hook(robot.address, "step", "2").stdout
+
+
+def test_from_the_terminal_breakpoints_are_watched_until_the_last_is_released(robot):
+    robot.start()
+    watching = subprocess.Popen(
+        command(robot.address, "break", "left", "right", "--once", "--for", "60"),
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert watching.stdout is not None
+    said = [watching.stdout.readline() for _ in range(3)]
+    assert said == ["breakpoint before go/left\n", "breakpoint before go/right\n", "reached go/left\n"]
+    with Breaks(robot.address) as breaks:
+        breaks.release("left")
+        assert watching.stdout.readline() == "reached go/right\n"
+        breaks.release("right")
+    assert watching.wait(20) == 0
+    watching.stdout.close()
+    assert robot.tree.hooks.all() == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["127.0.0.1:1", "--wait", "0.1", "list"], "no robot answers at tcp://127.0.0.1:1"),
+        (["not an address", "list"], "'not an address' is no address"),
+        (["relaese"], "there is no command 'relaese'. Did you mean 'release'?"),
+        (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2(arguments, said):
+    result = hook(*arguments)
+    assert result.returncode == 2
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_pattern_that_fits_nothing_is_a_mistake_too(robot):
+    result = hook(robot.address, "break", "lefft")
+    assert result.returncode == 2
+    assert "did you mean 'left'?" in result.stderr
+
+
+def run_of_btcore(folder: Path, *options: str) -> subprocess.Popen[str]:
+    """``btcore run`` of the patrol, for ever."""
+    (folder / "patrol.xml").write_text(PATROL)
+    return subprocess.Popen(
+        [sys.executable, "-m", "btcore", "run", str(folder / "patrol.xml"), "--until", "never", *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def test_a_run_that_stands_at_a_breakpoint_is_ended_by_ctrl_c(tmp_path):
+    run = run_of_btcore(tmp_path, "--publish", "groot2", "--allow-control", "--port", "0")
+    try:
+        assert run.stderr is not None
+        published = re.search(r"publishing at (\S+)", run.stderr.readline())
+        assert published is not None
+        with Breaks(published[1], timeout=20) as breaks:
+            breaks.break_at("left")
+            breaks.wait()
+            run.send_signal(signal.SIGINT)
+            said = run.communicate(timeout=20)[1]
+        assert run.returncode == 130
+        assert "interrupted" in said
+    finally:
+        run.kill()
+        run.wait()
+
+
+def test_control_is_allowed_only_where_it_is_published(tmp_path):
+    run = run_of_btcore(tmp_path, "--allow-control")
+    said = run.communicate(timeout=60)[1]
+    assert run.returncode == 2
+    assert "--allow-control needs --publish groot2" in said

@@ -1,0 +1,460 @@
+"""Breakpoints and injected statuses by Groot 2's requests, over real sockets, decoded by groot2.md alone."""
+
+import json
+import os
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import btcore
+from monitor.serve import Publisher, serve
+from monitor.wire import groot2
+from monitor.wire.hooks import (
+    Unlocking,
+    WireHook,
+    decode_hooks,
+    encode_breakpoint_reached,
+    encode_dump,
+    encode_hooks,
+    encode_place,
+    encode_unlocking,
+)
+
+pytestmark = pytest.mark.usefixtures("no_threads_left")
+CAPTURES = Path(__file__).parent / "captures"
+BREAKPOINT = {
+    "enabled": True,
+    "uid": 4,
+    "mode": 0,
+    "once": False,
+    "desired_status": "SKIPPED",
+    "position": 0,
+}
+
+
+def frames_of(name: str) -> list[bytes]:
+    """The frames of a capture: each has its length (u32) before it."""
+    data, frames = (CAPTURES / f"{name}.bin").read_bytes(), []
+    while data:
+        (size,) = struct.unpack_from("<I", data)
+        frames.append(data[4 : 4 + size])
+        data = data[4 + size :]
+    return frames
+
+
+class Window:
+    """What Groot 2's window does: a REQ socket, and a SUB socket one port further."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        self.publisher = publisher
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.requests = self.context.socket(zmq.REQ)
+        self.requests.connect(publisher.address)
+        self.notices = self.context.socket(zmq.SUB)
+        self.notices.setsockopt(zmq.SUBSCRIBE, b"")
+        ready = self.notices.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
+        self.notices.connect(f"tcp://127.0.0.1:{publisher.port + 1}")
+        connected = ready.poll(5_000)
+        self.notices.disable_monitor()
+        ready.close(linger=0)
+        assert connected
+        self.ask("S")
+
+    def send(self, *frames: bytes) -> list[bytes]:
+        self.requests.send_multipart(frames)
+        assert self.requests.poll(5_000), "no reply within 5 s"
+        return self.requests.recv_multipart()
+
+    def ask(self, kind: str, what: object = None) -> bytes:
+        body = [] if what is None else [what if isinstance(what, bytes) else json.dumps(what).encode()]
+        header = b"\x02" + kind.encode() + os.urandom(4)
+        reply = self.send(header, *body)
+        assert reply[0][:6] == header, reply
+        assert reply[0][6:].hex() == self.publisher.tree_id
+        return b"".join(reply[1:])
+
+    def refused(self, kind: str, what: object = None) -> str:
+        body = [] if what is None else [what if isinstance(what, bytes) else json.dumps(what).encode()]
+        word, sentence = self.send(b"\x02" + kind.encode() + b"abcd", *body)
+        assert word == b"error"
+        return sentence.decode()
+
+    def dump(self) -> list[dict[str, object]]:
+        found: list[dict[str, object]] = json.loads(self.ask("D"))
+        return found
+
+    def reached(self) -> int:
+        assert self.notices.poll(5_000), "no notification within 5 s"
+        header, uid = self.notices.recv_multipart()
+        assert (len(header), header[:2]) == (6, b"\x02N")
+        return int(uid)
+
+    def close(self) -> None:
+        self.requests.close(linger=0)
+        self.notices.close(linger=0)
+        self.context.term()
+
+
+Opening = Callable[..., Window]
+
+
+@pytest.fixture
+def control() -> Iterator[Opening]:
+    """Publishes a tree that may be controlled, and opens a window on it."""
+    opened: list[Window] = []
+
+    def open_window(tree: btcore.Tree, **options: float) -> Window:
+        publisher = serve(tree, groot2=0, scene=False, allow_control=True, **options)
+        opened.append(Window(publisher))
+        return opened[-1]
+
+    yield open_window
+    for window in opened:
+        window.close()
+        window.publisher.close()
+
+
+class Ticking:
+    """One tick of a tree, on a thread of its own."""
+
+    def __init__(self, tree: btcore.Tree) -> None:
+        self._tree = tree
+        self._status: btcore.Status | None = None
+        self.thread = threading.Thread(target=self._tick)
+        self.thread.start()
+
+    def _tick(self) -> None:
+        self._status = self._tree.tick_exactly_once()
+
+    def end(self) -> btcore.Status | None:
+        self.thread.join(10)
+        assert not self.thread.is_alive(), "the tick still stands"
+        return self._status
+
+
+# --- bytes
+
+
+def test_our_requests_are_the_captured_ones_byte_for_byte():
+    assert encode_hooks([WireHook(4)]) == frames_of("v4_hook_insert_breakpoint.req")[1]
+    failing = WireHook(5, position=1, mode=1, once=True, desired_status="FAILURE")
+    assert b"[" + encode_hooks([failing]) + b"]" == frames_of("v4_hook_insert_array_replace_post.req")[1]
+    assert encode_place(4, 0) == frames_of("v4_hook_remove.req")[1]
+    unlocking = Unlocking(4, 0, "SUCCESS", False)
+    assert encode_unlocking(unlocking) == frames_of("v4_breakpoint_unlock.req")[1]
+
+
+def test_our_dump_and_notification_are_the_captured_ones_byte_for_byte():
+    assert encode_dump([WireHook(4)]) == frames_of("v4_hooks_dump_one.rep")[1]
+    assert encode_dump([]) == frames_of("v4_hooks_dump_empty.rep")[1]
+    captured = frames_of("v4_breakpoint_reached.pub")
+    assert encode_breakpoint_reached(4, int.from_bytes(captured[0][2:], "little")) == captured
+    assert groot2.decode_breakpoint_reached(captured) == 4
+
+
+def test_a_dump_is_read_back():
+    hooks = [WireHook(4), WireHook(7, 1, 1, True, "FAILURE", False)]
+    assert decode_hooks(encode_dump(hooks)) == decode_hooks(encode_hooks(hooks)) == hooks
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hooks_dump_empty",
+        "hook_insert_breakpoint",
+        "hooks_dump_one",
+        "breakpoint_unlock",
+        "hook_remove",
+        "hook_remove_missing_error",
+        "hook_insert_array_replace_post",
+        "remove_all_hooks",
+        "disable_all_hooks",
+        "error_missing_part2",
+        "error_unknown_request",
+        "error_bad_header",
+    ],
+)
+def test_captured_requests_get_the_captured_replies_but_for_the_trees_id(sample, control, name):
+    window = control(sample)
+    if name in ("hooks_dump_one", "breakpoint_unlock", "hook_remove"):
+        window.send(*frames_of("v4_hook_insert_breakpoint.req"))
+    expected = frames_of(f"v4_{name}.rep")
+    if len(expected[0]) == 22:
+        expected[0] = expected[0][:6] + bytes.fromhex(window.publisher.tree_id)
+    assert window.send(*frames_of(f"v4_{name}.req")) == expected
+
+
+def test_the_whole_captured_session_happens_here_too(sample, control):
+    """g2cli.out.txt: a breakpoint before AlwaysFailure, released with SUCCESS; then Count is made to fail."""
+    window = control(sample)
+    while sample.tick_exactly_once() is btcore.Status.RUNNING:
+        pass
+    window.send(*frames_of("v4_hook_insert_breakpoint.req"))
+    tick = Ticking(sample)
+    assert window.reached() == 4
+    assert window.ask("S").hex() == "01000102000203000104000d05000c06000c0a000007000c08000c09000c"
+    window.send(*frames_of("v4_breakpoint_unlock.req"))
+    assert tick.end() is btcore.Status.RUNNING
+    window.send(*frames_of("v4_hook_remove.req"))
+    window.send(*frames_of("v4_hook_insert_array_replace_post.req"))
+    assert sample.tick_exactly_once() is btcore.Status.SUCCESS
+    assert sample.tick_exactly_once() is btcore.Status.FAILURE
+    assert window.reached() == 5
+    assert window.ask("D") == b"[]"
+    assert window.ask("S").hex() == "01000d02000c03000d04000d05000d06000c0a000007000c08000c09000c"
+
+
+# --- errors
+
+
+def without(key: str) -> dict[str, object]:
+    return {name: value for name, value in BREAKPOINT.items() if name != key}
+
+
+OUT = "[json.exception.out_of_range.403] key '{}' not found"
+TYPE = "[json.exception.type_error.302] type must be {}, but is {}"
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "sentence"),
+    [
+        ("I", {"uid": 4}, OUT.format("position")),
+        ("I", {}, OUT.format("uid")),
+        *(("I", without(key), OUT.format(key)) for key in BREAKPOINT),
+        ("I", BREAKPOINT | {"uid": "four"}, TYPE.format("number", "string")),
+        ("I", BREAKPOINT | {"enabled": 1}, TYPE.format("boolean", "number")),
+        ("I", BREAKPOINT | {"desired_status": None}, TYPE.format("string", "null")),
+        ("I", BREAKPOINT | {"desired_status": "MAYBE"}, "Cannot convert this to NodeStatus: MAYBE"),
+        ("I", [1], "[json.exception.type_error.304] cannot use at() with number"),
+        (
+            "I",
+            b"not json",
+            "[json.exception.parse_error.101] parse error at line 1, column 2: "
+            "syntax error while parsing value - invalid literal; last read: 'no'",
+        ),
+        ("R", {"uid": 4}, OUT.format("position")),
+        ("R", {"uid": 4, "position": 0}, "Node ID not found"),
+        ("U", {"uid": 4, "position": 0, "desired_status": "SUCCESS"}, OUT.format("remove_when_done")),
+        (
+            "U",
+            {"uid": 4, "position": 1, "desired_status": "", "remove_when_done": False},
+            "Node ID not found",
+        ),
+    ],
+)
+def test_a_request_that_makes_no_sense_is_refused_in_the_originals_words(
+    sample, control, kind, body, sentence
+):
+    window = control(sample)
+    assert window.refused(kind, body) == sentence
+    assert window.dump() == []
+
+
+def test_text_that_cannot_be_sent_back_is_refused_too(sample, control):
+    window = control(sample)
+    assert "NodeStatus" in window.refused("I", BREAKPOINT | {"desired_status": "\ud800"})
+    for noise in (b"", b"[" * 100_000, b"\xff\xfe", b"9" * 5000, b"NaN", b'{"uid": 1e999}', b"[1,", b"nul"):
+        assert "json" in window.refused("I", noise)
+    assert window.dump() == []
+
+
+def test_a_hook_for_no_node_is_accepted_and_forgotten(sample, control):
+    window = control(sample)
+    assert window.ask("I", BREAKPOINT | {"uid": 999}) == b""
+    assert window.dump() == []
+
+
+def test_hooks_are_disabled_unless_control_is_allowed(sample):
+    with serve(sample, groot2=0) as publisher:
+        window = Window(publisher)
+        try:
+            assert window.refused("I", BREAKPOINT) == "hooks are disabled"
+            assert window.refused("D") == "hooks are disabled"
+        finally:
+            window.close()
+
+
+# --- what hooks do
+
+
+def test_a_dump_lists_those_before_a_tick_first(sample, control):
+    window = control(sample)
+    window.ask("I", [BREAKPOINT | {"position": 1}, BREAKPOINT | {"uid": 7, "mode": 1}])
+    assert [(one["uid"], one["position"], one["mode"]) for one in window.dump()] == [(7, 0, 1), (4, 1, 0)]
+
+
+def test_a_hook_at_the_same_place_overwrites(sample, control):
+    window = control(sample)
+    window.ask("I", BREAKPOINT)
+    changed = BREAKPOINT | {"mode": 1, "once": True, "desired_status": "FAILURE", "enabled": False}
+    window.ask("I", changed)
+    assert window.dump() == [changed]
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "left"),
+    [
+        ("R", {"uid": 4, "position": 0}, 0),
+        ("A", None, 0),
+        ("X", None, 1),
+        ("I", BREAKPOINT | {"mode": 1}, 1),
+        ("U", {"uid": 4, "position": 0, "desired_status": "RUNNING", "remove_when_done": True}, 0),
+    ],
+)
+def test_what_releases_a_tick_that_stands(sample, control, kind, body, left):
+    window = control(sample)
+    window.ask("I", BREAKPOINT)
+    tick = Ticking(sample)
+    assert window.reached() == 4
+    window.ask(kind, body)
+    assert tick.end() is btcore.Status.RUNNING
+    assert dict(struct.iter_unpack("<HB", window.ask("S")))[4] == 3
+    assert len(window.dump()) == left
+
+
+def test_statuses_and_blackboards_are_answered_while_the_tree_stands(sample, control):
+    window = control(sample)
+    window.ask("I", BREAKPOINT)
+    tick = Ticking(sample)
+    window.reached()
+    assert dict(struct.iter_unpack("<HB", window.ask("S")))[2] == 2
+    assert b"hello" in window.ask("B", b"Main")
+    window.ask("A")
+    tick.end()
+
+
+def test_recorded_transitions_show_the_injected_status(sample, control):
+    window = control(sample)
+    window.ask("r", b"start")
+    window.ask("I", BREAKPOINT | {"uid": 5, "mode": 1, "position": 1, "desired_status": "FAILURE"})
+    assert sample.tick_exactly_once() is btcore.Status.FAILURE
+    body = window.ask("t")
+    changes = [struct.unpack_from("<HB", body, at + 6) for at in range(0, len(body), 9)]
+    assert (5, 3) in changes
+    assert (5, 1) not in changes
+
+
+# --- who stops a robot stays with it
+
+
+def test_silence_disables_hooks_and_a_request_enables_them_again(sample, control, until):
+    window = control(sample, max_heartbeat_delay=0.3)
+    window.ask("I", BREAKPOINT)
+    tick = Ticking(sample)
+    window.reached()
+    assert tick.end() is btcore.Status.RUNNING
+    assert [one.enabled for one in sample.hooks.all()] == [False]
+    assert [one["enabled"] for one in window.dump()] == [True]
+    window.ask("X")
+    assert [one["enabled"] for one in window.dump()] == [False]
+    sample.halt()
+    until(lambda: window.publisher._served.groot2.control._alone, "the silence is noticed")
+    assert [one["enabled"] for one in window.dump()] == [True]
+
+
+def test_a_request_of_any_kind_is_a_sign_of_life(sample, control):
+    window = control(sample, max_heartbeat_delay=0.5)
+    window.ask("I", BREAKPOINT)
+    tick = Ticking(sample)
+    window.reached()
+    deadline = threading.Event()
+    for _ in range(10):
+        assert window.send(b"no request")[0] == b"error"
+        deadline.wait(0.1)
+    assert tick.thread.is_alive()
+    window.ask("A")
+    tick.end()
+
+
+def test_a_publisher_that_ends_leaves_no_hook_behind(sample, control):
+    window = control(sample)
+    window.ask("I", BREAKPOINT)
+    tick = Ticking(sample)
+    window.reached()
+    window.publisher.finish()
+    tick.end()
+    assert sample.hooks.all() == []
+    assert window.refused("I", BREAKPOINT) == "hooks are disabled"
+    assert window.refused("D") == "hooks are disabled"
+
+
+def test_a_tree_that_is_exchanged_takes_its_hooks_with_it(sample, endless, control, until):
+    window = control(sample)
+    window.ask("I", BREAKPOINT)
+    window.publisher.replace(endless)
+    assert sample.hooks.all() == []
+    until(lambda: window.send(b"\x02D0000")[0][6:].hex() == window.publisher.tree_id, "the new tree")
+    assert window.dump() == []
+    window.ask("I", BREAKPOINT | {"uid": 1})
+    assert [one.uid for one in endless.hooks.all()] == [1]
+
+
+# --- noise
+
+PIECES = st.fixed_dictionaries(
+    {},
+    optional={
+        "enabled": st.booleans() | st.none(),
+        "uid": st.integers(0, 8) | st.text(max_size=3) | st.floats(),
+        "mode": st.integers(-1, 2),
+        "once": st.booleans(),
+        "desired_status": st.sampled_from(["SUCCESS", "FAILURE", "SKIPPED", "RUNNING", "IDLE", "?"]),
+        "position": st.integers(-1, 2),
+        "remove_when_done": st.booleans(),
+    },
+)
+HOOKS = st.builds(
+    lambda uid, position, **rest: {"uid": uid, "position": position, "enabled": True, **rest},
+    st.integers(1, 8),
+    st.integers(0, 1),
+    mode=st.integers(0, 1),
+    once=st.booleans(),
+    desired_status=st.sampled_from(["SUCCESS", "FAILURE", "SKIPPED"]),
+    remove_when_done=st.booleans(),
+)
+BODIES = st.builds(lambda one: json.dumps(one).encode(), PIECES | HOOKS | st.lists(HOOKS, max_size=3))
+KINDS = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00IRU"))
+HEADERS = st.builds(lambda kind, rest: bytes([2, kind]) + rest, KINDS, st.binary(min_size=4, max_size=4))
+
+
+def test_ten_thousand_random_requests_leave_robot_and_publisher_alive(endless, control):
+    window = control(endless)
+    stop = threading.Event()
+
+    def tick() -> None:
+        while not stop.wait(0.001):
+            endless.tick_exactly_once()
+
+    ticking = threading.Thread(target=tick)
+    ticking.start()
+    answers = {"error": 0, "reply": 0}
+
+    @given(HEADERS | st.binary(max_size=8), st.lists(BODIES | st.binary(max_size=20), max_size=2))
+    @settings(max_examples=10_000, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    def noise(first: bytes, rest: list[bytes]) -> None:
+        reply = window.send(first, *rest)
+        if reply[0] == b"error":
+            assert len(reply) == 2
+            answers["error"] += 1
+        else:
+            assert reply[0][:1] + reply[0][2:6] == b"\x02" + first[2:6]
+            assert len(reply[0]) == 22
+            answers["reply"] += 1
+
+    try:
+        noise()
+    finally:
+        window.ask("A")
+        before = endless.ticks
+        stop.wait(0.1)
+        after = endless.ticks
+        stop.set()
+        ticking.join(10)
+    assert after > before
+    assert min(answers.values()) > 1000

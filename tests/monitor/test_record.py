@@ -1,0 +1,266 @@
+"""`btcore record`: a running robot, by the wire, in files that are whole."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from btcore.logs import BtLog, divergence, read_btlog, read_log, read_sqlite, steps
+from btcore.logs.recording import nodes_of
+from btcore.xml.write import tree_to_xml
+from monitor.logbook import Logbook
+from monitor.picture import Gap, Link, Picture, PictureNode, StatusChanged, TreeSeen, Unseen, Wire
+from monitor.serve import serve
+from monitor.wire.fulltree import read_fulltree, write_fulltree
+
+pytestmark = pytest.mark.usefixtures("no_threads_left")
+ROOT = Path(__file__).parents[2]
+MS = 1_000_000
+WALL = 1_700_000_000 * 10**9
+
+
+class Recorder:
+    """The command, in a process of its own; *said* gathers what it says."""
+
+    def __init__(self, *arguments: object, folder: Path) -> None:
+        command = [sys.executable, "-m", "btcore", "record", *map(str, arguments)]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        self.process = subprocess.Popen(
+            command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
+        )
+        self.said = ""
+        self.thread = threading.Thread(target=self._read)
+        self.thread.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.said += line
+
+    def finish(self, number: signal.Signals | None = None) -> int:
+        if number is not None:
+            self.process.send_signal(number)
+        code = self.process.wait(60)
+        self.thread.join()
+        return code
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Iterator[Callable[..., Recorder]]:
+    started: list[Recorder] = []
+
+    def start(*arguments: object) -> Recorder:
+        started.append(Recorder(*arguments, folder=tmp_path))
+        return started[-1]
+
+    yield start
+    for one in started:
+        one.process.kill()
+        one.finish()
+        assert one.process.stderr is not None
+        one.process.stderr.close()
+
+
+def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    with serve(endless, groot2=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
+        outputs = [part for name in ("run.btlog", "run.db3", "run.rrd") for part in ("-o", name)]
+        recorder = record(publisher.address, *outputs, "--until-end")
+        assert publisher.wait_for_clients(1, 60)
+        for _ in range(300):
+            endless.tick_exactly_once()
+        endless.halt()
+        publisher.finish()
+        assert recorder.finish() == 0, recorder.said
+    own = read_btlog(tmp_path / "own.btlog")
+    assert len(own.changes) > 2_000
+    for name in ("run.btlog", "run.db3"):
+        recording = read_log(tmp_path / name)
+        assert divergence(steps(own), steps(recording)) is None, name
+        assert (recording.damage, recording.gaps) == ("", ())
+        assert recording.xml == own.xml
+    assert f"{len(own.changes)} transitions in run.btlog, run.db3 and run.rrd" in recorder.said
+    numbers = list(_numbers(tmp_path / "run.rrd"))
+    assert sorted(numbers) == list(range(1, len(own.changes) + 1))
+
+
+def _numbers(path: Path) -> Iterator[int]:
+    from rerun.chunk import RrdReader
+
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path == "/log/numbers":
+            for (number,) in chunk.to_record_batch().column("number").to_pylist():
+                yield number
+
+
+def test_ctrl_c_leaves_whole_files(endless, record, tmp_path: Path, until) -> None:
+    with serve(endless, groot2=0, grace=0) as publisher:
+        recorder = record(publisher.address, "-o", "run.btlog", "-o", "run.db3")
+        assert publisher.wait_for_clients(1, 60)
+        endless.tick_exactly_once()
+        until(lambda: "recording 'Endless'" in recorder.said, "the tree")
+        until(lambda: len(read_btlog(tmp_path / "run.btlog").changes) > 3, "transitions in the file")
+        assert recorder.finish(signal.SIGINT) == 0, recorder.said
+    assert (
+        "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd" in recorder.said
+    )
+    first, second = read_btlog(tmp_path / "run.btlog"), read_sqlite(tmp_path / "run.db3")
+    assert divergence(steps(first), steps(second), tolerance=MS) is None
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["run.btlog", "run.db3"]
+
+
+def test_a_robot_that_only_speaks_groot_2_is_recorded_and_what_is_missing_is_said(
+    sample, record, tmp_path: Path, until
+) -> None:
+    path = tmp_path / "run.btlog"
+    with serve(sample, groot2=0, scene=False) as publisher:
+        recorder = record(publisher.address, "-o", "run.btlog", "--duration", "60")
+        until(lambda: "recording 'Main'" in recorder.said, "the tree")
+        sample.tick_exactly_once()
+        until(lambda: len(read_btlog(path).changes) >= 4, "transitions in the file")
+        assert recorder.finish(signal.SIGTERM) == 0
+    recording = read_btlog(path)
+    assert recording.statuses() == {node.uid: node.status for node in sample.nodes}
+    assert all(f"record: {topic}: " in recorder.said for topic in ("ticks", "exceptions", "blackboard"))
+    assert recording.xml == tree_to_xml(sample)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "Missing option '-o'"),
+        (
+            ["-o", "run.txt"],
+            "ends in .btlog, .db3, .btdb or .rrd; did you mean run.btlog?",
+        ),
+        (["-o", "nowhere/run.btlog"], "there is no folder"),
+        (["-o", "a.btlog", "-o", "./a.btlog"], "twice, and a file holds one log"),
+        (["not an address", "-o", "a.btlog"], "'not an address' is no address"),
+        (["127.0.0.1:9", "-o", "a.btlog", "--duration", "0.1"], "no tree was seen at 127.0.0.1:9"),
+    ],
+)
+def test_a_mistake_is_a_sentence_and_exit_code_2(record, tmp_path: Path, arguments, said: str) -> None:
+    recorder = record(*arguments)
+    assert recorder.finish() == 2
+    assert said.casefold() in recorder.said.casefold()
+    assert "Traceback" not in recorder.said
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- the logbook alone: what no real robot does on demand
+
+PICTURE = Picture(
+    "a" * 32,
+    "Main",
+    (
+        PictureNode(1, "root", "Sequence", "control", "root", 0, (2, 3), {}, ""),
+        PictureNode(2, "A", "A", "action", "A::2", 1, (), {"speed": "{v}"}, ""),
+        PictureNode(3, "Sub", "SubTree", "subtree", "Sub::3", 1, (4,), {"x": "{y}"}, ""),
+        PictureNode(4, "deep", "Wait", "condition", "Sub::3/deep", 3, (), {}, "Sub::3"),
+    ),
+    {"": "Main", "Sub::3": "Sub"},
+)
+
+
+def changed(number: int, ms: int, uid: int, previous: int, status: int) -> StatusChanged:
+    return StatusChanged(number, ms * MS, WALL + ms * MS, 1, uid, previous, status)
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> list[Path]:
+    return [tmp_path / "run.btlog", tmp_path / "run.db3"]
+
+
+def test_a_gap_of_numbers_is_marked_and_how_nodes_are_found_after_it(logs: list[Path]) -> None:
+    book = Logbook(logs)
+    book.show(TreeSeen(PICTURE, 0, WALL, {}))
+    book.show(changed(1, 0, 1, 0, 1))
+    book.show(changed(2, 1, 2, 0, 1))
+    book.show(Gap(3, 8))
+    book.show(changed(9, 9, 2, 0, 1))
+    book.close()
+    for log in logs:
+        recording = read_log(log)
+        assert [change[1:] for change in recording.changes] == [(1, 0, 1), (2, 0, 1), (2, 1, 0), (2, 0, 1)]
+        assert recording.gaps == ((2, "the transitions 3 to 8 are lost"),)
+        # An SQLite log's stamps increase by 1 µs at least.
+        assert recording.changes[-1].stamp - recording.start in (9 * MS, 9 * MS + 1_000)
+    assert (book.transitions, book.gaps) == (4, 1)
+
+
+def test_a_robot_that_was_away_and_one_that_ran_before_are_marked(logs: list[Path]) -> None:
+    book = Logbook(logs)
+    sampled = Wire("Groot 2, sampled", {"ticks": "not sent", "transitions": "changes between are unseen"})
+    book.show(TreeSeen(PICTURE, 0, WALL, {1: 1}, numbered=False, wire=sampled))
+    book.show(Link("lost", "no answer for 3 s"))
+    book.show(TreeSeen(PICTURE, 5 * MS, WALL, {1: 2}, numbered=False))
+    book.close()
+    assert [gap.said for gap in read_log(logs[0]).gaps] == [
+        "changes between are unseen",
+        "the tree was running before the recording began",
+        "the robot was away: no answer for 3 s",
+    ]
+    for log in logs:
+        assert [change[1:] for change in read_log(log).changes] == [(1, 0, 1), (1, 1, 2)]
+        assert read_log(log).gaps[-1] == (1, "the robot was away: no answer for 3 s")
+
+
+def test_what_went_unseen_is_marked_where_it_is_a_transition(logs: list[Path]) -> None:
+    book = Logbook(logs)
+    book.show(TreeSeen(PICTURE, 0, WALL, {}, numbered=False))
+    book.show(changed(1, 1, 2, 0, 1))
+    book.show(Unseen(2 * MS, WALL, MS, "blackboard", "not asked for"))
+    book.show(Unseen(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
+    book.show(changed(2, 2, 2, 2, 0))
+    book.close()
+    for log in logs:
+        assert read_log(log).gaps == ((1, "the robot's buffer ran over"),)
+        assert [change[1:] for change in read_log(log).changes] == [(2, 0, 1), (2, 1, 2), (2, 2, 0)]
+
+
+def test_what_the_robot_no_longer_remembers_is_marked(logs: list[Path]) -> None:
+    book = Logbook(logs)
+    book.show(TreeSeen(PICTURE, 0, WALL, {}))
+    book.show(changed(500, 1, 2, 0, 1))
+    book.show(changed(501, 2, 2, 1, 2))
+    book.close()
+    assert read_log(logs[0]).gaps == ((0, "the transitions up to 499 were before the recording"),)
+
+
+def test_another_tree_gets_files_of_its_own(logs: list[Path]) -> None:
+    book = Logbook(logs)
+    book.show(TreeSeen(PICTURE, 0, WALL, {}))
+    book.show(changed(1, 0, 1, 0, 1))
+    other = Picture("b" * 32, "Main", PICTURE.nodes, PICTURE.subtrees)
+    book.show(TreeSeen(other, 0, WALL, {}))
+    book.show(changed(1, 0, 2, 0, 2))
+    book.close()
+    assert [file.name for file in book.files] == ["run.btlog", "run.db3", "run.2.btlog", "run.2.db3"]
+    assert [read_log(file).changes[0].uid for file in book.files] == [1, 1, 2, 2]
+
+
+def test_a_tree_that_came_without_xml_is_written_as_one(logs: list[Path]) -> None:
+    again = read_fulltree(write_fulltree(PICTURE), PICTURE.tree_id)
+    assert again == PICTURE
+    nodes = nodes_of(write_fulltree(PICTURE), "here")
+    assert [node.path for node in nodes.values()] == [node.path for node in PICTURE.nodes]
+
+
+def test_a_tree_that_came_with_xml_is_written_byte_for_byte(sample) -> None:
+    xml = tree_to_xml(sample).encode()
+    assert write_fulltree(read_fulltree(xml, "0" * 32)) == xml
+
+
+def test_stamps_are_the_trees_time_on_the_wall_where_it_was_met(tmp_path: Path) -> None:
+    book = Logbook([tmp_path / "run.btlog"])
+    book.show(TreeSeen(PICTURE, 100 * MS, WALL, {}))
+    book.show(StatusChanged(1, 350 * MS, WALL + 2 * MS, 1, 1, 0, 1))  # a run faster than real time
+    book.close()
+    recording = read_btlog(tmp_path / "run.btlog")
+    assert recording.start == WALL
+    assert recording.changes[0].stamp == WALL + 250 * MS

@@ -1,0 +1,193 @@
+"""`btcore replay`: a log as text, and as a recording for the viewer."""
+
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from rerun.chunk import RrdReader
+
+from btcore.cli.main import main
+from btcore.logs import read_fbl, read_log
+from monitor.picture import StatusChanged, TreeSeen, Unseen
+from monitor.replay import events, picture_of
+from monitor.wire.fulltree import read_fulltree
+
+CAPTURES = Path(__file__).parents[1] / "btcore" / "logs" / "captures"
+LOGS = [CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl")]
+EACH = pytest.mark.parametrize("log", LOGS, ids=lambda path: path.suffix[1:])
+
+Replay = Callable[..., Result]
+
+
+@pytest.fixture
+def replay(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Replay:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    return lambda *arguments: CliRunner().invoke(main, ["replay", *map(str, arguments)], prog_name="btcore")
+
+
+def parts(text: str) -> list[tuple[str, str, str]]:
+    """(path, old, new) of every line."""
+    words = [line.split() for line in text.splitlines()]
+    return [(path, old, new) for _, path, old, _, new in words]
+
+
+@EACH
+def test_a_line_a_transition(replay: Replay, log: Path) -> None:
+    recording = read_log(log)
+    result = replay(log, "--text")
+    assert result.exit_code == 0, result.output
+    paths = recording.keys()
+    assert parts(result.stdout) == [
+        (paths[uid], previous.name, status.name) for _, uid, previous, status in recording.changes
+    ]
+
+
+def test_both_formats_of_one_run_give_the_same_lines(replay: Replay) -> None:
+    first, second = (parts(replay(log, "--text").stdout) for log in LOGS[:2])
+    assert first == second
+
+
+def test_times_count_from_the_start_of_the_log(replay: Replay) -> None:
+    lines = replay(LOGS[2], "--text").stdout.splitlines()
+    assert lines[5].split() == ["0.305341", "cnt", "RUNNING", "→", "SUCCESS"]
+
+
+def test_a_time_and_nodes_can_be_picked(replay: Replay) -> None:
+    result = replay(LOGS[2], "--text", "--from", "0.3", "--to", "0.31", "--node", "Sub*", "--node", "cnt")
+    assert [path for path, _, _ in parts(result.stdout)] == [
+        "cnt",
+        "cnt",
+        "Sub::6",
+        "Sub::6/Sequence::7",
+        "Sub::6/Count::8",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--text", "--save", "x.rrd"], "--text and --save are two answers"),
+        (["--node", "cnt", "--save", "x.rrd"], "--node picks lines: it goes with --text"),
+        (["--text", "--node", "Sub::7"], "no node's path is like 'Sub::7'; did you mean 'Sub::6'?"),
+        (["--text", "--from", "3", "--to", "2"], "--from 3 is after --to 2"),
+        (
+            ["--text", "--from", "99"],
+            "nothing happens in that time; its transitions are at 0.017 s to",
+        ),
+        (["--save", "x.txt"], "a recording is an .rrd file"),
+        (["--save", "nowhere/x.rrd"], "there is no folder"),
+        (["--screenshot", "nowhere/x.png"], "there is no folder"),
+    ],
+)
+def test_a_mistake_is_a_sentence_and_exit_code_2(replay: Replay, options: list[str], said: str) -> None:
+    result = replay(LOGS[0], *options)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_without_a_display_it_says_what_to_do(replay: Replay) -> None:
+    result = replay(LOGS[0])
+    assert result.exit_code == 2
+    assert all(one in result.stderr for one in ("no display", "--serve-web", "--save", "--text"))
+
+
+def test_a_log_that_is_cut_off_is_shown_up_to_the_cut(replay: Replay, tmp_path: Path) -> None:
+    (tmp_path / "cut.btlog").write_bytes(LOGS[0].read_bytes()[:-5])
+    result = replay("cut.btlog", "--text")
+    assert result.exit_code == 0
+    *lines, last = result.stdout.splitlines()
+    assert len(lines) == 56
+    assert "the file is cut off within a transition" in last
+    assert "56 transitions are read" in result.stderr
+
+
+def test_a_gap_stands_where_it_was(replay: Replay, tmp_path: Path) -> None:
+    (tmp_path / "run.btlog").write_bytes(LOGS[0].read_bytes())
+    (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
+    lines = replay("run.btlog", "--text").stdout.splitlines()
+    assert lines[2].strip() == "—  gap: the transitions 3 to 9 are lost"
+
+
+def recorded(path: Path) -> list[tuple[int, int, int, int]]:
+    """(number, uid, previous, status) in a recording of rerun."""
+    rows = []
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path == "/log/numbers":
+            batch = chunk.to_record_batch()
+            columns = [batch.column(name).to_pylist() for name in ("number", "uid", "previous", "status")]
+            rows += [tuple(value for (value,) in row) for row in zip(*columns, strict=True)]
+    return sorted(rows)
+
+
+@EACH
+def test_the_recording_for_the_viewer_has_every_transition(replay: Replay, tmp_path: Path, log: Path) -> None:
+    result = replay(log, "--save", "run.rrd")
+    assert result.exit_code == 0, result.output
+    assert recorded(tmp_path / "run.rrd") == [
+        (number, uid, previous, status)
+        for number, (_, uid, previous, status) in enumerate(read_log(log).changes, 1)
+    ]
+
+
+def test_a_part_begins_as_the_nodes_stood_then() -> None:
+    recording = read_log(LOGS[0])
+    seen, *rest = events(recording, range(5, 8))
+    assert isinstance(seen, TreeSeen)
+    assert seen.statuses == recording.statuses(5)
+    assert [one.number for one in rest if isinstance(one, StatusChanged)] == [6, 7, 8]
+    assert set(seen.wire.lacks) == {"ticks", "exceptions", "blackboard"}
+
+
+def test_the_cut_and_gaps_are_shown_as_unseen(tmp_path: Path) -> None:
+    (tmp_path / "run.btlog").write_bytes(LOGS[0].read_bytes()[:-5])
+    (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
+    recording = read_log(tmp_path / "run.btlog")
+    told = list(events(recording, range(56)))
+    assert [(at, one.reason) for at, one in enumerate(told) if isinstance(one, Unseen)] == [
+        (3, "the transitions 3 to 9 are lost"),
+        (58, recording.damage),
+    ]
+
+
+def test_the_picture_is_the_one_that_the_wire_shows() -> None:
+    recording = read_log(LOGS[0])
+    ours, wires = picture_of(recording), read_fulltree(recording.xml.encode(), "0" * 32)
+    assert ours.nodes == wires.nodes
+    assert list(ours.subtrees) == list(wires.subtrees)
+
+
+def test_the_picture_of_a_log_of_format_3_has_ports_and_subtrees() -> None:
+    picture = picture_of(read_fbl(LOGS[2]))
+    assert picture.by_uid[5].ports == {"ticks": "3", "out": "{val}"}
+    assert (picture.by_uid[8].parent, picture.by_uid[8].subtree) == (7, "Sub::6")
+    assert picture.by_uid[6].kind == "subtree"
+    assert list(picture.subtrees.values())[1:] == ["Sub", "Sub"]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rerun_cli") is None, reason="the viewer is not installed")
+def test_a_picture_needs_no_display(tmp_path: Path) -> None:
+    picture = tmp_path / "run.png"
+    command = [sys.executable, "-m", "btcore", "replay", str(LOGS[0]), "--screenshot", str(picture)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+    if "no graphics driver" in done.stderr:
+        pytest.skip("no graphics driver")
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_changes_within_a_tick_is_drawn_at_once(replay: Replay, tmp_path: Path) -> None:
+    replay(LOGS[2], "--save", "run.rrd")
+    drawn = sum(
+        len(chunk.to_record_batch())
+        for chunk in RrdReader(tmp_path / "run.rrd").stream()
+        if chunk.entity_path == "/tree/pills" and not chunk.is_static
+    )
+    assert drawn == 4  # as it stood at first, and after each of the three ticks that the listing shows

@@ -1,0 +1,168 @@
+"""The data of a scene on the wire: what fits goes through, and what doesn't is named."""
+
+import zlib
+from contextlib import suppress
+
+import cv2
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.serve.jpeg import with_jpeg
+from monitor.serve.recorder import merged, weight
+from monitor.wire.fault import WireFault
+from monitor.wire.scene import MovingMessage, StaticMessage, decode, encode
+
+ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
+ROWS = np.array([[1.0, 2.0, 0.5]], dtype="<f4").tobytes()
+GRID = {
+    "name": "global_costmap",
+    "kind": "costs",
+    "frame": "map",
+    "resolution": 0.05,
+    "origin": [-1.0, 2.0],
+    "size": [40, 30],
+    "cells": bytes(1200),
+}
+PICTURE = {"name": "camera", "stamp": 7, "size": [4, 2], "format": "rgb8", "data": bytes(range(24))}
+MOVING = {
+    "stamp": 5,
+    "frames": [["odom", "map", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]],
+    "scan": {"stamp": 5, "ranges": b"\x00\x00\x80\x3f"},
+    "velocity": [0.1, 0.0],
+    "battery": 80.0,
+    "grids": [GRID],
+    "poses": [{"name": "path", "kind": "path", "frame": "map", "rows": ROWS}],
+    "arrows": [{"name": "push", "frame": "base_link", "start": [0, 0, 0], "end": [1, 0, 0]}],
+    "pictures": [PICTURE],
+    "detections": [{"picture": "camera", "name": "object", "box": [0, 0, 2, 2]}],
+    "notes": {"localisation": "sure"},
+    "collisions": 0,
+    "grazes": 1,
+}
+STATIC = {
+    "frame": "map",
+    "parts": [
+        {"name": "wall", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.0, 0.0, 1.5]},
+        {"kind": "sphere", "radius": 0.1, "position": [0, 0, 0], "color": [1, 2, 3, 255]},
+    ],
+    "laser": {"frame": "laser", "angle_min": -1.0, "angle_increment": 0.01, "range_max": 25.0},
+    "places": [{"name": "wp1", "position": [1.0, 2.0, 0.0]}],
+    "areas": [{"name": "table", "corners": [0.0, 0.0, 1.0, 1.0]}],
+    "cameras": [{"name": "camera", "frame": "optical", "size": [32, 24], "focal": [30.0, 30.0]}],
+    "grids": [{**GRID, "name": "map", "kind": "occupancy"}],
+    "battery": 100.0,
+}
+
+
+def moving(**changed: object) -> MovingMessage:
+    return MovingMessage(ID, 1, 2, 3, {**MOVING, **changed})
+
+
+def test_a_scene_comes_out_as_it_went_in_and_its_cells_take_little_room_on_the_way():
+    assert decode(encode(moving())) == moving()
+    assert decode(encode(StaticMessage(ID, STATIC))) == StaticMessage(ID, STATIC)
+    sent = msgpack.unpackb(encode(moving()))["data"]["grids"][0]
+    assert sent["coding"] == "zlib"
+    assert len(sent["cells"]) < 50
+
+
+def test_what_nobody_here_knows_is_passed_on():
+    assert decode(encode(moving(smell={"of": "coffee"}))).data["smell"] == {"of": "coffee"}
+
+
+@pytest.mark.parametrize(
+    ("key", "entries", "said"),
+    [
+        ("grids", [{**GRID, "kind": "soup"}], "'kind' of 'grids' .* occupancy or costs, and got 'soup'"),
+        ("grids", [{**GRID, "size": [40, 31]}], "expected 1240 bytes of 'cells' for 'global_costmap'"),
+        ("grids", [{**GRID, "size": [0, 31]}], "got 0 times 31"),
+        ("grids", [{**GRID, "size": [1 << 20, 1 << 20]}], "expected at most 33554432 bytes"),
+        ("grids", [{**GRID, "resolution": "fine"}], "'resolution' of 'grids' .* a number, and got 'fine'"),
+        ("grids", [{**GRID, "coding": "morse"}], "coded by zlib, and got 'morse'"),
+        ("grids", [{**GRID, "coding": "zlib"}], "expected deflated 'cells' for 'global_costmap'"),
+        ("grids", GRID, "'grids' of a 'moving' message to be a list, and got dict"),
+        ("poses", [{"name": "path", "kind": "path", "rows": ROWS + b"1234"}], "rows of three float32"),
+        ("poses", [{"name": "path", "rows": ROWS}], "expected 'kind' of 'poses' .* got nothing"),
+        ("scan", {"ranges": b"123"}, "float32, and got 3 bytes"),
+        ("pictures", [{**PICTURE, "size": [5, 2]}], "expected 30 bytes of 'data' for 'camera', and got 24"),
+        ("frames", [["odom", "map", [0, 0], [0, 0, 0, 1]]], "the position in 'frames' .* 3 values"),
+        ("arrows", [{"name": "push", "start": [0, 0, 0]}], "expected 'end' of 'arrows'"),
+        ("battery", "full", "'battery' of a 'moving' message to be a number, and got 'full'"),
+        ("notes", {"goal": 3}, "'notes' of a 'moving' message to be text, and got 3"),
+        ("parts", [{"kind": "box", "position": [0, 0, 0]}], "expected 'size' of one of 'parts'"),
+        ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_named(key, entries, said):
+    whole = msgpack.unpackb(encode(moving()))
+    whole["data"][key] = entries
+    with pytest.raises(WireFault, match=said):
+        decode(msgpack.packb(whole))
+
+
+def test_cells_that_would_fill_the_memory_are_not_unpacked():
+    bomb = zlib.compress(bytes(50_000_000), 9)
+    whole = msgpack.unpackb(encode(moving()))
+    whole["data"]["grids"] = [{**GRID, "cells": bomb, "coding": "zlib"}]
+    with pytest.raises(WireFault, match="expected 1200 bytes of 'cells' for 'global_costmap', and got 1201"):
+        decode(msgpack.packb(whole))
+
+
+VALUES = st.recursive(
+    st.none() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(max_size=5) | st.binary(max_size=24),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(data=st.data())
+@settings(max_examples=300, deadline=None)
+def test_a_scene_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(data):
+    whole = msgpack.unpackb(encode(moving()))
+    scene = whole["data"]
+    key = data.draw(st.sampled_from(sorted(scene)))
+    entry = scene[key][0] if isinstance(scene[key], list) else scene[key]
+    if isinstance(entry, dict) and data.draw(st.booleans()):
+        entry[data.draw(st.sampled_from(sorted(entry)))] = data.draw(VALUES)
+    else:
+        scene[key] = data.draw(VALUES)
+    with suppress(WireFault):
+        decode(msgpack.packb(whole))
+
+
+def test_pictures_go_as_jpeg_and_look_the_same():
+    rgb = np.zeros((48, 64, 3), dtype=np.uint8)
+    rgb[:, :32] = (200, 40, 10)
+    rgb[:, 32:] = (10, 60, 220)
+    picture = {**PICTURE, "size": [64, 48], "data": rgb.tobytes()}
+    scene = {"pictures": [picture], "battery": 3.0}
+    sent = decode(encode(MovingMessage(ID, 1, 2, 3, with_jpeg(scene)))).data
+    assert sent["battery"] == 3.0
+    assert sent["pictures"][0]["format"] == "jpeg"
+    assert len(sent["pictures"][0]["data"]) < rgb.size / 5
+    seen = cv2.imdecode(np.frombuffer(sent["pictures"][0]["data"], np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
+    assert seen[24, 10] == pytest.approx(rgb[24, 10], abs=8)
+    assert seen[24, 50] == pytest.approx(rgb[24, 50], abs=8)
+    assert with_jpeg({"battery": 3.0}) == {"battery": 3.0}
+
+
+def test_several_sources_make_one_scene():
+    body = {"frame": "map", "frames": [["base_link", "map"]], "notes": {"body": "warm"}, "stamp": 1}
+    mind = {"frames": [["odom", "map"]], "notes": {"mind": "sure"}, "stamp": 2, "grids": []}
+    assert merged([body, mind, {}]) == {
+        "frame": "map",
+        "frames": [["base_link", "map"], ["odom", "map"]],
+        "notes": {"body": "warm", "mind": "sure"},
+        "stamp": 1,
+        "grids": [],
+    }
+    assert body["frames"] == [["base_link", "map"]]
+    assert merged([]) == {}
+
+
+def test_a_big_picture_counts_for_several_scenes_of_those_that_may_wait():
+    assert weight({"frames": []}) == 1
+    assert weight({"pictures": [{"data": bytes(320 * 240 * 3)}], "grids": [{"cells": bytes(100_000)}]}) == 6

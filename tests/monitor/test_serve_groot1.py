@@ -1,0 +1,527 @@
+"""Our publisher against Groot 1's protocol, over real sockets, decoded here by groot1.md alone."""
+
+import itertools
+import struct
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+import btcore
+from btcore import Registry, SimClock, Status
+from btcore.status import Transition
+from monitor.serve import PortInUse, Publisher, ServeError, serve
+from monitor.serve.groot1 import Groot1Server
+from monitor.serve.recorder import Changed
+
+pytestmark = pytest.mark.usefixtures("no_threads_left")
+CAPTURES = Path(__file__).parent / "captures"
+
+# Fields of the tables, by the ids of groot1.md §3.
+TREE = {"root_uid": (0, "H"), "nodes": (1, ["node"]), "node_models": (2, ["model"])}
+NODE = {
+    "uid": (0, "H"),
+    "children_uid": (1, ["H"]),
+    "status": (2, "b"),
+    "instance_name": (3, "text"),
+    "registration_name": (4, "text"),
+    "port_remaps": (5, ["remap"]),
+}
+REMAP = {"port_name": (0, "text"), "remap": (1, "text")}
+MODEL = {"registration_name": (0, "text"), "type": (1, "b"), "ports": (2, ["port"])}
+PORT = {
+    "port_name": (0, "text"),
+    "direction": (1, "b"),
+    "type_info": (2, "text"),
+    "description": (3, "text"),
+}
+TABLES = {"node": NODE, "remap": REMAP, "model": MODEL, "port": PORT}
+
+
+def number(data: bytes, place: int, kind: str) -> int:
+    # Readers in C++ take numbers where they are: each has to be aligned.
+    assert place % struct.calcsize(f"<{kind}") == 0, f"a number of kind {kind} at byte {place}"
+    return struct.unpack_from(f"<{kind}", data, place)[0]
+
+
+def table(data: bytes, start: int, fields: dict[str, Any]) -> dict[str, Any]:
+    """The table at *start*; a field that is absent is None."""
+    vtable = start - number(data, start, "i")
+    size = number(data, vtable, "H")
+    found: dict[str, Any] = {}
+    for name, (id, kind) in fields.items():
+        offset = number(data, vtable + 4 + 2 * id, "H") if 4 + 2 * id < size else 0
+        found[name] = value(data, start + offset, kind) if offset else None
+    return found
+
+
+def value(data: bytes, place: int, kind: Any) -> Any:
+    if isinstance(kind, str) and kind != "text":
+        return number(data, place, kind)
+    start = place + number(data, place, "I")
+    length = number(data, start, "I")
+    start += 4
+    if kind == "text":
+        assert data[start + length] == 0, "a string ends with a NUL"
+        return data[start : start + length].decode()
+    (element,) = kind
+    if element in TABLES:
+        places = range(start, start + 4 * length, 4)
+        return [table(data, at + number(data, at, "I"), TABLES[element]) for at in places]
+    return [number(data, start + 2 * index, element) for index in range(length)]
+
+
+def tree_in(data: bytes) -> dict[str, Any]:
+    return table(data, number(data, 0, "I"), TREE)
+
+
+@dataclass
+class Message:
+    """A frame of the publish socket: groot1.md §2."""
+
+    statuses: list[tuple[int, int]]
+    changes: list[tuple[int, int, int, int, int]]
+
+    @classmethod
+    def read(cls, frame: bytes) -> "Message":
+        (size,) = struct.unpack_from("<I", frame)
+        statuses = list(struct.iter_unpack("<Hb", frame[4 : 4 + size]))
+        (count,) = struct.unpack_from("<I", frame, 4 + size)
+        assert len(frame) == 8 + size + 12 * count
+        return cls(statuses, list(struct.iter_unpack("<IIHbb", frame[8 + size :])))
+
+    @property
+    def steps(self) -> list[tuple[int, int, int]]:
+        return [one[2:] for one in self.changes]
+
+
+@dataclass
+class Window:
+    """What Groot 1 does: a SUB socket, and a REQ socket of its own for every question."""
+
+    publisher: Publisher
+    context: "zmq.Context[zmq.Socket[bytes]]"
+    news: "zmq.Socket[bytes]"
+
+    def ask(self, *frames: bytes) -> bytes:
+        with self.context.socket(zmq.REQ) as socket:
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.connect(f"tcp://127.0.0.1:{self.publisher.groot1 + 1}")
+            socket.send_multipart(frames or (b"",))
+            assert socket.poll(5_000), "no reply within 5 s"
+            (reply,) = socket.recv_multipart()
+            return reply
+
+    def tree(self) -> dict[str, Any]:
+        return tree_in(self.ask())
+
+    def next(self) -> Message:
+        assert self.news.poll(5_000), "no update within 5 s"
+        (frame,) = self.news.recv_multipart()
+        return Message.read(frame)
+
+
+@pytest.fixture
+def window() -> Iterator[Callable[..., Window]]:
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    opened = []
+
+    def window(publisher: Publisher) -> Window:
+        news = context.socket(zmq.SUB)
+        opened.append(news)
+        links = news.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
+        opened.append(links)
+        news.subscribe(b"")
+        news.connect(f"tcp://127.0.0.1:{publisher.groot1}")
+        assert links.poll(5_000)
+        news.disable_monitor()
+        made = Window(publisher, context, news)
+        made.ask()  # by now the publisher has had a turn to take the subscription in
+        return made
+
+    yield window
+    for socket in opened:
+        socket.close(linger=0)
+    context.term()
+
+
+NESTED = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <ReactiveFallback name="top">
+      <Inverter><SubTree ID="Sub" lim="7"/></Inverter>
+      <Parallel>
+        <Look name="" far="{distance}"/>
+        <Greet text="übers Feld" answer="{said}"/>
+            <Sleep msec="100000"/>
+      </Parallel>
+    </ReactiveFallback>
+  </BehaviorTree>
+  <BehaviorTree ID="Sub">
+    <Sequence><Script code="n:=1"/><AlwaysSuccess _skipIf="n==1"/></Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+
+@pytest.fixture
+def nested() -> btcore.Tree:
+    """With nodes that Groot 1 doesn't know, ports of all directions, an empty name and texts beyond ASCII."""
+    nodes = Registry.standard()
+
+    @btcore.condition
+    def look(far: btcore.InOut[float]) -> bool:
+        return far < 5
+
+    @btcore.action
+    def greet(text: btcore.In[str], answer: btcore.Put[str]) -> bool:
+        answer("hello")
+        return True
+
+    nodes.add(look, greet)
+    tree = btcore.loads(NESTED, nodes=nodes, resources=[SimClock()])
+    tree.blackboard["distance"] = 2.0
+    return tree
+
+
+# The rows of groot1.md §5: what Groot 1 requires of the tree.
+
+
+@pytest.fixture(params=["sample", "sample3", "nested"])
+def flat(request, window) -> dict[str, Any]:
+    """The tree that is answered for one tree and another."""
+    with serve(request.getfixturevalue(request.param), groot1=0) as publisher:
+        return window(publisher).tree()
+
+
+def test_the_reply_is_not_empty_and_every_vector_and_string_is_there(flat):
+    assert flat["nodes"]
+    assert flat["node_models"]
+    for node in flat["nodes"]:
+        assert None not in node.values()
+        assert all(None not in one.values() for one in node["port_remaps"])
+    for model in flat["node_models"]:
+        assert None not in model.values()
+        assert all(None not in one.values() for one in model["ports"])
+
+
+def test_every_node_has_a_model_of_its_registration_name_and_type(flat):
+    models = {model["registration_name"]: model["type"] for model in flat["node_models"]}
+    assert len(models) == len(flat["node_models"])
+    for node in flat["nodes"]:
+        kind = models[node["registration_name"]]
+        assert kind in (1, 2, 3, 4, 5)
+        assert (kind in (1, 2)) == (not node["children_uid"])
+
+
+def test_the_first_node_is_the_root_and_all_stand_depth_first_from_left_to_right(flat):
+    nodes = {node["uid"]: node for node in flat["nodes"]}
+    order = []
+    waiting = [flat["root_uid"]]
+    while waiting:
+        order.append(waiting.pop())
+        waiting += reversed(nodes[order[-1]]["children_uid"])
+    assert order == [node["uid"] for node in flat["nodes"]]
+    assert order == sorted(order)
+
+
+def test_every_child_is_in_the_list_once_and_uids_have_16_bits(flat):
+    uids = [node["uid"] for node in flat["nodes"]]
+    children = [child for node in flat["nodes"] for child in node["children_uid"]]
+    assert len(set(uids)) == len(uids)
+    assert sorted(children) == sorted(set(uids) - {flat["root_uid"]})
+    assert 0 < min(uids) <= max(uids) <= 0xFFFF
+
+
+def test_decorators_and_subtrees_have_one_child(flat):
+    models = {model["registration_name"]: model["type"] for model in flat["node_models"]}
+    for node in flat["nodes"]:
+        if models[node["registration_name"]] in (4, 5):
+            assert len(node["children_uid"]) == 1
+
+
+def test_every_port_that_is_sent_is_declared_by_its_model(flat):
+    declared = {
+        model["registration_name"]: {port["port_name"] for port in model["ports"]}
+        for model in flat["node_models"]
+    }
+    for node in flat["nodes"]:
+        assert {one["port_name"] for one in node["port_remaps"]} <= declared[node["registration_name"]]
+
+
+def test_nodes_that_groot1_does_not_know_have_their_ports_and_types(nested, window):
+    with serve(nested, groot1=0) as publisher:
+        flat = window(publisher).tree()
+    models = {model["registration_name"]: model for model in flat["node_models"]}
+    assert models["Look"]["type"] == 2
+    assert [tuple(port.values())[:3] for port in models["Look"]["ports"]] == [("far", 2, "double")]
+    assert models["Greet"]["type"] == 1
+    assert [tuple(port.values())[:3] for port in models["Greet"]["ports"]] == [
+        ("text", 0, "std::string"),
+        ("answer", 1, "std::string"),
+    ]
+    assert models["Script"]["type"] == 1
+    assert models["SubTree"]["ports"] == []
+    by_name = {node["instance_name"]: node for node in flat["nodes"]}
+    assert by_name["Greet"]["port_remaps"] == [
+        {"port_name": "text", "remap": "übers Feld"},
+        {"port_name": "answer", "remap": "{said}"},
+    ]
+    # a port that is input and output comes twice, as in the original
+    assert [one["remap"] for one in by_name[""]["port_remaps"]] == ["{distance}", "{distance}"]
+    assert by_name["Sub"]["registration_name"] == "SubTree"
+    assert by_name["Sub"]["port_remaps"] == []
+
+
+def test_a_skipped_node_is_idle_and_no_status_beyond_failure_is_sent(nested, window):
+    with serve(nested, groot1=0) as publisher:
+        groot = window(publisher)
+        nested.tick_exactly_once()
+        message = groot.next()
+        nested.halt()
+        messages = [message, groot.next()]
+    codes = [status for one in messages for _, status in one.statuses]
+    codes += [status for one in messages for *_, previous, status in one.changes]
+    assert set(codes) <= {0, 1, 2, 3}
+    skipped = next(node.uid for node in nested.nodes if node.name == "AlwaysSuccess")
+    assert not [step for one in messages for step in one.steps if step[0] == skipped]
+
+
+def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(endless, window):
+    with serve(endless, groot1=0) as publisher:
+        groot = window(publisher)
+        uids = [node["uid"] for node in groot.tree()["nodes"]]
+        for _ in range(3):
+            endless.tick_exactly_once()
+            message = groot.next()
+            assert [uid for uid, _ in message.statuses] == uids
+            assert {uid for uid, *_ in message.steps} <= set(uids)
+
+
+def test_another_tree_in_its_place_has_other_uids_so_that_groot1_asks_again(endless, sample, window):
+    with serve(endless, groot1=0) as publisher:
+        groot = window(publisher)
+        before = groot.tree()
+        endless.tick_exactly_once()
+        endless.halt()
+        publisher.replace(sample)
+        sample.tick_exactly_once()
+        known = {node["uid"] for node in before["nodes"]}
+        messages = [groot.next()]
+        while {uid for uid, _ in messages[-1].statuses} == known:
+            messages.append(groot.next())
+        assert messages[-2].steps[-1][2] == 0, "the last halt of the first tree is not lost"
+        assert not {uid for uid, _ in messages[-1].statuses} & known
+        after = groot.tree()
+    assert [uid for uid, _ in messages[-1].statuses] == [node["uid"] for node in after["nodes"]]
+    assert after["nodes"][0]["instance_name"] == "root_seq"
+
+
+# What the original sends.
+
+
+def test_the_tree_is_the_originals(sample3, window):
+    original = tree_in((CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes())
+    with serve(sample3, groot1=0) as publisher:
+        ours = window(publisher).tree()
+    for node in original["nodes"]:
+        assert node["status"] is None, "the original leaves a 0 out"
+        node["status"] = 0
+    assert ours["root_uid"] == original["root_uid"]
+    assert ours["nodes"] == original["nodes"]
+    signatures = [
+        {
+            model["registration_name"]: (
+                model["type"],
+                {(port["port_name"], port["direction"] or 0, port["type_info"]) for port in model["ports"]},
+            )
+            for model in tree["node_models"]
+        }
+        for tree in (original, ours)
+    ]
+    assert signatures[0] == signatures[1]
+
+
+def test_updates_are_the_originals_bytes(sample3):
+    """Tick by tick, with the original's times."""
+    captured = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
+    server = Groot1Server(sample3)
+    heard: list[Transition] = []
+
+    class Hearing(btcore.Observer):
+        def transition(self, change: Transition) -> None:
+            heard.append(change)
+
+    sample3.subscribe(Hearing())
+    for frame in captured:
+        stamps = [(one[0] * 1_000_000 + one[1]) * 1_000 for one in Message.read(frame).changes]
+        while len(heard) < len(stamps):
+            assert sample3.ticks < 5
+            sample3.tick_exactly_once()
+        for change, stamp in zip(heard, stamps, strict=True):
+            server.heard(Changed(change, stamp), 0.0)
+        heard.clear()
+        assert server.update(1.0) == frame
+
+
+def test_any_request_is_answered_with_the_tree(sample, window):
+    with serve(sample, groot1=0) as publisher:
+        groot = window(publisher)
+        tree = groot.ask()
+        for frames in [(b"\0",), (b"x" * 1000,), (b"", b"two"), (b"\x02T\x01\x02\x03\x04",)]:
+            assert groot.ask(*frames) == tree
+
+
+def test_the_tree_tells_how_its_nodes_stand_now(sample, window):
+    with serve(sample, groot1=0) as publisher:
+        groot = window(publisher)
+        assert {node["status"] for node in groot.tree()["nodes"]} == {0}
+        sample.tick_exactly_once()
+        assert [node["status"] for node in groot.tree()["nodes"]] == [
+            int(node.status) for node in sample.nodes
+        ]
+
+
+def test_transitions_come_with_the_time_of_day(endless, window):
+    with serve(endless, groot1=0) as publisher:
+        groot = window(publisher)
+        before = time.time_ns() // 1000
+        endless.tick_exactly_once()
+        stamps = [one[0] * 1_000_000 + one[1] for one in groot.next().changes]
+    assert before <= stamps[0] <= stamps[-1] <= time.time_ns() // 1000
+    assert stamps == sorted(stamps)
+
+
+def test_the_statuses_of_an_update_are_those_at_the_end_of_the_one_before(endless, window):
+    with serve(endless, groot1=0) as publisher:
+        groot = window(publisher)
+        known = {node.uid: 0 for node in endless.nodes}
+        for _ in range(20):
+            endless.tick_exactly_once()
+            message = groot.next()
+            assert dict(message.statuses) == known
+            for uid, previous, status in message.steps:
+                assert known[uid] == previous
+                known[uid] = status
+
+
+# The throttle, by the publisher's clock.
+
+
+def change_of(tree: btcore.Tree, number: int, status: Status) -> Changed:
+    return Changed(Transition(number, 0, 1, tree.root.uid, Status.IDLE, status), number)
+
+
+def test_an_update_waits_for_its_time_from_the_first_transition_on(endless):
+    server = Groot1Server(endless, rate=25)
+    assert server.update(100.0) is None, "nothing happened, so nothing is sent"
+    server.heard(change_of(endless, 1, Status.RUNNING), 100.0)
+    server.heard(change_of(endless, 2, Status.SUCCESS), 100.03)
+    assert server.update(100.039) is None
+    frame = server.update(100.041)
+    assert frame is not None
+    assert Message.read(frame).steps == [(1, 0, 1), (1, 1, 2)]
+    assert server.update(200.0) is None
+
+
+def test_however_fast_the_tree_the_rate_is_kept(endless):
+    server = Groot1Server(endless, rate=25)
+    sent = []
+    for millisecond in range(1000):
+        now = millisecond / 1000
+        status = Status.RUNNING if millisecond % 2 else Status.SUCCESS
+        server.heard(change_of(endless, millisecond, status), now)
+        frame = server.update(now)
+        if frame is not None:
+            sent.append((now, len(Message.read(frame).changes)))
+    assert 20 <= len(sent) <= 25
+    assert all(later[0] - earlier[0] >= 0.04 for earlier, later in itertools.pairwise(sent))
+    assert sum(count for _, count in sent) >= 950, "throttling leaves no transition out"
+
+
+def test_the_last_transitions_are_sent_before_the_end(sample, window):
+    with serve(sample, groot1=0) as publisher:
+        groot = window(publisher)
+        sample.tick_exactly_once()
+    assert groot.next().steps == [(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)]
+
+
+def test_a_publisher_that_lost_transitions_sends_what_makes_it_right(endless):
+    server = Groot1Server(endless)
+    server.heard(change_of(endless, 1, Status.RUNNING), 0.0)
+    server.correct({1: 2, 2: 1, 3: 0}, 5_000, 0.0)
+    frame = server.update(1.0)
+    assert frame is not None
+    assert Message.read(frame).steps == [(1, 0, 1), (1, 1, 2), (2, 0, 1)]
+
+
+def test_uids_begin_again_where_they_would_not_fit_into_16_bits(endless):
+    count = len(endless.nodes)
+    last = Groot1Server(endless, offset=0xFFFF - count)
+    assert [one["uid"] for one in tree_in(last.answer())["nodes"]][-1] == last.end == 0xFFFF
+    again = Groot1Server(endless, offset=last.end)
+    assert [one["uid"] for one in tree_in(again.answer())["nodes"]] == list(range(1, count + 1))
+
+
+# Ports.
+
+
+def test_groot1_alone_has_the_scene_channel_two_ports_behind_its_requests(sample):
+    with serve(sample, groot1=0) as publisher:
+        assert publisher.groot1 is not None
+        assert publisher.port == publisher.groot1 + 1
+        assert publisher.address == f"tcp://127.0.0.1:{publisher.port}"
+        with zmq.Context() as context, context.socket(zmq.REP) as other:
+            other.bind(f"tcp://127.0.0.1:{publisher.port + 1}")
+            with pytest.raises(zmq.ZMQError):
+                other.bind(f"tcp://127.0.0.1:{publisher.port + 2}")
+
+
+def test_both_are_served_at_once(sample, window):
+    with serve(sample, groot2=0, groot1=0) as publisher:
+        groot = window(publisher)
+        assert groot.tree()["nodes"][0]["instance_name"] == "root_seq"
+        with groot.context.socket(zmq.REQ) as socket:
+            socket.connect(publisher.address)
+            socket.send(b"\x02S\x01\x02\x03\x04")
+            assert socket.poll(5_000)
+            assert len(socket.recv_multipart()) == 2
+
+
+@pytest.mark.parametrize("offset", [0, 1, 3])
+def test_a_taken_port_is_named_and_the_others_are_given_back(sample, offset):
+    with serve(sample, groot1=0) as publisher:
+        first = publisher.groot1
+    with zmq.Context() as context, context.socket(zmq.REP) as other:
+        other.bind(f"tcp://127.0.0.1:{first + offset}")
+        with pytest.raises(PortInUse, match=f"port {first + offset} is in use"):
+            serve(sample, groot1=first)
+    with serve(sample, groot1=first) as publisher:
+        assert publisher.groot1 == first
+
+
+def test_a_taken_port_beside_groot2_gives_groot2s_ports_back(sample):
+    with serve(sample, groot2=0, groot1=0) as both:
+        groot2, groot1 = both.port, both.groot1
+    with zmq.Context() as context, context.socket(zmq.REP) as other:
+        other.bind(f"tcp://127.0.0.1:{groot1}")
+        with pytest.raises(PortInUse, match=f"port {groot1} is in use"):
+            serve(sample, groot2=groot2, groot1=groot1)
+    with serve(sample, groot2=groot2) as publisher:
+        assert publisher.port == groot2
+        assert publisher.groot1 is None
+
+
+@pytest.mark.parametrize("groot1", [1666, 1667, 1668, 1669])
+def test_ports_that_meet_are_refused_before_anything_is_opened(sample, groot1):
+    with pytest.raises(ServeError, match=r"needs the ports 1667 to 1669 and Groot 1 needs .* such as 2666"):
+        serve(sample, groot2=1667, groot1=groot1)
+
+
+def test_a_port_without_room_behind_it_is_out_of_range(sample):
+    with pytest.raises(ServeError, match="choose one from 1 to 65532"):
+        serve(sample, groot1=65533)

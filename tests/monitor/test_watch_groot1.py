@@ -1,0 +1,393 @@
+"""Watching a robot that speaks Groot 1's protocol: BehaviorTree.CPP 3's as captured, and ours."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+
+from monitor.picture import Event, Link, StatusChanged, Ticked, TreeSeen, Unseen
+from monitor.serve import serve
+from monitor.watch.address import parse_address
+from monitor.watch.discover import SpeaksGroot1
+from monitor.watch.feed import Feed
+from monitor.watch.groot2 import Groot2Client
+from monitor.wire.groot1 import WireChange, encode_update
+from monitor.wire.groot1_tree import WireModel, WireNode, WireTree, encode_tree
+
+pytestmark = pytest.mark.usefixtures("no_threads_left")
+CAPTURES = Path(__file__).parent / "captures"
+TREE = (CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes()
+UPDATES = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
+STEPS = [
+    *[(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)],
+    *[(5, 1, 2), (4, 3, 0), (5, 2, 0), (3, 1, 2), (6, 0, 1), (7, 0, 1), (8, 0, 1)],
+    *[(8, 1, 2), (8, 2, 0), (7, 1, 2), (7, 2, 0), (6, 1, 2), (9, 0, 1), (10, 0, 1), (11, 0, 1)],
+]
+SMALL = WireTree(
+    (WireNode(1, (2,), 0, "again", "Repeat"), WireNode(2, (), 0, "look", "Look")),
+    (WireModel("Repeat", 4), WireModel("Look", 2)),
+)
+
+
+def update(statuses: list[int], *steps: tuple[int, int, int], stamp: int = 10**18) -> bytes:
+    changes = [WireChange(stamp + 1000 * number, *step) for number, step in enumerate(steps)]
+    return encode_update(enumerate(statuses, start=1), changes)
+
+
+class Robot:
+    """A publisher as BehaviorTree.CPP 3 has it: it takes in one frame, and its thread ends if more come."""
+
+    def __init__(self, tree: bytes, port: int = 0, apart: int = 1) -> None:
+        self.tree = tree
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.replies = self.context.socket(zmq.REP)
+        self.news = self.context.socket(zmq.XPUB)
+        for number in [port] if port else range(21_000, 32_000, 7):
+            try:
+                self.news.bind(f"tcp://127.0.0.1:{number - apart}")
+                self.replies.bind(f"tcp://127.0.0.1:{number}")
+            except zmq.ZMQError:
+                continue
+            self.port = number
+            break
+        self.asked = 0
+        self.hurt = False
+        self.listeners = 0
+        self.answers = True
+        self._waiting: list[bytes] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        poller = zmq.Poller()
+        poller.register(self.replies, zmq.POLLIN)
+        poller.register(self.news, zmq.POLLIN)
+        while not self._stop.is_set():
+            for frame in self._waiting[:]:
+                self.news.send(frame)
+                self._waiting.pop(0)
+            for socket, _ in poller.poll(5):
+                if socket is self.news:
+                    self.listeners += 1 if self.news.recv()[:1] == b"\x01" else -1
+                elif self.answers:
+                    self.replies.recv()
+                    if self.replies.getsockopt(zmq.RCVMORE):
+                        self.hurt = True
+                        return
+                    self.asked += 1
+                    self.replies.send(self.tree)
+
+    def publish(self, *frames: bytes) -> None:
+        self._waiting += frames
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        while self._waiting:
+            self.news.send(self._waiting.pop(0))
+        self.news.close(linger=100)
+        self.replies.close(linger=0)
+        self.context.term()
+
+    def __enter__(self) -> "Robot":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Watcher:
+    """Gathers a feed's events on a thread of its own."""
+
+    def __init__(self, address: str) -> None:
+        self.events: list[Event] = []
+        self.feed = Feed(address)
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+
+    def _run(self) -> None:
+        with self.feed:
+            for event in self.feed:
+                self.events.append(event)
+
+    def of(self, kind: type) -> list:
+        return [event for event in self.events if isinstance(event, kind)]
+
+    @property
+    def links(self) -> list[str]:
+        return [link.state for link in self.of(Link)]
+
+    @property
+    def steps(self) -> list[tuple[int, int, int]]:
+        return [(one.uid, one.previous, one.status) for one in self.of(StatusChanged)]
+
+
+@pytest.fixture
+def watch() -> Iterator[Callable[[str], Watcher]]:
+    watchers: list[Watcher] = []
+
+    def watch(address: str) -> Watcher:
+        watchers.append(Watcher(address))
+        return watchers[-1]
+
+    yield watch
+    for one in watchers:
+        one.feed.stop()
+    for one in watchers:
+        one.thread.join()
+
+
+def test_a_robot_of_version_3_is_found_out_and_shown_transition_by_transition(watch, until):
+    with Robot(TREE) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        robot.publish(*UPDATES)
+        until(lambda: len(viewer.steps) == len(STEPS), "what the robot published")
+    assert not robot.hurt
+    assert viewer.links[:2] == ["waiting", "connected"]
+    assert viewer.of(Link)[1].detail == f"tcp://127.0.0.1:{robot.port}, by Groot 1's protocol"
+    seen = viewer.of(TreeSeen)[0]
+    assert len(seen.picture.nodes) == 11
+    assert not seen.numbered
+    assert set(seen.wire.lacks) == {"ticks", "exceptions", "blackboard"}
+    assert set(seen.statuses.values()) == {0}
+    assert viewer.steps == STEPS
+    changes = viewer.of(StatusChanged)
+    assert [one.number for one in changes] == list(range(1, len(STEPS) + 1))
+    assert [one.wall for one in changes[:2]] == [1795223035621691000, 1795223035621823000]
+    assert changes[7].t - changes[4].t == changes[7].wall - changes[4].wall
+    assert [one.t for one in changes] == sorted(one.t for one in changes)
+    assert not viewer.of(Unseen)
+
+
+def test_who_comes_in_the_middle_sees_how_the_nodes_stand_by_the_first_update(watch, until):
+    """The statuses in the tree are those of the robot's start, and so too old."""
+    with Robot(TREE) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: robot.listeners == 1, "a listener")
+        robot.publish(UPDATES[1])
+        until(lambda: len(viewer.steps) == 7, "the update")
+    assert len(viewer.of(TreeSeen)) == 1
+    assert viewer.of(TreeSeen)[0].statuses == dict(zip(range(1, 12), [1, 2, 1, 3, 1] + 6 * [0], strict=True))
+    assert not viewer.of(Unseen)
+
+
+def test_statuses_that_are_told_late_correct_what_was_shown(watch, until):
+    with Robot(TREE) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        robot.publish(UPDATES[1])
+        until(lambda: len(viewer.steps) == 7, "the update")
+    first, second = viewer.of(TreeSeen)
+    assert second.picture is first.picture, "it is the same tree"
+    assert [second.statuses[uid] for uid in range(1, 6)] == [1, 2, 1, 3, 1]
+    assert not viewer.of(Unseen), "nothing got lost, since nothing was known"
+
+
+def test_an_update_that_got_lost_is_a_hole_and_no_guess(watch, until):
+    with Robot(TREE) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        robot.publish(UPDATES[0], UPDATES[2])
+        until(lambda: len(viewer.steps) == 13, "the updates")
+    changes = viewer.of(StatusChanged)
+    assert [one.number for one in changes] == list(range(1, 14))
+    again = viewer.of(TreeSeen)[1]
+    (hole,) = viewer.of(Unseen)
+    assert (hole.since, hole.t, hole.topic) == (changes[4].t, changes[5].t, "transitions")
+    assert again.picture.tree_id == viewer.of(TreeSeen)[0].picture.tree_id
+    assert [again.statuses[uid] for uid in range(1, 9)] == [1, 2, 2, 0, 0, 1, 1, 1]
+    assert viewer.events.index(hole) < viewer.events.index(again)
+
+
+def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_holes(watch, until):
+    with Robot(encode_tree(SMALL)) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        robot.publish(
+            update([0, 0], (1, 0, 1), (2, 0, 2), (2, 0, 3)),
+            update([1, 0], (2, 0, 2)),
+        )
+        until(lambda: len(viewer.steps) == 6, "the updates")
+    assert viewer.steps == [(1, 0, 1), (2, 0, 2), (2, 2, 0), (2, 0, 3), (2, 3, 0), (2, 0, 2)]
+    assert not viewer.of(Unseen)
+
+
+def test_a_robot_that_is_not_there_yet_and_restarts_with_another_tree(watch, until):
+    with Robot(TREE) as robot:
+        port = robot.port
+    viewer = watch(f":{port}")
+    until(lambda: viewer.links == ["waiting"], "a word about the robot that isn't there")
+    with Robot(TREE, port) as robot:
+        until(lambda: viewer.of(TreeSeen), "the first tree")
+        robot.publish(UPDATES[0])
+    with Robot(encode_tree(SMALL), port) as robot:
+        until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
+        robot.publish(update([0, 0], (1, 0, 1)))
+        until(lambda: len(viewer.steps) == 6, "the second tree's transition")
+    first, second = viewer.of(TreeSeen)
+    assert (first.picture.name, second.picture.name) == ("root_seq", "again")
+    assert first.picture.tree_id != second.picture.tree_id
+    assert viewer.of(StatusChanged)[-1].number == 1
+
+
+def test_a_robot_that_restarts_with_the_same_tree_begins_anew(watch, until):
+    """Groot 1 doesn't notice that: the uids are the same."""
+    with Robot(TREE) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        robot.publish(UPDATES[0], UPDATES[1])
+        until(lambda: len(viewer.steps) == 12, "its transitions")
+    with Robot(TREE, robot.port) as robot:
+        until(lambda: len(viewer.of(TreeSeen)) == 2, "the tree again")
+        robot.publish(UPDATES[0])
+        until(lambda: len(viewer.steps) == 17, "its transitions again")
+    first, second = viewer.of(TreeSeen)
+    assert first.picture.tree_id != second.picture.tree_id
+    assert set(second.statuses.values()) == {0}
+    assert not viewer.of(Unseen)
+
+
+def test_another_tree_in_the_same_process_is_asked_for(watch, until):
+    with Robot(encode_tree(SMALL)) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the first tree")
+        nodes = (WireNode(3, (4,), 0, "next", "Repeat"), WireNode(4, (), 0, "look", "Look"))
+        robot.tree = encode_tree(SMALL._replace(nodes=nodes))
+        robot.publish(encode_update([(3, 0), (4, 0)], [WireChange(10**18, 4, 0, 2)]))
+        until(lambda: viewer.steps, "its transition")
+    assert [event.picture.name for event in viewer.of(TreeSeen)] == ["again", "next"]
+    assert viewer.steps == [(2, 0, 2)]
+
+
+def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(watch, until):
+    with Robot(encode_tree(SMALL)) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        asked = robot.asked
+        until(lambda: robot.asked > asked, "a look whether it is there")
+        assert viewer.links == ["waiting", "connected"]
+        robot.answers = False
+        until(lambda: viewer.links[-1] == "lost", "the loss")
+        robot.answers = True
+        until(lambda: viewer.links[-1] == "connected", "the return")
+        robot.publish(update([1, 0], (2, 0, 2)))
+        until(lambda: viewer.steps, "a transition")
+    assert len({event.picture.tree_id for event in viewer.of(TreeSeen)}) == 1, "it was never disconnected"
+    assert viewer.of(TreeSeen)[-1].statuses == {1: 1, 2: 0}
+
+
+def test_what_is_no_update_loses_the_robot_and_a_good_one_finds_it(watch, until):
+    with Robot(encode_tree(SMALL)) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        robot.publish(b"no")
+        until(lambda: "lost" in viewer.links, "the loss")
+        assert "expected statuses and transitions" in viewer.of(Link)[2].detail
+        until(lambda: viewer.links[-1] == "connected", "the return")
+
+
+def test_a_robot_whose_publish_port_is_elsewhere_is_told_of_and_found_by_naming_it(watch, until):
+    with Robot(encode_tree(SMALL), apart=3) as robot:
+        blind = watch(f":{robot.port}")
+        until(lambda: blind.of(TreeSeen), "the tree")
+        assert f"nothing is published at tcp://127.0.0.1:{robot.port - 1}" in blind.of(Link)[1].detail
+        viewer = watch(f":{robot.port}/{robot.port - 3}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        robot.publish(update([0, 0], (2, 0, 2)))
+        until(lambda: viewer.steps, "a transition")
+        assert not blind.steps
+
+
+# Ours.
+
+
+def test_every_transition_of_ours_arrives_by_groot1_too(endless, watch, until):
+    with serve(endless, groot1=0, scene=False) as publisher:
+        viewer = watch(publisher.address)
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        for _ in range(500):
+            endless.tick_exactly_once()
+        endless.halt()
+        total = endless.context.observers.number
+        until(lambda: len(viewer.steps) == total, "all transitions")
+    assert [one.number for one in viewer.of(StatusChanged)] == list(range(1, total + 1))
+    assert not viewer.of(Unseen)
+    assert viewer.of(TreeSeen)[0].picture.nodes[3].name == "step"
+    assert viewer.of(TreeSeen)[0].picture.by_uid.keys() == {node.uid for node in endless.nodes}
+
+
+def test_the_picture_by_groot1_has_the_engines_paths(sample, watch, until):
+    with serve(sample, groot1=0, scene=False) as publisher:
+        viewer = watch(publisher.address)
+        until(lambda: viewer.of(TreeSeen), "the tree")
+    nodes = viewer.of(TreeSeen)[0].picture.nodes
+    assert [(node.uid, node.path, node.kind) for node in nodes] == [
+        (node.uid, node.path, node.type.name.lower()) for node in sample.nodes
+    ]
+
+
+def test_from_a_btcore_robot_the_scene_channel_is_taken_also_beside_groot1(endless, watch, until):
+    with serve(endless, groot1=0) as publisher:
+        viewer = watch(publisher.address)
+        assert publisher.wait_for_clients(1, 10)
+        endless.tick_exactly_once()
+        until(lambda: viewer.of(Ticked), "a tick, which Groot 1 doesn't know")
+    assert viewer.of(TreeSeen)[0].numbered
+    assert "scene channel" in viewer.of(Link)[1].detail
+
+
+def test_a_robot_may_come_back_with_the_other_protocol(endless, watch, until):
+    with serve(endless, groot1=0, scene=False) as publisher:
+        port = publisher.port
+        viewer = watch(publisher.address)
+        until(lambda: viewer.of(TreeSeen), "the tree")
+    with serve(endless, groot2=port, scene=False):
+        until(lambda: len(viewer.of(TreeSeen)) == 2, "the tree by Groot 2")
+        assert viewer.of(Link)[-1].detail.endswith("by Groot 2's protocol")
+    with serve(endless, groot1=port - 1, scene=False):
+        until(lambda: len(viewer.of(TreeSeen)) == 3, "the tree by Groot 1")
+        assert viewer.of(Link)[-1].detail.endswith("by Groot 1's protocol")
+
+
+def test_a_client_of_groot2_tells_a_robot_of_version_3_and_does_not_hurt_it(until):
+    with Robot(TREE) as robot, Groot2Client(parse_address(f":{robot.port}")) as client:
+        with pytest.raises(SpeaksGroot1, match="speaks Groot 1's protocol"):
+            client.fulltree()
+        with pytest.raises(SpeaksGroot1):
+            client.statuses()
+        assert not robot.hurt
+        assert robot.asked == 2
+
+
+def test_watching_takes_little_of_a_robot(watch, until):
+    """It is asked for its tree twice at the beginning, and as long as it publishes never again."""
+    with Robot(encode_tree(SMALL)) as robot:
+        viewer = watch(f":{robot.port}")
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        began = time.monotonic()
+        statuses = [0, 0]
+        while time.monotonic() - began < 3.5:
+            robot.publish(update(statuses, (2, statuses[1], 2 - statuses[1])))
+            statuses[1] = 2 - statuses[1]
+            seen = len(viewer.steps)
+            until(lambda seen=seen: len(viewer.steps) > seen, "an update")
+        assert robot.asked == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "request_at", "published_at"),
+    [
+        ("", "tcp://127.0.0.1:1667", "tcp://127.0.0.1:1666"),
+        ("robot:2667", "tcp://robot:2667", "tcp://robot:2666"),
+        ("tcp://robot:1800/1700", "tcp://robot:1800", "tcp://robot:1700"),
+        ("1800/1700", "tcp://127.0.0.1:1800", "tcp://127.0.0.1:1700"),
+    ],
+)
+def test_an_address_tells_where_groot1s_updates_are(text, request_at, published_at):
+    address = parse_address(text)
+    assert (address.at(), address.published()) == (request_at, published_at)

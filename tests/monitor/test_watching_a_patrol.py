@@ -1,0 +1,94 @@
+"""A patrol over real sockets: all that a viewer is to draw arrives, and the run is the same without one."""
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.picture import Link, SceneMoving, SceneStatic
+from monitor.serve import serve
+from monitor.watch.feed import Feed
+
+PATROL = ["patrolling", "--world", "house", "--fast", "--seed", "1", "--json", "--camera", "160x120@5"]
+
+
+def command(*options: str) -> list[str]:
+    return [sys.executable, "-m", "btcore", "run", *PATROL, *options]
+
+
+def report(output: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(output.splitlines()[-1])
+    del found["real_time_factor"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def watched() -> tuple[list[Any], dict[str, Any]]:
+    """The events of six seconds of a patrol, and what the run reported."""
+    import btcore
+
+    tree = btcore.loads('<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess/></BehaviorTree></root>')
+    with serve(tree, groot2=0) as publisher:
+        port = publisher.port
+    with Feed(f":{port}") as feed:
+        run = subprocess.Popen(
+            command("--duration", "6", "--publish", "groot2", "--port", str(port)),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        events = list(feed.events(until_end=True))
+        output, _ = run.communicate(timeout=100)
+    assert run.returncode == 0
+    return events, report(output)
+
+
+def moving(events: list[Any], key: str) -> list[Any]:
+    found = [event.data.get(key) for event in events if isinstance(event, SceneMoving)]
+    return [one for one in found if one]
+
+
+def test_the_run_is_the_same_whether_or_not_somebody_looks(watched):
+    done = subprocess.run(command("--duration", "6"), capture_output=True, text=True, timeout=100, check=True)
+    assert report(done.stdout) == watched[1]
+
+
+def test_what_stands_still_comes_from_the_body_and_from_the_mind_at_once(watched):
+    events, _ = watched
+    (static,) = [event.data for event in events if isinstance(event, SceneStatic)]
+    assert [grid["name"] for grid in static["grids"]] == ["map"]
+    assert {"wall_west", "base_link"} <= {
+        name for part in static["parts"] for name in part["name"].split("/") if part["name"]
+    }
+    assert {"wp1", "wp2", "wp3"} <= {place["name"] for place in static["places"]}
+    assert static["areas"]
+
+
+def test_what_moves_or_changes_arrives(watched):
+    events, _ = watched
+    named = {one["name"] for poses in moving(events, "poses") for one in poses}
+    assert named == {"path", "goal", "particles", "estimate", "odometry"}
+    assert {one["name"] for grids in moving(events, "grids") for one in grids} == {
+        "global_costmap",
+        "local_costmap",
+    }
+    levels = moving(events, "battery")
+    assert levels == sorted(levels, reverse=True)
+    assert levels[0] > levels[-1] > 95.0
+    assert {notes["localisation"] for notes in moving(events, "notes")} == {"sure"}
+    assert [event.detail for event in events if isinstance(event, Link) and event.state == "lost"] == []
+
+
+def test_pictures_come_as_often_as_the_tracker_takes_them_with_what_it_found(watched):
+    events, _ = watched
+    pictures = [one for several in moving(events, "pictures") for one in several]
+    stamps = [one["stamp"] for one in pictures]
+    assert 25 <= len(stamps) == len(set(stamps)) <= 31
+    assert {one["format"] for one in pictures} == {"jpeg"}
+    boxes = np.array([found[0]["box"] for found in moving(events, "detections")])
+    assert len(boxes) > 5
+    assert (boxes >= 0).all()
+    assert (boxes[:, 0] + boxes[:, 2] <= 160).all()

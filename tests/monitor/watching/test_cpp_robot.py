@@ -1,0 +1,382 @@
+"""Following a stock C++ robot through Groot 2's protocol: what is seen, and what is said to be unseen."""
+
+import threading
+import time
+
+import pytest
+
+from monitor.picture import BlackboardSeen, Gap, Link, StatusChanged, Ticked, TreeSeen, Unseen
+from monitor.serve import serve
+from monitor.watch.address import parse_address
+from monitor.watch.groot2 import Groot2Client
+
+IDLE, RUNNING, SUCCESS, FAILURE = range(4)
+SECOND = 10**9
+
+TICK_1 = [(1, RUNNING), (2, SUCCESS), (3, RUNNING), (4, FAILURE), (5, RUNNING)]
+ROUND = [(4, RUNNING), (4, SUCCESS), (4, IDLE), (5, RUNNING), (5, FAILURE), (5, IDLE)]
+OTHER_TREE = (
+    b'<root BTCPP_format="4"><BehaviorTree ID="Other" _fullpath=""><AlwaysSuccess name="only" _uid="1"/>'
+    b'</BehaviorTree><TreeNodesModel><Action ID="AlwaysSuccess"/></TreeNodesModel></root>\n'
+)
+
+
+def changes(viewer) -> list[tuple[int, int, int]]:
+    return [(one.uid, one.previous, one.status) for one in viewer.of(StatusChanged)]
+
+
+def with_previous(*steps: tuple[int, int]) -> list[tuple[int, int, int]]:
+    now: dict[int, int] = {}
+    found = []
+    for uid, status in steps:
+        found.append((uid, now.get(uid, IDLE), status))
+        now[uid] = status
+    return found
+
+
+def wire(viewer):
+    return viewer.of(TreeSeen)[-1].wire
+
+
+# --- the stand-in
+
+
+def test_the_stand_in_answers_as_the_real_one_did(cpp_robot, capture):
+    robot = cpp_robot(tree_id=capture("fulltree.rep")[0][6:])
+    records = capture("get_transitions.rep")[1]
+    steps = [records[at : at + 9] for at in range(0, len(records), 9)]
+
+    def same(name: str) -> None:
+        assert robot.answer(capture(f"{name}.req")) == capture(f"{name}.rep")
+
+    def ticked(count: int) -> None:
+        for step in steps[:count]:
+            robot.changed(step[6], step[8], int.from_bytes(step[:6], "little"))
+        del steps[:count]
+
+    for name in ("fulltree", "status_before_first_tick", "error_bad_header", "error_missing_part2"):
+        same(name)
+    same("error_unknown_request")
+    header, started = robot.answer(capture("toggle_recording_start.req"))
+    assert header == capture("toggle_recording_start.rep")[0]
+    assert len(started) == 16
+    assert started.isdigit()
+    ticked(5)
+    same("status_after_tick1")
+    ticked(len(steps))
+    same("status_after_completion")
+    robot.boards = capture("blackboard_after.rep")[1]
+    same("blackboard_after")
+    same("get_transitions")
+    assert robot.answer(capture("get_transitions.req"))[1] == b""
+    same("toggle_recording_stop")
+
+
+# --- recorded transitions
+
+
+def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    began = time.time_ns()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    for _ in range(60):
+        robot.change(*ROUND)
+    expected = with_previous(*ROUND * 60)
+    until(lambda: len(changes(viewer)) >= len(expected), "all transitions")
+    assert changes(viewer) == expected
+    assert [one.number for one in viewer.of(StatusChanged)] == list(range(1, len(expected) + 1))
+    assert not viewer.of(Unseen)
+    assert len(viewer.of(TreeSeen)) == 1
+    walls = [one.wall for one in viewer.of(StatusChanged)]
+    assert walls == sorted(walls)
+    assert began <= walls[0]
+    assert walls[-1] <= time.time_ns()
+    seen = viewer.of(TreeSeen)[0]
+    assert seen.t == 0
+    assert [one.t for one in viewer.of(StatusChanged)] == [wall - seen.wall for wall in walls]
+
+
+def test_transitions_before_the_first_look_are_statuses(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    robot.change(*TICK_1)
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    assert viewer.of(TreeSeen)[0].statuses == dict.fromkeys(range(1, 11), IDLE) | dict(TICK_1)
+    robot.change((5, SUCCESS), (4, IDLE), (5, IDLE))
+    until(lambda: len(changes(viewer)) == 3, "what came after")
+    assert changes(viewer) == [(5, RUNNING, SUCCESS), (4, FAILURE, IDLE), (5, SUCCESS, IDLE)]
+
+
+def test_what_the_wire_lacks_is_said_and_not_guessed(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    robot.change(*TICK_1)
+    until(lambda: len(changes(viewer)) == 5, "a tick")
+    assert not viewer.of(TreeSeen)[0].numbered
+    assert wire(viewer).name == "Groot 2, recorded"
+    assert wire(viewer).lacks == {
+        "ticks": "not sent by Groot 2",
+        "exceptions": "not sent by Groot 2",
+        "blackboard": "asked for 2 times a second: changes between are unseen",
+    }
+    assert not viewer.of(Ticked)
+    assert {one.tick for one in viewer.of(StatusChanged)} == {0}
+
+
+def test_more_transitions_than_the_robot_keeps_are_a_hole(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    robot.change(*ROUND * 200, (4, RUNNING))
+    until(lambda: viewer.of(Unseen), "the hole")
+    hole = viewer.of(Unseen)[0]
+    assert hole.topic == "transitions"
+    assert "keeps 1000 transitions, and older ones are dropped" in hole.reason
+    assert hole.since <= hole.t
+    again = viewer.of(TreeSeen)[1]
+    assert again.picture is viewer.of(TreeSeen)[0].picture
+    assert {uid for uid, status in again.statuses.items() if status} == {4}
+    assert not viewer.of(StatusChanged)
+    robot.change((4, SUCCESS), (4, IDLE))
+    until(lambda: len(changes(viewer)) == 2, "what comes after the hole")
+    assert changes(viewer) == [(4, RUNNING, SUCCESS), (4, SUCCESS, IDLE)]
+    assert not viewer.of(Gap)
+
+
+def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    done = threading.Event()
+
+    def read() -> None:
+        status = IDLE
+        with Groot2Client(parse_address(robot.address)) as other:
+            while not done.is_set():
+                status = SUCCESS if status == IDLE else IDLE
+                robot.change((4, status))
+                other.transitions()
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    try:
+        until(lambda: "transitions" in wire(viewer).lacks, "that the recording is left")
+    finally:
+        done.set()
+        thread.join()
+    assert viewer.of(Unseen)[-1].reason == "somebody else reads this robot's recording too"
+    assert "somebody else reads this robot's recording too" in wire(viewer).lacks["transitions"]
+    assert wire(viewer).name == "Groot 2, sampled"
+    drained = robot.asked["t"]
+    robot.change((7, RUNNING))
+    until(lambda: changes(viewer) and changes(viewer)[-1] == (7, IDLE, RUNNING), "a sampled change")
+    assert robot.asked["t"] == drained
+
+
+def test_a_recording_that_somebody_else_begins_anew_is_left_to_them(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    began = time.monotonic()
+    until(lambda: time.monotonic() - began > 1.5, "a time that tells the two recordings apart")
+    with Groot2Client(parse_address(robot.address)) as other:
+        other.start_recording()
+    robot.change((4, RUNNING))
+    until(lambda: viewer.of(Unseen), "the hole")
+    assert "somebody else began a recording" in viewer.of(Unseen)[0].reason
+    until(lambda: "transitions" in wire(viewer).lacks, "that the recording is left")
+    assert viewer.of(TreeSeen)[-1].statuses[4] == RUNNING
+    assert robot.recording, "theirs goes on"
+
+
+def test_a_robot_that_changes_faster_than_it_can_be_asked_is_sampled(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    for count in (1, 2, 3):
+        robot.change(*ROUND * 200)
+        until(lambda count=count: len(viewer.of(Unseen)) == count, "a hole")
+    assert "changes faster than it can be asked" in wire(viewer).lacks["transitions"]
+    until(lambda: not robot.recording, "that the recording, which was ours, is stopped")
+
+
+def test_with_no_record_the_buffer_is_left_to_its_owner(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address, record=False)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    robot.change(*TICK_1)
+    until(lambda: len(changes(viewer)) == 5, "the tick")
+    assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
+    assert wire(viewer).lacks["transitions"] == (
+        "statuses are asked for 20 times a second (--no-record): changes between are unseen"
+    )
+
+
+def test_a_robot_that_can_not_record_is_sampled(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    robot.refused["r"] = "Request not recognized"
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    assert "refuses TOGGLE_RECORDING: Request not recognized" in wire(viewer).lacks["transitions"]
+    robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
+    until(lambda: len(changes(viewer)) == 2, "what an idle node says that it was")
+    assert changes(viewer) == [(4, IDLE, SUCCESS), (4, SUCCESS, IDLE)]
+
+
+def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: robot.recording, "the recording")
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    viewer.stop()
+    until(lambda: not robot.recording, "its end")
+
+
+# --- robots that come and go
+
+
+def test_a_robot_that_is_not_there_yet_is_waited_for(cpp_robot, watch_cpp, until):
+    gone = cpp_robot()
+    gone.close()
+    viewer = watch_cpp(gone.address)
+    until(lambda: viewer.of(Link), "a word")
+    assert viewer.of(Link)[0].state == "waiting"
+    cpp_robot(port=gone.port)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+    assert viewer.of(Link)[1].detail == f"{gone.address}, by Groot 2's protocol"
+
+
+def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch_cpp, until):
+    first = cpp_robot()
+    viewer = watch_cpp(first.address)
+    until(lambda: viewer.of(TreeSeen), "the first tree")
+    first.change(*TICK_1)
+    until(lambda: len(changes(viewer)) == 5, "a tick")
+    first.close()
+    second = cpp_robot(port=first.port, xml=OTHER_TREE)
+    until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
+    second.change((1, SUCCESS), (1, IDLE))
+    until(lambda: len(changes(viewer)) == 7, "what it does")
+    assert [one.picture.name for one in viewer.of(TreeSeen)] == ["Main", "Other"]
+    assert [one.picture.tree_id for one in viewer.of(TreeSeen)] == [first.tree_id.hex(), second.tree_id.hex()]
+    assert [one.number for one in viewer.of(StatusChanged)][5:] == [1, 2]
+    assert not viewer.of(Unseen)
+
+
+def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the first tree")
+    with robot.lock:
+        robot.tree_id = bytes(16)
+        robot.xml = OTHER_TREE
+        robot.statuses = {1: RUNNING}
+        robot.recording = False
+    until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
+    assert viewer.of(TreeSeen)[1].statuses == {1: RUNNING}
+    until(lambda: robot.recording, "a recording of it")
+    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+
+
+def test_a_short_silence_loses_nothing_that_the_robot_kept(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    robot.change(*TICK_1)
+    until(lambda: len(changes(viewer)) == 5, "a tick")
+    robot.deaf_to = "S"
+    until(lambda: viewer.of(Link)[-1].state == "lost", "the silence")
+    robot.change((5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
+    robot.hear()
+    until(lambda: len(changes(viewer)) == 8 + len(ROUND) * 20, "what happened meanwhile")
+    assert changes(viewer) == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
+    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected", "lost", "connected"]
+    assert not viewer.of(Unseen)
+    assert len(viewer.of(TreeSeen)) == 1
+
+
+def test_an_answer_may_take_longer_than_the_first_time_out(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    robot.delay = 1.2
+    viewer = watch_cpp(robot.address)
+    until(lambda: robot.asked["S"], "that the tree was taken in, and the next question")
+    robot.delay = 0.1
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    robot.change(*TICK_1)
+    until(lambda: len(changes(viewer)) == 5, "the tick")
+    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+
+
+def test_several_robots_are_followed_at_once(cpp_robot, watch_cpp, until):
+    robots = [cpp_robot() for _ in range(3)]
+    viewers = [watch_cpp(robot.address) for robot in robots]
+    until(lambda: all(one.of(TreeSeen) for one in viewers), "the trees")
+    for number, robot in enumerate(robots, start=1):
+        robot.change(*ROUND * number)
+    until(lambda: [len(changes(one)) for one in viewers] == [6, 12, 18], "what each does")
+
+
+# --- blackboards
+
+
+@pytest.mark.parametrize(("rate", "said"), [(20.0, "asked for 20 times a second"), (0, "not asked for")])
+def test_blackboards_are_asked_for_as_often_as_told(cpp_robot, watch_cpp, until, capture, rate, said):
+    robot = cpp_robot()
+    robot.boards = capture("blackboard_after.rep")[1]
+    viewer = watch_cpp(robot.address, blackboard_rate=rate)
+    until(lambda: robot.asked["S"] > 20, "a second of looks")
+    assert wire(viewer).lacks["blackboard"] == f"{said}: changes between are unseen"
+    assert robot.asked["B"] <= rate * 2
+    if rate:
+        until(lambda: robot.asked["B"] > 5, "questions")
+        assert set(robot.names) == {b"Main;Sub::6"}
+        assert len(viewer.of(BlackboardSeen)) == 1
+        assert viewer.of(BlackboardSeen)[0].boards["Sub::6"] == {
+            "lim": 7,
+            "loc": 4.5,
+            "mode": "fast",
+            "o2": 1.5,
+        }
+
+
+def test_blackboards_that_are_refused_together_are_asked_for_one_by_one(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    robot.refused["B"] = "two different root blackboards"
+    viewer = watch_cpp(robot.address, blackboard_rate=50)
+    until(lambda: len(viewer.of(Unseen)) == 2, "a word on each")
+    assert robot.names == []
+    for hole, name in zip(viewer.of(Unseen), ("Main", "Sub::6"), strict=True):
+        assert hole.topic == "blackboard"
+        assert f"{name} isn't shown" in hole.reason
+        assert "two different root blackboards" in hole.reason
+    asked = robot.asked["B"]
+    robot.change((4, RUNNING))
+    until(lambda: changes(viewer), "that the rest goes on")
+    assert robot.asked["B"] == asked == 3
+    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+
+
+def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until, capture):
+    robot = cpp_robot()
+    robot.boards = capture("blackboard_after.rep")[1]
+    robot.delay = 0.1
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(BlackboardSeen), "a blackboard, though looks are always overdue")
+
+
+# --- a btcore robot without its scene channel
+
+
+def test_our_own_robot_is_followed_through_groot_2_as_well(endless, watch_cpp, until):
+    with serve(endless, groot2=0, scene=False) as publisher:
+        viewer = watch_cpp(publisher.address)
+        until(lambda: viewer.of(TreeSeen), "the tree")
+        for tick in range(1, 21):
+            endless.tick_exactly_once()
+            number = endless.context.observers.number
+            until(lambda number=number: len(viewer.of(StatusChanged)) == number, f"tick {tick}")
+        assert not viewer.of(Unseen)
+        assert wire(viewer).name == "Groot 2, recorded"

@@ -1,0 +1,103 @@
+"""Whether recorded transitions are in keeping with statuses: the check that a batch has to pass."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor.watch.recorded import Hole, Ledger, Overflow, RobotClock
+from monitor.wire.groot2 import RecordedTransition, StatusRecord
+
+IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
+NODES = 4
+START = {uid: StatusRecord(IDLE, 0) for uid in range(1, NODES + 1)}
+WALK = st.lists(st.tuples(st.integers(1, NODES), st.integers(1, 4)), max_size=60)
+
+
+class Robot:
+    """Nodes that change, by the rule of the STATUS buffer."""
+
+    def __init__(self) -> None:
+        self.statuses = dict(START)
+
+    def walk(self, steps: list[tuple[int, int]]) -> list[RecordedTransition]:
+        """Each step adds 1 to 4 to a node's status, modulo 5, so that it always changes."""
+        made = []
+        for uid, more in steps:
+            before = self.statuses[uid].status
+            status = (before + more) % 5
+            self.statuses[uid] = StatusRecord(status, before if status == IDLE else 0)
+            made.append(RecordedTransition(len(made), uid, status))
+        return made
+
+    def looked(self) -> dict[int, StatusRecord]:
+        return dict(self.statuses)
+
+
+@given(WALK, WALK, WALK)
+def test_what_was_recorded_completely_passes_wherever_the_look_falls(one, two, three):
+    robot, ledger = Robot(), Ledger(START)
+    batch = robot.walk(one)
+    look = robot.looked()
+    batch += robot.walk(two)
+    assert [step for step, _ in ledger.enter(look, batch)] == batch
+    assert ledger.statuses == robot.statuses
+    batch = robot.walk(three)
+    steps = ledger.enter(robot.looked(), batch)
+    assert ledger.statuses == robot.statuses
+    assert all(previous != step.status for step, previous in steps)
+
+
+@given(WALK, WALK, WALK, st.data())
+def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was_told(one, two, three, data):
+    robot, ledger = Robot(), Ledger(START)
+    batch = robot.walk(one)
+    look = robot.looked()
+    batch += robot.walk(two)
+    kept = batch[data.draw(st.integers(0, len(batch))) :]
+    told = False
+    for found in (kept, robot.walk(three), []):
+        try:
+            ledger.enter(look, found)
+        except Hole:
+            told = True
+        look = robot.looked()
+    now = {uid: record.status for uid, record in ledger.statuses.items()}
+    assert told or now == {uid: record.status for uid, record in robot.statuses.items()}
+
+
+def test_a_missing_beginning_is_a_hole():
+    robot, ledger = Robot(), Ledger(START)
+    batch = robot.walk([(1, 1), (1, 1), (2, 1)])
+    with pytest.raises(Hole, match="do not lead to its statuses"):
+        ledger.enter(robot.looked(), batch[2:])
+    assert ledger.statuses == robot.statuses
+    assert ledger.enter(robot.looked(), []) == []
+
+
+def test_a_node_can_not_go_to_where_it_is():
+    ledger = Ledger(START)
+    twice = [RecordedTransition(0, 1, RUNNING), RecordedTransition(1, 1, RUNNING)]
+    with pytest.raises(Hole, match="node 1 went twice to the same status"):
+        ledger.enter({**START, 1: StatusRecord(RUNNING, 0)}, twice)
+
+
+def test_a_full_buffer_is_a_hole_even_if_it_would_pass():
+    robot, ledger = Robot(), Ledger(START)
+    batch = robot.walk([(1, 1)] * 1000)
+    with pytest.raises(Overflow, match="keeps 1000 transitions"):
+        ledger.enter(robot.looked(), batch)
+    assert ledger.statuses[1].status == robot.statuses[1].status
+    assert len(ledger.enter(robot.looked(), robot.walk([(1, 1)] * 999))) == 999
+
+
+def test_nodes_that_the_tree_does_not_have_are_not_reported():
+    assert Ledger(START).enter(START, [RecordedTransition(0, 99, RUNNING)]) == []
+
+
+def test_the_robots_clock_is_ours_until_it_tells_its_own():
+    clock = RobotClock()
+    then = clock.wall()
+    clock.set(then - 3600 * 10**9, then)
+    assert 0 <= clock.wall() - (then - 3600 * 10**9) < 60 * 10**9
+    clock.begin(clock.wall())
+    assert 0 <= clock.t(clock.wall()) < 60 * 10**9

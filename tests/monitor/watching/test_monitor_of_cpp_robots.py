@@ -1,0 +1,174 @@
+"""``btcore monitor`` and the screen, on robots that speak Groot 2's protocol only."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+
+from monitor.picture import (
+    BlackboardSeen,
+    Gap,
+    Picture,
+    PictureNode,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+    Unseen,
+    Wire,
+)
+from monitor.screen.sinks import Outlets
+from monitor.screen.stream import Screen
+
+ROOT = Path(__file__).parents[3]
+IDLE, RUNNING, SUCCESS, FAILURE = range(4)
+MS = 1_000_000
+WIRE = Wire("Groot 2, sampled", {"ticks": "not sent", "blackboard": "polled", "exceptions": "no errors"})
+PICTURE = Picture(
+    "a" * 32,
+    "Main",
+    (
+        PictureNode(1, "root", "Sequence", "control", "root", 0, (2,)),
+        PictureNode(2, "Go", "Go", "action", "Go", 1),
+    ),
+    {"": "Main"},
+)
+
+
+def documents(path: Path, entity: str) -> list[str]:
+    """The texts of *entity* in an .rrd, in the order of their times."""
+    rows = []
+    for chunk in RrdReader(path).stream():
+        if str(chunk.entity_path) == entity:
+            batch = chunk.to_record_batch()
+            names = [name for name in batch.schema.names if name.endswith(":text")]
+            times = (
+                batch.column("t").cast("int64").to_pylist() if "t" in batch.schema.names else [0] * len(batch)
+            )
+            rows += [(t, text[0]) for t, text in zip(times, batch.column(names[0]).to_pylist(), strict=True)]
+    return [text for _, text in sorted(rows, key=lambda row: row[0])]
+
+
+@pytest.fixture
+def seen() -> TreeSeen:
+    return TreeSeen(PICTURE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, wire=WIRE)
+
+
+def shown(events, path: Path, label: str = "") -> Path:
+    screen = Screen(Outlets(save=path), label=label)
+    for event in events:
+        screen.show(event)
+    screen.close()
+    return path
+
+
+def test_each_panel_says_what_is_not_sent(seen, tmp_path):
+    path = shown([seen, BlackboardSeen(MS, MS, {"": {"x": 1}})], tmp_path / "x.rrd")
+    assert documents(path, "/tick/unsent") == ["*not sent*"]
+    assert documents(path, "/blackboard")[0] == "*polled*"
+    assert documents(path, "/blackboard")[1].startswith("*polled*\n\n| key | value |")
+    lines = documents(path, "/log")
+    assert any("exceptions: no errors" in line for line in lines)
+    assert any("ticks: not sent" in line for line in lines)
+
+
+def test_a_robot_that_tells_all_has_no_such_notes(seen, tmp_path):
+    told = TreeSeen(PICTURE, 0, 0, {1: IDLE, 2: IDLE})
+    path = shown([told, Ticked(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
+    assert documents(path, "/tick/unsent") == []
+    assert "| by |" not in documents(path, "/now")[0]
+
+
+def test_what_runs_now_is_told_without_ticks_too(seen, tmp_path):
+    changes = [StatusChanged(n, 5 * MS, 5 * MS, 0, n, IDLE, RUNNING) for n in (1, 2)]
+    now = documents(shown([seen, *changes], tmp_path / "x.rrd"), "/now")[-1]
+    assert "| runs | **Go** |" in now
+    assert "| root | RUNNING |" in now
+    assert "| by | Groot 2, sampled |\n| raised | no errors |" in now
+
+
+def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
+    screen = Screen(Outlets(save=tmp_path / "x.rrd"))
+    for event in (seen, StatusChanged(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
+        screen.show(event)
+    screen.flush()
+    assert screen._shown is not None
+    assert screen._shown.moments._before.tolist() == [IDLE, RUNNING]
+    screen.close()
+
+
+def test_what_is_missing_is_counted_and_shown(seen, tmp_path):
+    events = [
+        seen,
+        Unseen(10 * MS, 10 * MS, 4 * MS, "transitions", "the buffer ran over"),
+        seen,
+        Gap(3, 7),
+        Unseen(11 * MS, 11 * MS, 11 * MS, "blackboard", "Main isn't shown: it refuses"),
+        StatusChanged(8, 20 * MS, 20 * MS, 0, 2, IDLE, RUNNING),
+    ]
+    path = shown(events, tmp_path / "x.rrd")
+    lines = documents(path, "/log")
+    assert any("transitions since 0.00s incomplete: the buffer ran over" in line for line in lines)
+    assert any("blackboard incomplete: Main isn't shown: it refuses" in line for line in lines)
+    now = documents(path, "/now")[-1]
+    assert "| lost | 5 transitions |" in now
+    assert "| lost | transitions, 1 times |" in now
+
+
+def test_a_robot_that_is_heard_by_another_wire_gets_a_recording_of_its_own(seen, tmp_path):
+    screen = Screen(Outlets(save=tmp_path / "x.rrd"))
+    for event in (seen, TreeSeen(PICTURE, 10**12, 0, {1: IDLE, 2: IDLE})):
+        screen.show(event)
+    screen.close()
+    assert [file.name for file in screen.files] == ["x.rrd", "x.2.rrd"]
+
+
+def test_robots_with_one_trees_name_share_no_window(seen, tmp_path):
+    files = [shown([seen], tmp_path / f"{port}.rrd", label=f"robot:{port}") for port in (1, 2)]
+    stores = {store.application_id for file in files for store in RrdReader(file).recordings()}
+    assert stores == {"robot_1 Main", "robot_2 Main"}
+
+
+def test_several_robots_are_watched_in_one_window_and_recorded(cpp_robot, until, tmp_path):
+    robots = [cpp_robot(), cpp_robot()]
+    command = ["-m", "monitor", *(robot.address for robot in robots), "--no-view", "--save"]
+    process = subprocess.Popen(
+        [sys.executable, *command, str(tmp_path / "two.rrd"), "--blackboard-rate", "0"],
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        until(lambda: all(robot.recording for robot in robots), "that both are watched")
+        for robot in robots:
+            robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
+        until(lambda: all(not robot._recorded for robot in robots), "that the monitor took it in")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+    for robot in robots:
+        assert f"{robot.address}, by Groot 2's protocol" in said.decode()
+        assert robot.asked["B"] == 0
+        assert not robot.recording, "the monitor stopped what it began"
+    for file in (tmp_path / "two.rrd", tmp_path / "two.2.rrd"):
+        assert len([line for line in documents(file, "/log") if "→" in line]) == 3
+
+
+def test_with_no_record_the_command_leaves_the_buffer_alone(cpp_robot, tmp_path):
+    robot = cpp_robot()
+    command = [sys.executable, "-m", "monitor", robot.address, "--no-view", "--no-record", "--for", "2"]
+    done = subprocess.run(
+        [*command, "--save", str(tmp_path / "x.rrd")],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0
+    assert robot.asked["S"] > 0
+    assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
+    assert any("(--no-record)" in line for line in documents(tmp_path / "x.rrd", "/log"))
