@@ -20,3 +20,21 @@ def test_every_package_of_the_checkout_is_installed() -> None:
 def test_the_engine_alone_asks_for_no_screen_and_no_robot() -> None:
     needed = {requirement.split(">")[0] for requirement in PROJECT["project"]["dependencies"]}
     assert needed == {"click", "lxml", "mypy-extensions", "rich"}
+
+
+def test_every_file_that_a_package_reads_is_installed_with_it() -> None:
+    listed = PROJECT["tool"]["setuptools"]["package-data"]
+    folders = {"btcore.trees": ROOT / "trees"}
+    installed = {
+        path
+        for package, patterns in listed.items()
+        for pattern in patterns
+        for path in folders.get(package, ROOT.joinpath(*package.split("."))).glob(pattern)
+    }
+    there = {
+        path
+        for name in ("btcore", "monitor", "robot_nodes", "sim", "trees")
+        for path in (ROOT / name).rglob("*")
+        if path.is_file() and path.suffix in {".xml", ".json", ".urdf", ".yaml", ".typed"}
+    }
+    assert there <= installed
