@@ -1,8 +1,8 @@
 """Types with names for their values: a user's Enum, a node's status, a port's direction."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import Enum, IntEnum
-from typing import Final
+from typing import Any, Final
 
 from btcore.errors import ConversionFault
 from btcore.numerals import MAX_INT64, MIN_INT64, leading_int
@@ -19,15 +19,40 @@ class PortDirection(IntEnum):
 
 
 class EnumType(ValueType):
-    """A Python Enum: by a name that the registry knows (*names*), by the member's own, or by its number."""
+    """A Python Enum: by a name that the registry knows (*names*), by the member's own, or by its number.
 
-    def __init__(self, python_type: type[Enum], name: str, names: Mapping[str, int] | None = None) -> None:
+    A *converter* of the user's, and its way back *to_text*, take the place of the members' own names; it is
+    asked for what is neither a registered name nor a member's number (nodes.md §8.6).
+    """
+
+    def __init__(
+        self,
+        python_type: type[Enum],
+        name: str,
+        names: Mapping[str, int] | None = None,
+        converter: Callable[[str], object] | None = None,
+        to_text: Callable[[Any], str] | None = None,
+    ) -> None:
         super().__init__(name, python_type, converts=False)
+        self._converter = converter
+        self._to_text = to_text
         self._names: Mapping[str, int] = {} if names is None else names
         self._members: dict[str, Enum] = dict(python_type.__members__)
         self._by_number: dict[int, Enum] = {
             int(one.value): one for one in python_type if isinstance(one.value, int)
         }
+
+    @property
+    def has_converters(self) -> bool:
+        """Whether the user has said which text stands for which member."""
+        return self._converter is not None
+
+    def take_converters(
+        self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
+    ) -> None:
+        """Have these from now on."""
+        self._converter = from_text
+        self._to_text = to_text
 
     def from_text(self, text: str, format: int = 4) -> Enum:
         """The member called *text*, or the one whose number it is. Raises ConversionFault."""
@@ -35,7 +60,7 @@ class EnumType(ValueType):
         if registered is not None and registered in self._by_number:
             return self._by_number[registered]
         found = self._members.get(text)
-        if found is not None:
+        if found is not None and self._converter is None:
             return found
         try:
             number = leading_int(text, MIN_INT64, MAX_INT64)
@@ -43,12 +68,27 @@ class EnumType(ValueType):
             number = -1
         if str(number) == text and number in self._by_number:
             return self._by_number[number]
+        if self._converter is not None:
+            return self._converted(text, self._converter)
         raise ConversionFault(f"'{text}' is no {self.name}: {', '.join(self._members)} are")
 
+    def _converted(self, text: str, converter: Callable[[str], object]) -> Enum:
+        try:
+            made = converter(text)
+        except ConversionFault:
+            raise
+        except Exception as error:
+            fault = ConversionFault(f"'{text}' is no {self.name}: {error}")
+            fault.__cause__ = error
+            raise fault from error
+        if isinstance(made, Enum) and isinstance(made, self.python_type):
+            return made
+        raise ConversionFault(f"the converter of {self.name} made {made!r} of '{text}', which is none")
+
     def to_text(self, value: object) -> str:
-        """The member's name."""
+        """The member's name, or what the user's way back says."""
         member = self.cast(value)
-        return member.name
+        return member.name if self._to_text is None else self._to_text(member)
 
     def cast(self, value: object) -> Enum:
         """A member, its number, or a text that stands for it."""

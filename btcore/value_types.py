@@ -6,10 +6,11 @@ is written to an entry of a type).
 """
 
 import math
+from collections.abc import Callable
 from enum import Enum
-from typing import Final
+from typing import Any, Final
 
-from btcore.errors import ConversionFault
+from btcore.errors import ConversionFault, RegistrationError
 from btcore.numerals import (
     MAX_INT64,
     MAX_UINT64,
@@ -56,6 +57,17 @@ class ValueType:
     def to_text(self, value: object) -> str:
         """*value* as text; for most types one that from_text reads back. Raises ConversionFault."""
         raise ConversionFault(f"a {self.name} has no text form; give it one with add_type(…, to_text=…)")
+
+    @property
+    def has_converters(self) -> bool:
+        """Whether a user has given it converters."""
+        return False
+
+    def take_converters(
+        self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
+    ) -> None:
+        """Convert by these from now on. Raises RegistrationError for a type that has its own rules."""
+        raise RegistrationError(f"{self.python_type.__qualname__} has a text form already")
 
     def accepts(self, value: object) -> bool:
         """Whether *value* is of this very type."""

@@ -99,6 +99,18 @@ class UserType(ValueType):
         self._from_text = from_text
         self._to_text = to_text
 
+    @property
+    def has_converters(self) -> bool:
+        """Whether a text stands for its values."""
+        return self._from_text is not None
+
+    def take_converters(
+        self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
+    ) -> None:
+        """Have these from now on."""
+        self._from_text = from_text
+        self._to_text = to_text
+
     def from_text(self, text: str, format: int = 4) -> object:
         """What the converter makes of *text*. Raises ConversionFault, whatever the converter raises."""
         if format != 3 and text.startswith("json:") and is_dataclass(self.python_type):
@@ -186,16 +198,24 @@ class Types:
         Raises RegistrationError for a type that has a text form already.
         """
         known = self._by_class.get(python_type)
-        if python_type in _OF_CLASS or (
-            isinstance(known, UserType) and known._from_text is not None and from_text is not None
-        ):
+        if python_type in _OF_CLASS or (known is not None and known.has_converters and from_text is not None):
             raise RegistrationError(f"{python_type.__qualname__} has a text form already")
         wire = name or python_type.__qualname__
-        if wire in self._by_name:
+        other = self._by_name.get(wire)
+        if other is not None and other is not known:
             raise RegistrationError(
                 f"a type called {wire} is registered already; give {python_type!r} another name"
             )
-        kind = UserType(python_type, wire, from_text, to_text)
+        if known is not None and known.name == wire:
+            # Leaves that were registered before have ports of this type.
+            if from_text is not None or to_text is not None:
+                known.take_converters(from_text, to_text)
+            return known
+        kind: ValueType
+        if issubclass(python_type, Enum):
+            kind = EnumType(python_type, wire, self.enums, from_text, to_text)
+        else:
+            kind = UserType(python_type, wire, from_text, to_text)
         self._by_class[python_type] = kind
         self._by_name[wire] = kind
         return kind

@@ -398,3 +398,34 @@ def test_a_constant_of_a_subtree_is_a_whole_number_or_a_text(text, value):
     found = constant(text)
     assert found == value
     assert type(found) is type(value)
+
+
+def test_an_enum_is_read_by_a_registered_name_then_by_number_then_by_the_users_converter() -> None:
+    types = Types()
+    types.add_enum({"STOP": 1})
+    light = types.add(
+        Colour, lambda text: Colour[text.removeprefix("#")], to_text=lambda member: f"#{member.name}"
+    )
+    first, second = list(Colour)[:2]
+    by_number = {member.value: member for member in Colour}
+    assert light.from_text("STOP") is by_number[1]
+    assert light.from_text("3") is by_number[3]
+    assert light.from_text(f"#{second.name}") is second
+    assert light.to_text(first) == f"#{first.name}"
+    with pytest.raises(ConversionFault, match=r"'#NONE' is no Colour"):
+        light.from_text("#NONE")
+
+
+def test_a_type_may_get_its_converters_after_a_leaf_has_asked_for_it() -> None:
+    class Pose:
+        def __init__(self, x: float) -> None:
+            self.x = x
+
+    types = Types()
+    asked = types.of(Pose)
+    types.add(Pose, lambda text: Pose(float(text)))
+    made = asked.from_text("1.5")
+    assert isinstance(made, Pose)
+    assert made.x == 1.5
+    with pytest.raises(RegistrationError, match="Pose has a text form already"):
+        types.add(Pose, lambda text: Pose(float(text)))
