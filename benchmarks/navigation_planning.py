@@ -15,6 +15,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import cv2
 import numpy as np
@@ -60,7 +61,9 @@ def scan(map: OccupancyMap, pose: Pose2D, random: np.random.Generator) -> LaserS
 def peer_route(costmap: Costmap, start: Pose2D, goal: Pose2D) -> object:
     """The same way by scikit-image alone."""
     costs = grid_costs(costmap.costs)
-    return route_through_array(costs, costmap.cell(start.x, start.y), costmap.cell(goal.x, goal.y))
+    first, last = costmap.cell(start.x, start.y), costmap.cell(goal.x, goal.y)
+    found: object = route_through_array(costs, first, last)  # type: ignore[no-untyped-call]
+    return found
 
 
 def peer_inflation(costs: NDArray[np.uint8], resolution: float) -> object:
@@ -74,8 +77,8 @@ def first_plans(costmap: GlobalCostmap, legs: list[tuple[Pose2D, Pose2D]]) -> It
     """Pairs of plans for goals that were never asked for."""
     for start, goal in legs:
         planner = Planner(costmap)
-        peer = processor_time(lambda start=start, goal=goal: peer_route(costmap, start, goal))
-        yield peer, processor_time(lambda p=planner, start=start, goal=goal: p.plan(start, goal, 0))
+        peer = processor_time(partial(peer_route, costmap, start, goal))
+        yield peer, processor_time(partial(planner.plan, start, goal, 0))
 
 
 def plans_again(
@@ -92,8 +95,8 @@ def plans_again(
             off = random.normal(0, (0.05, 0.05, 0.02))
             costmap.observe(scan(map, at, random), Pose2D(at.x + off[0], at.y + off[1], at.yaw + off[2]))
             costmap.update(index, at)
-            peer = processor_time(lambda at=at, goal=goal: peer_route(costmap, at, goal))
-            yield peer, processor_time(lambda at=at, goal=goal: planner.plan(at, goal, 0))
+            peer = processor_time(partial(peer_route, costmap, at, goal))
+            yield peer, processor_time(partial(planner.plan, at, goal, 0))
 
 
 def updates(

@@ -23,6 +23,8 @@ class ColourWatcher(Process):
 
     def __init__(self, around: Surroundings, ranges: list[int], each: bool) -> None:
         super().__init__("colour_watcher", around)
+        if around.robot is None or around.robot.lens is None:
+            raise click.UsageError("there are no pictures to look at: the robot has no camera, or it is off")
         h, hh, s, ss, v, vv = ranges
         self.colours = ColourRange((h, hh), (s, ss), (v, vv))
         self.each = each

@@ -123,9 +123,9 @@ def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name:
 
 _detector_options = [
     click.option(
-        "--drive", type=float, default=0.0, metavar="M/S", help="Drive on meanwhile, as by keyboard."
+        "--drive", type=Finite(), default=0.0, metavar="M/S", help="Drive on meanwhile, as by keyboard."
     ),
-    click.option("--turn", type=float, default=0.0, metavar="RAD/S", help="Turn meanwhile."),
+    click.option("--turn", type=Finite(), default=0.0, metavar="RAD/S", help="Turn meanwhile."),
     click.option("--colour-by-distance", is_flag=True, help="The arrow green when far, red when near."),
     click.option("--displacement", is_flag=True, help="Say each second how far the robot has moved."),
     click.option("--frames", "obstacle_in_frames", is_flag=True, help="Say where it is in three frames."),
@@ -161,8 +161,8 @@ def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
     help="Hue from and to (0-180), saturation, value (0-255); wooden furniture unless said otherwise.",
 )
 @click.option("--each", is_flag=True, help="A box for each separate object, not one for all.")
-@click.option("--pan", type=float, default=0.0, metavar="RAD", help="Where the head looks: + is left.")
-@click.option("--tilt", type=float, default=0.0, metavar="RAD", help="Where the head looks: + is up.")
+@click.option("--pan", type=Finite(), default=0.0, metavar="RAD", help="Where the head looks: + is left.")
+@click.option("--tilt", type=Finite(), default=0.0, metavar="RAD", help="Where the head looks: + is up.")
 def colour(ctx: click.Context, /, **settings: Any) -> int:
     """Find what has a colour in the camera's pictures, and say where; the picture shows what was seen."""
     from robot_nodes.book.colour_watcher import ColourWatcher, ranges_of
@@ -177,7 +177,7 @@ def colour(ctx: click.Context, /, **settings: Any) -> int:
 
 
 @world_command("head-tracking", "The head follows a colour, by PID (chapter 5.2).")
-@click.option("--turn", type=float, default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
+@click.option("--turn", type=Finite(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
 @click.option("--reactive", is_flag=True, help="Higher gains, and 20 times a second: the exercise.")
 def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
     """Turn the head to what has the colour of wooden furniture; the picture is the head camera's."""

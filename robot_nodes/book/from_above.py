@@ -94,6 +94,11 @@ class FromAbove:
         return pixels
 
 
+def writable(path: Path) -> bool:
+    """Whether the ending of *path* names a format that pictures can be written in; none means PNG."""
+    return not path.suffix or bool(cv2.haveImageWriter(path.name))
+
+
 def save_picture(image: NDArray[np.uint8], path: Path) -> None:
     """Write *image* (RGB) to *path*, whose ending tells the format. Raises OSError where that fails."""
     fine, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _SMALL)

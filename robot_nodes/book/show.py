@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from btcore.cli.embodied import Finite, Run, perform, resources
 from btcore.cli.resources import Gathered
-from robot_nodes.book.from_above import save_picture
+from robot_nodes.book.from_above import save_picture, writable
 from robot_nodes.process.executor import EndlessTalk, Executor
 from robot_nodes.process.launch import LaunchFault
 from robot_nodes.process.parameters import ParameterFault
@@ -118,6 +118,8 @@ class Stage:
         path: Path | None = self.settings.get("picture")
         if path is not None and not path.resolve().parent.is_dir():
             raise BookMistake(f"--picture {path}: there is no folder {path.resolve().parent}")
+        if path is not None and not writable(path):
+            raise BookMistake(f"--picture {path}: pictures can't be '{path.suffix}'; .png and .jpg work")
         told: dict[str, object] = {}
 
         def end() -> None:

@@ -15,11 +15,14 @@ def add_poses(nodes: Registry) -> None:
 def pose_from_text(text: str) -> Pose2D:
     """The pose written ``x;y`` or ``x;y;yaw`` (m, rad), or as Nav2 does.
 
-    Nav2 writes ``stamp;frame;x;y;z;qx;qy;qz;qw``, or without stamp and frame. Raises ConversionFault.
+    Nav2 writes ``stamp;frame;x;y;z;qx;qy;qz;qw``, or without stamp and frame; the frame is ``map``.
+    Raises ConversionFault.
     """
     parts = [part.strip() for part in text.split(";")]
     if len(parts) == 9:
-        parts = parts[2:]
+        frame, parts = parts[1], parts[2:]
+        if frame.strip("/") not in ("", "map"):
+            raise ConversionFault(f"'{text}' is a pose in the frame '{frame}', and poses here are in map")
     try:
         numbers = [float(part) for part in parts]
     except ValueError:

@@ -5,6 +5,7 @@ scikit-image. `Bounds` tells it where no cheapest way can lead, so that a way is
 further on and around what was seen meanwhile, in a tenth of the time; it stays the cheapest.
 """
 
+import math
 from typing import Final
 
 import cv2
@@ -75,7 +76,7 @@ class Bounds:
     def least(self, start: Cell) -> tuple[float, NDArray[np.float32]]:
         """What ways from *start* cost at least: any at all, and for each cell those that cross it."""
         way = float(self._from_start[start] + self._to_goal[start])
-        if not way <= self._detour:
+        if not (math.isfinite(way) and way <= self._detour):
             self._depart(start)
         across = np.abs(self._from_start - self._from_start[start])
         across += self._to_goal

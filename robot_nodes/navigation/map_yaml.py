@@ -95,8 +95,10 @@ def read_entries(path: Path, what: str) -> Entries:
         loader = yaml.SafeLoader(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise MapError(f"{path}: there is no such file") from None
-    except (OSError, UnicodeDecodeError) as fault:
-        raise MapError(f"{path}: the file can't be read as a text: {fault}") from None
+    except OSError as fault:
+        raise MapError(f"{path}: the file can't be read: {fault.strerror}") from None
+    except UnicodeDecodeError:
+        raise MapError(f"{path}: this is no text; {what} is a YAML file, which names its image") from None
     except yaml.reader.ReaderError as fault:
         raise MapError(f"{path}: this is not YAML: {fault.reason}") from None
     values: dict[str, Any] = {}

@@ -19,7 +19,7 @@ from robot_nodes.navigation.grid import (
     grid_costs,
 )
 from robot_nodes.navigation.path import NavPath, empty_path, joined, through
-from robot_nodes.navigation.smoothing import smoothed
+from robot_nodes.navigation.smoothing import anchored, smoothed
 from robot_nodes.robot import Pose2D
 
 _BOUNDS_KEPT = 8
@@ -78,9 +78,7 @@ class Planner:
         cells = cheapest(costs, first, end, None if left else self._bounds(first, end))
         if cells is None:
             raise PlanFault(Code.NO_VALID_PATH, f"no path leads to the goal {_said(goal)}")
-        way = np.array(cells, dtype=np.float64)
-        way = np.concatenate((way, way[-1:])) if len(way) == 1 else way
-        way[0], way[-1] = self._pixel(start.x, start.y), self._pixel(*place)
+        way = anchored(costs, cells, self._pixel(start.x, start.y), self._pixel(*place))
         points = self._points(smoothed(costs, way))
         points[0], points[-1] = (start.x, start.y), place
         return through(points, goal, now, self.costmap.frame)

@@ -7,6 +7,7 @@ implicit and its outer ones explicit). Points are in cells, row and column, the 
 0, 0. Prices are as in `robot_nodes.navigation.grid`: length times costs.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import cv2
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from robot_nodes.navigation.grid import FACTOR, NEUTRAL
+from robot_nodes.navigation.grid import FACTOR, NEUTRAL, Cell
 from robot_nodes.navigation.layers import INSCRIBED
 
 DEARER: Final = 1.05
@@ -25,8 +26,8 @@ _KNOT_DISTANCE: Final = 6.0
 """Cells between knots at least."""
 _SAMPLE: Final = 2.0
 """Cells between the places where lines between knots are priced."""
-_CHECK: Final = 0.1
-"""Cells between the places where a finished way is priced and checked."""
+_TOUCH: Final = 1e-9
+"""The part of a step up to which a cell counts as touched only: its corner."""
 
 _STIFFNESSES: Final = (10.0, 1.0)
 """How much bending is resisted, from the most; the next where that is too dear."""
@@ -56,6 +57,25 @@ def smoothed(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np
         if _price(costs, relaxed) <= limit * DEARER:
             return relaxed
     return pulled if _price(costs, pulled) <= limit else way
+
+
+def anchored(
+    costs: NDArray[np.float64],
+    cells: Sequence[Cell],
+    first: tuple[float, float],
+    last: tuple[float, float],
+) -> NDArray[np.float64]:
+    """The way over the middles of *cells* that begins at *first*, in the first of them, and ends at *last*.
+
+    From there it leads straight to the next cell's middle, or over its own cell's where a wall's corner is
+    between.
+    """
+    way = np.array([first, *cells[1:-1], last], dtype=np.float64)
+    if len(cells) > 1:
+        for end, middle, at in ((way[-2:], cells[-1], -1), (way[:2], cells[0], 1)):
+            if not np.isfinite(_price(costs, _spaced(end, 1.0))):
+                way = np.insert(way, at, middle, axis=0)
+    return way
 
 
 def _pulled(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -155,11 +175,22 @@ def _spaced(way: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
 
 
 def _price(costs: NDArray[np.float64], way: NDArray[np.float64]) -> float:
-    """What *way* costs, infinite through a wall."""
-    dense = _spaced(way, _CHECK)
-    step = float(_along(way)[-1]) / (len(dense) - 1)
-    under = _under(costs, (dense[1:] + dense[:-1]) / 2)
-    return float(under.sum() * step)
+    """What *way*, its points at most a cell apart, costs cell by cell; infinite through a wall."""
+    starts, steps = way[:-1], np.diff(way, axis=0)
+    cells = np.floor(way + 0.5)
+    # A step that short crosses at most one line between rows and one between columns.
+    crossed = cells[1:] != cells[:-1]
+    lines = np.maximum(cells[1:], cells[:-1]) - 0.5
+    cuts = np.ones((len(steps), 4))
+    cuts[:, 0] = 0.0
+    np.divide(lines - starts, steps, out=cuts[:, 1:3], where=crossed)
+    cuts.sort(axis=1)
+    parts = np.diff(cuts, axis=1)
+    middles = (cuts[:, 1:] + cuts[:, :-1]) / 2
+    inside = parts > _TOUCH
+    points = starts[:, None] + middles[..., None] * steps[:, None]
+    lengths = parts * np.hypot(*steps.T)[:, None]
+    return float((_under(costs, points[inside]) * lengths[inside]).sum())
 
 
 def _step_prices(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -72,6 +72,7 @@ def test_a_battery_to_begin_with(run: Run) -> None:
     data = json.loads(result.stdout.splitlines()[-1])
     assert 24.0 < data["robot"]["battery_min"] < 25.0
     refused(run("bumpgo", "--fast", "--battery", "120"), "--battery", "120")
+    refused(run("bumpgo", "--fast", "--battery", "nan"), "--battery nan", "a number from 0 to 100")
 
 
 def test_a_world_that_does_not_exist(run: Run) -> None:

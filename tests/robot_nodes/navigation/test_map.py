@@ -213,6 +213,11 @@ def test_numbers_with_an_exponent_are_numbers(tmp_path):
 
 
 def test_a_map_that_is_not_there(tmp_path):
+    cv2.imwrite(str(tmp_path / "room.png"), np.zeros((4, 4), np.uint8))
+    with pytest.raises(MapError, match=r"room\.png: this is no text; a map is a YAML file, which names its"):
+        load_map(tmp_path / "room.png")
+    with pytest.raises(MapError, match=r"the file can't be read: Is a directory$"):
+        load_map(tmp_path)
     with pytest.raises(MapError, match=r"attic\.yaml: there is no such file"):
         load_map(tmp_path / "attic.yaml")
 

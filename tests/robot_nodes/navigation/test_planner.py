@@ -151,6 +151,13 @@ def test_bounds_of_an_emptier_floor_find_as_cheap_a_way(grid, data):
             assert way_price(costs, found) == pytest.approx(least)
 
 
+def test_bounds_of_a_start_from_which_no_way_leads_serve_a_start_with_one():
+    floor = grid_costs(np.array([[0, LETHAL, 0, 0, 0]], dtype=np.uint8))
+    bounds = Bounds(floor, (0, 0), (0, 4))
+    assert cheapest(floor, (0, 2), (0, 4), bounds) == [(0, 2), (0, 3), (0, 4)]
+    assert cheapest(floor, (0, 0), (0, 4), bounds) is None
+
+
 # -- smoothness
 
 
@@ -215,6 +222,13 @@ def test_no_path_comes_nearer_to_an_obstacle_than_the_robot_is_wide(places):
         assert not reached[costmap.cell(goal.x, goal.y)]
         return
     assert costmap.costs_at(dense(path)).max() < INSCRIBED
+
+
+def test_a_goal_in_its_cells_corner_is_not_approached_through_the_wall_beside_it(rooms):
+    goal = Pose2D(3.59765625, 2.96875, 0.0)  # the straight way there from the next cell's middle is closed
+    path = Planner(rooms).plan(Pose2D(5.0, 1.0, 0.0), goal, 0)
+    assert path.goal == goal
+    assert rooms.costs_at(dense(path)).max() < INSCRIBED
 
 
 def test_a_path_begins_at_the_robot_and_ends_as_the_goal_does(rooms):

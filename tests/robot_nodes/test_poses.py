@@ -1,0 +1,51 @@
+"""Poses as a tree's XML writes them: the book's way, and Nav2's."""
+
+import math
+
+import pytest
+
+from btcore import ConversionFault
+from robot_nodes.leaves.poses import pose_from_text, pose_to_text
+from robot_nodes.robot import Pose2D
+
+HALF = math.sqrt(0.5)
+"""Of a quaternion for a quarter turn: its z, and its w."""
+
+
+@pytest.mark.parametrize(
+    ("text", "pose"),
+    [
+        ("1.5;-2", Pose2D(1.5, -2.0, 0.0)),
+        (" 1.5 ; -2 ; 0.5 ", Pose2D(1.5, -2.0, 0.5)),
+        ("0;0;7", Pose2D(0.0, 0.0, 7.0 - math.tau)),
+        (f"1;2;0;0;0;{HALF};{HALF}", Pose2D(1.0, 2.0, math.pi / 2)),
+        (f"0;map;1;2;0;0;0;{HALF};{HALF}", Pose2D(1.0, 2.0, math.pi / 2)),
+        ("0;/map;1;2;0;0;0;0;1", Pose2D(1.0, 2.0, 0.0)),
+        ("0;;1;2;0;0;0;0;1", Pose2D(1.0, 2.0, 0.0)),
+    ],
+)
+def test_a_pose_in_the_books_form_and_in_nav2s(text: str, pose: Pose2D):
+    read = pose_from_text(text)
+    assert (read.x, read.y, read.yaw) == pytest.approx((pose.x, pose.y, pose.yaw))
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "the form is x;y or x;y;yaw"),
+        ("kitchen", "the form is x;y or x;y;yaw"),
+        ("1,2", "the form is x;y or x;y;yaw"),
+        ("1;2;3;4", "this has 4 parts"),
+        ("nan;1", "its numbers have to be finite"),
+        ("1;inf", "its numbers have to be finite"),
+        ("0;odom;1;2;0;0;0;0;1", "in the frame 'odom', and poses here are in map"),
+    ],
+)
+def test_what_is_no_pose_in_the_map_is_told(text: str, why: str):
+    with pytest.raises(ConversionFault) as fault:
+        pose_from_text(text)
+    assert why in str(fault.value)
+
+
+def test_what_is_written_reads_as_it_was():
+    assert pose_from_text(pose_to_text(Pose2D(1.25, -0.5, 3.0))) == Pose2D(1.25, -0.5, 3.0)
