@@ -177,6 +177,8 @@ class Registry:
         for format in (3, 4) if only is None else (only,):
             known = self.get(manifest.id, format)
             if known is not None and known.yields and not self._installing:
+                if known.origin == manifest.origin:
+                    return
                 self.remove(manifest.id)
                 self.displaced.append((known, manifest))
                 known = None

@@ -1,5 +1,6 @@
 """The robot for ``btcore run``: its options, the body that leaves are given, and what it reports."""
 
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -98,8 +99,11 @@ class RobotExtension:
     ) -> Sequence[object]:
         """The robot in its world and the world's map, as far as *wanted* has `Robot` and `OccupancyMap`.
 
-        A user's mistake is a `SimMistake`.
+        Where somebody else has *provided* a robot there is no simulated one, nor its world's map: who drives
+        the real one wants no figures of another. A user's mistake is a `SimMistake`.
         """
+        if any(isinstance(one, Robot) for one in provided):
+            return ()
         robot = any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
         # Whoever wants a map has loaded this module: where it isn't loaded nobody does.
         maps = getattr(sys.modules.get("robot_nodes.navigation.map"), "OccupancyMap", None)
@@ -182,6 +186,8 @@ def _make(settings: Mapping[str, Any]) -> "tuple[Body, Events | None]":
     scene = life.scene(load_scene(settings.get("world", "arena")), seed)
     world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)
+    if math.isnan(level):
+        raise SimError("--battery nan: a battery's level is a number from 0 to 100")
     body = Body(world, description, camera=camera, faults=faults, battery=level)
     return body, life.begin(world, body, description.base.radius)
 

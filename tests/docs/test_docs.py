@@ -36,7 +36,7 @@ NEEDS = {
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
     "protocols": ("zmq", "msgpack"),
-    "your-robot": ("numpy",),
+    "your-robot": ("numpy", "cv2", "scipy", "yaml"),
     "mapping": BOOK_NEEDS,
     "patrolling": BOOK_NEEDS,
 }

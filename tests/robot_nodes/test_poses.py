@@ -24,7 +24,7 @@ HALF = math.sqrt(0.5)
         ("0;;1;2;0;0;0;0;1", Pose2D(1.0, 2.0, 0.0)),
     ],
 )
-def test_a_pose_in_the_books_form_and_in_nav2s(text: str, pose: Pose2D):
+def test_a_pose_in_the_books_form_and_in_nav2s(text: str, pose: Pose2D) -> None:
     read = pose_from_text(text)
     assert (read.x, read.y, read.yaw) == pytest.approx((pose.x, pose.y, pose.yaw))
 
@@ -41,11 +41,11 @@ def test_a_pose_in_the_books_form_and_in_nav2s(text: str, pose: Pose2D):
         ("0;odom;1;2;0;0;0;0;1", "in the frame 'odom', and poses here are in map"),
     ],
 )
-def test_what_is_no_pose_in_the_map_is_told(text: str, why: str):
+def test_what_is_no_pose_in_the_map_is_told(text: str, why: str) -> None:
     with pytest.raises(ConversionFault) as fault:
         pose_from_text(text)
     assert why in str(fault.value)
 
 
-def test_what_is_written_reads_as_it_was():
+def test_what_is_written_reads_as_it_was() -> None:
     assert pose_from_text(pose_to_text(Pose2D(1.25, -0.5, 3.0))) == Pose2D(1.25, -0.5, 3.0)

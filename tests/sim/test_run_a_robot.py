@@ -7,6 +7,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
+from robot_nodes.robot import Robot
+from sim.body import Body
+from sim.run import RobotExtension
 
 Run = Callable[..., Result]
 
@@ -93,3 +96,17 @@ def test_a_fault_that_says_nothing(run: Run) -> None:
 
 def test_a_robot_that_does_not_exist(run: Run) -> None:
     refused(run("bumpgo", "--robot", "no_robot.json", "--fast"), "no_robot.json")
+
+
+def test_a_robot_that_is_there_already_is_the_only_one() -> None:
+    settings = {"fast": True}
+    [mine, *_] = RobotExtension().provide(settings, [Robot])
+    assert isinstance(mine, Body)
+    try:
+        simulator = RobotExtension()
+        assert list(simulator.provide(settings, [Robot], [mine])) == []
+        with simulator.attach(None, [mine], settings):
+            pass
+        assert simulator.report() == {}
+    finally:
+        mine.world.close()

@@ -190,6 +190,8 @@ def test_interrupted_the_tree_is_halted_and_the_exit_code_is_130(
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        # These tests may run under nohup themselves, which a run inherits and respects.
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     ) as process:
         said = _lines(process.stdout)
         assert next(said) == "here we go"
