@@ -166,8 +166,9 @@ class Navigation:
         every(rate, Rank.CONTROLLER, self.navigate_through_poses.step)
 
     def _localise(self, now: int) -> None:
+        before = self.localiser.stamp
         self.localiser.step(now)
-        self._looks += 1
+        self._looks += self.localiser.stamp != before
         sure = not self.held()
         if self.localiser.searching:
             if not self._searched:

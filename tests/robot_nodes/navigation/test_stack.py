@@ -268,6 +268,16 @@ def test_a_laser_that_is_dead_for_five_seconds_stops_the_robot_and_nothing_fails
     assert home.off(4.3, 0.0) < 0.35
 
 
+def test_a_goal_waits_for_a_laser_that_is_dead_from_the_start(flat):
+    home = flat(Fault("laser", 0, 4 * NS_PER_S))
+    handle = home.navigation.go_to(Pose2D(1.5, 1.0, 0.0))
+    home.run(3.9)
+    assert not handle.done
+    assert home.body.distance < 0.01
+    home.run(40.0, until=lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+
+
 def test_carried_off_the_robot_notices_finds_itself_and_still_gets_there(flat):
     home = flat()
     handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
