@@ -20,6 +20,9 @@ MAP, ODOM, BASE = "map", "odom", "base_footprint"
 class Localising(Protocol):
     """Who tells where the robot is in the frame map: a localiser, or who makes the map on the way."""
 
+    stamp: int
+    """The stamp (ns) of the last scan that was looked at."""
+
     @property
     def confident(self) -> bool:
         """Whether the pose may be driven by."""
