@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
+from click.core import ParameterSource
 
 from monitor.showing import (
     UsersMistake,
@@ -59,6 +60,8 @@ def monitor(
     screenshot: Path | None,
     at: float | None,
     size: tuple[int, int],
+    palette: str,
+    find: tuple[str, ...],
     no_record: bool,
     blackboard_rate: float,
     no_view: bool,
@@ -80,6 +83,7 @@ def monitor(
         if recordings:
             if watching:
                 raise UsersMistake("a recording and a robot can't be watched at once: name one kind")
+            _check_is_live("palette", "find")
             _show_recordings(recordings, screenshot, serve_web, at, size, memory_limit, seconds)
             return
         with contextlib.ExitStack() as stack:
@@ -93,7 +97,7 @@ def monitor(
                 stack.enter_context(contextlib.closing(feed))
             wants_window = not no_view and screenshot is None and serve_web is None
             outlets = open_outlets(save, serve_web, wants_window, memory_limit)
-            files = _watch(feeds, outlets, until_end, seconds)
+            files = _watch(feeds, outlets, palette, find, until_end, seconds)
             if save is not None and not files and screenshot is None:
                 seen_at = ", ".join(watching)
                 click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
@@ -103,6 +107,17 @@ def monitor(
                 take_picture(files[-1], screenshot, at, size)
     except ScreenFault as fault:
         raise UsersMistake(str(fault)) from None
+
+
+def _check_is_live(*options: str) -> None:
+    """Raise UsersMistake where one of *options* is on the command line: a recording's making decides them."""
+    context = click.get_current_context()
+    for name in options:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise UsersMistake(
+                f"a recording is shown as it was made: --{name} goes with watching a robot, and with btcore "
+                "replay of a log"
+            )
 
 
 def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[Feed]":
@@ -115,17 +130,25 @@ def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[
         raise UsersMistake(str(fault)) from None
 
 
-def _watch(feeds: "list[Feed]", outlets: "Outlets", until_end: bool, seconds: float | None) -> list[Path]:
+def _watch(
+    feeds: "list[Feed]",
+    outlets: "Outlets",
+    palette: str,
+    find: tuple[str, ...],
+    until_end: bool,
+    seconds: float | None,
+) -> list[Path]:
     """Show every feed until told to stop; returns the files written, in the order of their trees."""
     from monitor.screen.sinks import answers
     from monitor.screen.stream import Screen
+    from monitor.screen.style import PALETTES
 
     stop = threading.Event()
     places = [
         str(feed.address).removeprefix("tcp://").removeprefix("127.0.0.1") if len(feeds) > 1 else ""
         for feed in feeds
     ]
-    screens = [Screen(outlets, label=place) for place in places]
+    screens = [Screen(outlets, PALETTES[palette], place, find) for place in places]
     faults: list[BaseException] = []
 
     def run(feed: "Feed", screen: Screen) -> None:

@@ -11,7 +11,13 @@ import click
 
 from btcore.suggest import listing
 from monitor.commands import DEFAULT_ADDRESS
-from monitor.showing import UsersMistake, check_installed, check_writable, stopped_by_signals
+from monitor.showing import (
+    UsersMistake,
+    check_installed,
+    check_writable,
+    palette_option,
+    stopped_by_signals,
+)
 
 if TYPE_CHECKING:
     from monitor.picture import Event, TreeSeen
@@ -38,7 +44,10 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 )
 @click.option("--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
-def record(address: str, outputs: Sequence[Path], duration: float | None, until_end: bool) -> None:
+@palette_option
+def record(
+    address: str, outputs: Sequence[Path], duration: float | None, until_end: bool, palette: str
+) -> None:
     """Record what the tree at ADDRESS does; any robot will do that btcore monitor shows.
 
     ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667). The robot may come
@@ -54,7 +63,7 @@ def record(address: str, outputs: Sequence[Path], duration: float | None, until_
     _check(outputs, (*LOGS, _RERUN))
     try:
         with Feed(address) as feed:
-            files = _Files(outputs)
+            files = _Files(outputs, palette)
             try:
                 _follow(feed, files, duration, until_end)
             finally:
@@ -74,12 +83,12 @@ def record(address: str, outputs: Sequence[Path], duration: float | None, until_
 class _Files:
     """All that is written: log files, and recordings for the viewer."""
 
-    def __init__(self, outputs: Sequence[Path]) -> None:
+    def __init__(self, outputs: Sequence[Path], palette: str) -> None:
         from monitor.logbook import Logbook
 
         recordings = _recordings(outputs)
         self.book = Logbook([path for path in outputs if path not in recordings])
-        self.screens = _screens(recordings) if recordings else []
+        self.screens = _screens(recordings, palette) if recordings else []
 
     @property
     def written(self) -> list[Path]:
@@ -106,11 +115,12 @@ class _Files:
                 stack.callback(screen.close)
 
 
-def _screens(recordings: Sequence[Path]) -> "list[Screen]":
+def _screens(recordings: Sequence[Path], palette: str) -> "list[Screen]":
     from monitor.screen.sinks import Outlets
     from monitor.screen.stream import Screen
+    from monitor.screen.style import PALETTES
 
-    return [Screen(Outlets(save=path)) for path in recordings]
+    return [Screen(Outlets(save=path), PALETTES[palette]) for path in recordings]
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:

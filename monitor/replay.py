@@ -65,6 +65,8 @@ def replay(
     screenshot: Path | None,
     at: float | None,
     size: tuple[int, int],
+    palette: str,
+    find: tuple[str, ...],
     memory_limit: str,
 ) -> None:
     """Show LOG again: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2) or a format-3 .fbl.
@@ -87,7 +89,7 @@ def replay(
         _print(recording, window, patterns)
         return
     check_installed("rerun", "numpy")
-    _show(recording, window, save, serve_web, screenshot, at, size, memory_limit)
+    _show(recording, window, save, serve_web, screenshot, at, size, palette, find, memory_limit)
 
 
 def picture_of(recording: Recording) -> Picture:
@@ -194,10 +196,13 @@ def _show(
     screenshot: Path | None,
     at: float | None,
     size: tuple[int, int],
+    palette: str,
+    find: tuple[str, ...],
     memory_limit: str,
 ) -> None:
     from monitor.screen.sinks import ScreenFault
     from monitor.screen.stream import Screen
+    from monitor.screen.style import PALETTES
 
     wants_window = save is None and serve_web is None and screenshot is None
     try:
@@ -209,7 +214,7 @@ def _show(
                     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))
                     file = Path(folder) / "replay.rrd"
             outlets = open_outlets(file, serve_web, wants_window, memory_limit)
-            screen = Screen(outlets)
+            screen = Screen(outlets, PALETTES[palette], find=find)
             for event in events(recording, window):
                 screen.show(event)
             screen.close()

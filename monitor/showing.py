@@ -10,12 +10,15 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 if TYPE_CHECKING:
     from monitor.screen.sinks import Outlets
+
+
+PALETTES: Final = ("groot", "colour-blind")
 
 
 class UsersMistake(click.ClickException):
@@ -25,10 +28,24 @@ class UsersMistake(click.ClickException):
 
 
 def showing_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give *command* the options of where to show: save, serve_web, screenshot, at, size, memory_limit."""
+    """Give *command* the options of where and how to show.
+
+    They are save, serve_web, screenshot, at, size, palette, find and memory_limit.
+    """
     for option in reversed(_options()):
         command = option(command)
     return command
+
+
+palette_option: Final = click.option(
+    "--palette",
+    type=click.Choice(PALETTES),
+    default=PALETTES[0],
+    show_default=True,
+    envvar="BTCORE_PALETTE",
+    help="Colours of statuses: Groot's, or some that don't need red and green told apart; also by "
+    "BTCORE_PALETTE in the environment.",
+)
 
 
 def check_installed(*modules: str) -> None:
@@ -76,6 +93,14 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
             show_default=True,
             metavar="WxH",
             help="Of the screenshot.",
+        ),
+        palette_option,
+        click.option(
+            "--find",
+            multiple=True,
+            metavar="PATTERN",
+            help="Let nodes stand out whose name or path is so, such as 'Dock*', and give them the lanes; "
+            "may be given several times.",
         ),
         click.option(
             "--memory-limit",

@@ -1,6 +1,6 @@
 """How the views stand in the window."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -8,9 +8,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from . import now, panels, scene, sight, tree
+from . import now, panels, scene, sight, statistics
+from .lanes import Lanes
 from .rows import TREE_TIME, WALL_TIME
 from .style import Palette
+from .tree import FOLDED, TreeView
 
 _WINDOW: Final = (1920.0, 1000.0)
 """Pixels of the window that the views were proportioned for (full HD, less the viewer's own bars)."""
@@ -61,8 +63,8 @@ def tree_aspect(lanes: int, scene: bool) -> float:
 def blueprint(
     palette: Palette,
     name: str,
-    bounds: tuple[float, float, float, float],
-    lanes: Collection[str],
+    trees: Sequence[TreeView],
+    lanes: Lanes,
     eye: Eye | None,
     costed: bool = True,
     several: bool = False,
@@ -71,12 +73,14 @@ def blueprint(
 
     *costed*: the robot tells what its ticks cost. *several*: other robots can be chosen at the left.
     """
-    tree_view = _tree(palette, name, bounds)
-    lane_view = _lanes(lanes)
+    drawings = [_tree(palette, name, one) for one in trees]
+    tree_view = drawings[0] if len(drawings) == 1 else rrb.Tabs(*drawings)
+    counts = rrb.TextDocumentView(origin=statistics.STATISTICS, name="Statistics")
+    lane_view = rrb.Tabs(_lanes(lanes.entities, lanes.title), counts)
     ticks = [_curve("Tick duration [ms]", "tick", palette), _curve("Tick rate [Hz]", "rate", palette)]
     if not costed:
         ticks = [rrb.TextDocumentView(origin=panels.UNSENT, name="Tick duration and rate")]
-    below = lanes_share(len(lanes))
+    below = lanes_share(len(lanes.entities))
     layout: rrb.Container
     if eye is not None:
         curves: list[rrb.View | rrb.Container] = [_curve("Speed", scene.SPEED, palette), rrb.Tabs(*ticks)]
@@ -116,12 +120,12 @@ def blueprint(
     )
 
 
-def _tree(palette: Palette, name: str, bounds: tuple[float, float, float, float]) -> rrb.View:
-    x0, y0, x1, y1 = bounds
-    still: Mapping[Any, Any] = {entity: rrb.EntityBehavior(interactive=False) for entity in tree.DRAWN_ONLY}
+def _tree(palette: Palette, name: str, tree: TreeView) -> rrb.View:
+    x0, y0, x1, y1 = tree.bounds()
+    still: Mapping[Any, Any] = {entity: rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only}
     return rrb.Spatial2DView(
-        origin=tree.ORIGIN,
-        name=f"Behavior tree · {name}",
+        origin=tree.origin,
+        name=f"Folded · {name}" if tree.origin == FOLDED else f"Behavior tree · {name}",
         background=rrb.Background(color=palette.background, kind="SolidColor"),
         visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[y0, y1]),
         overrides=still,
@@ -136,9 +140,9 @@ def _axis() -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=window)
 
 
-def _lanes(lanes: Iterable[str]) -> rrb.View:
+def _lanes(lanes: Iterable[str], title: str) -> rrb.View:
     return rrb.StateTimelineView(
-        origin="/", contents=[f"+ /{lane}" for lane in lanes], name="Leaves over time", time_view=_axis()
+        origin="/", contents=[f"+ /{lane}" for lane in lanes], name=title, time_view=_axis()
     )
 
 

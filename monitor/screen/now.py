@@ -6,9 +6,10 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from ..picture import RUNNING, STATUS_NAMES, Gap, Picture, Ticked, Unseen, Wire
+from ..picture import IDLE, RUNNING, STATUS_NAMES, Gap, Picture, Raised, Ticked, Unseen, Wire
 from .moments import SHOWN_NAMES, Moments
 from .rows import Rows, Series
+from .words import plain
 
 NOW: Final = "now"
 _NAMES_AT_MOST: Final = 4
@@ -25,6 +26,8 @@ class NowPanel:
         self._notes: dict[str, str] = {}
         self._shown = ""
         self._wire: list[str] = []
+        self._raised = ""
+        self._root = STATUS_NAMES[IDLE]
         self._lost = self._holes = 0
 
     def wire(self, wire: Wire) -> None:
@@ -32,6 +35,13 @@ class NowPanel:
         self._wire = [f"| by | {wire.name} |"] if wire.lacks else []
         if "exceptions" in wire.lacks:
             self._wire.append(f"| raised | {wire.lacks['exceptions']} |")
+
+    def raised(self, event: Raised, moments: Moments) -> None:
+        """Say which node raised last: at once, as a tick that raises may be the last."""
+        self._raised = (
+            f"| raised | **{plain(event.path)}** at {event.t / 1e9:.2f} s: {plain(event.message)} |"
+        )
+        self._show(event.t, event.wall, moments, self._root)
 
     def missing(self, event: Gap | Unseen) -> None:
         """Count what is missing."""
@@ -55,11 +65,14 @@ class NowPanel:
         self._show(moments.t, moments.wall, moments, SHOWN_NAMES[int(moments.shown[0])])
 
     def _show(self, t: int, wall: int, moments: Moments, root: str) -> None:
+        self._root = root
         at_work = [self._names[at] for at in np.flatnonzero((moments.shown == RUNNING) & self._leaf)]
         text = ", ".join(f"**{name}**" for name in at_work[:_NAMES_AT_MOST])
         if len(at_work) > _NAMES_AT_MOST:
             text += f" and {len(at_work) - _NAMES_AT_MOST} more"
         lines = [f"| runs | {text or '–'} |", "|:--|:--|"]
+        if self._raised:
+            lines.append(self._raised)
         lines += [f"| {name} | {note} |" for name, note in self._notes.items()]
         if self._contacts:
             lines.append(f"| robot | {self._contacts} |")

@@ -1,6 +1,5 @@
-"""What stands beside the tree: lanes, log, blackboard, and the cost of ticking."""
+"""What stands beside the tree: log, blackboard, and the cost of ticking."""
 
-import re
 from collections import deque
 from collections.abc import Iterable, Mapping
 from statistics import median
@@ -10,11 +9,10 @@ import numpy as np
 import rerun as rr
 
 from ..picture import STATUS_NAMES, Gap, Link, Picture, Raised, StatusChanged, Ticked, Unseen, Wire
-from .moments import SHOWN_NAMES, Moments
 from .now import documents
 from .rows import Rows, Series, scalars
 from .style import Palette
-from .tree import leaves
+from .words import plain
 
 LOG: Final = "log"
 BLACKBOARD: Final = "blackboard"
@@ -23,52 +21,8 @@ BUDGET_MS: Final = "tick/budget"
 RATE: Final = "rate/ticks"
 UNSENT: Final = "tick/unsent"
 """What stands in the place of a tick's cost where a robot doesn't tell it."""
-LANES_AT_MOST: Final = 48
-"""A lane is some 40 px high, so more than these would not be looked at."""
 NAME_WIDTH: Final = 22
 _VALUE_ROOM: Final = 60
-
-
-def lane_entities(picture: Picture) -> dict[int, str]:
-    """uid → entity of its lane, for the leaves; a number keeps their order, as rerun sorts lanes by name."""
-    chosen = leaves(picture.nodes)[:LANES_AT_MOST]
-    digits = len(str(len(chosen)))
-    return {
-        node.uid: f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', node.name).strip('_')}"
-        for at, node in enumerate(chosen, start=1)
-    }
-
-
-class Lanes:
-    """A horizontal lane a leaf: what it showed tick by tick."""
-
-    def __init__(self, rows: Rows, picture: Picture, palette: Palette) -> None:
-        self._palette = palette
-        self._recording = rows.recording
-        self.entities = lane_entities(picture)
-        self._series = {
-            at: rows.series(self.entities[node.uid], _states)
-            for at, node in enumerate(picture.nodes)
-            if node.uid in self.entities
-        }
-
-    def draw(self) -> None:
-        """Colours of the lanes."""
-        colours = self._palette.fill[: len(STATUS_NAMES)]
-        look = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
-        for entity in self.entities.values():
-            self._recording.log(entity, look, static=True)
-
-    def show(self, moments: Moments, changed: Iterable[int]) -> None:
-        """A state for each lane among *changed* (indices of nodes)."""
-        for at in changed:
-            series = self._series.get(at)
-            if series is not None:
-                series.add(moments.t, moments.wall, int(moments.shown[at]))
-
-
-def _states(values: list[int]) -> Iterable[Any]:
-    return rr.StateChange.columns(state=[SHOWN_NAMES[one] for one in values])
 
 
 class TransitionLog:
@@ -89,6 +43,11 @@ class TransitionLog:
         colour = int(self._palette.ink[event.status])
         self._lines.add(event.t, event.wall, (line, "INFO" if event.status else "DEBUG", colour))
         self._numbers.add(event.t, event.wall, event)
+
+    def not_found(self, pattern: str, t: int, wall: int) -> None:
+        """A search was in vain."""
+        line = f"{t / 1e9:9.2f}s no node's name or path is like '{pattern}'"
+        self._lines.add(t, wall, (line, "WARN", int(self._palette.ink[1])))
 
     def raised(self, event: Raised) -> None:
         """A node raised."""
@@ -147,13 +106,13 @@ class BlackboardTable:
     def blank(self, t: int, wall: int) -> None:
         """Nothing but the note, until a blackboard is seen."""
         if not self._shown:
-            self._series.add(t, wall, f"*{_plain(self.note)}*")
+            self._series.add(t, wall, f"*{plain(self.note)}*")
 
     def show(self, t: int, wall: int, boards: Mapping[str, Mapping[str, Any]]) -> None:
         """The table of *boards*, unless it is the one already there."""
         document = markdown(boards, self._last)
         if self.note:
-            document = f"*{_plain(self.note)}*\n\n{document}"
+            document = f"*{plain(self.note)}*\n\n{document}"
         self._last = boards
         if document != self._shown:
             self._shown = document
@@ -167,15 +126,13 @@ def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mappi
         if not board and path:
             continue
         if path:
-            lines += ["", f"**{_plain(path)}**", ""]
+            lines += ["", f"**{plain(path)}**", ""]
         lines += ["| key | value |", "|:--|:--|"]
         known = before.get(path, {})
         for key, value in board.items():
             new = key not in known or known[key] != value
-            text = "–" if value is None else f"`{_plain(_short(value))}`"
-            lines.append(
-                f"| **{_plain(key)}** | {text} |" if new and before else f"| {_plain(key)} | {text} |"
-            )
+            text = "–" if value is None else f"`{plain(_short(value))}`"
+            lines.append(f"| **{plain(key)}** | {text} |" if new and before else f"| {plain(key)} | {text} |")
     return "\n".join(lines) if len(lines) > 2 else "*no entries*"
 
 
@@ -188,10 +145,6 @@ def _short(value: Any) -> str:
     else:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
     return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
-
-
-def _plain(text: str) -> str:
-    return text.replace("|", "¦").replace("`", "'").replace("\n", " ")
 
 
 class TickCost:

@@ -3,7 +3,7 @@
 import contextlib
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -24,14 +24,16 @@ from ..picture import (
     Wire,
 )
 from .blueprint import Eye, blueprint, tree_aspect
+from .lanes import Lanes
 from .moments import Moments
 from .now import NowPanel
-from .panels import UNSENT, BlackboardTable, Lanes, TickCost, TransitionLog
+from .panels import UNSENT, BlackboardTable, TickCost, TransitionLog
 from .rows import Rows
 from .scene import SceneView
 from .sinks import Outlets
+from .statistics import Statistics
 from .style import GROOT, Palette
-from .tree import TreeView
+from .tree import BIG, TreeView, folded, matching
 
 SEND_EVERY: Final = 0.2
 """s of wall time between two sendings of gathered rows while events come."""
@@ -44,14 +46,18 @@ class Screen:
     :meth:`close` at the end.
 
     A tree with a new id begins a new recording, so that a robot's restart does not write over what was seen.
-    Where several robots are shown in one window, each has its *label*; recordings are chosen by it.
+    Where several robots are shown in one window, each has its *label*; recordings are chosen by it. Nodes
+    whose name or path is like one of the patterns in *find* (``Dock*``) stand out in the tree and have lanes.
     """
 
-    def __init__(self, outlets: Outlets, palette: Palette = GROOT, label: str = "") -> None:
+    def __init__(
+        self, outlets: Outlets, palette: Palette = GROOT, label: str = "", find: Sequence[str] = ()
+    ) -> None:
         self.outlets = outlets
         self._label = label
         self.files: list[Path] = []
         self._palette = palette
+        self._find = find
         self._shown: _Shown | None = None
         self._met: TreeSeen | None = None
         self._scene: SceneStatic | None = None
@@ -99,7 +105,8 @@ class Screen:
             self._shown.again(met)
         else:
             self._finish()
-            self._shown = _Shown(met, self.outlets, self._palette, self._scene is not None, self._label)
+            scene = self._scene is not None
+            self._shown = _Shown(met, self.outlets, self._palette, scene, self._label, self._find)
             if self._shown.file is not None:
                 self.files.append(self._shown.file)
         if self._scene is not None:
@@ -115,7 +122,15 @@ class Screen:
 class _Shown:
     """One tree on the screen, with its recording."""
 
-    def __init__(self, event: TreeSeen, outlets: Outlets, palette: Palette, scene: bool, label: str) -> None:
+    def __init__(
+        self,
+        event: TreeSeen,
+        outlets: Outlets,
+        palette: Palette,
+        scene: bool,
+        label: str,
+        find: Sequence[str],
+    ) -> None:
         picture = event.picture
         self.tree_id = picture.tree_id
         self.name = picture.name
@@ -134,17 +149,29 @@ class _Shown:
         self.rows = Rows(self.recording)
         self._palette = palette
         self.moments = Moments(picture)
-        self.lanes = Lanes(self.rows, picture, palette)
-        self.tree = TreeView(self.rows, picture, palette, tree_aspect(len(self.lanes.entities), scene))
+        self._uids = {node.path: node.uid for node in picture.nodes}
+        looked_for = [(pattern, matching(picture, pattern)) for pattern in find]
+        found = {uid for _, uids in looked_for for uid in uids}
+        self.lanes = Lanes(self.rows, picture, palette, found)
+        aspect = tree_aspect(len(self.lanes.entities), scene)
+        self.tree = TreeView(self.rows, picture, palette, aspect, found)
+        self.trees = [self.tree]
+        if len(picture.nodes) > BIG and any(node.kind == "subtree" for node in picture.nodes):
+            self.trees.insert(0, TreeView(self.rows, folded(picture), palette, aspect, found, whole=picture))
         self.log = TransitionLog(self.rows, picture, palette)
         self.blackboard = BlackboardTable(self.rows)
         self.cost = TickCost(self.rows, palette)
         self.now = NowPanel(self.rows, picture)
+        self.statistics = Statistics(self.rows, picture)
         self.scene = SceneView(self.rows, palette)
         self._t, self._wall = event.t, event.wall
         self._hear_by(event.wire, event.t, event.wall)
+        for pattern, uids in looked_for:
+            if not uids:
+                self.log.not_found(pattern, event.t, event.wall)
         self._show_blueprint()
-        self.tree.draw()
+        for tree in self.trees:
+            tree.draw()
         self.lanes.draw()
         self.cost.draw()
         self._restart(event)
@@ -173,8 +200,9 @@ class _Shown:
     def _restart(self, event: TreeSeen) -> None:
         self._hear_by(event.wire, event.t, event.wall)
         self.moments.start(event.t, event.wall, event.statuses)
-        self.tree.colour(self.moments)
+        self._colour()
         self.lanes.show(self.moments, range(len(self.moments.shown)))
+        self.statistics.start(event.t, event.wall, event.statuses)
         if "ticks" in self.wire.lacks:
             self.now.moment(self.moments)
 
@@ -206,6 +234,7 @@ class _Shown:
 
     def close(self) -> None:
         self._end_tick(self._t, self._wall)
+        self.statistics.show(self._t, self._wall)
         self.send()
         # A viewer that was closed is no reason to leave the file unfinished.
         with contextlib.suppress(RuntimeError):
@@ -215,10 +244,14 @@ class _Shown:
     def _end_tick(self, t: int, wall: int) -> None:
         changed = self.moments.close(t, wall)
         if changed:
-            self.tree.colour(self.moments)
+            self._colour()
             self.lanes.show(self.moments, changed)
             if "ticks" in self.wire.lacks:
                 self.now.moment(self.moments)
+
+    def _colour(self) -> None:
+        for tree in self.trees:
+            tree.colour(self.moments)
 
     def _at(self, t: int, wall: int) -> None:
         self._t, self._wall = t, wall
@@ -229,12 +262,15 @@ class _Shown:
         self._at(event.t, event.wall)
         self.moments.change(event)
         self.log.change(event)
+        self.statistics.change(event)
+        self.statistics.look(event.t, event.wall)
 
     def _ticked(self, event: Ticked) -> None:
         self._at(event.t, event.wall)
         self._end_tick(event.t, event.wall)
         self.cost.tick(event)
         self.now.tick(event, self.moments)
+        self.statistics.look(event.t, event.wall)
 
     def _boards(self, event: BlackboardSeen) -> None:
         self._at(event.t, event.wall)
@@ -255,6 +291,11 @@ class _Shown:
     def _raised(self, event: Raised) -> None:
         self._at(event.t, event.wall)
         self.log.raised(event)
+        self.now.raised(event, self.moments)
+        uid = self._uids.get(event.path)
+        if uid is not None:
+            for tree in self.trees:
+                tree.raised(uid, event.t, event.wall)
 
     def _gap(self, event: Gap) -> None:
         self.log.gap(event, self._t, self._wall)
@@ -276,8 +317,8 @@ class _Shown:
         window = blueprint(
             self._palette,
             self.name,
-            self.tree.bounds(),
-            self.lanes.entities.values(),
+            self.trees,
+            self.lanes,
             eye,
             costed="ticks" not in self.wire.lacks,
             several=bool(self.label),

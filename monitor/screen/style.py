@@ -1,5 +1,6 @@
 """Colours and sizes: everything about the monitor's look that is a number."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,6 +17,9 @@ BADGE_STROKE: Final = 1.25
 EDGE_STROKE: Final = 1.6
 PATH_STROKE: Final = 2.6
 FRAME_STROKE: Final = 1.1
+RING: Final = 6.0
+HALO: Final = 7.0
+"""How far the ring of a node that raised, and the halo of one that was searched, stand out of its pill."""
 NAME_ROOM: Final = 24
 """Characters of a name shown in a pill; the whole name is in its hover label."""
 
@@ -47,6 +51,8 @@ class Palette:
     faint: int = 0x8A94A6FF
     laser: int = 0x35D6EEFF
     trail: int = 0xFFA726FF
+    raised: int = 0xFF5CE0FF
+    found: int = 0xFFFFFFFF
 
 
 def _colours(*values: int) -> Colours:
@@ -67,3 +73,26 @@ GROOT: Final = Palette(
     busy=0xA86208FF,
 )
 """Groot's colours: RUNNING orange, SUCCESS green, FAILURE red, IDLE grey, SKIPPED dim blue."""
+
+COLOUR_BLIND: Final = Palette(
+    fill=_colours(
+        *(0x3B4352FF, 0xD9A300FF, 0x1C6FB8FF, 0x8F2600FF, 0x7C828EFF),
+        *(0x1D4468FF, 0x52200EFF, 0x4A4E57FF),
+    ),
+    rim=_colours(
+        *(0x5A6477FF, 0xFFE680FF, 0x7CC4FFFF, 0xEE6420FF, 0xB4BAC6FF),
+        *(0x4C9BDDFF, 0xD9622BFF, 0x8C93A1FF),
+    ),
+    rest=_colours(0x5A6477FF, 0x5A6477FF, 0x2F7FC4FF, 0xB0461BFF, 0x8C93A1FF),
+    ink=_colours(0x7E8899FF, 0xFFD84DFF, 0x69B7FFFF, 0xF0763CFF, 0xD0D5DEFF),
+    busy=0x8A6A0AFF,
+    path=0xFFD84DFF,
+    raised=0xFFFFFFFF,
+    found=0x7CF5FFFF,
+)
+"""For eyes that don't tell red from green: RUNNING yellow, SUCCESS blue, FAILURE dark vermilion, SKIPPED pale
+grey. They differ in lightness too, so that a print in grey is read as well.
+"""
+
+PALETTES: Final[Mapping[str, Palette]] = {"groot": GROOT, "colour-blind": COLOUR_BLIND}
+"""Palettes by the name that ``--palette`` takes."""

@@ -121,6 +121,8 @@ def environment(folder: Path) -> dict[str, str]:
         (tools / name).chmod(0o755)
     return {
         **os.environ,
+        # What a program prints stands between what it tells on stderr, as in a terminal.
+        "PYTHONUNBUFFERED": "1",
         "PATH": os.pathsep.join([str(tools), os.environ["PATH"]]),
         "PYTHONPATH": os.pathsep.join([str(HOME), str(ROOT)]),
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",

@@ -35,6 +35,9 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         (["--screenshot", "/nowhere/at/all.png"], "there is no folder /nowhere/at"),
         (["nowhere.rrd"], "there is no recording nowhere.rrd"),
         (["nowhere.rrd", "localhost"], "a recording and a robot can't be watched at once"),
+        (["x.rrd", "--palette", "colour-blind"], "a recording is shown as it was made: --palette goes with"),
+        (["x.rrd", "--find", "Dock*"], "a recording is shown as it was made: --find goes with"),
+        (["--palette", "rainbow"], "'rainbow' is not one of 'groot', 'colour-blind'"),
         (["--screenshot", "x.png", "--size", "big"], "'big' is no size: write WIDTHxHEIGHT"),
     ],
 )

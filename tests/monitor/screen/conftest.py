@@ -169,10 +169,13 @@ def read():
 
 @pytest.fixture
 def recorded():
-    """``recorded(events, path)``: the rows of the recording that the screen makes of *events*."""
+    """``recorded(events, path, …)``: the rows of the recording that the screen makes of *events*.
 
-    def record(events: list[Event], path: Path) -> Recording:
-        screen = Screen(Outlets(save=path))
+    Further arguments are the screen's.
+    """
+
+    def record(events: list[Event], path: Path, **look: Any) -> Recording:
+        screen = Screen(Outlets(save=path), **look)
         for event in events:
             screen.show(event)
         screen.close()
@@ -180,3 +183,32 @@ def recorded():
         return Recording(path)
 
     return record
+
+
+def _big_tree(count: int) -> Picture:
+    """A root over subtrees of a Sequence with eight leaves each, *count* nodes in all."""
+    nodes: list[dict[str, Any]] = []
+
+    def add(name: str, kind: Any, parent: int, subtree: str) -> int:
+        uid = len(nodes) + 1
+        node = {"uid": uid, "name": name, "id": name, "kind": kind, "path": f"{subtree}/{name}"}
+        nodes.append({**node, "parent": parent, "children": (), "subtree": subtree})
+        if parent:
+            nodes[parent - 1]["children"] += (uid,)
+        return uid
+
+    root = add("Day", "control", 0, "")
+    while len(nodes) < count:
+        task = add(f"Task{len(nodes)}", "subtree", root, "")
+        path = f"Task{task}"
+        steps = add("Steps", "control", task, path) if len(nodes) < count else 0
+        for _ in range(min(8, count - len(nodes))):
+            add(f"Leaf{len(nodes)}", "action", steps, path)
+    made = tuple(PictureNode(**node) for node in nodes)
+    return Picture("e" * 32, "Day", made, {"": "Day"})
+
+
+@pytest.fixture
+def big_tree():
+    """``big_tree(count)``: a tree of so many nodes, in subtrees of ten."""
+    return _big_tree

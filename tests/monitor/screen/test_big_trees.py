@@ -1,0 +1,152 @@
+"""Trees too big for a window: subtrees folded, lanes of what ran, nodes found by name."""
+
+from monitor.picture import Raised, StatusChanged, TreeSeen
+from monitor.screen.style import GROOT
+from monitor.screen.tree import FOLDED_AT_MOST, folded, matching
+
+IDLE, RUNNING, SUCCESS, FAILURE = range(4)
+SECOND = 10**9
+
+
+def going(picture, *steps):
+    """The tree, and (time in s, uid, status) after one another."""
+    events = [TreeSeen(picture, 0, 0, {})]
+    status: dict[int, int] = {}
+    for number, (seconds, uid, new) in enumerate(steps, start=1):
+        t = round(seconds * SECOND)
+        events.append(StatusChanged(number, t, t, number, uid, status.get(uid, IDLE), new))
+        status[uid] = new
+    return events
+
+
+def named(picture, name):
+    return next(node for node in picture.nodes if node.name == name)
+
+
+def test_folding_leaves_so_many_nodes_as_can_be_read_and_all_of_the_main_tree(big_tree):
+    picture = big_tree(400)
+    small = folded(picture)
+    assert len(small.nodes) <= FOLDED_AT_MOST
+    kept = {node.uid for node in small.nodes}
+    assert {node.uid for node in picture.nodes if node.subtree == ""} <= kept
+    assert all(set(node.children) <= kept for node in small.nodes)
+    whole = [node.uid for node in picture.nodes]
+    assert [whole.index(node.uid) for node in small.nodes] == sorted(whole.index(uid) for uid in kept)
+
+
+def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree):
+    picture = big_tree(1500)
+    small = folded(picture)
+    assert {node.subtree for node in small.nodes} == {""}
+    assert len(small.nodes) == len([node for node in picture.nodes if node.subtree == ""])
+
+
+def test_a_big_tree_is_drawn_folded_and_whole_and_a_folded_subtree_runs_with_its_content(
+    big_tree, tmp_path, recorded
+):
+    picture = big_tree(400)
+    small = folded(picture)
+    task = next(node for node in small.nodes if node.kind == "subtree" and not node.children)
+    steps = picture.by_uid[picture.by_uid[task.uid].children[0]]
+    path = [picture.root.uid, task.uid, steps.uid, steps.children[0]]
+    recording = recorded(
+        going(picture, *((1 + at / 10, uid, RUNNING) for at, uid in enumerate(path))), tmp_path / "run.rrd"
+    )
+    colours = recording.at("/folded/pills", "LineStrips2D:colors", 2 * SECOND)
+    assert len(colours) == len(small.nodes)
+    assert colours[[node.uid for node in small.nodes].index(task.uid)] == GROOT.fill[RUNNING]
+    assert len(recording.at("/folded/path", "LineStrips2D:strips", 2 * SECOND)) == 1
+    assert len(recording.at("/tree/pills", "LineStrips2D:colors", 2 * SECOND)) == 400
+    assert len(recording.at("/tree/path", "LineStrips2D:strips", 2 * SECOND)) == 3
+
+
+def test_a_tree_that_fits_is_drawn_once(run, tmp_path, recorded):
+    recording = recorded(run(5), tmp_path / "run.rrd")
+    assert not [entity for entity, _ in recording.rows if entity.startswith("/folded")]
+
+
+def test_lanes_of_a_big_tree_name_the_subtree_and_the_leaves_at_work(big_tree, tmp_path, recorded):
+    picture = big_tree(400)
+    first, second, third = (named(picture, name) for name in ("Leaf3", "Leaf4", "Leaf5"))
+    task = named(picture, "Task1")
+    steps = [
+        (1.0, task.uid, RUNNING),
+        (1.1, first.uid, RUNNING),
+        (2.0, second.uid, RUNNING),
+        (3.0, first.uid, SUCCESS),
+        (4.0, third.uid, RUNNING),
+        (5.0, task.uid, SUCCESS),
+    ]
+    recording = recorded(going(picture, *steps), tmp_path / "run.rrd")
+
+    def lane(name, seconds):
+        return recording.at(f"/{name}", "StateChange:state", round(seconds * SECOND))[0]
+
+    assert [lane("1_subtree", t) for t in (0.5, 1.5, 6)] == ["–", "Task1", "–"]
+    assert [lane("2_leaf", t) for t in (0.5, 1.5, 2.5, 3.5, 4.5)] == ["–", "Leaf3", "Leaf3", "–", "Leaf5"]
+    assert [lane("3_leaf_2", t) for t in (2.5, 3.5, 4.5)] == ["Leaf4", "Leaf4", "Leaf4"]
+    assert ("/4_leaf_3", "StateChange:state") not in recording.rows
+
+
+def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
+    picture = run(1)[1].picture
+    names = {node.uid: node.name for node in picture.nodes}
+
+    def found(pattern):
+        return [names[uid] for uid in matching(picture, pattern)]
+
+    assert found("obst") == ["IsObstacle"]
+    assert found("Is*") == ["IsObstacle"]
+    assert found("b*") == ["bumpgo", "Back"]
+    assert found("?ack") == ["Back"]
+    assert found("inverter") == ["clear"]  # by its ID
+    assert found("x") == []
+
+
+def test_found_nodes_stand_out_and_have_the_lanes(run, tmp_path, recorded):
+    recording = recorded(run(70), tmp_path / "run.rrd", find=["escape", "Turn", "nowhere"])
+    halos = recording.of("/tree/found", "LineStrips2D:strips")[0][1]
+    pills = recording.of("/tree/pills", "LineStrips2D:strips") or recording.of(
+        "/tree/rims", "LineStrips2D:strips"
+    )
+    assert halos == [pills[0][1][4], pills[0][1][6]]
+    lanes = sorted({entity for entity, component in recording.rows if component == "StateChange:state"})
+    assert lanes == ["/1_escape", "/2_Turn"]
+    lines = [values[0] for _, values in recording.of("/log", "TextLog:text")]
+    assert any("no node's name or path is like 'nowhere'" in line for line in lines)
+
+
+def test_a_node_that_raised_is_ringed_until_it_runs_again(run, tmp_path, recorded):
+    forward, path = 8, "Forward"
+    events = run(50)  # Forward is reset at 4.1 s and idle since
+    t = events[-2].t
+    events[-1:] = [
+        Raised(t, t, path, "no laser"),
+        StatusChanged(10_000, t + SECOND, t, 60, forward, IDLE, RUNNING),
+        StatusChanged(10_001, t + 2 * SECOND, t, 70, forward, RUNNING, IDLE),
+        StatusChanged(10_002, t + 3 * SECOND, t, 80, forward, IDLE, RUNNING),
+    ]
+    recording = recorded(events, tmp_path / "run.rrd")
+    pill = recording.of("/tree/rims", "LineStrips2D:strips")[0][1][7]
+    assert recording.at("/tree/raised", "LineStrips2D:strips", t) == [pill]
+    assert recording.of("/tree/raised", "LineStrips2D:strips")[-1][1] == []
+
+
+def test_what_raised_last_stays_in_the_panel_of_what_runs_now(run, tmp_path, recorded):
+    events = run(50)
+    events.append(Raised(6 * SECOND, 0, "avoid|x", "no\nlaser"))
+    recording = recorded(events, tmp_path / "run.rrd")
+    assert (
+        "| raised | **avoid¦x** at 6.00 s: no laser |" in recording.of("/now", "TextDocument:text")[-1][1][0]
+    )
+
+
+def test_an_error_inside_a_folded_subtree_rings_the_subtree(big_tree, tmp_path, recorded):
+    picture = big_tree(400)
+    small = folded(picture)
+    leaf = picture.nodes[-1]
+    assert leaf.uid not in {node.uid for node in small.nodes}
+    events = [TreeSeen(picture, 0, 0, {}), Raised(SECOND, SECOND, leaf.path, "no laser")]
+    recording = recorded(events, tmp_path / "run.rrd")
+    place = recording.of("/folded/rims", "LineStrips2D:strips")[0][1][len(small.nodes) - 1]
+    assert recording.at("/folded/raised", "LineStrips2D:strips", SECOND) == [place]
