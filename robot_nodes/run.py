@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from robot_nodes.leaves.explore import Explores, MapFile
+from robot_nodes.leaves.locate import LocatesObjects
 from robot_nodes.leaves.navigate import GoesToPoses
 from robot_nodes.leaves.track import TracksObjects
 from robot_nodes.robot import Robot
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from robot_nodes.navigation.mapping.exploration import Exploration
     from robot_nodes.navigation.parameters import NavigationParameters
     from robot_nodes.navigation.stack import Navigation
+    from robot_nodes.perception.object_locator import ObjectLocator
 
 
 class NavigationMistake(click.ClickException):
@@ -31,7 +33,7 @@ class NavigationMistake(click.ClickException):
 class NavigationExtension:
     """Offers navigation on the robot's map, or while one is made, and a head tracker, to trees that ask."""
 
-    serves = "leaf that navigates, makes a map or tracks"
+    serves = "leaf that navigates, makes a map, tracks or locates"
     """Without which its options do nothing."""
     options: Sequence[click.Option] = (
         click.Option(
@@ -59,6 +61,7 @@ class NavigationExtension:
         self._exploration: Exploration | None = None
         self._file = MapFile()
         self._tracker: HeadTracker | None = None
+        self._locator: ObjectLocator | None = None
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """A robot, and its map, where leaves want to navigate or to track."""
@@ -93,18 +96,23 @@ class NavigationExtension:
             self._tracker = HeadTracker(robot)
             self._tracker.configure()
             given.append(self._tracker)
+        if LocatesObjects in wanted:
+            # After the tracker: whoever asks for one takes the first that has its states, and this has them.
+            self._locator = _locator(robot, given)
+            given.append(self._locator)
         return given
 
     @contextmanager
     def attach(
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
-        """When the run ends, stop what still tracks, and save the map that was made if the tree hasn't."""
+        """When the run ends, stop what still looks, and save the map that was made if the tree hasn't."""
         try:
             yield
         finally:
-            if self._tracker is not None:
-                self._tracker.shutdown()
+            for component in (self._tracker, self._locator):
+                if component is not None:
+                    component.shutdown()
             if self._exploration is not None and self._file.path is not None and not self._file.saved:
                 _save(self._exploration, self._file.path)
 
@@ -116,8 +124,10 @@ class NavigationExtension:
 def _asked(wanted: Sequence[type]) -> tuple[bool, bool, bool]:
     """Whether leaves want to navigate, to explore, and to track."""
     names = {f"{kind.__module__}.{kind.__qualname__}" for kind in wanted}
-    navigates = GoesToPoses in wanted or bool(names & {_NAVIGATION, _SERVERS})
     explores = Explores in wanted or bool(names & {_EXPLORATION, _MAPPER})
+    navigates = GoesToPoses in wanted or bool(names & {_NAVIGATION, _SERVERS})
+    # Who tells where things are in the map has to know where the robot is.
+    navigates = navigates or (LocatesObjects in wanted and not explores)
     return navigates, explores, TracksObjects in wanted or _TRACKER in names
 
 
@@ -127,6 +137,16 @@ _SERVERS = "robot_nodes.navigation.servers.Servers"
 _EXPLORATION = "robot_nodes.navigation.mapping.exploration.Exploration"
 _MAPPER = "robot_nodes.navigation.mapping.mapper.Mapper"
 _TRACKER = "robot_nodes.control.head_tracker.HeadTracker"
+
+
+def _locator(robot: Robot, given: Sequence[object]) -> "ObjectLocator":
+    from robot_nodes.navigation.servers import Servers
+    from robot_nodes.perception.object_locator import ObjectLocator
+
+    servers = next(one for one in given if isinstance(one, Servers))
+    locator = ObjectLocator(robot, servers.transforms)
+    locator.configure()
+    return locator
 
 
 def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Navigation":

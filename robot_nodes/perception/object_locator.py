@@ -1,0 +1,70 @@
+"""Where the coloured objects are that the camera sees, as a lifecycle component."""
+
+from collections.abc import Callable, Sequence
+
+from robot_nodes.perception.boxes import Box, boxes
+from robot_nodes.perception.colour import WOOD, ColourRange
+from robot_nodes.process.lifecycle import LifecycleComponent
+from robot_nodes.robot import Rank, Robot
+from robot_nodes.transforms import TransformFault, TransformTree
+
+RATE = 2.0
+"""How often (Hz) it looks."""
+
+
+class ObjectLocator(LifecycleComponent):
+    """While active, looks for *colours* in the robot's pictures and tells the boxes in *frame*.
+
+    It asks for pictures only while it is active, and leaves out one of which *transforms* doesn't know where
+    the camera was. A robot without a camera refuses `configure`.
+    """
+
+    def __init__(
+        self, robot: Robot, transforms: TransformTree, frame: str = "map", colours: ColourRange = WOOD
+    ) -> None:
+        super().__init__()
+        self.robot = robot
+        self.transforms = transforms
+        self.frame = frame
+        self.colours = colours
+        self.boxes: Sequence[Box] = ()
+        """What the newest picture showed, the largest first."""
+        self._end: Callable[[], None] | None = None
+        self._looked = -1
+
+    def on_configure(self) -> bool:
+        """See whether there is a camera."""
+        return self.robot.lens is not None
+
+    def on_activate(self) -> bool:
+        """Begin to look."""
+        self._end = self.robot.schedule.every(RATE, Rank.HEAD, self.step)
+        return True
+
+    def on_deactivate(self) -> bool:
+        """Stop looking, and forget what was seen."""
+        self._release()
+        return True
+
+    def on_shutdown(self) -> bool:
+        """Stop whatever it does."""
+        self._release()
+        return True
+
+    def step(self, now: int) -> None:
+        """Look at a picture, if there is a new one."""
+        picture, lens = self.robot.camera(), self.robot.lens
+        if picture is None or lens is None or picture.stamp == self._looked:
+            return
+        try:
+            camera = self.transforms.lookup(self.frame, picture.frame, picture.stamp)
+        except TransformFault:
+            return
+        self._looked = picture.stamp
+        self.boxes = tuple(boxes(picture, lens, self.colours, self.frame, camera))
+
+    def _release(self) -> None:
+        if self._end is not None:
+            self._end()
+            self._end = None
+            self.boxes = ()

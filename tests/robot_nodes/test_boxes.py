@@ -1,0 +1,179 @@
+"""Coloured objects as boxes in space: by the pinhole, and against the furniture of the house."""
+
+import re
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from btcore.cli.trees import folder
+from robot_nodes.navigation.stack import Navigation
+from robot_nodes.perception.boxes import Box, boxes, points
+from robot_nodes.perception.colour import WOOD
+from robot_nodes.perception.object_locator import ObjectLocator
+from robot_nodes.process.lifecycle import State
+from robot_nodes.robot import CameraFacts, Picture, Rank
+from robot_nodes.transforms import FrameBroadcaster, Transform, TransformTree
+from sim.body import Body
+from sim.camera import PictureSize
+from sim.rasterise import rasterise
+from sim.scene import Scene, load_scene
+from sim.world import World
+
+LENS = CameraFacts(160, 120, 100.0, 100.0, 79.5, 59.5, 0.1, 20.0, 10.0, "camera")
+LOOKING_AHEAD = Transform((0.0, 0.0, 1.0), (-0.5, 0.5, -0.5, 0.5))
+"""A camera 1 m above the floor: its z is the frame's x, its x the frame's -y, its y the frame's -z."""
+BROWN = (170, 120, 60)
+SLACK = 0.05
+"""By how much (m) a box may reach beyond its piece of furniture."""
+
+
+class Canvas:
+    """A picture in which walls of the wood's colour stand before grey."""
+
+    def __init__(self) -> None:
+        self.rgb = np.full((120, 160, 3), 120, dtype=np.uint8)
+        self.depth = np.full((120, 160), np.inf, dtype=np.float32)
+
+    def wall(self, rows: slice, columns: slice, depth: float) -> None:
+        self.rgb[rows, columns] = BROWN
+        self.depth[rows, columns] = depth
+
+    def boxes(self) -> list[Box]:
+        return boxes(Picture(self.rgb, 7, "camera", self.depth), LENS, WOOD, "base_footprint", LOOKING_AHEAD)
+
+
+@pytest.fixture
+def canvas() -> Canvas:
+    return Canvas()
+
+
+def test_a_pixel_is_as_far_aside_as_the_pinhole_has_it():
+    depth = np.full((120, 160), 2.0, dtype=np.float32)
+    chosen = np.zeros((120, 160), dtype=bool)
+    chosen[100, 150] = True
+    assert points(depth, LENS, chosen) == pytest.approx(np.array([[1.41, 0.81, 2.0]]))
+
+
+def test_a_wall_is_a_box_without_depth_in_the_frame_asked_for(canvas):
+    canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
+    (box,) = canvas.boxes()
+    assert (box.frame, box.stamp) == ("base_footprint", 7)
+    assert box.centre == pytest.approx((2.0, -0.8, 1.0), abs=1e-6)
+    assert box.size == pytest.approx((0.0, 0.78, 0.38), abs=0.03)
+
+
+def test_of_two_things_in_a_row_each_has_a_box_the_largest_first(canvas):
+    canvas.wall(np.s_[40:80], np.s_[40:120], 4.0)
+    canvas.wall(np.s_[50:90], np.s_[60:80], 2.0)
+    near = [box.centre[0] for box in canvas.boxes()]
+    assert near == pytest.approx([4.0, 2.0])
+
+
+def test_colour_without_a_depth_and_specks_are_nothing(canvas):
+    canvas.wall(np.s_[50:70], np.s_[100:140], np.inf)
+    canvas.wall(np.s_[10:13], np.s_[10:13], 2.0)
+    assert canvas.boxes() == []
+
+
+def test_a_camera_that_measures_no_depth_shows_no_boxes(canvas):
+    canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
+    assert boxes(Picture(canvas.rgb, 0, "camera"), LENS, WOOD, "map", Transform()) == []
+
+
+def test_a_robot_without_a_camera_refuses(robot):
+    locator = ObjectLocator(robot, TransformTree())
+    assert not locator.configure()
+    assert locator.state is State.UNCONFIGURED
+
+
+def wait(body: Body, seconds: float) -> None:
+    body.clock.wait_until(body.clock.now() + round(seconds * 1e9), threading.Event())
+
+
+@pytest.fixture
+def body() -> Iterator[Body]:
+    world = World(load_scene("house"), seed=1)
+    yield Body(world, camera=PictureSize(320, 240, 10.0))
+    world.close()
+
+
+@pytest.fixture
+def locator(body: Body) -> ObjectLocator:
+    tree = TransformTree()
+    frames = FrameBroadcaster(body, tree)
+    body.schedule.every(FrameBroadcaster.RATE, Rank.TRANSFORMS, frames.step)
+    # The odometry of a robot that stands is where it began, which in the house is the map's origin.
+    locator = ObjectLocator(body, tree, frame="odom")
+    assert locator.configure()
+    return locator
+
+
+def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(body: Body, locator: ObjectLocator):
+    assert locator.activate()
+    body.look(-1.2, -0.15)
+    wait(body, 2.6)
+    pieces = extents(body.world.scene)
+    found = set()
+    for box in locator.boxes:
+        low, high = (np.array(box.centre) + sign * np.array(box.size) / 2 for sign in (-1, 1))
+        around = {
+            name
+            for name, (least, most) in pieces.items()
+            if (low >= least - SLACK).all() and (high <= most + SLACK).all()
+        }
+        assert around, box
+        found |= around
+    assert {"counter_east", "table_south_east"} <= found
+
+
+def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: Body, locator: ObjectLocator):
+    locator.activate()
+    body.look(-1.2, -0.15)
+    wait(body, 2.6)
+    counter = locator.boxes[0]
+    assert counter.centre[0] - counter.size[0] / 2 == pytest.approx(2.525 - 0.65 / 2, abs=0.02)
+    assert counter.centre[2] + counter.size[2] / 2 == pytest.approx(0.9, abs=0.03)
+
+
+def test_it_looks_only_while_it_is_active(body: Body, locator: ObjectLocator):
+    body.look(-1.2, -0.15)
+    wait(body, 2.0)
+    assert locator.boxes == ()
+    locator.activate()
+    wait(body, 0.6)
+    assert locator.boxes
+    locator.deactivate()
+    wait(body, 0.6)
+    assert locator.boxes == ()
+
+
+def test_with_the_navigation_boxes_are_told_in_the_map(body: Body):
+    chart = rasterise(body.world.scene)
+    navigation = Navigation(body, chart, np.random.default_rng(1), folder())
+    locator = ObjectLocator(body, navigation.transforms)
+    locator.configure()
+    locator.activate()
+    body.look(-1.2, -0.15)
+    wait(body, 2.6)
+    counter = locator.boxes[0]
+    assert counter.frame == "map"
+    assert counter.centre[0] - counter.size[0] / 2 == pytest.approx(2.525 - 0.65 / 2, abs=0.1)
+
+
+def extents(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """From where to where (m) each piece of furniture reaches, a table with its top and its legs."""
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for thing in scene.things:
+        name = re.sub(r"_(top|leg_\d+|back)$", "", thing.name)
+        x0, y0, x1, y1 = thing.outline()
+        low, high = (
+            np.array((x0, y0, thing.position[2])),
+            np.array((x1, y1, thing.position[2] + thing.size[2])),
+        )
+        if name in found:
+            low, high = np.minimum(low, found[name][0]), np.maximum(high, found[name][1])
+        if not name.startswith("wall"):
+            found[name] = low, high
+    return found

@@ -1,0 +1,156 @@
+"""The trees of the exercises of the book's chapter 6: to free space, short of the goal, and boxes."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from btcore import Registry, Status, Tree, load, loads
+from robot_nodes.leaves import LocateObjects, TurnToFree, register
+from robot_nodes.leaves.drive import TURN_SPEED
+from robot_nodes.perception.boxes import Box
+from robot_nodes.process.lifecycle import LifecycleComponent, State
+
+ROOT = Path(__file__).parents[2]
+FREE_SPACE = ROOT / "trees/tutorials/free_space.xml"
+RAYS = 41
+
+
+def around(robot, left: float, ahead: float, right: float) -> None:
+    """Have a scan of 41 rays over 4 rad: a third of it *right* (m), a third *ahead* and a third *left*."""
+    ranges = np.concatenate((np.full(13, right), np.full(15, ahead), np.full(13, left)))
+    robot.see(*ranges, angle_min=-2.0, angle_increment=0.1)
+
+
+def turning(robot, text: str = "<TurnToFree/>") -> Tree:
+    nodes = Registry.standard()
+    nodes.add(TurnToFree)
+    return loads(
+        f'<root BTCPP_format="4"><BehaviorTree ID="T">{text}</BehaviorTree></root>',
+        nodes=nodes,
+        resources=[robot],
+        clock=robot.clock,
+    )
+
+
+@pytest.mark.parametrize(("left", "right", "side"), [(5.0, 1.0, 1), (1.0, 5.0, -1)])
+def test_it_turns_to_the_side_with_more_room(robot, left: float, right: float, side: int):
+    around(robot, left, 0.5, right)
+    assert turning(robot).tick_once() is Status.RUNNING
+    assert robot.commands == [(0.0, side * TURN_SPEED)]
+
+
+def test_it_keeps_to_its_side_and_ends_when_it_is_clear_ahead(robot):
+    tree = turning(robot)
+    around(robot, 5.0, 0.5, 1.0)
+    tree.tick_once()
+    around(robot, 1.0, 0.5, 5.0)
+    tree.tick_once()
+    assert robot.commands == [(0.0, TURN_SPEED)] * 2
+    around(robot, 1.0, 2.0, 1.0)
+    assert tree.tick_once() is Status.SUCCESS
+    assert len(robot.commands) == 2
+
+
+def test_how_much_room_it_takes_to_be_clear_is_a_port(robot):
+    around(robot, 0.5, 1.5, 0.5)
+    assert turning(robot, '<TurnToFree clear="1.1"/>').tick_once() is Status.SUCCESS
+    assert turning(robot, '<TurnToFree clear="1.6"/>').tick_once() is Status.RUNNING
+
+
+def test_a_whole_turn_that_finds_nothing_is_a_failure(robot):
+    tree = turning(robot)
+    around(robot, 0.5, 0.5, 0.5)
+    ticks = 0
+    while tree.tick_once() is Status.RUNNING:
+        ticks += 1
+        robot.clock.sleep(0.1)
+    assert tree.status is Status.FAILURE
+    assert ticks == pytest.approx(2 * math.pi / TURN_SPEED / 0.1, abs=2)
+
+
+def test_without_a_scan_it_stands(robot):
+    assert turning(robot).tick_once() is Status.RUNNING
+    assert robot.commands == [(0.0, 0.0)]
+
+
+def test_shut_in_the_tree_tries_for_a_gap_and_then_ends(robot):
+    nodes = Registry.standard()
+    register(nodes)
+    tree = load(FREE_SPACE, nodes=nodes, resources=[robot], clock=robot.clock)
+    for _ in range(400):
+        around(robot, 0.5, 0.5, 0.5)
+        if tree.tick_once() is not Status.RUNNING:
+            break
+        robot.clock.sleep(0.1)
+    assert tree.status is Status.FAILURE
+    assert {v for v, _ in robot.commands} == {0.0}
+
+
+class Locator(LifecycleComponent):
+    """Sees what it is given."""
+
+    boxes: tuple[Box, ...] = ()
+
+
+def test_locate_objects_writes_what_is_new_and_deactivates_on_halt(robot):
+    locator = Locator()
+    locator.configure()
+    nodes = Registry.standard()
+    nodes.add(LocateObjects)
+    text = '<root BTCPP_format="4"><BehaviorTree ID="T"><LocateObjects boxes="{seen}"/></BehaviorTree></root>'
+    tree = loads(text, nodes=nodes, resources=[locator], clock=robot.clock)
+    assert tree.tick_once() is Status.RUNNING
+    assert locator.state is State.ACTIVE
+    assert tree.blackboard["seen"] == []
+    box = Box("map", (1.0, 2.0, 0.4), (0.3, 0.4, 0.8), 5)
+    locator.boxes = (box,)
+    tree.tick_once()
+    assert tree.blackboard["seen"] == [box]
+    tree.halt()
+    assert locator.state is State.INACTIVE
+
+
+def run(*arguments: str | Path) -> dict:
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore", "run", *map(str, arguments), "--fast", "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("world", ["arena", "house"])
+def test_it_keeps_moving_and_touches_nothing(world: str):
+    robot = run("tutorials/free_space", "--world", world, "--camera", "off", "--duration", "40")["robot"]
+    assert (robot["collisions"], robot["grazes"]) == (0, 0)
+    assert robot["distance_m"] > 6.0
+
+
+def test_it_stops_a_metre_before_the_goal(tmp_path: Path):
+    tree, parameters = tmp_path / "go.xml", tmp_path / "short.yaml"
+    tree.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Go"><Move goal="-2.5;0.5"/></BehaviorTree></root>'
+    )
+    parameters.write_text(
+        "bt_navigator:\n  ros__parameters:\n"
+        "    default_nav_to_pose_bt_xml: navigate_to_pose_stopping_before_goal.xml\n"
+    )
+    done = run(tree, "--world", "house", "--camera", "off", "--duration", "60", "--nav-params", parameters)
+    pose = done["robot"]["pose"]
+    assert done["status"] == "SUCCESS"
+    # The path ends a metre before, and is done with within the goal checker's 0.25 m.
+    assert 0.9 < math.hypot(pose["x"] + 2.5, pose["y"] - 0.5) < 1.4
+
+
+def test_boxes_are_told_on_a_patrol():
+    done = run("tutorials/patrolling_boxes", "--world", "house", "--duration", "3")
+    ticks = {node["id"]: node["ticks"] for node in done["nodes"].values()}
+    assert ticks["LocateObjects"] == ticks["TrackObjects"] == ticks["Move"] > 20
