@@ -127,7 +127,8 @@ def test_turning_on_the_spot_four_times_odometry_is_wrong_by_some_degrees(stand:
         steer(body, 15.0, (0.0, 0.5))
         off = math.remainder(body.odometry().pose.yaw - body.true_pose().yaw, 2 * math.pi)
         wrong.append(math.degrees(off))
-    assert all(4.0 < one < 13.0 for one in wrong)
+    # 7.5 rad with a slip of 4 %, give or take the wheels' own errors.
+    assert all(12.0 < one < 22.0 for one in wrong)
     assert len(set(wrong)) == 3
 
 
