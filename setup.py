@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 GROUP = "btcore"
 
 # The cold part stays interpreted: what runs once, talks to people, or is the place where builds are chosen.
-COLD_FOLDERS = {"cli", "testing", "xml", "logs"}
+COLD_FOLDERS = {"batch", "cli", "logs", "sweep", "testing", "xml"}
 COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py", "suggest.py"} | {
     "aside.py",
     "hooks.py",

@@ -25,9 +25,10 @@ from btcore.errors import (
     UnknownNode,
 )
 from btcore.functions import action, condition
+from btcore.inner import ControlNode, DecoratorNode
 from btcore.leaf import Condition, StatefulAction, SyncAction
 from btcore.loading import load, loads, wanted
-from btcore.node import ControlNode, DecoratorNode, TreeNode
+from btcore.node import TreeNode
 from btcore.observers import Observer
 from btcore.ports import Direction, Port
 from btcore.registry import Registry

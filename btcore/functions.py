@@ -57,18 +57,34 @@ def _marked(function: F | None, mark: LeafMark) -> F | Callable[[F], F]:
 class Call:
     """A function with what fills its parameters: ports, read anew for each call, and resources."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-        self.positional: list[object] = []
-        self.keywords: dict[str, object] = {}
+    def __init__(
+        self, function: Callable[..., Any], positional: list[object], keywords: dict[str, object]
+    ) -> None:
+        self.function: Any = function
+        self.positional = positional
+        self.keywords = keywords
 
-    def __call__(self) -> Any:
+    def run(self) -> Any:
         """Call it with what the ports hold now."""
-        values = [one.read() if isinstance(one, Input) else one for one in self.positional]
+        positional = self.positional
+        count = len(positional)
+        # Most functions have few parameters, and need no list to be made of them.
+        if not self.keywords:
+            if count == 0:
+                return self.function()
+            if count == 1:
+                return self.function(_now(positional[0]))
+            if count == 2:
+                return self.function(_now(positional[0]), _now(positional[1]))
+        values = [_now(one) for one in positional]
         if not self.keywords:
             return self.function(*values)
-        named = {key: one.read() if isinstance(one, Input) else one for key, one in self.keywords.items()}
-        return self.function(*values, **named)
+        return self.function(*values, **{key: _now(one) for key, one in self.keywords.items()})
+
+
+def _now(filling: object) -> object:
+    """What fills a parameter now."""
+    return filling.read() if isinstance(filling, Input) else filling
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -79,7 +95,7 @@ class FunctionAction(SyncAction):
 
     def tick(self) -> object:
         """Call it."""
-        return self.call()
+        return self.call.run()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -90,7 +106,7 @@ class FunctionCondition(Condition):
 
     def tick(self) -> object:
         """Call it."""
-        return self.call()
+        return self.call.run()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -101,7 +117,7 @@ class FunctionSteps(SteppedAction):
 
     def begin(self) -> Any:
         """Call it, which starts nothing yet."""
-        return self.call()
+        return self.call.run()
 
 
 def leaf_class(function: Callable[..., object]) -> type[LeafNode]:

@@ -5,8 +5,8 @@ from typing import ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import NodeFault
-from btcore.node import TreeNode
-from btcore.status import IDLE, RUNNING, NodeType, Status
+from btcore.node import SYNCHRONOUS, TreeNode
+from btcore.status import IDLE, RUNNING, NodeType
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -27,16 +27,7 @@ class Condition(LeafNode):
 class SyncAction(LeafNode):
     """An action that is done within one tick: override :meth:`tick`; it never returns RUNNING."""
 
-    def execute_tick(self) -> Status:
-        """Tick as any node; RUNNING is an error."""
-        status = super().execute_tick()
-        if status is RUNNING:
-            fault = NodeFault(
-                "a synchronous action ends within its tick, but it returned RUNNING; "
-                "use StatefulAction, a generator or async def for one that lasts"
-            )
-            raise self.blame(fault, "ticking") from fault
-        return status
+    follows: ClassVar[int] = SYNCHRONOUS
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

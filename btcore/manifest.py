@@ -12,7 +12,8 @@ from btcore.context import TreeContext, TreeState
 from btcore.declaration import check_id, check_methods, check_ports
 from btcore.errors import NodeFault, RegistrationError
 from btcore.functions import Call, FunctionAction, FunctionCondition, FunctionSteps, leaf_class
-from btcore.node import ControlNode, DecoratorNode, TreeNode
+from btcore.inner import ControlNode, DecoratorNode
+from btcore.node import TreeNode
 from btcore.ports import UNSET, Input, Port
 from btcore.signature import BOUND, Parameter, bind_class, class_ports, function_parameters
 from btcore.status import NodeType
@@ -98,8 +99,7 @@ class Manifest:
             assert isinstance(node, (ControlNode, DecoratorNode))
             node.adopt(children)
         if self.function is not None:
-            call = Call(self.function)
-            call.positional, call.keywords = self._arguments(node, context, resources)
+            call = Call(self.function, *self._arguments(node, context, resources))
             if isinstance(node, (FunctionAction, FunctionCondition, FunctionSteps)):
                 node.call = call
         elif self._has_init:

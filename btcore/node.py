@@ -17,8 +17,18 @@ from btcore.errors import NodeFault, NodeRaised
 from btcore.guard import Guard, Tally
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
 
+# What follows a tick, by family of nodes.
+PLAIN: Final = 0
+SYNCHRONOUS: Final = 1  # RUNNING is an error
+DECORATING: Final = 2  # a child that has completed is reset
+OVERRIDDEN: Final = 4  # and the class has an execute_tick of its own
+
 NO_CHILDREN: Final[list["TreeNode"]] = []
 _UNPLACED: Final = NodeConfig("", "")
+_STILL_RUNNING: Final = (
+    "a synchronous action ends within its tick, but it returned RUNNING; "
+    "use StatefulAction, a generator or async def for one that lasts"
+)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -30,10 +40,13 @@ class TreeNode:
     """
 
     node_type: ClassVar[NodeType] = NodeType.UNDEFINED
+    follows: ClassVar[int] = PLAIN
 
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
     _guard: Guard | None = None
+    _follows: int = PLAIN
+    _decorated: "TreeNode | None" = None
     _context: TreeContext
     _blackboard: Blackboard
 
@@ -42,6 +55,10 @@ class TreeNode:
         self.config = config
         self._status = IDLE
         self._guard = None
+        self._decorated = None
+        self._follows = self.follows
+        if type(self).execute_tick is not TreeNode.execute_tick:
+            self._follows += OVERRIDDEN
         self._context = context
         self._blackboard = blackboard
         if config.scripts:
@@ -138,74 +155,7 @@ class TreeNode:
 
     def execute_tick(self) -> Status:
         """Tick the node as its parent does: with conditions, and with the result stored."""
-        guard = self._guard
-        if guard is not None:
-            return self._execute_guarded(guard)
-        try:
-            status = self.tick()
-        except NodeRaised as error:
-            self.trace(error)
-            raise
-        except KeyboardInterrupt:
-            raise
-        except BaseException as fault:
-            raise self.blame(fault, "ticking") from fault
-        stored = self._status
-        if status is stored and stored is not IDLE:
-            return stored
-        return self._store(status)
-
-    def _execute_guarded(self, guard: Guard) -> Status:
-        conditions = guard.conditions
-        tally = guard.tally
-        if tally is not None:
-            tally.ticks += 1
-        try:
-            status = IDLE
-            if conditions is not None:
-                status = conditions.before(self._status)
-                if status is SKIPPED and self._status is RUNNING:
-                    self.halt_node()
-            if status is IDLE and guard.pre_tick is not None:
-                status = guard.instead(self, self._status)
-            if status is IDLE:
-                status = self._verdict(self.tick())
-            if conditions is not None and (status is SUCCESS or status is FAILURE):
-                conditions.after(status)
-            if guard.post_tick is not None:
-                status = guard.overridden(self, status)
-        except NodeRaised as error:
-            self.trace(error)
-            raise
-        except KeyboardInterrupt:
-            raise
-        except BaseException as fault:
-            raise self.blame(fault, "ticking") from fault
-        if tally is not None:
-            tally.count(status)
-        if status is self._status:
-            return status
-        return self._store(status)
-
-    def _store(self, result: object) -> Status:
-        status = self._verdict(result)
-        if status is not SKIPPED:
-            self.set_status(status)
-        return status
-
-    def _verdict(self, result: object) -> Status:
-        """*result*, or what a bool stands for. Raises NodeRaised for anything else, IDLE too."""
-        if result is SUCCESS or result is True:
-            return SUCCESS
-        if result is FAILURE or result is False:
-            return FAILURE
-        if result is RUNNING:
-            return RUNNING
-        if result is SKIPPED:
-            return SKIPPED
-        said = "IDLE" if result is IDLE else repr(result)
-        fault = NodeFault(f"a tick ends RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {said}")
-        raise self.blame(fault, "ticking") from fault
+        return execute_tick(self, True)
 
     def set_status(self, status: Status) -> None:
         """Store *status* and, if it is another, tell the observers."""
@@ -218,12 +168,7 @@ class TreeNode:
 
     def reset_status(self) -> None:
         """Go back to IDLE."""
-        previous = self._status
-        if previous is not IDLE:
-            self._status = IDLE
-            observers = self._context.observers
-            if observers is not None:
-                observers.changed(self.config.uid, previous, IDLE)
+        reset_status(self)
 
     # --- halting
 
@@ -233,22 +178,7 @@ class TreeNode:
 
     def halt_node(self) -> None:
         """Halt as a parent does: with ``_onHalted``, and named if it raises (being IDLE all the same)."""
-        guard = self._guard
-        try:
-            if guard is not None and guard.tally is not None and self._status is RUNNING:
-                guard.tally.halted += 1
-            self.halt()
-            if guard is not None and guard.conditions is not None:
-                guard.conditions.halted()
-        except NodeRaised as error:
-            self.reset_status()
-            self.trace(error)
-            raise
-        except KeyboardInterrupt:
-            raise
-        except BaseException as fault:
-            self.reset_status()
-            raise self.blame(fault, "being halted") from fault
+        halt_node(self)
 
     def blame(self, fault: BaseException, doing: str) -> NodeRaised:
         """*fault* as an error that names this node."""
@@ -300,96 +230,108 @@ class TreeNode:
         self._context.deadlines.pop(self.config.uid, None)
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
-class ControlNode(TreeNode):
-    """A node that decides which of its children is ticked, and when."""
-
-    node_type: ClassVar[NodeType] = NodeType.CONTROL
-    _children: list[TreeNode]
-
-    def adopt(self, children: list[TreeNode]) -> None:
-        """Take *children*. Called by the builder, once."""
-        self._children = children
-
-    @property
-    def children(self) -> list[TreeNode]:
-        """The children, in order."""
-        return self._children
-
-    def halt_child(self, index: int) -> None:
-        """Halt child *index* if it runs, and reset it."""
-        child = self._children[index]
-        if child._status is RUNNING:
-            child.halt_node()
-        child.reset_status()
-
-    def reset_children(self) -> None:
-        """Halt the children that run, and reset all. If one raises, the others are halted first."""
-        first: NodeRaised | None = None
-        for child in self._children:
-            if child._status is not IDLE:
-                if child._status is RUNNING:
-                    try:
-                        child.halt_node()
-                    except NodeRaised as error:
-                        if first is None:
-                            first = error
-                        else:
-                            first.also.append(error)
-                child.reset_status()
-        if first is not None:
-            raise first
-
-    def halt(self) -> None:
-        """Halt the children, and be IDLE afterwards."""
-        self.reset_children()
-        self.reset_status()
-
-    def idle_child(self, index: int) -> NodeFault:
-        """The fault of a child that returned IDLE."""
-        return NodeFault(f"child {index + 1} returned IDLE")
+# --- What the methods above do. Parents call these: a method that a class in Python may override is
+# looked up by name, in compiled code, where a function is not.
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
-class DecoratorNode(TreeNode):
-    """A node with one child, whose result or whose ticks it changes."""
-
-    node_type: ClassVar[NodeType] = NodeType.DECORATOR
-    child: TreeNode
-
-    def adopt(self, children: list[TreeNode]) -> None:
-        """Take the one child. Called by the builder, once."""
-        self.child = children[0]
-
-    @property
-    def children(self) -> list[TreeNode]:
-        """The child, as a list."""
-        return [self.child]
-
-    def execute_tick(self) -> Status:
-        """Tick as any node; a child that has completed is reset."""
-        status = super().execute_tick()
-        child = self.child._status
-        if child is SUCCESS or child is FAILURE:
-            self.child.reset_status()
-        return status
-
-    def halt_child(self) -> None:
-        """Halt the child if it runs, and reset it."""
-        child = self.child
-        if child._status is RUNNING:
-            try:
-                child.halt_node()
-            finally:
-                child.reset_status()
+def execute_tick(node: TreeNode, itself: bool = False) -> Status:
+    """Tick *node* as its parent does, by an execute_tick of its own class unless it asks *itself*."""
+    follows = node._follows
+    if follows >= OVERRIDDEN and not itself:
+        return node.execute_tick()
+    guard = node._guard
+    status: Status
+    try:
+        result = node.tick() if guard is None else _guarded(node, guard)
+        previous = node._status
+        if result is previous and previous is not IDLE:
+            status = previous
         else:
-            child.reset_status()
+            status = SUCCESS if result is SUCCESS else _verdict(result)
+            if status is not previous and status is not SKIPPED:
+                node._status = status
+                observers = node._context.observers
+                if observers is not None:
+                    observers.changed(node.config.uid, previous, status)
+        if follows & SYNCHRONOUS and status is RUNNING:
+            raise NodeFault(_STILL_RUNNING)
+    except NodeRaised as error:
+        node.trace(error)
+        raise
+    except KeyboardInterrupt:
+        raise
+    except BaseException as fault:
+        raise node.blame(fault, "ticking") from fault
+    if follows & DECORATING:
+        child = node._decorated
+        if child is not None and (child._status is SUCCESS or child._status is FAILURE):
+            reset_status(child)
+    return status
 
-    def reset_child(self) -> None:
-        """The same as :meth:`halt_child`, by BehaviorTree.CPP's other name."""
-        self.halt_child()
 
-    def halt(self) -> None:
-        """Halt the child, and be IDLE afterwards."""
-        self.halt_child()
-        self.reset_status()
+def _guarded(node: TreeNode, guard: Guard) -> Status:
+    """A tick with what surrounds it."""
+    conditions = guard.conditions
+    tally = guard.tally
+    if tally is not None:
+        tally.ticks += 1
+    status = IDLE
+    if conditions is not None:
+        status = conditions.before(node._status)
+        if status is SKIPPED and node._status is RUNNING:
+            halt_node(node)
+    if status is IDLE and guard.pre_tick is not None:
+        status = guard.instead(node, node._status)
+    if status is IDLE:
+        status = _verdict(node.tick())
+    if conditions is not None and (status is SUCCESS or status is FAILURE):
+        conditions.after(status)
+    if guard.post_tick is not None:
+        status = guard.overridden(node, status)
+    if tally is not None:
+        tally.count(status)
+    return status
+
+
+def _verdict(result: object) -> Status:
+    """*result*, or what a bool stands for. Raises NodeFault for anything else, IDLE too."""
+    if result is SUCCESS or result is True:
+        return SUCCESS
+    if result is FAILURE or result is False:
+        return FAILURE
+    if result is RUNNING:
+        return RUNNING
+    if result is SKIPPED:
+        return SKIPPED
+    said = "IDLE" if result is IDLE else repr(result)
+    raise NodeFault(f"a tick ends RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {said}")
+
+
+def reset_status(node: TreeNode) -> None:
+    """Set *node* back to IDLE."""
+    previous = node._status
+    if previous is not IDLE:
+        node._status = IDLE
+        observers = node._context.observers
+        if observers is not None:
+            observers.changed(node.config.uid, previous, IDLE)
+
+
+def halt_node(node: TreeNode) -> None:
+    """Halt *node* as a parent does; see :meth:`TreeNode.halt_node`."""
+    guard = node._guard
+    try:
+        if guard is not None and guard.tally is not None and node._status is RUNNING:
+            guard.tally.halted += 1
+        node.halt()
+        if guard is not None and guard.conditions is not None:
+            guard.conditions.halted()
+    except NodeRaised as error:
+        reset_status(node)
+        node.trace(error)
+        raise
+    except KeyboardInterrupt:
+        raise
+    except BaseException as fault:
+        reset_status(node)
+        raise node.blame(fault, "being halted") from fault

@@ -15,8 +15,9 @@ from typing import Any
 from btcore.config import NodeConfig
 from btcore.errors import RegistrationError
 from btcore.functions import CALLED, MARK, camel_case
+from btcore.inner import ControlNode, DecoratorNode
 from btcore.manifest import Manifest, class_manifest, function_manifest
-from btcore.node import ControlNode, DecoratorNode, TreeNode
+from btcore.node import TreeNode
 from btcore.nodes.palette import EVERYWHERE, FORMAT_3, FORMAT_4
 from btcore.substitution import Rule, first_that_meets
 from btcore.suggest import nearest

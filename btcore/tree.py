@@ -14,7 +14,7 @@ from btcore.context import TreeContext
 from btcore.errors import BtcoreError, NodeRaised
 from btcore.guard import Tally
 from btcore.hooks import Hooks
-from btcore.node import TreeNode
+from btcore.node import TreeNode, execute_tick, halt_node, reset_status
 from btcore.observers import Observer, Observers
 from btcore.pacing import Metronome
 from btcore.registry import Registry
@@ -173,15 +173,15 @@ class Tree:
         root = self.root
         try:
             if observers is None:
-                status = root.execute_tick()
+                status = execute_tick(root)
                 if status is SUCCESS or status is FAILURE:
-                    root.reset_status()
+                    reset_status(root)
             else:
                 observers.tick = self.ticks
                 start = time.perf_counter_ns()
-                status = root.execute_tick()
+                status = execute_tick(root)
                 if status is SUCCESS or status is FAILURE:
-                    root.reset_status()
+                    reset_status(root)
                 observers.ticked(time.perf_counter_ns() - start, status)
         except NodeRaised as error:
             self.status = IDLE
@@ -215,11 +215,11 @@ class Tree:
         errors: list[NodeRaised] = []
         for node in [self.root, *self.nodes]:
             try:
-                node.halt_node()
+                halt_node(node)
             except NodeRaised as error:
                 errors.append(error)
         for node in self.nodes:
-            node.reset_status()
+            reset_status(node)
         self.context.deadlines.clear()
         return errors
 

@@ -16,6 +16,7 @@ LAYERS = (
     {"blackboard", "legacy_blackboard", "script"},
     {"ports", "observers", "context", "conditions", "config", "guard", "pacing"},
     {"node"},
+    {"inner"},
     {"nodes", "leaf", "coroutine", "threaded", "signature", "functions"},
     {"declaration", "manifest", "substitution", "registry"},
     {"aside", "hooks", "tree"},

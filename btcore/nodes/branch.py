@@ -3,7 +3,8 @@
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import NodeFault
-from btcore.node import ControlNode
+from btcore.inner import ControlNode
+from btcore.node import execute_tick
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 
 
@@ -34,7 +35,7 @@ class IfThenElse(BranchNode):
         count = self.check_children()
         self.set_status(RUNNING)
         if self._branch == 0:
-            condition = self._children[0].execute_tick()
+            condition = execute_tick(self._children[0])
             if condition is RUNNING:
                 return RUNNING
             if condition is SUCCESS:
@@ -45,7 +46,7 @@ class IfThenElse(BranchNode):
                 self._branch = 2
             else:
                 raise NodeFault("the condition was skipped, so that no branch can be chosen")
-        status = self._children[self._branch].execute_tick()
+        status = execute_tick(self._children[self._branch])
         if status is not RUNNING:
             self._branch = 0
             self.reset_children()
@@ -70,18 +71,18 @@ class WhileDoElse(BranchNode):
         """Tick the condition, and the branch it asks for."""
         count = self.check_children()
         self.set_status(RUNNING)
-        condition = self._children[0].execute_tick()
+        condition = execute_tick(self._children[0])
         if condition is RUNNING:
             return RUNNING
         status = IDLE
         if condition is SUCCESS:
             if count == 3:
                 self.halt_child(2)
-            status = self._children[1].execute_tick()
+            status = execute_tick(self._children[1])
         elif condition is FAILURE:
             if count == 3:
                 self.halt_child(1)
-                status = self._children[2].execute_tick()
+                status = execute_tick(self._children[2])
             else:
                 status = FAILURE
         if status is not RUNNING:

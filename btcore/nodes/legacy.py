@@ -5,7 +5,8 @@ from typing import ClassVar, cast
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import BlackboardFault, ConversionFault, NodeFault
-from btcore.node import ControlNode, DecoratorNode
+from btcore.inner import ControlNode, DecoratorNode
+from btcore.node import execute_tick
 from btcore.nodes.data import SetBlackboard
 from btcore.nodes.ordered import OrderedNode
 from btcore.nodes.parallel import threshold
@@ -65,7 +66,7 @@ class Parallel3(ControlNode):
         failures = 0
         for index in range(count):
             child = self._children[index]
-            status = child._status if index in self._completed else child.execute_tick()
+            status = child._status if index in self._completed else execute_tick(child)
             if status is SUCCESS:
                 self._completed.add(index)
                 successes += 1
@@ -106,12 +107,12 @@ class WhileDoElse3(ControlNode):
                 f"<WhileDoElse> takes a condition and two branches, not {len(self._children)} children"
             )
         self.set_status(RUNNING)
-        condition = self._children[0].execute_tick()
+        condition = execute_tick(self._children[0])
         if condition is RUNNING:
             return RUNNING
         chosen = 1 if condition is SUCCESS else 2
         self.halt_child(3 - chosen)
-        status = self._children[chosen].execute_tick()
+        status = execute_tick(self._children[chosen])
         if status is not RUNNING:
             self.reset_children()
         return status
@@ -227,7 +228,7 @@ class BlackboardCheck(DecoratorNode):
         """Compare, then tick the child."""
         self.set_status(RUNNING)
         if self._match():
-            return self.child.execute_tick()
+            return execute_tick(self.child)
         if self.child._status is RUNNING:
             self.halt_child()
         try:

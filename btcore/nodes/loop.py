@@ -6,7 +6,8 @@ from typing import ClassVar, cast
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import NodeFault
-from btcore.node import DecoratorNode
+from btcore.inner import DecoratorNode
+from btcore.node import execute_tick
 from btcore.ports import Direction, Input, Port
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
@@ -68,7 +69,7 @@ class LoopNode(DecoratorNode):
                 self.set_output("value", value)
         if self._status is IDLE:
             self.set_status(RUNNING)
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         self._going = status is RUNNING
         if status is SUCCESS or status is FAILURE:
             self.reset_child()

@@ -3,7 +3,8 @@
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import BlackboardFault, ConversionFault, NodeFault
-from btcore.node import ControlNode
+from btcore.inner import ControlNode
+from btcore.node import execute_tick
 from btcore.ports import Port
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.values import BOOL
@@ -57,7 +58,7 @@ class ManualSelector(ControlNode):
             self._last = self._prompt.choose(f"{self.path}: which child is to be ticked?", options)
         if self._last >= count:
             return (SUCCESS, FAILURE, RUNNING)[self._last - count]
-        return self._children[self._last].execute_tick()
+        return execute_tick(self._children[self._last])
 
     def _repeats(self) -> bool:
         try:

@@ -4,7 +4,8 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.node import ControlNode
+from btcore.inner import ControlNode
+from btcore.node import execute_tick, halt_node, reset_status
 from btcore.status import IDLE, RUNNING, SKIPPED, SUCCESS, Status
 
 
@@ -37,22 +38,23 @@ class OrderedNode(ControlNode):
             self._skipped = 0
         self.set_status(RUNNING)
         going = self._going
-        while self._next < count:
-            child = children[self._next]
+        index = self._next
+        while index < count:
+            child = children[index]
             was_idle = child._status is IDLE
-            status = child.execute_tick()
+            status = execute_tick(child)
             if status is RUNNING:
                 return RUNNING
             if status is going:
-                self._next += 1
-                if self._yields and was_idle and self._next < count:
+                self._next = index = index + 1
+                if self._yields and was_idle and index < count:
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
-                self._next += 1
+                self._next = index = index + 1
                 self._skipped += 1
             elif status is IDLE:
-                raise self.idle_child(self._next)
+                raise self.idle_child(index)
             else:
                 self.ended_early()
                 return status
@@ -92,13 +94,13 @@ class ReactiveNode(ControlNode):
         all_skipped = len(self._children) > 0
         self.set_status(RUNNING)
         for index, child in enumerate(self._children):
-            status = child.execute_tick()
+            status = execute_tick(child)
             if status is RUNNING:
                 for other in self._children:
                     if other is not child and other._status is not IDLE:
                         if other._status is RUNNING:
-                            other.halt_node()
-                        other.reset_status()
+                            halt_node(other)
+                        reset_status(other)
                 return RUNNING
             if status is going:
                 all_skipped = False

@@ -5,7 +5,8 @@ from typing import ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import BlackboardFault, ConversionFault, NodeFault
-from btcore.node import DecoratorNode
+from btcore.inner import DecoratorNode
+from btcore.node import execute_tick, reset_status
 from btcore.ports import Port
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import BOOL
@@ -18,12 +19,12 @@ class Inverter(DecoratorNode):
     def tick(self) -> Status:
         """Tick the child, and swap its result."""
         self.set_status(RUNNING)
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if status is SUCCESS:
-            self.child.reset_status()
+            reset_status(self.child)
             return FAILURE
         if status is FAILURE:
-            self.child.reset_status()
+            reset_status(self.child)
             return SUCCESS
         return status
 
@@ -37,9 +38,9 @@ class ForcedNode(DecoratorNode):
     def tick(self) -> Status:
         """Tick the child."""
         self.set_status(RUNNING)
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
-            self.child.reset_status()
+            reset_status(self.child)
             return self.forced
         return status
 
@@ -65,12 +66,12 @@ class KeepRunningUntilFailure(DecoratorNode):
     def tick(self) -> Status:
         """Tick the child."""
         self.set_status(RUNNING)
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if status is FAILURE:
-            self.child.reset_status()
+            reset_status(self.child)
             return FAILURE
         if status is SUCCESS:
-            self.child.reset_status()
+            reset_status(self.child)
         return RUNNING
 
 
@@ -94,7 +95,7 @@ class RunOnce(DecoratorNode):
         if self._result is not IDLE:
             return SKIPPED if self._skips() else self._result
         self.set_status(RUNNING)
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._result = status
             self.reset_child()

@@ -5,7 +5,8 @@ from typing import cast
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import NodeFault
-from btcore.node import ControlNode
+from btcore.inner import ControlNode
+from btcore.node import execute_tick
 from btcore.ports import Port
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import INT
@@ -63,7 +64,7 @@ class Parallel(ControlNode):
         skipped = 0
         for index, child in enumerate(self._children):
             if index not in self._completed:
-                status = child.execute_tick()
+                status = execute_tick(child)
                 if status is SUCCESS:
                     self._completed.add(index)
                     self._successes += 1
@@ -123,7 +124,7 @@ class ParallelAll(ControlNode):
         for index in range(count):
             if index in self._completed:
                 continue
-            status = self._children[index].execute_tick()
+            status = execute_tick(self._children[index])
             if status is SUCCESS:
                 self._completed.add(index)
             elif status is FAILURE:

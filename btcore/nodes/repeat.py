@@ -5,7 +5,8 @@ from typing import ClassVar, cast
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import BlackboardFault, ConversionFault, NodeFault
-from btcore.node import DecoratorNode
+from btcore.inner import DecoratorNode
+from btcore.node import execute_tick
 from btcore.ports import Port
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import INT
@@ -33,7 +34,7 @@ class RepeatedNode(DecoratorNode):
         self.set_status(RUNNING)
         while self._count < limit or limit == -1:
             was_idle = self.child._status is IDLE
-            status = self.child.execute_tick()
+            status = execute_tick(self.child)
             if status is RUNNING:
                 return RUNNING
             if status is again:

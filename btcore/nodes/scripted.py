@@ -4,8 +4,9 @@ from typing import cast
 
 from mypy_extensions import mypyc_attr
 
+from btcore.inner import DecoratorNode
 from btcore.leaf import Condition, SyncAction
-from btcore.node import DecoratorNode, TreeNode
+from btcore.node import TreeNode, execute_tick
 from btcore.ports import Port
 from btcore.script.program import Program, compile_script, truth
 from btcore.status import FAILURE, SUCCESS, Status
@@ -109,7 +110,7 @@ class Precondition(DecoratorNode):
             self._going = truth(program.run(self._blackboard))
             if not self._going:
                 return otherwise
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._going = False
             self.reset_child()

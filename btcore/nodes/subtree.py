@@ -4,7 +4,8 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.node import DecoratorNode
+from btcore.inner import DecoratorNode
+from btcore.node import execute_tick
 from btcore.ports import Port
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
 from btcore.values import BOOL
@@ -30,7 +31,7 @@ class SubTree(DecoratorNode):
         """Tick the root of the inner tree."""
         if self._status is IDLE:
             self.set_status(RUNNING)
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self.reset_child()
         return status

@@ -7,7 +7,8 @@ from typing import ClassVar, Final
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import BlackboardFault, ConversionFault, NodeFault
-from btcore.node import ControlNode
+from btcore.inner import ControlNode
+from btcore.node import execute_tick
 from btcore.ports import Input, Port
 from btcore.status import RUNNING, SKIPPED, Status
 from btcore.values import STRING
@@ -110,7 +111,7 @@ class SwitchNode(ControlNode):
         chosen = self.choose()
         if self._running != -1 and self._running != chosen:
             self.halt_child(self._running)
-        status = self._children[chosen].execute_tick()
+        status = execute_tick(self._children[chosen])
         if status is SKIPPED:
             self._running = -1
         elif status is RUNNING:

@@ -5,8 +5,9 @@ from typing import cast
 from mypy_extensions import mypyc_attr
 
 from btcore.clock import NS_PER_MS
+from btcore.inner import DecoratorNode
 from btcore.leaf import StatefulAction
-from btcore.node import DecoratorNode
+from btcore.node import execute_tick
 from btcore.ports import Port
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.values import UINT
@@ -41,7 +42,7 @@ class Timeout(DecoratorNode):
                 return FAILURE
             # The original's timer fires once, and finds nothing to halt.
             self._deadline = 0
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._stop()
             self.reset_child()
@@ -83,7 +84,7 @@ class Delay(DecoratorNode):
             return RUNNING
         if self.now() < self._deadline:
             return RUNNING
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         if self.ends_with(status):
             self._deadline = -1
             self.reset_child()

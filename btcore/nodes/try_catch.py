@@ -3,7 +3,8 @@
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import ConversionFault, NodeFault
-from btcore.node import ControlNode
+from btcore.inner import ControlNode
+from btcore.node import execute_tick
 from btcore.ports import Port
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import BOOL
@@ -43,7 +44,7 @@ class TryCatch(ControlNode):
         self.set_status(RUNNING)
         last = len(self._children) - 1
         while not self._catching and self._next < last:
-            status = self._children[self._next].execute_tick()
+            status = execute_tick(self._children[self._next])
             if status is RUNNING:
                 return RUNNING
             if status is SUCCESS:
@@ -58,7 +59,7 @@ class TryCatch(ControlNode):
             else:
                 raise self.idle_child(self._next)
         if self._catching:
-            if self._children[last].execute_tick() is RUNNING:
+            if execute_tick(self._children[last]) is RUNNING:
                 return RUNNING
             self._next = 0
             self._catching = False
@@ -77,7 +78,7 @@ class TryCatch(ControlNode):
                 last = len(self._children) - 1
                 for index in range(last):
                     self.halt_child(index)
-                if self._children[last].execute_tick() is RUNNING:
+                if execute_tick(self._children[last]) is RUNNING:
                     self.halt_child(last)
         finally:
             self._begin()

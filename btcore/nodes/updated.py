@@ -5,8 +5,9 @@ from typing import ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import NodeFault
+from btcore.inner import DecoratorNode
 from btcore.leaf import SyncAction
-from btcore.node import DecoratorNode, TreeNode
+from btcore.node import TreeNode, execute_tick
 from btcore.ports import Port
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import ANY_VALUE
@@ -59,7 +60,7 @@ class UpdatedNode(DecoratorNode):
         """Look, unless the child runs; then tick it."""
         if not self._going and not self._watch.updated():
             return self.otherwise
-        status = self.child.execute_tick()
+        status = execute_tick(self.child)
         self._going = status is RUNNING
         return status
 

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from btcore.errors import NodeFault
+from btcore.inner import DecoratorNode
 from btcore.leaf import Condition, StatefulAction
-from btcore.node import DecoratorNode, TreeNode
+from btcore.node import TreeNode
 from btcore.nodes.sequence import Sequence as SequenceNode
 from btcore.ports import Port
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
