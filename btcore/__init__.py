@@ -29,7 +29,7 @@ from btcore.inner import ControlNode, DecoratorNode
 from btcore.leaf import Condition, StatefulAction, SyncAction
 from btcore.loading import load, loads, wanted
 from btcore.node import TreeNode
-from btcore.observers import Observer
+from btcore.observers import Observer, Transitions
 from btcore.ports import Direction, Port
 from btcore.registry import Registry
 from btcore.script.program import compile_script
@@ -38,6 +38,8 @@ from btcore.status import NodeType, Status, Transition
 from btcore.threaded import ThreadedAction
 from btcore.tree import Subtree, Tree
 from btcore.xml.compose import Builder, key
+
+builds.describe(Direction, NodeType, Status, Transition)
 
 __all__ = [
     "Blackboard",
@@ -74,6 +76,7 @@ __all__ = [
     "SystemClock",
     "ThreadedAction",
     "Transition",
+    "Transitions",
     "Tree",
     "TreeError",
     "TreeNode",

@@ -29,6 +29,7 @@ class TreeContext:
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.wake = threading.Event()
+        self._woken = False  # as the event, which takes far longer to ask
         self.lock = threading.Lock()
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
@@ -41,6 +42,7 @@ class TreeContext:
 
     def wake_up(self) -> None:
         """Ask for a tick as soon as possible. Any thread may."""
+        self._woken = True
         self.wake.set()
         if self.on_wake is not None:
             self.on_wake()
@@ -51,26 +53,38 @@ class TreeContext:
 
     def take_wake_up(self) -> bool:
         """Whether a wake-up is due, by signal or by a deadline that has passed; takes it."""
-        self._expire()
-        woken = self.wake.is_set()
-        self.wake.clear()
-        return woken
+        if self.deadlines:
+            self._expire()
+        return self._woken and self._take()
 
     def wait_until(self, moment: int) -> bool:
         """Wait until *moment* (ns), the first deadline, or a wake-up; returns whether woken."""
-        self._expire()
-        woken = self.clock.wait_until(self.first_deadline(moment), self.wake)
+        if self.deadlines:
+            self._expire()
+            moment = self.first_deadline(moment)
+        woken = self._woken or self.clock.wait_until(moment, self.wake)
         if not woken and self.deadlines:
             self._expire()
-            woken = self.wake.is_set()
-        self.wake.clear()
+            woken = self._woken
+        self._take()
         return woken
 
+    def doze(self, seconds: float) -> None:
+        """Wait for a wake-up, for at most *seconds* (s) of real time, whatever the clock."""
+        self.wake.wait(seconds)
+        self._take()
+
+    def _take(self) -> bool:
+        # In this order, a wake-up that comes from another thread meanwhile leaves the flag set.
+        self._woken = False
+        self.wake.clear()
+        return True
+
     def _expire(self) -> None:
-        if self.deadlines:
-            now = self.clock.now()
-            due = [uid for uid, deadline in self.deadlines.items() if deadline <= now]
-            for uid in due:
-                del self.deadlines[uid]
-            if due:
-                self.wake.set()
+        now = self.clock.now()
+        due = [uid for uid, deadline in self.deadlines.items() if deadline <= now]
+        for uid in due:
+            del self.deadlines[uid]
+        if due:
+            self._woken = True
+            self.wake.set()

@@ -63,6 +63,7 @@ class Call:
         self.function: Any = function
         self.positional = positional
         self.keywords = keywords
+        self.is_bare = not positional and not keywords
 
     def run(self) -> Any:
         """Call it with what the ports hold now."""
@@ -70,8 +71,6 @@ class Call:
         count = len(positional)
         # Most functions have few parameters, and need no list to be made of them.
         if not self.keywords:
-            if count == 0:
-                return self.function()
             if count == 1:
                 return self.function(_now(positional[0]))
             if count == 2:
@@ -95,7 +94,8 @@ class FunctionAction(SyncAction):
 
     def tick(self) -> object:
         """Call it."""
-        return self.call.run()
+        call = self.call
+        return call.function() if call.is_bare else call.run()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -106,7 +106,8 @@ class FunctionCondition(Condition):
 
     def tick(self) -> object:
         """Call it."""
-        return self.call.run()
+        call = self.call
+        return call.function() if call.is_bare else call.run()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

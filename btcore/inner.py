@@ -35,11 +35,10 @@ class ControlNode(TreeNode):
     def reset_children(self) -> None:
         """Halt the children that run, and reset all. If one raises, the others are halted first."""
         first: NodeRaised | None = None
-        context = self._context
+        observers = self._context.observers
+        moment: object = None
         for child in self._children:
             status = child._status
-            if status is IDLE:
-                continue
             if status is RUNNING:
                 try:
                     halt_node(child)
@@ -48,10 +47,15 @@ class ControlNode(TreeNode):
                         first = error
                     else:
                         first.also.append(error)
-            if context.observers is None:
+                status = child._status
+                moment = None
+            if status is not IDLE:
                 child._status = IDLE
-            else:
-                reset_status(child)
+                if observers is not None:
+                    if moment is None:
+                        # All that are reset at once are so at the same moment.
+                        moment = observers.now()
+                    observers.note(moment, child.config, status, IDLE)
         if first is not None:
             raise first
 

@@ -9,7 +9,7 @@ from btcore.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.config import NO_INPUTS, NodeConfig
 from btcore.context import TreeContext, TreeState
-from btcore.declaration import check_id, check_methods, check_ports
+from btcore.declaration import check_class, check_id, check_methods, check_ports
 from btcore.errors import NodeFault, RegistrationError
 from btcore.functions import Call, FunctionAction, FunctionCondition, FunctionSteps, leaf_class
 from btcore.inner import ControlNode, DecoratorNode
@@ -72,6 +72,11 @@ class Manifest:
             and one.wanted not in (Clock, Blackboard)
             and not of_tree(one.wanted)
         ]
+
+    def same_thing(self, other: "Manifest") -> bool:
+        """Whether both are of one class or function, perhaps imported twice."""
+        mine, its = self.function or self.cls, other.function or other.cls
+        return mine is its or self.origin == other.origin
 
     @property
     def origin(self) -> str:
@@ -242,6 +247,7 @@ def class_manifest(
     check_id(ID)
     ports = class_ports(cls, types, names)
     check_ports(ID, ports, format)
+    check_class(ID, cls)
     check_methods(ID, cls)
     bind_class(cls, ports)
     parameters = []
@@ -277,4 +283,8 @@ def _initialiser(cls: type) -> Callable[..., None]:
 
 
 def _has_own_init(cls: type) -> bool:
-    return _initialiser(cls) not in (_initialiser(object), _initialiser(TreeNode))
+    found = _initialiser(cls)
+    # A Protocol among the bases brings an __init__ of typing's, which does nothing for a node.
+    return found not in (_initialiser(object), _initialiser(TreeNode)) and (
+        getattr(found, "__module__", "") != "typing"
+    )

@@ -164,7 +164,7 @@ class TreeNode:
             self._status = status
             observers = self._context.observers
             if observers is not None:
-                observers.changed(self.config.uid, previous, status)
+                observers.note(observers.now(), self.config, previous, status)
 
     def reset_status(self) -> None:
         """Go back to IDLE."""
@@ -252,7 +252,7 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
                 node._status = status
                 observers = node._context.observers
                 if observers is not None:
-                    observers.changed(node.config.uid, previous, status)
+                    observers.note(observers.now(), node.config, previous, status)
         if follows & SYNCHRONOUS and status is RUNNING:
             raise NodeFault(_STILL_RUNNING)
     except NodeRaised as error:
@@ -314,7 +314,7 @@ def reset_status(node: TreeNode) -> None:
         node._status = IDLE
         observers = node._context.observers
         if observers is not None:
-            observers.changed(node.config.uid, previous, IDLE)
+            observers.note(observers.now(), node.config, previous, IDLE)
 
 
 def halt_node(node: TreeNode) -> None:

@@ -105,14 +105,17 @@ class Tree:
 
     def tick_exactly_once(self) -> Status:
         """Tick the root once. Raises NodeRaised, after halting the tree."""
-        return self._end_of(self._tick_root())
+        status = self._tick_root()
+        self.status = status
+        return status
 
     def tick_once(self) -> Status:
         """Tick the root, and again while it is RUNNING and a wake-up is due. Raises as above."""
         status = self._tick_root()
         while status is RUNNING and self.context.take_wake_up():
             status = self._tick_root()
-        return self._end_of(status)
+        self.status = status
+        return status
 
     def tick_while_running(self, period: float = 0.01) -> Status:
         """Tick until the root isn't RUNNING, every *period* seconds, or earlier when woken.
@@ -177,7 +180,7 @@ class Tree:
                 if status is SUCCESS or status is FAILURE:
                     reset_status(root)
             else:
-                observers.tick = self.ticks
+                observers.begin(self.ticks)
                 start = time.perf_counter_ns()
                 status = execute_tick(root)
                 if status is SUCCESS or status is FAILURE:
@@ -189,10 +192,6 @@ class Tree:
                 observers.raised(error)
             error.also += self._halt_everything()
             raise
-        return status
-
-    def _end_of(self, status: Status) -> Status:
-        self.status = status
         return status
 
     # --- halting, waiting
@@ -220,6 +219,7 @@ class Tree:
                 errors.append(error)
         for node in self.nodes:
             reset_status(node)
+        self.hand_over()
         self.context.deadlines.clear()
         return errors
 
@@ -255,6 +255,11 @@ class Tree:
             observers.tick = self.ticks
             self.context.observers = observers
         return observers.add(observer)
+
+    def hand_over(self) -> None:
+        """Tell observers now what they would hear at the end of the tick (:meth:`Observer.transitions`)."""
+        if self.context.observers is not None:
+            self.context.observers.hand_over()
 
     def count(self) -> dict[str, Tally]:
         """Count the ticks of every node from now on, by path (see :meth:`keys`)."""

@@ -117,8 +117,7 @@ class Pace:
         elif self.end is not None:
             context.wait_until(self.end)
         else:
-            context.wake.wait(LOOK_EVERY)
-            context.wake.clear()
+            context.doze(LOOK_EVERY)
 
     def _wait(self, moment: int) -> bool:
         """Wait until *moment*, or less: until woken, stopped or (the answer) the file is saved."""

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, Self
 
-from btcore.errors import NodeRaised
-from btcore.observers import Observer
-from btcore.status import IDLE, Status, Transition
+from btcore.observers import Observer, Transitions
+from btcore.status import IDLE, Transition
 from btcore.tree import Tree
 
 _log = logging.getLogger("btcore")
@@ -53,11 +52,10 @@ class Attached(Observer):
 
 
 class Log(Attached):
-    """Collects the transitions of a tick, and writes them once, at its end.
+    """Writes the transitions of a tick at its end, and those of a halt after it.
 
-    So a process that is killed loses at most the tick in progress. What changes between two ticks
-    (a halt) is written at once. A log that can't be written any more (a full disk) ends with a
-    warning of the logger ``btcore``; the tree does not notice.
+    So a process that is killed loses at most the tick in progress. A log that can't be written any more
+    (a full disk) ends with a warning of the logger ``btcore``; the tree does not notice.
     """
 
     failures: ClassVar[tuple[type[Exception], ...]] = (OSError,)
@@ -66,35 +64,15 @@ class Log(Attached):
     def __init__(self, tree: Tree, name: str, *, idle: bool = True) -> None:
         self.name = name
         self.idle = idle
-        self._changes: list[Transition] = []
-        # Ticks up to this one are over: nothing says when a halt ends, but it is outside of any.
-        self._over = tree.ticks
         super().__init__(tree)
 
-    def transition(self, change: Transition) -> None:
-        """Keep *change* for the end of the tick."""
-        if change.status is not IDLE or self.idle:
-            self._changes.append(change)
-            if change.tick <= self._over:
-                self.flush()
-
-    def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
-        """Write the tick's transitions."""
-        self._over = tick
-        self.flush()
-
-    def raised(self, error: NodeRaised, stamp: int) -> None:
-        """Write what there is: the tree is halted next."""
-        self._over = self.tree.ticks
-        self.flush()
-
-    def flush(self) -> None:
-        """Write what isn't written yet."""
-        if self.closed or not self._changes:
+    def transitions(self, changes: Transitions) -> None:
+        """Write *changes*."""
+        kept = [change for change in changes if change.status is not IDLE or self.idle]
+        if self.closed or not kept:
             return
-        changes, self._changes = self._changes, []
         try:
-            self.write(changes)
+            self.write(kept)
         except self.failures as error:
             self._give_up(error)
 
@@ -102,7 +80,7 @@ class Log(Attached):
         """Write what isn't written yet, and end the log. Closing again does nothing."""
         if self.closed:
             return
-        self.flush()
+        self.tree.hand_over()
         if self.closed:
             return
         try:

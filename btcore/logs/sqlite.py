@@ -15,6 +15,7 @@ from btcore.logs.database import EXTENSIONS, Database
 from btcore.logs.files import expect_extension
 from btcore.logs.log import Log
 from btcore.node import TreeNode
+from btcore.observers import Observer
 from btcore.status import IDLE, Transition
 from btcore.tree import Tree
 from btcore.xml.write import tree_to_xml
@@ -51,27 +52,21 @@ class SqliteLog(Log):
     ) -> None:
         self.path = Path(path)
         expect_extension(self.path, *EXTENSIONS)
-        self._extra = extra
-        self._extras: list[str] = []
-        self._nodes = {node.uid: node for node in tree.nodes}
+        self.extra = extra
+        self.extras: list[str] = []
         paths = ((node.path, node.uid) for subtree in tree.subtrees for node in subtree.nodes)
         self._base = Database(self.path, tree_to_xml(tree), paths, append=append)
         self.session = self._base.session
         super().__init__(tree, str(self.path), idle=idle)
         self._base.begin_at(self.epoch // NS_PER_US)
+        self._stop_asking = tree.subscribe(Asking(self)) if extra is not None else None
         self.attach()
-
-    def transition(self, change: Transition) -> None:
-        """Keep *change* for the end of the tick, with its extra data."""
-        if self._extra is not None and (change.status is not IDLE or self.idle):
-            self._extras.append(self._extra(self._nodes[change.uid], change))
-        super().transition(change)
 
     def write(self, changes: list[Transition]) -> None:
         """Append *changes* in one transaction, with those that had to wait."""
-        extras, self._extras = self._extras, []
+        extras, self.extras = self.extras, []
         for index, (_, stamp, _, uid, previous, status) in enumerate(changes):
-            said = extras[index] if extras else ""
+            said = extras[index] if index < len(extras) else ""
             self._base.add((stamp - self.start) // NS_PER_US, uid, previous, status, said)
         self._base.flush()
 
@@ -81,4 +76,20 @@ class SqliteLog(Log):
 
     def release(self) -> None:
         """Close the database."""
+        if self._stop_asking is not None:
+            self._stop_asking()
         self._base.close()
+
+
+class Asking(Observer):
+    """Asks for the extra data of *log* at the moment of each transition."""
+
+    def __init__(self, log: SqliteLog) -> None:
+        self._log = log
+        self._nodes = {node.uid: node for node in log.tree.nodes}
+
+    def transition(self, change: Transition) -> None:
+        """Ask, and keep the answer for the end of the tick."""
+        extra = self._log.extra
+        if extra is not None and (change.status is not IDLE or self._log.idle):
+            self._log.extras.append(extra(self._nodes[change.uid], change))

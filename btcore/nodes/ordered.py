@@ -34,9 +34,11 @@ class OrderedNode(ControlNode):
         """Tick from the child that is due."""
         children = self._children
         count = len(children)
-        if self._status is IDLE or self._status is SKIPPED:
-            self._skipped = 0
-        self.set_status(RUNNING)
+        before = self._status
+        if before is not RUNNING:
+            if before is IDLE or before is SKIPPED:
+                self._skipped = 0
+            self.set_status(RUNNING)
         going = self._going
         index = self._next
         while index < count:
@@ -91,12 +93,14 @@ class ReactiveNode(ControlNode):
     def tick(self) -> Status:
         """Tick from the first child."""
         going = self._going
-        all_skipped = len(self._children) > 0
-        self.set_status(RUNNING)
-        for index, child in enumerate(self._children):
+        children = self._children
+        all_skipped = len(children) > 0
+        if self._status is not RUNNING:
+            self.set_status(RUNNING)
+        for index, child in enumerate(children):
             status = execute_tick(child)
             if status is RUNNING:
-                for other in self._children:
+                for other in children:
                     if other is not child and other._status is not IDLE:
                         if other._status is RUNNING:
                             halt_node(other)

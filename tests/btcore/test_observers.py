@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeRaised, Observer, SimClock, Status, Transition, Tree
+from btcore import NodeRaised, Observer, SimClock, Status, Transition, Transitions, Tree
 
 Grow = Callable[..., Tree]
 
@@ -185,6 +185,90 @@ def test_nor_does_one_that_raises_at_the_end_of_a_tick_or_at_an_error(
     with pytest.raises(NodeRaised, match="the plan says"):
         tree.tick_once()
     assert len(caplog.records) == 2
+
+
+class Keeper(Observer):
+    """Keeps what it hears at the end of ticks."""
+
+    def __init__(self) -> None:
+        self.told: list[Transitions] = []
+
+    def transitions(self, changes: Transitions) -> None:
+        self.told.append(changes)
+
+
+def test_who_keeps_transitions_is_told_the_same_at_the_end_of_each_tick_and_after_a_halt(
+    grow: Grow, clock: SimClock
+) -> None:
+    tree = grow(BODY)
+    listener, keeper = Listener(), Keeper()
+    tree.subscribe(listener)
+    tree.subscribe(keeper)
+    tree.tick_while_running(period=0.25)
+    tree.tick_once()
+    tree.halt()
+    assert [list(one) for one in keeper.told] == [
+        [change for change in listener.changes if change.tick == 1],
+        [change for change in listener.changes if change.tick == 2],
+        listener.changes[8:11],
+        listener.changes[11:],
+    ]
+    assert [(len(one), one.first, one.tick, one[0]) for one in keeper.told] == [
+        (3, 1, 1, listener.changes[0]),
+        (5, 4, 2, listener.changes[3]),
+        (3, 9, 3, listener.changes[8]),
+        (3, 12, 3, listener.changes[11]),
+    ]
+
+
+def test_what_led_to_an_error_is_told_before_it_and_the_halt_after_it(grow: Grow) -> None:
+    order: list[str] = []
+
+    class Both(Observer):
+        def transitions(self, changes: Transitions) -> None:
+            order.append("->".join(change.status.name for change in changes))
+
+        def raised(self, error: NodeRaised, stamp: int) -> None:
+            order.append(error.path)
+
+    tree = grow('<Sequence><PlanAction name="x" plan="X"/></Sequence>')
+    tree.subscribe(Both())
+    with pytest.raises(NodeRaised):
+        tree.tick_once()
+    assert order == ["RUNNING", "x", "IDLE"]
+
+
+def test_who_leaves_within_a_tick_is_told_what_was_noted_until_then(grow: Grow) -> None:
+    tree = grow(BODY)
+    keeper = Keeper()
+
+    class Leaving(Observer):
+        def transition(self, change: Transition) -> None:
+            if change.number == 2:
+                leave()
+
+    leave = tree.subscribe(keeper)
+    tree.subscribe(Leaving())
+    tree.tick_exactly_once()
+    tree.hand_over()
+    assert [change.number for one in keeper.told for change in one] == [1, 2]
+
+
+def test_one_that_raises_at_the_end_of_a_tick_is_dropped_and_the_others_are_told(
+    grow: Grow, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Cut(Observer):
+        def transitions(self, changes: Transitions) -> None:
+            raise RuntimeError("the disk is full")
+
+    tree = grow(BODY)
+    keeper = Keeper()
+    tree.subscribe(Cut())
+    tree.subscribe(keeper)
+    tree.tick_exactly_once()
+    tree.tick_exactly_once()
+    assert [len(one) for one in keeper.told] == [3, 5]
+    assert len(caplog.records) == 1
 
 
 def test_an_observer_may_override_only_what_it_needs(grow: Grow) -> None:

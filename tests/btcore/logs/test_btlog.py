@@ -65,10 +65,12 @@ def test_the_same_transitions_at_the_same_times_are_the_same_bytes(
     original = (captures / "v4_sample.btlog").read_bytes()
     recording = read_btlog(captures / "v4_sample.btlog")
     with BtLog(sample, tmp_path / "run.btlog") as log:
-        for number, change in enumerate(recording.changes, 1):
-            stamp = change.stamp - recording.start
-            log.transition(Transition(number, stamp, 1, change.uid, change.previous, change.status))
-        log.ticked(1, 0, 0, SUCCESS)
+        log.write(
+            [
+                Transition(number, one.stamp - recording.start, 1, one.uid, one.previous, one.status)
+                for number, one in enumerate(recording.changes, 1)
+            ]
+        )
     written = (tmp_path / "run.btlog").read_bytes()
     assert records(written) == records(original)
     assert written[:19] == original[:19]

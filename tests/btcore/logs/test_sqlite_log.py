@@ -60,10 +60,12 @@ def test_the_same_transitions_at_the_same_times_are_the_same_rows(
 ) -> None:
     recording = read_sqlite(captures / "v4_sample.db3")
     with SqliteLog(sample, tmp_path / "run.db3") as log:
-        for number, change in enumerate(recording.changes, 1):
-            stamp = change.stamp - recording.start
-            log.transition(Transition(number, stamp, 1, change.uid, change.previous, change.status))
-        log.ticked(1, 0, 0, Status.SUCCESS)
+        log.write(
+            [
+                Transition(number, one.stamp - recording.start, 1, one.uid, one.previous, one.status)
+                for number, one in enumerate(recording.changes, 1)
+            ]
+        )
     query = (
         "SELECT timestamp - (SELECT min(timestamp) FROM Transitions), node_uid, duration, state, extra_data"
         " FROM Transitions ORDER BY timestamp"

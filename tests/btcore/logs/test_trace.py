@@ -177,10 +177,9 @@ def test_a_slice_that_outlives_the_one_around_it_is_cut_and_goes_on_elsewhere(
     tree = small('<Inverter name="a"><Inverter name="b"><AlwaysSuccess name="c"/></Inverter></Inverter>')
     running, success, idle = Status.RUNNING, Status.SUCCESS, Status.IDLE
     steps = [(1, idle, running), (2, idle, running), (3, idle, running), (1, running, success)]
+    steps += [(3, running, idle), (2, running, idle)]
     with TraceLog(tree, tmp_path / "run.json") as log:
-        for number, (uid, previous, status) in enumerate([*steps, (3, running, idle), (2, running, idle)], 1):
-            log.transition(Transition(number, number * 1000, 1, uid, previous, status))
-        log.ticked(1, 7000, 0, success)
+        log.write([Transition(number, number * 1000, 1, *step) for number, step in enumerate(steps, 1)])
     found = events(tmp_path / "run.json")
     assert still_open(found) == []
     assert [(event["name"], event["ph"], event["tid"], event["ts"]) for event in found] == [
