@@ -178,12 +178,12 @@ class Registry:
         for format in (3, 4) if only is None else (only,):
             known = self.get(manifest.id, format)
             if known is not None and known.yields and not self._installing:
-                if known.origin == manifest.origin:
+                if known.same_thing(manifest):
                     return
                 self.remove(manifest.id)
                 self.displaced.append((known, manifest))
                 known = None
-            if known is not None and known.origin == manifest.origin:
+            if known is not None and known.same_thing(manifest):
                 raise RegistrationError(
                     f"'{manifest.id}' is registered already, from the same place: {known.origin}; add it once"
                 )

@@ -7,12 +7,14 @@ type checker sees the true types.
 import inspect
 import typing
 from collections.abc import Callable, Mapping
+from dataclasses import MISSING
 from numbers import Number
+from types import MemberDescriptorType
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 from btcore.errors import ConversionFault, RegistrationError
 from btcore.ports import UNSET, Direction, Port
-from btcore.values import Types, to_text
+from btcore.values import Types, ValueType, to_text
 
 T = TypeVar("T")
 
@@ -96,14 +98,15 @@ def port_of(name: str, annotation: object, types: Types, default: object = UNSET
     mark = next((one for one in marks if isinstance(one, PortMark)), None)
     if mark is None:
         return None
+    kind = next((one for one in marks if isinstance(one, ValueType)), inner)
     if mark.put:
-        inner = typing.get_args(inner)[0][0]
+        kind = typing.get_args(inner)[0][0]
     description = next((one for one in marks if isinstance(one, str)), "")
     text = None
     if default is not UNSET:
         text = _text_of(default)
     value = UNSET if isinstance(default, str) else default
-    return Port(name, mark.direction, types.of(inner), text, description, value)
+    return Port(name, mark.direction, types.of(kind), text, description, value)
 
 
 def _text_of(default: object) -> str:
@@ -151,14 +154,21 @@ def class_ports(cls: type, types: Types, names: Mapping[str, Any]) -> list[Port]
         for port in provided():
             listed[port.name] = port
     for name, annotation in _resolve(cls, cls.__qualname__, names).items():
-        default = getattr(cls, name, UNSET)
-        if isinstance(default, PortAttribute):
-            default = default.default
-        port = port_of(name, annotation, types, default)
+        port = port_of(name, annotation, types, _default_in(cls, name))
         if port is not None:
             _refuse_hiding(cls, name)
             listed[name] = port
     return list(listed.values())
+
+
+def _default_in(cls: type, name: str) -> object:
+    found = getattr(cls, name, UNSET)
+    if isinstance(found, PortAttribute):
+        return found.default
+    if isinstance(found, MemberDescriptorType):  # a slot; a dataclass keeps the default elsewhere
+        field = getattr(cls, "__dataclass_fields__", {}).get(name)
+        return UNSET if field is None or field.default is MISSING else field.default
+    return found
 
 
 def _refuse_hiding(cls: type, name: str) -> None:

@@ -11,6 +11,7 @@ from robot_nodes.leaves.explore import Explores, MapFile
 from robot_nodes.leaves.locate import LocatesObjects
 from robot_nodes.leaves.navigate import GoesToPoses
 from robot_nodes.leaves.track import TracksObjects
+from robot_nodes.leaves.waypoint import GetWaypoint
 from robot_nodes.robot import Robot
 
 if TYPE_CHECKING:
@@ -55,6 +56,9 @@ class NavigationExtension:
             help="Where a tree that makes a map saves it, at the latest when the run ends.",
         ),
     )
+
+    for_one_run = ("save_map",)
+    """What several runs at a time can't have; see `btcore sweep`."""
 
     def __init__(self) -> None:
         self._navigation: Navigation | None = None
@@ -107,6 +111,7 @@ class NavigationExtension:
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
         """When the run ends, stop what still looks, and save the map that was made if the tree hasn't."""
+        _check_waypoints(getattr(tree, "nodes", ()))
         try:
             yield
         finally:
@@ -159,7 +164,8 @@ def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[ob
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
         if not cells.any():
             raise NavigationMistake(f"there is no {missing} on the map, so nobody can find a way by it")
-    return Navigation(robot, map, _random(settings), folder(), parameters)
+    with _plugins_minded(settings):
+        return Navigation(robot, map, _random(settings), folder(), parameters)
 
 
 def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Exploration":
@@ -169,7 +175,19 @@ def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[o
     # Of a map that there is already only the keep-outs count: table tops, which no laser at the floor sees.
     map, parameters = _map(settings, provided), _parameters(settings)
     keepout = map.keepout if map is not None else ()
-    return Exploration(robot, _random(settings), folder(), parameters, keepout)
+    with _plugins_minded(settings):
+        return Exploration(robot, _random(settings), folder(), parameters, keepout)
+
+
+@contextmanager
+def _plugins_minded(settings: Mapping[str, Any]) -> Iterator[None]:
+    """Tell of a node library that the parameters name and that is no good as the user's mistake."""
+    from btcore import RegistrationError
+
+    try:
+        yield
+    except RegistrationError as fault:
+        raise NavigationMistake(f"--nav-params {settings.get('nav_params')}: {fault}") from fault
 
 
 def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
@@ -195,7 +213,11 @@ def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
         parameters = load_parameters(file)
     except ParameterFault as fault:
         raise NavigationMistake(str(fault)) from fault
-    for warning in parameters.warnings:
+    from btcore.cli.trees import folder
+    from robot_nodes.navigation.stack import missing_trees
+
+    missing = [f"{file}: {one}" for one in missing_trees(parameters.navigator, folder())]
+    for warning in (*parameters.warnings, *missing):
         click.echo(f"warning: {warning}", err=True)
     return parameters
 
@@ -204,6 +226,16 @@ def _random(settings: Mapping[str, Any]) -> "np.random.Generator":
     import numpy as np
 
     return np.random.default_rng([settings.get("seed", 0), 4])
+
+
+def _check_waypoints(nodes: Sequence[object]) -> None:
+    """Say before the run that it has nowhere to go, and not in the middle of it."""
+    for node in nodes:
+        if isinstance(node, GetWaypoint) and not node.places:
+            raise NavigationMistake(
+                f"this world has no waypoints, and {node.path} sends the robot to one; "
+                "the houses have some: --world house"
+            )
 
 
 def _writable(path: Path | None) -> Path | None:

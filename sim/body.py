@@ -1,5 +1,6 @@
 """A robot's body in a world, made from its description: the simulator's `Robot`."""
 
+import logging
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -40,6 +41,8 @@ from sim.sonar import Sonars
 from sim.visible import Visible
 from sim.world import World
 
+log = logging.getLogger(__name__)
+
 _SETTLING = 0.5  # s in which the wheels find the floor before the run begins
 
 
@@ -65,6 +68,7 @@ class Body(Robot):
         self._faults = Faults(faults)
         self.cells = Cells(battery)
         """The battery: its level, the lowest that there was, how often it was filled."""
+        self._empty = False
         wheels = self.description.wheels
         start = world.scene.start(world.random("start"), self.description.base.radius)
         self.model = Model(world, self.description, start)
@@ -290,6 +294,9 @@ class Body(Robot):
     def _before_step(self, now: int) -> None:
         self._obey(now)
         self.cells.drain(self._base.asked(now), 1.0 / self.world.rate)
+        if self.cells.empty and not self._empty:
+            log.warning("the robot's battery is empty: it stands until it is recharged")
+        self._empty = self.cells.empty
         self.contacts.before_step(now)
 
     def _after_step(self, now: int) -> None:

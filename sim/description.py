@@ -7,7 +7,7 @@ lists further frames, each fixed to a link or to another frame. Lengths are metr
 frequencies hertz.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from robot_nodes.robot import BaseFacts, HeadFacts, LaserFacts, TorsoFacts
@@ -144,6 +144,20 @@ class Description:
     sonars: tuple[SonarMount, ...]
     frames: tuple[FixedFrame, ...]
     held: tuple[HeldJoint, ...]
+
+    def with_noise(self, factor: float) -> "Description":
+        """The same robot, with errors of laser and odometry *factor* times as great; 0 is perfect."""
+        odometry = self.odometry
+        return replace(
+            self,
+            laser=replace(self.laser, facts=replace(self.laser.facts, sigma=factor * self.laser.facts.sigma)),
+            odometry=replace(
+                odometry,
+                scale_sigma=factor * odometry.scale_sigma,
+                slip=factor * odometry.slip,
+                slip_sigma=factor * odometry.slip_sigma,
+            ),
+        )
 
 
 PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)

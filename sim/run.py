@@ -29,6 +29,8 @@ class RobotExtension:
 
     serves = "leaf that asks for a robot"
     """Without which its options do nothing."""
+    stands_in = True
+    """It is asked after others that may bring a robot, whatever their names."""
     options: Sequence[click.Option] = (
         click.Option(
             ["--world"],
@@ -50,6 +52,19 @@ class RobotExtension:
             show_default=True,
             metavar="off|WxH@HZ",
             help="The size and rate of pictures; they are drawn only when a leaf asks for one.",
+        ),
+        click.Option(
+            ["--start"],
+            metavar="random|X,Y,YAW",
+            help="Where the robot begins (m, degrees), or a random free place; else by the world's own rule.",
+        ),
+        click.Option(
+            ["--noise"],
+            type=click.FloatRange(0.0),
+            default=1.0,
+            show_default=True,
+            metavar="FACTOR",
+            help="How noisy laser and odometry are: 0 makes them perfect, 2 twice as bad as the robot's are.",
         ),
         click.Option(
             ["--battery"],
@@ -88,6 +103,9 @@ class RobotExtension:
             help="box:30 drops a box before the robot at 30 s, kidnap:60 carries it away; repeatable.",
         ),
     )
+
+    for_one_run = ("gui",)
+    """What several runs at a time can't have; see `btcore sweep`."""
 
     def __init__(self) -> None:
         self._body: Body | None = None
@@ -174,16 +192,24 @@ def _make(settings: Mapping[str, Any]) -> "tuple[Body, Events | None]":
     from sim.faults import parse_fault
     from sim.life import Life
     from sim.scene import load_scene
-    from sim.world import World
+    from sim.start import with_start
+    from sim.world import World, generator
 
-    description = load_description(settings.get("robot") or TIAGO)
+    noise = settings.get("noise", 1.0)
+    if not math.isfinite(noise):
+        raise SimError(f"--noise {noise}: a factor is a number, 0 or greater")
+    description = load_description(settings.get("robot") or TIAGO).with_noise(noise)
     _check_rate(settings.get("rate"), description.base)
     camera = parse_camera(settings.get("camera", "off"))
     faults = [parse_fault(text) for text in settings.get("fault", ())]
     events = [parse_event(text) for text in settings.get("event", ())]
     life = Life(settings.get("people", 0), settings.get("obstacles", 0), events)
     seed = settings.get("seed", 0)
-    scene = life.scene(load_scene(settings.get("world", "arena")), seed)
+    scene = load_scene(settings.get("world", "arena"))
+    start = settings.get("start")
+    if start is not None:
+        scene = with_start(scene, start, generator(seed, "start"), description.base.radius)
+    scene = life.scene(scene, seed)
     world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)
     if math.isnan(level):

@@ -9,9 +9,13 @@ from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 import click
+from rich.text import Text
 
+from btcore.cli import paint
+from btcore.cli.outcome import HOW
 from btcore.cli.pace import Ending, Pace
-from btcore.cli.resources import Gathered, gather, joined
+from btcore.cli.progress import report
+from btcore.cli.resources import Gathered, gather, joined, tell_interrupted
 from btcore.cli.run import Finite, Run, clock_of, extensions_of
 from btcore.clock import NS_PER_S, Clock
 from btcore.leaf import StatefulAction
@@ -19,7 +23,7 @@ from btcore.loading import loads
 from btcore.registry import Registry
 from btcore.status import Status
 
-__all__ = ["Finite", "Performed", "Run", "perform", "resources"]
+__all__ = ["Finite", "Performed", "Run", "conclude", "perform", "resources"]
 
 RATE = 10.0
 """How often (Hz) the work is looked at, and whoever watches it is told."""
@@ -86,9 +90,18 @@ def perform(
         try:
             with pace.signals():
                 ending = pace.run()
+            if ending == "interrupted":
+                tell_interrupted(gathered.brought)
             end()
         finally:
             tree.halt()
-    report = joined([one.report() for one in gathered.brought])
+    brought = joined([one.report() for one in gathered.brought])
     code = 130 if ending == "interrupted" else 0
-    return Performed(ending, code, pace.elapsed / NS_PER_S, report)
+    return Performed(ending, code, pace.elapsed / NS_PER_S, brought)
+
+
+def conclude(name: str, done: Performed, figures: Mapping[str, object]) -> None:
+    """Say on stderr how what is called *name* ended: its *figures*, and what the extensions report."""
+    took = f"{done.seconds:.1f} s{HOW[done.ending]}"
+    paint.errors().print(Text.assemble(("■ ", "dim"), (name, "bold"), "  ", took), soft_wrap=True)
+    report({**({name: figures} if figures else {}), **done.report})

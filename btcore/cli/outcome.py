@@ -11,12 +11,13 @@ from btcore.errors import NodeRaised
 from btcore.status import Status
 from btcore.tree import Tree
 
-_HOW: Final[dict[Ending, str]] = {
+HOW: Final[dict[Ending, str]] = {
     "done": "",
     "saved": "",
     "duration": ", by --duration",
     "interrupted": ", interrupted",
 }
+"""What a heading says of how a run ended."""
 
 
 class Outcome:
@@ -43,7 +44,7 @@ class Outcome:
         raised = Text("✘ RAISED", style="bold red")
         result = paint.status(self.status) if self.error is None else raised
         ticks = "1 tick" if tree.ticks == 1 else f"{tree.ticks} ticks"
-        took = f"{self.elapsed:.1f} s, {ticks}, ×{self.factor:.1f} real time{_HOW[ending]}"
+        took = f"{self.elapsed:.1f} s, {ticks}, ×{self.factor:.1f} real time{HOW[ending]}"
         return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
 
     def results(self, tree: Tree) -> dict[str, dict[str, object]]:

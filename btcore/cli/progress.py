@@ -135,15 +135,34 @@ def summary(
     console.print(table)
     if len(tree.nodes) > most:
         console.print(f"  … and {len(tree.nodes) - most} more nodes; --json has them all", style="dim")
+    report(figures)
+
+
+def report(figures: Mapping[str, object]) -> None:
+    """Print *figures* on stderr: a line for each word of it, what belongs to it beside."""
     for word, figure in figures.items():
-        console.print(Text.assemble("\n ", (f"{word}  ", "bold"), *_figures(figure)), soft_wrap=True)
+        line = Text.assemble("\n ", (f"{word}  ", "bold"), *_figures(figure))
+        line.rstrip()
+        paint.errors().print(line, soft_wrap=True)
 
 
 def _figures(figure: object) -> list[tuple[str, str]]:
-    """A report as words and numbers on one line, names dim."""
+    """A report as words and numbers on one line, names dim; of several that are None, the others."""
     if isinstance(figure, Mapping):
-        return [part for key, value in figure.items() for part in ((f"{key} ", "dim"), *_figures(value))]
-    return [(f"{figure:g}  " if isinstance(figure, float) else f"{figure}  ", "")]
+        known = {key: value for key, value in figure.items() if value is not None}
+        if figure and not known:
+            return [("not measured  ", "dim")]
+        return [part for key, value in known.items() for part in ((f"{key} ", "dim"), *_figures(value))]
+    return [(f"{_said(figure)}  ", "")]
+
+
+def _said(figure: object) -> str:
+    """One figure, or a list of them."""
+    if isinstance(figure, (list, tuple)):
+        return ", ".join(map(_said, figure)) or "none"
+    if figure is None:
+        return "not measured"
+    return f"{figure:g}" if isinstance(figure, float) else str(figure)
 
 
 def _depths(tree: Tree) -> dict[int, int]:

@@ -2,7 +2,8 @@
 
 An extension has `provide`. One that builds upon what another brings (a navigator upon a robot) has a method
 ``requires(wanted)`` too: the further types that it needs in order to provide its part of *wanted*. It is
-asked after those that have none.
+asked after those that have none. One whose attribute `stands_in` is True brings what nobody else has brought
+(a simulated robot where there is no other): it is asked after its equals.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +27,7 @@ def gather(brought: Sequence[Any], settings: Mapping[str, Any], wanted: Sequence
     Who brought something is attached before who brought nothing, and so sees the run from its start to its
     end.
     """
-    ordered = sorted(brought, key=lambda one: hasattr(one, "requires"))
+    ordered = sorted(brought, key=lambda one: (hasattr(one, "requires"), getattr(one, "stands_in", False)))
     asked = list(wanted)
     for one in reversed(ordered):
         if hasattr(one, "requires"):
@@ -39,6 +40,14 @@ def gather(brought: Sequence[Any], settings: Mapping[str, Any], wanted: Sequence
         (givers if things else others).append(one)
         resources += things
     return Gathered(resources, [*givers, *others], others)
+
+
+def tell_interrupted(extensions: Sequence[Any]) -> None:
+    """Call ``interrupted()`` of those *extensions* that have it: a signal has ended the run."""
+    for extension in extensions:
+        told = getattr(extension, "interrupted", None)
+        if told is not None:
+            told()
 
 
 def joined(reports: Sequence[Mapping[str, object]]) -> dict[str, object]:

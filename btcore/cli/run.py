@@ -2,15 +2,16 @@
 
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Final, cast
 
 import click
 from click.core import ParameterSource
 
-from btcore.cli import extensions, library, paint, palettes, plans, substitute, trees
+from btcore.cli import entries, extensions, library, paint, palettes, plans, substitute, trees
 from btcore.cli.logs import log_option
-from btcore.cli.recipe import Recipe, Saves
+from btcore.cli.recipe import Reading, Recipe, Saves
 from btcore.cli.resources import gather
 from btcore.cli.session import Session
 from btcore.clock import Clock, SimClock, SystemClock
@@ -45,15 +46,22 @@ class Run(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """As click does; an option that an absent package may bring is explained."""
-        try:
+        with explaining_options(ctx):
             return super().parse_args(ctx, args)
-        except click.NoSuchOption as error:
-            missing = extensions_of(ctx)[1]
-            if not missing:
-                raise
-            text = error.format_message().rstrip(".")
-            why = "; ".join(f"'{one.name}', because {one.remedy}" for one in missing)
-            raise click.UsageError(f"{text}. Or a package brings it that isn't there: {why}", ctx) from error
+
+
+@contextmanager
+def explaining_options(ctx: click.Context) -> Iterator[None]:
+    """Within it, of an option that there isn't it is told that an absent package may bring it."""
+    try:
+        yield
+    except click.NoSuchOption as error:
+        missing = extensions_of(ctx)[1]
+        if not missing:
+            raise
+        text = error.format_message().rstrip(".")
+        why = "; ".join(f"'{one.name}', because {one.remedy}" for one in missing)
+        raise click.UsageError(f"{text}. Or a package brings it that isn't there: {why}", ctx) from error
 
 
 def extensions_of(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]]:
@@ -73,6 +81,7 @@ def extensions_of(ctx: click.Context) -> tuple[list[Any], list[extensions.Missin
 @palettes.model_option
 @plans.plan_option
 @substitute.substitute_option
+@entries.set_option
 @click.option(
     "--rate",
     type=Finite(0, 10_000, min_open=True),
@@ -122,14 +131,24 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
     Exits with 0 when it ends in SUCCESS or SKIPPED or by --duration, 1 for FAILURE, 2 for a
     mistake in the tree or on the command line, 3 when a leaf raised, 130 when interrupted.
     """
-    path = trees.find(settings["source"])
-    saves = Saves(path) if settings["watch"] else None
-    found = library.library(settings["plugins"])
-    recipe = Recipe(path, settings["tree"], found, settings["models"], settings["format"])
-    substitute.add_rules(found.nodes, settings["substitutes"])
+    return session(ctx, settings).run()
+
+
+def session(
+    ctx: click.Context,
+    settings: Mapping[str, Any],
+    joining: Sequence[Any] = (),
+    installed: library.Library | None = None,
+) -> Session:
+    """The run that the command's *settings* ask for, before its first tick.
+
+    Further extensions may be *joining* those of the packages: they are attached last. A process with many
+    runs finds the nodes *installed* once: they are left as they are. Raises what says that
+    it can't be had: click.ClickException, TreeError, RegistrationError.
+    """
+    saves = Saves(trees.find(settings["source"])) if settings["watch"] else None
+    recipe, (examined, nodes) = first_reading(settings, installed)
     brought, missing = extensions_of(ctx)
-    examined, nodes = recipe.read()
-    plans.check(settings["plans"], examined)
     wanted = [kind for manifest in examined.used() for kind in manifest.wanted]
     resources, brought, idle = gather(brought, settings, wanted)
     clock = clock_of(resources, settings["fast"])
@@ -140,10 +159,27 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
         for one in missing if wanted else ():
             error.add_note(f"'{one.name}' isn't there, and may bring it: {one.remedy}")
         raise
+    entries.write(tree, settings["entries"])
     paint.diagnostics(examined.faults.warnings)
     substitute.tell_idle_rules(tree)
     _tell_idle(ctx, idle)
-    return Session(tree, recipe, settings, brought, resources, saves).run()
+    return Session(tree, recipe, settings, [*brought, *joining], resources, saves)
+
+
+def first_reading(
+    settings: Mapping[str, Any], installed: library.Library | None = None
+) -> tuple[Recipe, Reading]:
+    """How the tree of the command's *settings* is made, and its document, checked, before any world is."""
+    path = trees.find(settings["source"])
+    if installed is None or settings["plugins"]:
+        found = library.library(settings["plugins"])
+    else:
+        found = library.Library(installed.nodes.copy(), installed.absent)
+    recipe = Recipe(path, settings["tree"], found, settings["models"], settings["format"])
+    substitute.add_rules(found.nodes, settings["substitutes"])
+    reading = recipe.read()
+    plans.check(settings["plans"], reading.examined)
+    return recipe, reading
 
 
 def _tell_idle(ctx: click.Context, idle: Sequence[Any]) -> None:

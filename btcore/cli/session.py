@@ -4,7 +4,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
 import click
 
@@ -15,7 +15,7 @@ from btcore.cli.pace import Ending, Pace, Until
 from btcore.cli.progress import Progress, summary
 from btcore.cli.recipe import Recipe, Saves
 from btcore.cli.remarks import remarks
-from btcore.cli.resources import joined
+from btcore.cli.resources import joined, tell_interrupted
 from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError, NodeRaised
 from btcore.manifest import fits
@@ -27,6 +27,14 @@ from btcore.xml.check import Examined
 FAILURE: Final = 1
 RAISED: Final = 3
 INTERRUPTED: Final = 130
+
+
+class Performed(NamedTuple):
+    """What ended a run, its exit *code*, and what the extensions tell of it."""
+
+    ending: Ending
+    code: int
+    figures: dict[str, object]
 
 
 class Session:
@@ -61,6 +69,17 @@ class Session:
 
     def run(self) -> int:
         """Run to the end, say how it went, and return the exit code."""
+        done = self.perform()
+        outcome = self.outcome
+        summary(self.tree, outcome.heading(self.tree, done.ending), outcome.results(self.tree), done.figures)
+        if outcome.error is not None and outcome.error is not self._told:
+            paint.error(str(outcome.error))
+        if self.settings["as_json"]:
+            click.echo(json.dumps(outcome.report(self.tree, done.figures), ensure_ascii=False))
+        return done.code
+
+    def perform(self) -> Performed:
+        """Run to the end, and tell nobody but who is attached."""
         self.tree.count()
         with ExitStack() as attached:
             for extension in self.brought:
@@ -68,21 +87,19 @@ class Session:
             attached.callback(self.logs.close)
             self.logs.open(self.tree)
             ending = self._loop()
-        outcome = self.outcome
+            if ending == "interrupted":
+                tell_interrupted(self.brought)
         figures = joined([one.report() for one in self.brought])
         if self.saves is not None:
             figures = {"reloads": self.reloads, **figures}
-        summary(self.tree, outcome.heading(self.tree, ending), outcome.results(self.tree), figures)
-        error = outcome.error
-        if error is not None and error is not self._told:
-            paint.error(str(error))
-        if self.settings["as_json"]:
-            click.echo(json.dumps(outcome.report(self.tree, figures), ensure_ascii=False))
-        if error is not None:
+        return Performed(ending, self._code(ending), figures)
+
+    def _code(self, ending: Ending) -> int:
+        if self.outcome.error is not None:
             return RAISED
         if ending == "interrupted":
             return INTERRUPTED
-        return FAILURE if ending == "done" and outcome.status is Status.FAILURE else 0
+        return FAILURE if ending == "done" and self.outcome.status is Status.FAILURE else 0
 
     def _loop(self) -> Ending:
         """Tick until the end; the tree is halted afterwards, however it ended."""

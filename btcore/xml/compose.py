@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from btcore.blackboard import Blackboard
 from btcore.clock import Clock
-from btcore.errors import ConversionFault, Diagnostic, PortFault, TreeError, UnknownNode
+from btcore.errors import ConversionFault, Diagnostic, PortFault, SyntaxFault, TreeError, UnknownNode
 from btcore.manifest import Manifest
 from btcore.registry import Registry
 from btcore.suggest import nearest
@@ -31,6 +31,8 @@ from btcore.xml.places import Part
 from btcore.xml.source import Document, read_text
 
 _STEP: Final = "    "
+MOST_LEVELS: Final = 2_000
+"""How deep a tree may be that is built in code."""
 
 
 class Twig:
@@ -87,7 +89,7 @@ class Builder:
 
     def xml(self, main: Twig, id: str = "Main", /, **subtrees: Twig) -> str:
         """The document of the tree *main*, which is called *id*, and of *subtrees* by their IDs."""
-        return _Writer(main, id, subtrees).text()
+        return _Writer(main, id, subtrees, _STEP).text()
 
     def build(
         self,
@@ -102,9 +104,10 @@ class Builder:
     ) -> Tree:
         """The tree *main*, ready to be ticked, as :func:`btcore.load` makes one.
 
-        Raises TreeError with every fault found, each with the file and line that made the twig.
+        It may be 2,000 levels deep, where a file has 256. Raises TreeError with every fault found, each
+        with the file and line that made the twig.
         """
-        document = _Writer(main, id, subtrees).document()
+        document = _Writer(main, id, subtrees, "").document()
         return build(document, self._nodes, tree=id, resources=resources, blackboard=blackboard, clock=clock)
 
     def _maker(self, id: str, where: tuple[str, int]) -> Callable[..., Twig]:
@@ -167,43 +170,59 @@ def _caller() -> tuple[str, int]:
 
 
 class _Writer:
-    """Writes twigs as a document, one element a line, and remembers which twig is which."""
+    """Writes twigs as a document, one element a line, and remembers which twig is which.
 
-    def __init__(self, main: Twig, id: str, subtrees: Mapping[str, Twig]) -> None:
+    Each level is indented by *step*.
+    """
+
+    def __init__(self, main: Twig, id: str, subtrees: Mapping[str, Twig], step: str) -> None:
         self._twigs: list[Twig | None] = [None]
         self._lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
         self._main = main
+        self._step = step
+        self._too_deep: Twig | None = None
         for name, twig in {id: main, **subtrees}.items():
             self._twigs.append(twig)
-            self._lines.append(f"{_STEP}<BehaviorTree ID={quoted(name)}>")
-            self._write(twig, 2)
-            self._lines.append(f"{_STEP}</BehaviorTree>")
+            self._lines.append(f"{step}<BehaviorTree ID={quoted(name)}>")
+            self._write(twig)
+            self._lines.append(f"{step}</BehaviorTree>")
         self._lines.append("</root>")
 
-    def _write(self, twig: Twig, depth: int) -> None:
-        self._twigs.append(twig)
-        words = [twig.id, *(f"{key}={quoted(text)}" for key, text in twig.attributes.items())]
-        start = f"{_STEP * depth}<{' '.join(words)}"
-        if not twig.children:
-            self._lines.append(start + "/>")
-            return
-        self._lines.append(start + ">")
-        for child in twig.children:
-            self._write(child, depth + 1)
-        self._lines.append(f"{_STEP * depth}</{twig.id}>")
+    def _write(self, top: Twig) -> None:
+        # A text stands for the end of an element. No recursion: trees built in code may be very deep.
+        pending: list[tuple[Twig | str, int]] = [(top, 2)]
+        while pending:
+            twig, depth = pending.pop()
+            indent = self._step * depth
+            if isinstance(twig, str):
+                self._lines.append(indent + twig)
+                continue
+            if depth > MOST_LEVELS + 1:
+                self._too_deep = twig
+            self._twigs.append(twig)
+            words = [twig.id, *(f"{key}={quoted(text)}" for key, text in twig.attributes.items())]
+            self._lines.append(f"{indent}<{' '.join(words)}{'>' if twig.children else '/>'}")
+            if twig.children:
+                pending.append((f"</{twig.id}>", depth))
+                pending += [(child, depth + 1) for child in reversed(twig.children)]
 
     def text(self) -> str:
         """The document."""
         return "\n".join(self._lines) + "\n"
 
     def document(self) -> Document:
-        """The document, whose places are those of the code that made the twigs."""
+        """The document, whose places are those of the code that made the twigs. Raises SyntaxFault."""
+        if self._too_deep is not None:
+            said, where = f"nodes are nested more than {MOST_LEVELS:,} deep", self._too_deep.where
+            raise SyntaxFault([Diagnostic("E006", said, *where, hint="make parts of it subtrees")])
         text = self.text()
         return _BuiltDocument(read_text(text).root, text, self._main.where[0], self._twigs)
 
 
 class _BuiltDocument(Document):
     """A document written by a builder: its faults are told at the lines of the code."""
+
+    most_levels = MOST_LEVELS
 
     def __init__(self, root: Element, text: str, file: str, twigs: Sequence[Twig | None]) -> None:
         super().__init__(root, Lenient(text, ()), text, file)

@@ -58,7 +58,7 @@ class Shape:
             self._faults.add(document.diagnostic("E113", said, models[1], hint=hint))
 
     def _walk(self, top: Element) -> list[NodePlan]:
-        limit = self._dialect.max_depth
+        limit = self._document.most_levels or self._dialect.max_depth
         # What is in a SubTree of format 3 is not looked at: its having children is said already.
         closed = self._dialect.subtree_tags if not self._dialect.explicit_by_id else frozenset()
         kinds = self._kinds
@@ -85,7 +85,7 @@ class Shape:
                 continue
             below = node.depth + 1
             if below > limit:
-                said = f"elements are nested more than {limit} deep"
+                said = f"elements are nested more than {limit:,} deep"
                 self._error("E006", said, element, hint="split the tree into subtrees")
             elif tag not in closed:
                 node.children = [NodePlan(child, below) for child in children]

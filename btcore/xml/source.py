@@ -27,8 +27,11 @@ _BYTE_ORDER_MARKS: Final = (
 class Document:
     """One XML document: *root* is its element tree, *text* what the user wrote, *file* its name.
 
-    *warnings* tells what was read leniently, *knows_lines* whether every element has its line in *text*.
+    *warnings* tells what was read leniently, *knows_lines* whether every element has its line in *text*;
+    *most_levels* is how deep its elements may nest (None: as deep as its format allows).
     """
+
+    most_levels: int | None = None
 
     def __init__(
         self, root: Element, lenient: Lenient, text: str, file: str, knows_lines: bool = False

@@ -25,9 +25,9 @@ def validate(
     """What is wrong with the file *path* and its includes: errors first, both in the order of the text.
 
     Errors are what refuses the tree when it is loaded (but for what only the code of leaves can tell),
-    and what its first tick can't but raise for (E119); warnings never do. *given* are the keys that the
-    main tree's blackboard comes with. Every tree in the file is looked at, called or not, down to its
-    scripts; a file of several trees, none of them the main one, is a library, and good.
+    and what a tick can't but raise for (E119, and in format 3 E202); warnings never do. *given* are the
+    keys that the main tree's blackboard comes with. Every tree in the file is looked at, called or not,
+    down to its scripts; a file of several trees, none of them the main one, is a library, and good.
     """
     try:
         document = read_file(path)

@@ -10,7 +10,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore.cli.embodied import Finite, Run, perform, resources
+from btcore.cli.embodied import Finite, Run, conclude, perform, resources
 from btcore.cli.resources import Gathered
 from robot_nodes.book.from_above import save_picture, writable
 from robot_nodes.process.executor import EndlessTalk, Executor
@@ -131,6 +131,8 @@ class Stage:
                     raise BookMistake(f"--picture {path}: it can't be written: {fault.strerror}") from fault
 
         done = perform(name, self.gathered, self.settings, end, clock=self.clock, shown=shown)
+        command = click.get_current_context().info_name
+        conclude(command or name, done, told)
         if self.settings["as_json"]:
             figures_of_all = {"time_s": round(done.seconds, 3), **told, **done.report}
             click.echo(json.dumps(figures_of_all, ensure_ascii=False))

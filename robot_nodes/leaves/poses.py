@@ -1,9 +1,14 @@
 """Places as a tree's XML writes them."""
 
 import math
+from typing import Annotated, Final
 
 from btcore import ConversionFault, Registry
+from btcore.value_types import ValueType, mismatch
 from robot_nodes.robot import Pose2D
+
+NAV2_PARTS: Final = 9
+"""Of how many parts a pose is that Nav2 writes."""
 
 
 def add_poses(nodes: Registry) -> None:
@@ -45,3 +50,46 @@ FORM = "the form is x;y or x;y;yaw in m and rad, like 1.5;-2;0.5"
 def pose_to_text(pose: Pose2D) -> str:
     """``x;y;yaw``."""
     return f"{pose.x:g};{pose.y:g};{pose.yaw:g}"
+
+
+class PoseList(ValueType):
+    """Several poses, in text ``x;y;yaw|x;y;yaw``, or nine parts a pose between ``;`` as Nav2 has them."""
+
+    def __init__(self) -> None:
+        super().__init__(f"std::vector<{Pose2D.__name__}>", list)
+
+    def from_text(self, text: str, format: int = 4) -> list[Pose2D]:
+        """The poses; none for an empty text. Raises ConversionFault."""
+        if not text.strip():
+            return []
+        if "|" in text:
+            return [pose_from_text(one) for one in text.split("|")]
+        parts = text.rstrip("; ").split(";")
+        if len(parts) > NAV2_PARTS and len(parts) % NAV2_PARTS == 0:
+            starts = range(0, len(parts), NAV2_PARTS)
+            return [pose_from_text(";".join(parts[start : start + NAV2_PARTS])) for start in starts]
+        if len(parts) > NAV2_PARTS:
+            raise ConversionFault(f"'{text}' is no list of poses: a | stands between two of them")
+        return [pose_from_text(text)]
+
+    def to_text(self, value: object) -> str:
+        """``x;y;yaw`` of each, with ``|`` between."""
+        return "|".join(pose_to_text(one) for one in self.cast(value))
+
+    def accepts(self, value: object) -> bool:
+        """Whether *value* is a list of nothing but poses."""
+        return isinstance(value, list) and all(isinstance(one, Pose2D) for one in value)
+
+    def cast(self, value: object) -> list[Pose2D]:
+        """A list or tuple of poses as a list. Raises ConversionFault."""
+        if not isinstance(value, list | tuple) or not self.accepts(list(value)):
+            raise mismatch(value, self)
+        return value if isinstance(value, list) else list(value)
+
+    def adapt(self, value: object) -> list[Pose2D]:
+        """The same. Raises ConversionFault."""
+        return self.cast(value)
+
+
+Poses = Annotated[list[Pose2D], PoseList()]
+"""An annotation for several poses."""

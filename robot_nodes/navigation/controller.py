@@ -33,12 +33,13 @@ _ROOMY = 0.45  # m of clearance from which on speed isn't cut
 _CREEP = 0.4  # share of the full speed right beside an obstacle
 _STEP = 0.05  # m between the places of an arc or a path that are judged
 _LOOK = 1.3  # m of the path that must be free, or a detour is looked for
+_RETURN = 3.0  # m of the path on which a detour may come back to it, as far as is seen
 _BLOCKED = 0.26  # m of clearance under which a path counts as blocked: planners leave RADIUS, maps err
+_THIN = 2  # of so many places on the path one is looked at for an end of a detour
 _BEYOND = 0.3  # m past what blocks the path at which a detour comes back to it
 _OFF = 0.3  # m beside the path from which on the way back to it is searched, too
 _SPARE = 0.02  # m that a detour keeps more than it has to
 _MARGIN = 0.08  # m before the nearest place an arc may lead to at which the robot stops
-_LONGEST, _EXTRA = 1.5, 0.5  # times the distance, and m: what is longer is for the planner to decide
 _STUCK = 0.05, 0.15, 1.5  # m or rad within s; under that a way is searched though the path looks free
 _ON = 0.6  # m along the path to which the way is searched then
 _AGAIN = NS_PER_S // 3  # ns between two searches for a detour
@@ -237,7 +238,7 @@ class FollowPath(ActionServer[FollowGoal, FollowFeedback, None]):
         if self._judged == self.clearance.stamp:
             return
         self._judged = self.clearance.stamp
-        ahead = _carried(to_path.inverse(), pursuit.ahead(_LOOK + 0.6, _STEP))
+        ahead = _carried(to_path.inverse(), pursuit.ahead(_RETURN, _STEP))
         room = self.clearance.at(ahead[:, 0], ahead[:, 1])
         blocked = np.flatnonzero(room[: int(_LOOK / _STEP)] < _BLOCKED)
         stuck = not self._creeps.check(odometry, now)
@@ -256,21 +257,15 @@ class FollowPath(ActionServer[FollowGoal, FollowFeedback, None]):
             return
         self._searched = now
         past = int(blocked[-1]) if len(blocked) else min(int(_ON / _STEP), len(ahead) - 1) if stuck else 0
-        roomy = np.flatnonzero(room[past:] >= RADIUS + _SPARE) + past
-        if not len(roomy):
-            self._round = None
-            return
-        index = min(int(roomy[0]) + int(_BEYOND / _STEP), len(ahead) - 1)
-        index = index if room[index] >= RADIUS + _SPARE else int(roomy[0])
-        target = (float(ahead[index, 0]), float(ahead[index, 1]))
+        returns = _returns(room, past)
         last = None if self._round is None else self._round.ahead(math.inf, _STEP)
-        found = detour(self.clearance, odometry, target, RADIUS + _SPARE, last)
-        most = _LONGEST * math.hypot(target[0] - odometry.x, target[1] - odometry.y) + _EXTRA
-        length = 0.0 if found is None else float(np.hypot(*np.diff(found, axis=0).T).sum())
-        if found is None or length > most:
+        found = detour(self.clearance, odometry, ahead[returns], RADIUS + _SPARE, last) if returns else None
+        if found is None:
             self._round = None
             return
-        self._round = Pursuit(np.concatenate((found, ahead[index:])))
+        chosen, way = found
+        length = float(np.hypot(*np.diff(way, axis=0).T).sum())
+        self._round = Pursuit(np.concatenate((way, ahead[returns[chosen] :])))
         self._keep = 0.0 if len(blocked) else length
 
     def _drive(self, pursuit: Pursuit, pose: Pose2D, odometry: Pose2D, now: int) -> bool:
@@ -326,6 +321,19 @@ class FollowPath(ActionServer[FollowGoal, FollowFeedback, None]):
         limits = self._throttle.limits
         rate = math.sqrt(2 * _CALM * limits.w_down * abs(angle))
         self._throttle.ask(0.0, math.copysign(max(rate, 0.05), angle), now, self.period)
+
+
+def _returns(room: NDArray[np.float32], past: int) -> list[int]:
+    """The places of a path, the nearest first, at which a detour round what blocks it up to *past* may end.
+
+    *room* is the clearance at each place. A bit further on is better where there is room all the way.
+    """
+    free = room >= RADIUS + _SPARE
+    beyond = int(_BEYOND / _STEP)
+    places = np.flatnonzero(free[past:])[::_THIN] + past
+    chosen = [min(place + beyond, len(free) - 1) for place in places.tolist()]
+    fits = [free[place : end + 1].all() for place, end in zip(places, chosen, strict=True)]
+    return [end if fit else place for place, end, fit in zip(places.tolist(), chosen, fits, strict=True)]
 
 
 _NOT_FINITE = "a pose of the path is not finite"

@@ -72,6 +72,11 @@ class Doubt:
         """Whether what is seen changed at once."""
 
     @property
+    def contradicted(self) -> bool:
+        """Whether the last scans show what can't be seen from the pose, whoever stands in the way."""
+        return self._contradictions >= IN_A_ROW
+
+    @property
     def fit(self) -> float:
         """The share (0 … 1) of beams that end on what is mapped, over the last scans."""
         return sum(self._fits) / len(self._fits) if self._fits else 1.0
@@ -104,7 +109,7 @@ class Doubt:
             self._contradictions += 1
         else:
             self._contradictions = 0
-        return self.jumped or self._contradictions >= IN_A_ROW
+        return self.jumped or self.contradicted
 
 
 def contradicted(view: Agreement) -> bool:

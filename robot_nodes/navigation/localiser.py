@@ -121,6 +121,11 @@ class Localiser:
         return not (self.lost or self.searching or self._doubting)
 
     @property
+    def contradicted(self) -> bool:
+        """Whether the last scans speak against the pose, though perhaps no other place is better."""
+        return self._doubt.contradicted
+
+    @property
     def fit(self) -> float:
         """The share (0 … 1) of the beams that end on what is mapped, over the last scans."""
         return self._doubt.fit

@@ -1,7 +1,7 @@
 """Going to a place: a behaviour tree of Nav2's nodes, run for every goal (Nav2's ``bt_navigator``)."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,16 @@ from robot_nodes.navigation import nodes as nav2_nodes
 from robot_nodes.navigation.action import ActionServer, GoalHandle, GoalStatus
 from robot_nodes.navigation.codes import Code
 from robot_nodes.navigation.nodes.goals import WaypointStatus
-from robot_nodes.navigation.nodes.serving import RECOVERIES
+from robot_nodes.navigation.nodes.serving import RECOVERIES, ServerNode
 from robot_nodes.navigation.path import NavPath, empty_path
 from robot_nodes.navigation.servers import Servers
 from robot_nodes.robot import GoalOutcome, Pose2D
 
 NS_PER_S = 1_000_000_000
+NAV2_PLUGIN = "nav2_"
+"""How the names of Nav2's own plug-ins begin, whose nodes are here."""
+
+_ELSEWHERE = "the robot has come to where it takes the goal to be, but sees what can't be seen from there"
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +53,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 
     The goal stands on the tree's blackboard as ``goal`` (``goals``). A new goal for the same tree is put
     there without a halt, and the tree sees that it is another; a cancelled one halts the tree. While *hold*
-    says so, a goal waits.
+    says so, a goal waits, until *hopeless* has a reason for one that began then (ns). No goal succeeds while
+    what is seen speaks against the robot's place. The trees are made of Nav2's nodes and those of *plugins*,
+    which may ask for the `Servers` and the `Robot`.
+
+    Raises RegistrationError where one of *plugins* can't be used.
     """
 
     def __init__(
@@ -58,8 +66,10 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         default_tree: Path,
         *,
         through: bool = False,
+        plugins: Iterable[str] = (),
         ended: Callable[[GoalOutcome], None] | None = None,
         hold: Callable[[], bool] | None = None,
+        hopeless: Callable[[int], str] | None = None,
     ) -> None:
         super().__init__()
         self.name = "navigate_through_poses" if through else "navigate_to_pose"
@@ -68,8 +78,10 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self.through = through
         self.tree: Tree | None = None
         """The tree of the goal that was accepted last."""
+        self._nodes = _palette(plugins)
         self._ended = ended
         self._hold = hold
+        self._hopeless = hopeless
         self._trees: dict[Path, Tree] = {}
         self._began = 0
         self._earlier: list[object] = []
@@ -108,7 +120,13 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     def work(self, handle: NavigateHandle, now: int) -> None:
         """Tick the tree."""
         tree = self.tree
-        if tree is None or (self._hold is not None and self._hold()):
+        if tree is None:
+            return
+        if self._hold is not None and self._hold():
+            reason = self._hopeless(self._began) if self._hopeless is not None else ""
+            if reason:
+                self._halt()
+                self._end(handle, Code.NAVIGATE_TF_ERROR, reason, now)
             return
         try:
             status = tree.tick_exactly_once()
@@ -117,7 +135,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._end(handle, Code.NAVIGATE_UNKNOWN, str(error), now)
             return
         handle.feedback = self._feedback(tree, now)
-        if status is Status.SUCCESS:
+        if status is Status.SUCCESS and self.servers.localiser.contradicted:
+            self._end(handle, Code.NAVIGATE_TF_ERROR, _ELSEWHERE, now)
+        elif status is Status.SUCCESS:
             handle.succeed()
             self._tell(handle, now)
         elif status is not Status.RUNNING:
@@ -154,11 +174,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     def _tree_of(self, file: str) -> Tree:
         path = tree_file(file, self.default_tree)
         if path not in self._trees:
-            nodes = Registry.standard()
-            nav2_nodes.register(nodes)
-            self._trees[path] = btcore.load(
-                path, nodes=nodes, resources=[self.servers], clock=self.servers.robot.clock
-            )
+            servers, robot = self.servers, self.servers.robot
+            made = btcore.load(path, nodes=self._nodes, resources=[servers, robot], clock=robot.clock)
+            for node in made.find(ServerNode):
+                node.level = logging.INFO  # another try may follow, and what ends the goal is in its result
+            self._trees[path] = made
         return self._trees[path]
 
     def _feedback(self, tree: Tree, now: int) -> NavigateFeedback:
@@ -203,6 +223,16 @@ def tree_file(named: str, default: Path) -> Path:
     path = Path(named)
     beside = default.parent / (path.name if path.suffix else f"{path.name}.xml")
     return beside if not path.is_file() and beside.is_file() else path
+
+
+def _palette(plugins: Iterable[str]) -> Registry:
+    """Nav2's nodes, and those of *plugins*."""
+    nodes = Registry.standard()
+    nav2_nodes.register(nodes)
+    for plugin in plugins:
+        if not plugin.startswith(NAV2_PLUGIN):
+            nodes.add_plugin(plugin)
+    return nodes
 
 
 def _named(code: int) -> str:

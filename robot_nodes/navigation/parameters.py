@@ -167,7 +167,11 @@ class BehaviourParameters:
 
 @dataclass(frozen=True, slots=True)
 class NavigatorParameters:
-    """The navigator: ``bt_navigator``. *bt_loop_duration*, *default_server_timeout* in ms; "" is our tree."""
+    """The navigator: ``bt_navigator``. *bt_loop_duration*, *default_server_timeout* in ms; "" is our tree.
+
+    *plugin_lib_names* are further node libraries, as ``btcore run --plugin`` has them. Nav2's own, which are
+    called ``nav2_…``, are here already.
+    """
 
     global_frame: str = "map"
     robot_base_frame: str = "base_link"
@@ -177,6 +181,7 @@ class NavigatorParameters:
         default="", metadata={SPELLINGS: ("default_bt_xml_filename", "default_bt_xml_file")}
     )
     default_nav_through_poses_bt_xml: str = ""
+    plugin_lib_names: tuple[str, ...] = ()
     goal_reached_tol: float = figure(0.25, low=0.0)
 
 

@@ -14,12 +14,21 @@ class NavPath:
     """Poses to pass one after another.
 
     *poses* is float64 of shape ``(n, 3)``: x, y (m) and yaw (rad) in *frame*; *stamp* (ns) is the moment it
-    was planned. A path of no poses is the answer of a plan that failed.
+    was planned. A path of no poses is the answer of a plan that failed. Paths are equal when they have the
+    same poses and were planned at the same moment: who cuts one again gets an equal one.
     """
 
     poses: NDArray[np.float64]
     stamp: int
     frame: str = "map"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, NavPath):
+            return NotImplemented
+        return self is other or (self.stamp == other.stamp and self.same(other))
+
+    def __hash__(self) -> int:
+        return hash((self.stamp, self.frame, len(self.poses)))
 
     def __len__(self) -> int:
         return len(self.poses)

@@ -13,6 +13,9 @@ from robot_nodes.robot import Pose2D
 PLANNER_ID = "GridBased"
 """The one plug-in, by the name that the book's and Nav2's files give it."""
 
+POSE_WITHIN = 1_000_000_000
+"""How long (ns) a goal waits for the robot to know where it is; it begins without."""
+
 _THROUGH = int(Code.THROUGH_UNKNOWN) - int(Code.COMPUTE_PATH_UNKNOWN)
 
 
@@ -30,7 +33,7 @@ class PathGoal:
 
 
 class ComputePath(ActionServer[PathGoal, None, NavPath]):
-    """Plans within one step. *pose* tells where the robot is; None where it doesn't know."""
+    """Plans within one step, once *pose* tells where the robot is; it is None while nobody knows."""
 
     name = "compute_path"
 
@@ -40,6 +43,16 @@ class ComputePath(ActionServer[PathGoal, None, NavPath]):
         self.pose = pose
         self.newest: NavPath | None = None
         """The last path that was found, for whoever draws it."""
+        self._accepted = 0
+
+    def start(
+        self,
+        handle: GoalHandle[PathGoal, None, NavPath],
+        now: int,
+        previous: GoalHandle[PathGoal, None, NavPath] | None,
+    ) -> None:
+        """Note the time."""
+        self._accepted = now
 
     def work(self, handle: GoalHandle[PathGoal, None, NavPath], now: int) -> None:
         """Plan."""
@@ -54,7 +67,9 @@ class ComputePath(ActionServer[PathGoal, None, NavPath]):
             return
         start = goal.start if goal.start is not None else self.pose()
         if start is None:
-            handle.abort(int(Code.COMPUTE_PATH_TF_ERROR) + offset, "where the robot is isn't known")
+            if now - self._accepted <= POSE_WITHIN:
+                return
+            handle.abort(int(Code.COMPUTE_PATH_TF_ERROR) + offset, "the robot doesn't know where it is")
             return
         try:
             if goal.through:

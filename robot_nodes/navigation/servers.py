@@ -29,6 +29,11 @@ class Localising(Protocol):
         ...
 
     @property
+    def contradicted(self) -> bool:
+        """Whether what is seen speaks against the pose, though no other is known to be better."""
+        ...
+
+    @property
     def searching(self) -> bool:
         """Whether the robot has to turn on the spot, to see more."""
         ...

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robot_nodes.navigation.costmap import SeeingCostmap
 from robot_nodes.navigation.localiser import Localiser
 from robot_nodes.navigation.map import OccupancyMap
+from robot_nodes.navigation.path import NavPath
 from robot_nodes.navigation.servers import MAP, ODOM, Servers
 from robot_nodes.rigid_transform import Transform
 from robot_nodes.robot import Pose2D
@@ -85,16 +86,26 @@ class NavigationScene:
         return told
 
     def _paths(self) -> list[dict[str, Any]]:
-        """The path and the goals of a navigator at work; none where nobody navigates."""
-        handle = self._at_work()
-        goals: tuple[Pose2D, ...] = handle.goal.goals if handle is not None else ()
-        path = self._servers.compute_path.newest if goals else None
+        """The path and the goals of a navigator at work, or else of who drives; none where nobody does."""
+        handle, path = self._at_work(), self._driven()
+        goals: tuple[Pose2D, ...] = (path[-1],) if path is not None else ()
+        sort: object = path
+        if handle is not None:
+            goals = sort = handle.goal.goals
+            path = self._servers.compute_path.newest
         told = []
         if self._is_new("path", path):
             told.append(rows("path", "path", path.poses if path is not None else _NOBODY))
-        if self._is_new("goals", goals):
-            told.append(rows("goal", "goal", goals))
+        if self._is_new("goals", sort):
+            told.append(rows("goal", "goal", goals if goals else _NOBODY))
         return told
+
+    def _driven(self) -> NavPath | None:
+        """The path that is driven along, say, for a tree of Nav2's nodes without a navigator around it."""
+        current = self._servers.follow_path.current
+        if current is None or current.done or not len(current.goal.path):
+            return None
+        return current.goal.path
 
     def _at_work(self) -> Any:
         """The goal of a navigator that has one to go to, as its handle; None where nobody navigates."""
@@ -135,6 +146,10 @@ class NavigationScene:
             goal, feedback = handle.goal.goals[-1], handle.feedback
             tail = f", {feedback.number_of_recoveries} recoveries" if feedback.number_of_recoveries else ""
             return f"({goal.x:.1f}, {goal.y:.1f}), {feedback.distance_remaining:.1f} m to go{tail}"
+        path = self._driven()
+        if path is not None:
+            goal = path[-1]
+            return f"({goal.x:.1f}, {goal.y:.1f}), {self._servers.remaining(path):.1f} m to go"
         return "–"
 
     def _is_new(self, name: str, thing: object) -> bool:

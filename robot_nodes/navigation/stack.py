@@ -15,7 +15,7 @@ from robot_nodes.navigation.costmap import GlobalCostmap, LocalCostmap
 from robot_nodes.navigation.localiser import Localiser
 from robot_nodes.navigation.map import OccupancyMap
 from robot_nodes.navigation.navigator import NavigateGoal, NavigateHandle, Navigator, tree_file
-from robot_nodes.navigation.parameters import CostmapParameters, NavigationParameters
+from robot_nodes.navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
 from robot_nodes.navigation.plan_server import ComputePath
 from robot_nodes.navigation.planner import Planner
 from robot_nodes.navigation.scan_filter import smoothed
@@ -34,11 +34,16 @@ SEARCH_TURN = 0.4
 """How fast (rad/s) the robot turns on the spot to see more while it doesn't know where it is."""
 SEARCH_PRIORITY = CMD_VEL + 10
 """Of that command: whoever is held meanwhile, and asks for standing, must not stop the search."""
+SEARCH_PATIENCE = 120.0
+"""For how long (s) it does, until the goals that wait for it fail; a new goal makes it look again."""
 LOOKS = 3
 """So many scans are held against the pose that the robot begins with, before it drives by that."""
 PLANNER_RATE = 20.0
 """How often (Hz) the planner looks for a goal to plan to."""
 MS_PER_S = 1000.0
+NS_PER_S = 1_000_000_000
+
+_LOST = "it doesn't know where it is, since what it sees fits several places on the map, or none"
 
 
 class Navigation:
@@ -46,7 +51,8 @@ class Navigation:
 
     All of it are tasks on the robot's schedule: nothing happens but while somebody waits on its clock. While
     the localiser isn't sure, the robot is held where it is, and while it searches it turns on the spot; the
-    goals that it was given wait meanwhile, and go on afterwards with a path that is planned anew.
+    goals that it was given wait meanwhile, and go on afterwards with a path that is planned anew. Where
+    places look alike, or none is as it should be, the search ends after a time, and so do they.
     """
 
     def __init__(
@@ -94,15 +100,19 @@ class Navigation:
         self.navigate_to_pose = Navigator(
             self.servers,
             _known(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
+            plugins=named.plugin_lib_names,
             ended=self._outcomes.append,
             hold=self.held,
+            hopeless=self.hopeless,
         )
         self.navigate_through_poses = Navigator(
             self.servers,
             _known(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES),
             through=True,
+            plugins=named.plugin_lib_names,
             ended=self._outcomes.append,
             hold=self.held,
+            hopeless=self.hopeless,
         )
         self.servers.navigators = {
             "navigate_to_pose": self.navigate_to_pose,
@@ -113,6 +123,8 @@ class Navigation:
         self._scan_seen = {ODOM: -1, MAP: -1}
         self._looks = 0
         self._was_sure = self._searched = False
+        self._search_began = 0
+        self._gave_up: int | None = None
         self._wire(frames)
 
     def go_to(self, goal: Pose2D) -> NavigateHandle:
@@ -151,6 +163,16 @@ class Navigation:
         """Whether the robot has to stand because it isn't sure where it is."""
         return self._looks < LOOKS or not self.localiser.confident
 
+    def hopeless(self, began: int) -> str:
+        """Why a goal that began then (ns) doesn't wait any longer for the robot to find itself, or nothing.
+
+        A goal that is newer than the last search makes the robot search again.
+        """
+        if self._gave_up is None or began <= self._gave_up:
+            return "" if self._gave_up is None else _LOST
+        self._gave_up, self._search_began = None, began
+        return ""
+
     def _wire(self, frames: FrameBroadcaster) -> None:
         every, figures, servers = self.robot.schedule.every, self.parameters, self.servers
         every(frames.RATE, Rank.TRANSFORMS, frames.step)
@@ -173,7 +195,14 @@ class Navigation:
         if self.localiser.searching:
             if not self._searched:
                 log.warning("the robot doesn't know where it is: it stops, and looks around")
-            self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
+                self._search_began = now
+            if self._gave_up is None and now - self._search_began > SEARCH_PATIENCE * NS_PER_S:
+                log.warning("the robot gives up looking around: %s", _LOST)
+                self._gave_up = now
+            if self._gave_up is None:
+                self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
+        else:
+            self._gave_up = None
         if sure and not self._was_sure:
             # What was seen from where the robot isn't.
             self.global_costmap.clear()
@@ -235,6 +264,19 @@ def _local_costmap(map: OccupancyMap, figures: CostmapParameters) -> LocalCostma
         obstacle_max_range=figures.obstacle_max_range,
         raytrace_range=figures.raytrace_max_range,
     )
+
+
+def missing_trees(figures: NavigatorParameters, trees: Path) -> list[str]:
+    """A sentence for each tree that *figures* name and that is nowhere: one of *trees* takes its place."""
+    named = (
+        (figures.default_nav_to_pose_bt_xml, TO_POSE),
+        (figures.default_nav_through_poses_bt_xml, THROUGH_POSES),
+    )
+    return [
+        f"there is no tree {name}: {ours} takes its place"
+        for name, ours in named
+        if name and not tree_file(name, trees / TREES / ours).is_file()
+    ]
 
 
 def _known(named: str, default: Path) -> Path:

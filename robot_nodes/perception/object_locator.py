@@ -1,6 +1,7 @@
 """Where the coloured objects are that the camera sees, as a lifecycle component."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from robot_nodes.perception.boxes import Box, boxes
 from robot_nodes.perception.colour import WOOD, ColourRange
@@ -62,6 +63,18 @@ class ObjectLocator(LifecycleComponent):
             return
         self._looked = picture.stamp
         self.boxes = tuple(boxes(picture, lens, self.colours, self.frame, camera))
+
+    def scene_static(self) -> dict[str, Any]:
+        """Nothing: all of it moves."""
+        return {}
+
+    def scene_moving(self) -> dict[str, Any]:
+        """The boxes of the newest picture, as plain data for whoever draws the scene."""
+        found = [
+            {"name": "object", "frame": one.frame, "position": list(one.centre), "size": list(one.size)}
+            for one in self.boxes
+        ]
+        return {"boxes": found}
 
     def _release(self) -> None:
         if self._end is not None:

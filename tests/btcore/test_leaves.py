@@ -30,7 +30,7 @@ from btcore import (
     action,
     condition,
 )
-from btcore.values import STRING
+from btcore.values import INT64, STRING, Int64
 
 Grow = Callable[..., Tree]
 
@@ -281,6 +281,20 @@ def test_the_docstring_describes_the_leaf_and_a_text_in_the_annotation_its_port(
     assert nodes.manifests["Drive"].description == "Drive on.\n\nUntil told otherwise."
     assert nodes.manifests["Drive"].ports["speed"].description == "how fast (m/s)"
     assert nodes.manifests["Wait"].description == "Wait a bit."
+
+
+def test_the_wider_numbers_are_annotations_of_ports_too(grow: Grow) -> None:
+    @action
+    def note(stamp: In[Int64], kept: Put[Int64]) -> bool:
+        kept(stamp)
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(note)
+    assert {port.type for port in nodes.manifests["Note"].ports.values()} == {INT64}
+    tree = grow('<Note stamp="1700000000000000000" kept="{last}"/>', note)
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.blackboard["last"] == 1_700_000_000_000_000_000
 
 
 # --- classes

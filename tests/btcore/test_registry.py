@@ -241,6 +241,13 @@ def test_the_same_thing_twice_is_told_as_such() -> None:
     assert said.endswith("; add it once")
 
 
+def test_a_built_in_node_that_a_library_brings_again_is_the_same_thing_on_both_builds() -> None:
+    said = refused(Registry.standard().add_plugin, "btcore.nodes.fallback")
+    assert said.startswith(
+        "plugin 'btcore.nodes.fallback': 'Fallback' is registered already, from the same place"
+    )
+
+
 def test_a_library_without_a_name_is_refused() -> None:
     assert refused(Registry.standard().add_plugin, " ").startswith("a plugin has no name")
 

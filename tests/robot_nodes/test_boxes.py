@@ -144,9 +144,15 @@ def test_it_looks_only_while_it_is_active(body: Body, locator: ObjectLocator):
     locator.activate()
     wait(body, 0.6)
     assert locator.boxes
+    told = locator.scene_moving()["boxes"]
+    assert [(one["position"], one["size"]) for one in told] == [
+        (list(box.centre), list(box.size)) for box in locator.boxes
+    ]
+    assert {one["frame"] for one in told} == {"odom"}
     locator.deactivate()
     wait(body, 0.6)
     assert locator.boxes == ()
+    assert locator.scene_moving() == {"boxes": []}
 
 
 def test_with_the_navigation_boxes_are_told_in_the_map(body: Body):

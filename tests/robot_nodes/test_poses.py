@@ -5,7 +5,7 @@ import math
 import pytest
 
 from btcore import ConversionFault
-from robot_nodes.leaves.poses import pose_from_text, pose_to_text
+from robot_nodes.leaves.poses import PoseList, pose_from_text, pose_to_text
 from robot_nodes.robot import Pose2D
 
 HALF = math.sqrt(0.5)
@@ -49,3 +49,35 @@ def test_what_is_no_pose_in_the_map_is_told(text: str, why: str) -> None:
 
 def test_what_is_written_reads_as_it_was() -> None:
     assert pose_from_text(pose_to_text(Pose2D(1.25, -0.5, 3.0))) == Pose2D(1.25, -0.5, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "poses"),
+    [
+        ("", []),
+        ("1;2", [Pose2D(1.0, 2.0, 0.0)]),
+        ("1;2|3;4;0.5", [Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 4.0, 0.5)]),
+        (
+            "0;map;1;2;0;0;0;0;1;0;map;3;4;0;0;0;0;1",
+            [Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 4.0, 0.0)],
+        ),
+    ],
+)
+def test_several_poses_are_written_with_a_bar_between_or_as_nav2_does(text: str, poses: list[Pose2D]) -> None:
+    kind = PoseList()
+    assert kind.from_text(text) == poses
+    assert kind.from_text(kind.to_text(poses)) == poses
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("1;2|", "'' is no pose"),
+        ("1;2;3;4;5;6;7;8;9;10", "a | stands between two of them"),
+        ("a;b", "'a;b' is no pose"),
+    ],
+)
+def test_what_is_no_list_of_poses_is_told(text: str, why: str) -> None:
+    with pytest.raises(ConversionFault) as fault:
+        PoseList().from_text(text)
+    assert why in str(fault.value)

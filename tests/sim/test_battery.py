@@ -52,9 +52,12 @@ def test_a_command_counts_for_as_long_as_it_holds(stand, steer):
     assert body.asked() == Twist2D(0.0, 0.0)
 
 
-def test_an_empty_battery_drives_no_more_and_a_filled_one_does(stand, steer):
+def test_an_empty_battery_drives_no_more_and_a_filled_one_does(stand, steer, caplog):
     body = stand(battery=0.3)
     steer(body, 6.0, (0.3, 0.0))
+    assert [one.getMessage() for one in caplog.records] == [
+        "the robot's battery is empty: it stands until it is recharged"
+    ]
     assert body.battery().level == 0.0
     assert body.odometry().twist.v == pytest.approx(0.0, abs=0.005)
     body.recharge()

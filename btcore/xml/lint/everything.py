@@ -27,6 +27,8 @@ from btcore.xml.plan import Planner, calling_order
 _OF_THE_FILE: Final = frozenset({"E108"})
 # The tree can be made, and the keys of its ports told.
 _OF_A_TICK: Final = frozenset({"E119"})
+# Format 3 makes the tree: only the node that reads the text refuses it.
+_OF_A_READING: Final = frozenset({"E202"})
 _ENDLESS: Final = frozenset({"E110", "E117"})
 
 
@@ -60,7 +62,8 @@ def advise(
     names_main = planner.forest.documents[-1].root.get("main_tree_to_execute") is not None
     if main is not None and names_main and not asked:
         check_unused(planner, main, used, faults)
-    if any(one.code not in _OF_THE_FILE | _OF_A_TICK for one in faults.errors):
+    harmless = _OF_THE_FILE | _OF_A_TICK | (_OF_A_READING if planner.dialect.format == 3 else frozenset())
+    if any(one.code not in harmless for one in faults.errors):
         return
     for root in roots:
         rehearsal = Rehearsal(planner, root, registry)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from btcore.errors import ScriptFault
+from btcore.node import TreeNode
 from btcore.nodes.data import SetBlackboard, UnsetBlackboard
 from btcore.nodes.updated import UpdatedNode, WasEntryUpdated
 from btcore.ports import pointer
@@ -64,7 +65,7 @@ class Vocabulary:
                 found.add(key)
             elif is_script:
                 found |= self._of_script(text)
-            elif issubclass(manifest.cls, _LITERAL_KEYS) or (port.writes and self._format == 3):
+            elif _names_an_entry(manifest.cls, port.name) or (port.writes and self._format == 3):
                 found.add(text)
         return found
 
@@ -84,6 +85,11 @@ class Vocabulary:
                 return None
             found |= inner - call.remaps.keys() - call.constants.keys()
         return found
+
+
+def _names_an_entry(cls: type[TreeNode], port: str) -> bool:
+    """Whether a bare text in *port* of such a node is a key."""
+    return issubclass(cls, _LITERAL_KEYS) and not (issubclass(cls, SetBlackboard) and port == "value")
 
 
 def check_remaps(

@@ -1,16 +1,17 @@
-"""W203, W210, W211: texts of ports that are not what they look like."""
+"""W203, W210, W211: texts of ports that are not what they look like; E202 of format 3."""
 
 import re
 from collections.abc import Iterator
 from typing import Final
 
 from btcore.errors import ConversionFault
+from btcore.names import is_port_name
 from btcore.nodes.loop import LoopNode
 from btcore.numerals import whole_float
 from btcore.ports import Direction, Port, pointer
 from btcore.values import IntegerType, RealType, ValueType, VectorType
 from btcore.xml.check import nodes_of
-from btcore.xml.lint.advice import Advice, tag
+from btcore.xml.lint.advice import Advice, is_stand_in, tag
 from btcore.xml.lint.rehearsal import SCRIPT_PORTS
 from btcore.xml.plan import NodePlan, TreePlan
 
@@ -29,8 +30,10 @@ def check_texts(plan: TreePlan, format: int, advice: Advice) -> None:
                 continue
             if cls is not None and SCRIPT_PORTS.get(cls) == port.name:
                 continue
-            if format == 4 and refused(port.type, text):
-                continue  # said already
+            if refused(port.type, text, format):
+                if format == 3 and port.reads and node.manifest and not is_stand_in(node.manifest):
+                    _unreadable(plan, node, port, text, advice)
+                continue  # in format 4 it is said already
             meant = half_a_pointer(text)
             if meant:
                 said = f"the port '{port.name}' of {tag(node)} is given the text '{text}', not an entry"
@@ -57,10 +60,21 @@ def _no_entry(plan: TreePlan, node: NodePlan, port: Port, text: str, advice: Adv
     advice.warn("W211", said, plan.definition.document, node, port.name, hint)
 
 
-def refused(kind: ValueType, text: str) -> bool:
-    """Whether the loader refuses the literal *text* for a port of type *kind*."""
+def _unreadable(plan: TreePlan, node: NodePlan, port: Port, text: str, advice: Advice) -> None:
+    """The loader of format 3 takes every literal; the node raises when it reads this one."""
     try:
-        kind.from_text(text)
+        port.type.from_text(text, 3)
+    except ConversionFault as fault:
+        said = f"the port '{port.name}' of {tag(node)} takes {port.type.name}: {fault}"
+        meant = half_a_pointer(text) or (text if is_port_name(text) else "")
+        hint = f"for the blackboard's entry write {{{meant}}}" if meant else ""
+        advice.warn("E202", said, plan.definition.document, node, port.name, hint)
+
+
+def refused(kind: ValueType, text: str, format: int = 4) -> bool:
+    """Whether the literal *text* can't be read as a *kind*: format 4's loader refuses it."""
+    try:
+        kind.from_text(text, format)
     except ConversionFault:
         return kind.strong and kind.converts
     return False

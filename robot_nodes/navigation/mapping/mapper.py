@@ -50,7 +50,7 @@ class Mapper:
     drives by it.
     """
 
-    lost = searching = False
+    lost = searching = contradicted = False
 
     def __init__(
         self,

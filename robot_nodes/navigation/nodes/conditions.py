@@ -5,6 +5,7 @@ from collections import deque
 from typing import Annotated
 
 from btcore import Condition, In, NodeFault, Port
+from robot_nodes.leaves.poses import Poses
 from robot_nodes.navigation.controller import FollowFeedback
 from robot_nodes.navigation.nodes.inputs import (
     OPTIONAL,
@@ -27,7 +28,7 @@ BUMP = -10.0
 """The deceleration (m/s²) that nothing but a bump brings about; Nav2's figure."""
 
 Goal = Annotated[In[Pose2D], "The goal."]
-Several = Annotated[In[list[Pose2D]], "The goals."]
+Several = Annotated[In[Poses], "The goals."]
 BaseFrame = Annotated[In[str], "The robot's frame; base_footprint here."]
 GlobalFrame = Annotated[In[str], "The frame of the distance; map here."]
 
@@ -189,7 +190,7 @@ class PathExpiringTimer(Condition):
     def tick(self) -> bool:
         """Look at path and clock."""
         now, path = self.now(), path_at(self, "path")
-        if self.since is None or path is not self.known:
+        if self.since is None or path != self.known:
             self.since, self.known = now, path
             return False
         if now - self.since < self.seconds * NS_PER_S:

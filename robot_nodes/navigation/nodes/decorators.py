@@ -5,6 +5,7 @@ from collections import deque
 from typing import Annotated
 
 from btcore import DecoratorNode, In, NodeFault, Out, Port, Status
+from robot_nodes.leaves.poses import Poses
 from robot_nodes.navigation.nodes.inputs import (
     OPTIONAL,
     Goals,
@@ -25,7 +26,7 @@ NS_PER_S = 1_000_000_000
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
 Goal = Annotated[In[Pose2D], "The goal."]
-Several = Annotated[In[list[Pose2D]], "The goals."]
+Several = Annotated[In[Poses], "The goals."]
 
 
 class RateController(DecoratorNode):
@@ -170,9 +171,9 @@ class GoalUpdater(DecoratorNode):
     """
 
     input_goal: Annotated[In[Pose2D], "The goal to begin with."] = OPTIONAL
-    input_goals: Annotated[In[list[Pose2D]], "The goals to begin with."] = OPTIONAL
+    input_goals: Annotated[In[Poses], "The goals to begin with."] = OPTIONAL
     output_goal: Annotated[Out[Pose2D], "The goal to follow."] = OPTIONAL
-    output_goals: Annotated[Out[list[Pose2D]], "The goals to follow."] = OPTIONAL
+    output_goals: Annotated[Out[Poses], "The goals to follow."] = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics
@@ -258,6 +259,6 @@ class PathLongerOnApproach(DecoratorNode):
 
     def longer(self, path: NavPath | None, before: NavPath | None) -> bool:
         """Whether *path* is a longer one to the same goal, which is near."""
-        if path is None or before is None or path is before or path.goal != before.goal:
+        if path is None or before is None or path == before or path.goal != before.goal:
             return False
         return before.length() < self.prox_len and path.length() > self.length_factor * before.length()

@@ -5,6 +5,7 @@ from enum import IntEnum
 from typing import Annotated
 
 from btcore import In, Out, SyncAction, TreeNode
+from robot_nodes.leaves.poses import Poses
 from robot_nodes.navigation.costmap import LETHAL, UNKNOWN
 from robot_nodes.navigation.nodes.inputs import OPTIONAL, given, poses_at, tell
 from robot_nodes.navigation.nodes.serving import ServerName, ServerTimeout
@@ -30,8 +31,8 @@ class WaypointStatus:
     state: WaypointState = WaypointState.PENDING
 
 
-InGoals = Annotated[In[list[Pose2D]], "The goals."]
-OutGoals = Annotated[Out[list[Pose2D]], "The goals that are left."]
+InGoals = Annotated[In[Poses], "The goals."]
+OutGoals = Annotated[Out[Poses], "The goals that are left."]
 InStatuses = Annotated[In[list[WaypointStatus]], "What became of each goal so far."]
 OutStatuses = Annotated[Out[list[WaypointStatus]], "What became of each goal now."]
 UnknownCounts = Annotated[In[bool], "Whether what isn't known counts as an obstacle."]

@@ -51,6 +51,12 @@ def poses_at(node: TreeNode, port: str) -> tuple[Pose2D, ...]:
     return tuple(value) if isinstance(value, list | tuple) else ()
 
 
+def plugin_at(node: TreeNode, port: str) -> str:
+    """The plug-in that input *port* names; "" while it names none, say, before a selector chose one."""
+    value = given(node, port)
+    return value if isinstance(value, str) else ""
+
+
 def goals_of(node: TreeNode) -> Goals:
     """The ports ``goal`` and ``goals``."""
     return pose_at(node, "goal"), poses_at(node, "goals")

@@ -4,10 +4,11 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 from btcore import In, Out, Port
+from robot_nodes.leaves.poses import Poses
 from robot_nodes.navigation.action import ActionServer
 from robot_nodes.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from robot_nodes.navigation.controller import FollowFeedback, FollowGoal
-from robot_nodes.navigation.nodes.inputs import OPTIONAL, given, path_at, path_in, poses_at, tell
+from robot_nodes.navigation.nodes.inputs import OPTIONAL, given, path_at, path_in, plugin_at, poses_at, tell
 from robot_nodes.navigation.nodes.serving import (
     ErrorCode,
     ErrorMsg,
@@ -59,10 +60,10 @@ class FollowPath(MovingNode):
         path = path_at(self, "path")
         return FollowGoal(
             path if path is not None else empty_path(self.now()),
-            self.controller_id,
-            self.goal_checker_id,
-            self.progress_checker_id,
-            self.path_handler_id,
+            plugin_at(self, "controller_id"),
+            plugin_at(self, "goal_checker_id"),
+            plugin_at(self, "progress_checker_id"),
+            plugin_at(self, "path_handler_id"),
         )
 
     def waiting(self, handle: Handle) -> None:
@@ -183,7 +184,7 @@ class NavigateToPose(MovingNode):
 class NavigateThroughPoses(MovingNode):
     """Have the navigator go through *goals*, by its own tree or by *behavior_tree*."""
 
-    goals: Annotated[In[list[Pose2D]], "Where to, one after another."]
+    goals: Annotated[In[Poses], "Where to, one after another."]
     behavior_tree: Annotated[In[str], "The tree's file; the navigator's own where there is none."] = ""
 
     def server(self) -> ActionServer[Any, Any, Any]:

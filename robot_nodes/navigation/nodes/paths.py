@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 
 from btcore import Condition, In, Out, Port, SyncAction
+from robot_nodes.leaves.poses import Poses
 from robot_nodes.navigation.codes import Code
 from robot_nodes.navigation.costmap import LETHAL, UNKNOWN
 from robot_nodes.navigation.nodes.inputs import OPTIONAL, path_at, path_in, pose_at, tell
@@ -100,7 +101,7 @@ class ValidatePath(SyncAction):
     ] = -1.0
     service_name: ServerName = ""
     server_timeout: ServerTimeout = 20
-    collision_poses: Annotated[Out[list[Pose2D]], "Where something is in the way."] = OPTIONAL
+    collision_poses: Annotated[Out[Poses], "Where something is in the way."] = OPTIONAL
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -3,8 +3,9 @@
 from typing import Annotated, Any
 
 from btcore import In, Out, Port
+from robot_nodes.leaves.poses import Poses
 from robot_nodes.navigation.action import ActionServer, GoalStatus
-from robot_nodes.navigation.nodes.inputs import OPTIONAL, given, path_out, pose_at, poses_at, tell
+from robot_nodes.navigation.nodes.inputs import OPTIONAL, given, path_out, plugin_at, pose_at, poses_at, tell
 from robot_nodes.navigation.nodes.serving import ErrorCode, ErrorMsg, ServerName, ServerNode, ServerTimeout
 from robot_nodes.navigation.path import NavPath, empty_path
 from robot_nodes.navigation.plan_server import PathGoal
@@ -61,18 +62,18 @@ class ComputePathToPose(PlanningNode):
     goal: Annotated[In[Pose2D], "Where to."]
     start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."] = OPTIONAL
     use_start: Annotated[In[bool], "Whether *start* counts; it does unless this says false."] = OPTIONAL
-    viapoints: Annotated[In[list[Pose2D]], "Places to pass on the way."] = OPTIONAL
+    viapoints: Annotated[In[Poses], "Places to pass on the way."] = OPTIONAL
 
     def make_goal(self) -> PathGoal:
         """The goal, after the places on the way."""
         start = pose_at(self, "start") if given(self, "use_start") is not False else None
-        return PathGoal((*poses_at(self, "viapoints"), self.goal), start, self.planner_id)
+        return PathGoal((*poses_at(self, "viapoints"), self.goal), start, plugin_at(self, "planner_id"))
 
 
 class ComputePathThroughPoses(PlanningNode):
     """Plan through *goals*, one after another."""
 
-    goals: Annotated[In[list[Pose2D]], "Where to, one after another."]
+    goals: Annotated[In[Poses], "Where to, one after another."]
     start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."] = OPTIONAL
     last_reached_index: Annotated[
         Out[int], "The last goal that a path which isn't whole reaches; -1 of one that is, and of none."
@@ -80,7 +81,9 @@ class ComputePathThroughPoses(PlanningNode):
 
     def make_goal(self) -> PathGoal:
         """All goals."""
-        return PathGoal(poses_at(self, "goals"), pose_at(self, "start"), self.planner_id, through=True)
+        return PathGoal(
+            poses_at(self, "goals"), pose_at(self, "start"), plugin_at(self, "planner_id"), through=True
+        )
 
     def write(self, path: NavPath) -> None:
         """Write the path, which is whole or none."""

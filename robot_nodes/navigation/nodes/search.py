@@ -22,7 +22,7 @@ class Search:
         how much a heading that is off counts. The path isn't empty.
         """
         whole = reach < 0.0 or math.isinf(reach)
-        if whole or path is not self.known:
+        if whole or path != self.known:
             self.known, self.at = path, 0
         along = path.distances()
         last = len(along) if whole else int(np.searchsorted(along, along[self.at] + reach, "right"))

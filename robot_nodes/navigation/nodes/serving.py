@@ -1,5 +1,6 @@
 """The shape of a tree node that has a server do its work: Nav2's action client as a node."""
 
+import logging
 from typing import Annotated, Any
 
 from btcore import Blackboard, In, Out, StatefulAction, Status
@@ -15,6 +16,8 @@ NS_PER_MS = 1_000_000
 ACCEPTANCE = 1_000
 """How long (ms) a server may take to accept a goal, where the tree doesn't say."""
 
+log = logging.getLogger(__name__)
+
 ServerName = Annotated[In[str], "The server; there is one of each kind here."]
 ServerTimeout = Annotated[In[int], "How long (ms) the server may take to accept the goal."]
 ErrorCode = Annotated[Out[int], "Nav2's number of what went wrong; 0 when nothing did."]
@@ -24,11 +27,15 @@ ErrorMsg = Annotated[Out[str], "What went wrong, in words."]
 class ServerNode(StatefulAction):
     """Sends a goal: RUNNING while the server works; SUCCESS or FAILURE as it ends; a halt cancels it.
 
-    A goal that somebody else cancelled is a SUCCESS. A subclass says which `server` and which `goal`.
+    A goal that somebody else cancelled is a SUCCESS. Why one fails is logged, but not again for the same
+    reason. A subclass says which `server` and which `goal`.
     """
 
     handle: Handle | None = None
     sent = 0
+    level = logging.WARNING
+    """How its failures are logged."""
+    logged = ""
 
     def server(self) -> ActionServer[Any, Any, Any]:
         """Who does the work."""
@@ -58,14 +65,14 @@ class ServerNode(StatefulAction):
         if not handle.done:
             if handle.status is GoalStatus.UNKNOWN and self.too_late():
                 handle.cancel()
-                tell(self, error_code_id=int(Code.SEND_GOAL_FAILURE), error_msg="no server accepted the goal")
+                self.report(int(Code.SEND_GOAL_FAILURE), "no server accepted the goal")
                 return Status.FAILURE
             self.waiting(handle)
             return Status.RUNNING
         self.handle = None
         result = handle.result
         if result is not None:
-            tell(self, error_code_id=result.code, error_msg=result.message)
+            self.report(result.code, result.message if handle.status is GoalStatus.ABORTED else "")
         self.ended(handle)
         return Status.FAILURE if handle.status is GoalStatus.ABORTED else Status.SUCCESS
 
@@ -74,6 +81,13 @@ class ServerNode(StatefulAction):
         if self.handle is not None:
             self.handle.cancel()
             self.handle = None
+
+    def report(self, code: int, message: str) -> None:
+        """Write the error ports, and log a *message* that is news."""
+        tell(self, error_code_id=code, error_msg=message)
+        if message and message != self.logged:
+            log.log(self.level, "%s: %s", self.path, message)
+        self.logged = message
 
     def too_late(self) -> bool:
         """Whether the server has had its time to accept the goal.

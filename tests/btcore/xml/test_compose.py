@@ -19,6 +19,7 @@ from btcore import (
     condition,
     key,
 )
+from btcore.xml.compose import Twig
 from btcore.xml.source import read_text
 from btcore.xml.write import tree_to_xml
 
@@ -164,3 +165,24 @@ def test_a_child_that_is_no_node_and_a_value_without_a_text_are_refused(b: Build
         b.Near(3)
     with pytest.raises(TreeError, match="'distance' of <Near> is given"):
         b.Near(distance=object())
+
+
+def chain(b: Builder, levels: int) -> Twig:
+    twig = b.AlwaysSuccess()
+    for _ in range(levels - 1):
+        twig = b.ForceFailure(twig)
+    return twig
+
+
+def test_a_tree_in_code_may_be_two_thousand_levels_deep(b: Builder) -> None:
+    tree = b.build(chain(b, 2_000))
+    assert len(tree.nodes) == 2_000
+    assert tree.tick_exactly_once() is Status.FAILURE
+    assert {node.status for node in tree} == {Status.IDLE}
+    with pytest.raises(TreeError, match=r"test_compose\.py:\d+: E006 nodes are nested more than 2,000 deep"):
+        b.build(chain(b, 2_001))
+
+
+def test_a_file_may_not(b: Builder) -> None:
+    with pytest.raises(TreeError, match="E006 elements are nested more than 256 deep"):
+        btcore.loads(b.xml(chain(b, 257)))

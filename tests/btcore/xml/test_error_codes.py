@@ -19,8 +19,8 @@ PARAGRAPHS = dict(
     re.findall(r"^### ([EW][0-9]{3}) · [^\n]+\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL)
 )
 EXAMPLES = re.findall(r"^```xml ([EW][0-9]{3})\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-# They need a file that can't be read, other bytes, a very large tree, or a leaf's own code.
-WITHOUT_EXAMPLE = {"E003", "E004", "E006", "E115", "E117", "E118"}
+# They need a file that can't be read, other bytes, a very large tree, a leaf's own code, or a batch.
+WITHOUT_EXAMPLE = {"E003", "E004", "E006", "E115", "E117", "E118", "E120"}
 
 
 def codes_of_the_source() -> set[str]:

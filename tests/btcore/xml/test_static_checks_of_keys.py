@@ -120,6 +120,16 @@ CASES = {
               its keys are 'door'
         """,
     ),
+    "handed over in vain: a SetBlackboard has a text like it, which is no key": (
+        '<SubTree ID="Inner" door="open"/>',
+        tree("Inner", '<Sequence><SetBlackboard value="door" output_key="x"/><Say text="{x}"/></Sequence>'),
+        """
+        t.xml:3:25: W204 <SubTree ID="Inner"> is given 'door', but no port or script in that tree uses it
+           3 |      <SubTree ID="Inner" door="open"/>
+             |                          ^^^^
+              its keys are 'x'
+        """,
+    ),
     "handed over under a name that is mistyped": (
         '<SubTree ID="Inner" gate="open" dor="shut"/>',
         tree("Inner", '<Script code="gate := door"/>'),

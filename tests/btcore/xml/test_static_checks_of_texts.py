@@ -245,3 +245,35 @@ def test_a_subtrees_constant_with_half_a_pointer(check: Check) -> None:
               for the entry write {door}
         """
     )
+
+
+# --- E202 in format 3, whose loader takes every text
+
+
+def test_what_a_leaf_of_format_3_will_not_be_able_to_read_is_an_error(
+    check: Check, palette: Registry, document: Callable[..., str]
+) -> None:
+    body = '<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>'
+    assert check(body, format=3) == said(
+        """
+        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: 'many' is no integer
+           3 |      <Repeat num_cycles="many"><AlwaysSuccess/></Repeat>
+             |                          ^^^^
+              for the blackboard's entry write {many}
+        """
+    )
+    tree = btcore.loads(document(body), nodes=palette, format=3)
+    with pytest.raises(NodeRaised, match="'many' is no integer"):
+        tree.tick_once()
+
+
+def test_texts_that_format_3_reads_otherwise_are_no_error(check: Check) -> None:
+    assert check('<BatteryOk minimum=" +0x1p-1"/>', format=3) == ""
+
+
+def test_the_keys_are_looked_at_all_the_same(check: Check) -> None:
+    body = '<Sequence><BatteryOk minimum="low"/><Say text="{nobody}"/></Sequence>'
+    assert [line[:4] for line in check(body, format=3).split() if line[:2] in ("E2", "W2")] == [
+        "E202",
+        "W201",
+    ]

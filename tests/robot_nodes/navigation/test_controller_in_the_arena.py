@@ -1,5 +1,6 @@
 """FollowPath and the behaviours drive the simulated Tiago."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -18,17 +19,17 @@ START = (-4.8, -4.8)
 
 @pytest.fixture
 def arena(course_of):
-    """`arena(*faults)`: the course of a Tiago in the south-west of the arena, looking east."""
+    """`arena(*faults)`: the course of a Tiago among the arena's boxes, in the south-west, looking east."""
     worlds = []
 
-    def make(*faults):
-        scene = replace(load_scene("arena_boxes"), pose=Pose2D(*START, 0.0))
-        worlds.append(World(scene))
+    def make(*faults, at=(*START, 0.0), slip=0.02, slip_sigma=0.03, seed=0):
+        scene = replace(load_scene("arena_boxes"), pose=Pose2D(*at))
+        worlds.append(World(scene, seed=seed))
         # Nobody localises here: with wheels that slip as Tiago's, the path would wander off among the boxes.
         tiago = load_description()
-        milder = replace(tiago, odometry=replace(tiago.odometry, slip=0.02, slip_sigma=0.03))
+        milder = replace(tiago, odometry=replace(tiago.odometry, slip=slip, slip_sigma=slip_sigma))
         course = course_of(Body(worlds[-1], milder, faults=[parse_fault(fault) for fault in faults]))
-        course.map_at((*START, 0.0))
+        course.map_at(at)
         return course
 
     yield make
@@ -57,10 +58,29 @@ def test_an_s_between_boxes_is_driven_without_touching_any(arena, path, follow):
     assert max(beside) < 0.2
 
 
-def test_a_path_through_a_box_is_driven_round_it(arena, path, follow):
-    course = arena()
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(("slip", "slip_sigma"), [(0.0, 0.0), (0.04, 0.015)])
+def test_a_path_through_a_box_is_driven_round_it(arena, path, follow, seed, slip, slip_sigma):
+    course = arena(slip=slip, slip_sigma=slip_sigma, seed=seed)
     handle = course.follow_path.send_goal(follow(path(START, (-3.15, -4.4), (-3.15, -1.5))))
-    course.run(60.0, lambda: handle.done)
+    course.run(40.0, lambda: handle.done)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert unhurt(course.robot)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [
+        pytest.param((-5.0, -3.35), (-1.5, -3.35), id="a crate, not quite in the middle"),
+        pytest.param((0.0, -1.8), (0.0, 1.8), id="a crate, corner first"),
+        pytest.param((-5.0, 3.2), (-1.4, 3.2), id="a cabinet, 0.9 m wide"),
+    ],
+)
+def test_whatever_stands_on_a_straight_path_is_passed(arena, path, follow, begin, end):
+    yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
+    course = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
+    handle = course.follow_path.send_goal(follow(path(begin, end, yaw=yaw)))
+    course.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert unhurt(course.robot)
 

@@ -121,12 +121,14 @@ def test_a_detour_keeps_clear_and_an_enclosed_target_has_none(seen):
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
     field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
-    way = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32)
-    assert way is not None
+    found = detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(0.7, 0.0), (1.4, 0.0), (1.6, 0.0)]), 0.32)
+    assert found is not None
+    index, way = found
+    assert index == 1
     assert np.hypot(way[:, 0] - 0.7, way[:, 1] + 0.05).min() > 0.28
     ring = np.abs(np.hypot(cols - 1.4, rows)) - 0.6
     field.distances = np.abs(ring).astype(np.float32)
-    assert detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32) is None
+    assert detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
 
 
 def test_a_detour_stays_on_the_side_that_was_taken_last(seen):
@@ -134,16 +136,17 @@ def test_a_detour_stays_on_the_side_that_was_taken_last(seen):
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
     field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
-    over = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32)
-    field.distances = np.hypot(cols - 0.7, rows - 0.05).astype(np.float32)
-    again = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32, over)
-    anew = detour(field, Pose2D(0.0, 0.0, 0.0), (1.4, 0.0), 0.32)
+    target = np.array([(1.4, 0.0)])
+    over = detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
     assert over is not None
-    assert over[:, 1].max() > 0.2
+    field.distances = np.hypot(cols - 0.7, rows - 0.05).astype(np.float32)
+    again = detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32, over[1])
+    anew = detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
+    assert over[1][:, 1].max() > 0.2
     assert again is not None
-    assert again[:, 1].max() > 0.2
+    assert again[1][:, 1].max() > 0.2
     assert anew is not None
-    assert anew[:, 1].min() < -0.2
+    assert anew[1][:, 1].min() < -0.2
 
 
 def test_progress_is_a_way_or_a_turn_within_the_time_allowed():

@@ -64,6 +64,14 @@ def test_a_file_that_is_no_good_ends_the_run_before_it_begins(tmp_path, option, 
     assert "Traceback" not in logged
 
 
+def test_a_patrol_of_a_world_without_waypoints_ends_before_it_begins():
+    process = run("patrolling", "--world", "arena", "--duration", "1")
+    said, logged = process.communicate()
+    assert process.returncode == 2
+    assert said == ""
+    assert "this world has no waypoints, and GetWaypoint::6 sends the robot to one" in logged
+
+
 def test_on_a_map_that_the_robot_is_not_on_it_looks_around_and_drives_nowhere(tmp_path):
     save_map(room(0, 100, origin=(20.0, 20.0)), tmp_path / "far.yaml")
     process = run("patrolling", "--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robot_nodes.navigation.controller import FollowGoal
 from robot_nodes.navigation.show import PARTICLES_AT_MOST
 from robot_nodes.navigation.stack import Navigation
 from robot_nodes.robot import Pose2D
@@ -96,6 +97,20 @@ def test_path_and_goal_are_told_once_and_taken_back_when_nobody_drives(house):
     after = house.run(0.5)
     assert len(poses(of(after, "poses", "path")[-1])) == len(poses(of(after, "poses", "goal")[-1])) == 0
     assert after[-1]["notes"]["goal"] == "–"
+
+
+def test_a_path_that_a_tree_drives_along_without_a_navigator_is_told_too(house):
+    house.run(1.0)
+    servers = house.navigation.servers
+    path = servers.compute_path.planner.plan(Pose2D(0.0, 0.0, 0.0), Pose2D(1.0, 0.5, 0.0), 0)
+    servers.follow_path.send_goal(FollowGoal(path))
+    told = house.run(1.0)
+    (line,) = of(told, "poses", "path")
+    assert poses(line)[-1][:2] == pytest.approx([1.0, 0.5])
+    (ring,) = of(told, "poses", "goal")
+    assert poses(ring)[0][:2] == pytest.approx([1.0, 0.5])
+    assert told[-1]["notes"]["goal"].startswith("(1.0, 0.5), ")
+    assert told[-1]["notes"]["goal"].endswith(" m to go")
 
 
 def test_it_tells_where_it_takes_itself_to_be_and_where_by_its_wheels_alone(house):

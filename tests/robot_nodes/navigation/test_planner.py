@@ -412,3 +412,5 @@ def test_the_rest_of_a_path_is_measured_from_its_nearest_pose():
     assert path[-1] == Pose2D(2.0, 2.0, 0.0)
     assert path.same(NavPath(poses.copy(), 99))
     assert not path.same(NavPath(poses, 0, "odom"))
+    assert path == NavPath(poses.copy(), 0)
+    assert path not in (NavPath(poses, 99), NavPath(poses[:-1], 0))

@@ -10,9 +10,11 @@ import pytest
 
 from robot_nodes.navigation.action import GoalStatus
 from robot_nodes.navigation.codes import Code
+from robot_nodes.navigation.costmap import INSCRIBED
+from robot_nodes.navigation.map import OccupancyMap
 from robot_nodes.navigation.navigator import NavigateGoal
 from robot_nodes.navigation.parameters import NavigationParameters
-from robot_nodes.navigation.stack import Navigation
+from robot_nodes.navigation.stack import SEARCH_PATIENCE, SEARCH_TURN, Navigation
 from robot_nodes.robot import Pose2D
 from sim.body import Body
 from sim.faults import Fault
@@ -54,6 +56,7 @@ class Flat:
         seed: int = 1,
         start: Pose2D | None = None,
         parameters: NavigationParameters | None = None,
+        map: OccupancyMap | None = None,
     ) -> None:
         things = tuple(box(name, *sides) for name, sides in WALLS.items())
         at = start or Pose2D(0.0, 0.0, 0.0)
@@ -61,7 +64,8 @@ class Flat:
         self.world = World(scene, seed=seed)
         self.body = Body(self.world, faults=faults)
         random = np.random.default_rng([seed, 4])
-        self.navigation = Navigation(self.body, rasterise(scene), random, TREES, parameters)
+        known = rasterise(scene) if map is None else map
+        self.navigation = Navigation(self.body, known, random, TREES, parameters)
         self.speeds: list[float] = []
 
     def run(self, seconds: float, until=lambda: False) -> float:
@@ -144,6 +148,39 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat):
     home.run(2.0)
     assert home.body.distance == pytest.approx(driven, abs=0.01)
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED"]
+
+
+def test_who_stood_on_the_goal_when_it_was_last_in_sight_is_no_reason_to_give_up(flat):
+    home = flat()
+    home.run(0.5)
+    seen = home.body.scan()
+    ranges = np.where(np.abs(seen.angles()) < 0.2, 1.0, np.nan).astype(np.float32)
+    costs = home.navigation.global_costmap
+    costs.observe(replace(seen, ranges=ranges), Pose2D(2.0, -1.0, 0.0))
+    costs.update(home.world.now(), Pose2D(0.0, 0.0, 0.0))
+    assert costs.cost(3.0, -1.0) >= INSCRIBED
+    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    home.run(40.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert home.off(3.0, -1.0) < 0.35
+
+
+def test_where_nothing_fits_the_map_the_search_ends_and_a_new_goal_begins_another(flat):
+    cells = np.zeros((80, 80), dtype=np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    home = flat(map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
+    handle = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
+    assert home.run(180.0, lambda: handle.done) == pytest.approx(SEARCH_PATIENCE, abs=3.0)
+    assert handle.status is GoalStatus.ABORTED
+    assert handle.result.code == Code.NAVIGATE_TF_ERROR
+    assert "it doesn't know where it is" in handle.result.message
+    home.run(2.0)
+    assert home.body.twist_asked() == pytest.approx((0.0, 0.0))
+    again = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
+    home.run(2.0)
+    assert not again.done
+    assert home.body.twist_asked()[1] == pytest.approx(SEARCH_TURN, abs=0.02)
+    assert home.body.distance < 0.05
 
 
 @pytest.mark.parametrize(

@@ -53,8 +53,29 @@ def test_compute_path_empties_the_path_on_a_halt(bench, path):
 def test_compute_path_fails_where_the_robot_does_not_know_where_it_is(bench):
     tree = bench.tree(PLAN % "", goal=AHEAD)
     bench.localiser.confident = False
-    assert bench.run(tree, 1.0) is Status.FAILURE
+    assert bench.run(tree, 2.0) is Status.FAILURE
     assert tree.blackboard["code"] == Code.COMPUTE_PATH_TF_ERROR
+
+
+def test_compute_path_waits_a_second_for_the_robot_to_know_where_it_is(bench):
+    tree = bench.tree(PLAN % "", goal=AHEAD)
+    bench.localiser.confident = False
+    assert bench.run(tree, 0.8) is Status.RUNNING
+    bench.localiser.confident = True
+    assert bench.run(tree, 0.3) is Status.SUCCESS
+    assert len(tree.blackboard["path"])
+
+
+def test_why_a_server_gave_up_is_logged_once_for_each_reason(bench, caplog):
+    outside, other = Pose2D(99.0, 0.0, 0.0), Pose2D(98.0, 0.0, 0.0)
+    tree = bench.tree(PLAN % "", goal=outside)
+    for goal in (outside, outside, other):
+        tree.blackboard["goal"] = goal
+        assert bench.run(tree, 1.0) is Status.FAILURE
+    assert [one.getMessage() for one in caplog.records] == [
+        "ComputePathToPose::1: the goal (99.00, 0.00) is outside the map",
+        "ComputePathToPose::1: the goal (98.00, 0.00) is outside the map",
+    ]
 
 
 def test_compute_path_knows_its_planners(bench):
@@ -62,6 +83,16 @@ def test_compute_path_knows_its_planners(bench):
     assert bench.run(tree, 1.0) is Status.FAILURE
     assert tree.blackboard["code"] == Code.INVALID_PLANNER
     assert bench.run(bench.tree(PLAN % 'planner_id="GridBased"', goal=AHEAD), 1.0) is Status.SUCCESS
+
+
+def test_a_plug_in_that_nobody_has_selected_yet_is_the_default_one(bench):
+    text = (
+        '<Sequence><ComputePathToPose goal="{goal}" path="{path}" planner_id="{selected_planner}"/>'
+        '<FollowPath path="{path}" controller_id="{selected_controller}"/></Sequence>'
+    )
+    tree = bench.tree(text, goal=AHEAD)
+    assert bench.run(tree, 1.0) is Status.RUNNING
+    assert len(tree.blackboard["path"])
 
 
 @pytest.mark.parametrize(
@@ -132,6 +163,19 @@ def test_follow_path_takes_another_path_over_without_a_stop(bench, path):
     assert first.status is GoalStatus.CANCELED
     assert bench.servers.follow_path.current.goal.path is tree.blackboard["path"]
     assert slowest == pytest.approx(0.3, abs=0.01)
+
+
+def test_follow_path_keeps_its_goal_while_the_same_path_is_cut_again(bench, path):
+    tree = bench.tree(
+        '<PipelineSequence><TruncatePath input_path="{path}" output_path="{cut}"/>'
+        '<FollowPath path="{cut}"/></PipelineSequence>',
+        path=path((0, 0), (4, 0)),
+    )
+    bench.letters(tree, 5)
+    first, cut = bench.servers.follow_path.current, tree.blackboard["cut"]
+    bench.letters(tree, 5)
+    assert tree.blackboard["cut"] is not cut
+    assert bench.servers.follow_path.current is first
 
 
 def test_follow_path_goes_on_along_the_old_path_while_there_is_no_new_one(bench, path):

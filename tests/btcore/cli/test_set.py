@@ -1,0 +1,91 @@
+"""`btcore run --set`: what is on the blackboard before the first tick."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+LastJson = Callable[[Result], dict[str, Any]]
+
+
+def test_a_value_is_read_as_the_port_reads_it(
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+) -> None:
+    tree = tree_file('<Walk name="stroll" steps="{far}"/>')
+    data = last_json(cli("run", tree, "--plugin", library, "--fast", "--set", "far=7", "--json"))
+    assert data["nodes"]["stroll"]["ticks"] == 8
+
+
+def test_the_port_may_be_in_a_subtree_under_another_name(
+    cli: Cli, tmp_path: Path, last_json: LastJson
+) -> None:
+    tree = tmp_path / "two.xml"
+    tree.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="Outer"><BehaviorTree ID="Outer">'
+        '<SubTree ID="Inner" pause="{rest}"/></BehaviorTree><BehaviorTree ID="Inner">'
+        '<Delay delay_msec="{pause}"><AlwaysSuccess/></Delay></BehaviorTree></root>'
+    )
+    assert last_json(cli("run", tree, "--fast", "--set", "rest=1500", "--json"))["time_s"] == 1.5
+    wrong = cli("run", tree, "--fast", "--set", "rest=long")
+    assert wrong.exit_code == 2
+    assert "--set rest=long: " in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    ("value", "code"),
+    [
+        ("4.5", "it == 4.5"),
+        ("true", "it == true"),
+        ("north", "it == 'north'"),
+        ('"7"', "it == '7'"),
+        ("null", "it == 'null'"),
+        ("a=b", "it == 'a=b'"),
+        ("", "it == ''"),
+    ],
+)
+def test_without_a_type_it_is_json_or_else_text(cli: Cli, tree_file: TreeFile, value: str, code: str) -> None:
+    tree = tree_file(f'<ScriptCondition code="{code}"/>')
+    result = cli("run", tree, "--fast", "--set", f"it={value}")
+    assert result.exit_code == 0, result.output
+
+
+def test_format_3_reads_it_by_its_own_rules(cli: Cli, tmp_path: Path) -> None:
+    tree = tmp_path / "old.xml"
+    tree.write_text(
+        '<root><BehaviorTree ID="Old"><BlackboardCheckInt value_A="{charge}" value_B="20" '
+        'return_on_mismatch="FAILURE"><AlwaysSuccess/></BlackboardCheckInt></BehaviorTree></root>'
+    )
+    assert cli("run", tree, "--fast", "--set", "charge=20").exit_code == 0
+    assert cli("run", tree, "--fast", "--set", "charge=21").exit_code == 1
+
+
+def test_the_key_may_stand_in_braces_and_a_mistyped_one_is_told(
+    cli: Cli, tree_file: TreeFile, library: Path
+) -> None:
+    tree = tree_file('<Walk steps="{far}"/>')
+    assert cli("run", tree, "--plugin", library, "--fast", "--set", "{far}=2").exit_code == 0
+    mistyped = cli("run", tree, "--plugin", library, "--fast", "--set", "fat=2")
+    assert "no port of the tree uses 'fat'; did you mean 'far'?" in mistyped.stderr
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (["far"], "write KEY=VALUE"),
+        (["=3"], "write KEY=VALUE"),
+        (["far=1", "{far}=2"], "'far' has two values"),
+        (["far=soon"], "--set far=soon: 'soon' is no integer"),
+    ],
+)
+def test_what_sets_nothing_is_told(
+    cli: Cli, tree_file: TreeFile, library: Path, texts: list[str], said: str
+) -> None:
+    tree = tree_file('<Walk steps="{far}"/>')
+    options = [part for text in texts for part in ("--set", text)]
+    result = cli("run", tree, "--plugin", library, "--fast", *options)
+    assert result.exit_code == 2
+    assert said in result.stderr

@@ -1,0 +1,24 @@
+"""A plug-in for navigation trees, as somebody else would write it."""
+
+from btcore import In, SyncAction, condition
+from robot_nodes.navigation.servers import Servers
+from robot_nodes.robot import Robot
+
+
+@condition
+def is_path_short(servers: Servers, length: In[float] = 5.0) -> bool:
+    """SUCCESS while the way that is left is shorter than *length* (m)."""
+    path = servers.compute_path.newest
+    return path is not None and servers.remaining(path) < length
+
+
+class Nod(SyncAction):
+    """Look down a little."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+
+    def tick(self) -> bool:
+        """Look down."""
+        self.robot.look(0.0, -0.3)
+        return True
