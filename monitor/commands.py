@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
-from click.core import ParameterSource
 
+from monitor.look import Look, given
 from monitor.showing import (
     UsersMistake,
     check_folder,
     check_installed,
     open_outlets,
+    robot_options,
     showing_options,
     stopped_by_signals,
     take_picture,
@@ -37,19 +38,7 @@ _LOOK_EVERY: Final = 2.0
 @click.command()
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
 @showing_options
-@click.option(
-    "--no-record",
-    is_flag=True,
-    help="Leave a C++ robot's recording of transitions to others: it is whoever's reads it first.",
-)
-@click.option(
-    "--blackboard-rate",
-    type=click.FloatRange(min=0, max=100),
-    default=2.0,
-    show_default=True,
-    metavar="HZ",
-    help="How often a C++ robot is asked for its blackboards; 0: never.",
-)
+@robot_options
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
 @click.option("--for", "seconds", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long.")
@@ -60,14 +49,13 @@ def monitor(
     screenshot: Path | None,
     at: float | None,
     size: tuple[int, int],
-    palette: str,
-    find: tuple[str, ...],
+    memory_limit: str,
+    look: Look,
     no_record: bool,
     blackboard_rate: float,
     no_view: bool,
     until_end: bool,
     seconds: float | None,
-    memory_limit: str,
 ) -> None:
     """Watch trees that run at ADDRESS: btcore's, BehaviorTree.CPP's, Nav2's.
 
@@ -83,7 +71,7 @@ def monitor(
         if recordings:
             if watching:
                 raise UsersMistake("a recording and a robot can't be watched at once: name one kind")
-            _check_is_live("palette", "find")
+            _check_is_live()
             _show_recordings(recordings, screenshot, serve_web, at, size, memory_limit, seconds)
             return
         with contextlib.ExitStack() as stack:
@@ -97,7 +85,7 @@ def monitor(
                 stack.enter_context(contextlib.closing(feed))
             wants_window = not no_view and screenshot is None and serve_web is None
             outlets = open_outlets(save, serve_web, wants_window, memory_limit)
-            files = _watch(feeds, outlets, palette, find, until_end, seconds)
+            files = _watch(feeds, outlets, look, until_end, seconds)
             if save is not None and not files and screenshot is None:
                 seen_at = ", ".join(watching)
                 click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
@@ -109,49 +97,46 @@ def monitor(
         raise UsersMistake(str(fault)) from None
 
 
-def _check_is_live(*options: str) -> None:
-    """Raise UsersMistake where one of *options* is on the command line: a recording's making decides them."""
-    context = click.get_current_context()
-    for name in options:
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise UsersMistake(
-                f"a recording is shown as it was made: --{name} goes with watching a robot, and with btcore "
-                "replay of a log"
-            )
+def _check_is_live() -> None:
+    """Raise UsersMistake where a look is asked for on the command line: a recording's making decides that."""
+    for option in given():
+        raise UsersMistake(
+            f"a recording is shown as it was made: {option} goes with watching a robot, and with btcore "
+            "replay of a log"
+        )
 
 
 def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[Feed]":
-    from monitor.watch.address import AddressFault
+    from monitor.watch.address import AddressFault, parse_address
     from monitor.watch.feed import Feed
 
     try:
-        return [Feed(one, blackboard_rate=blackboard_rate, record=record) for one in addresses]
+        places = [parse_address(one) for one in addresses]
     except AddressFault as fault:
         raise UsersMistake(str(fault)) from None
+    for at, place in enumerate(places):
+        if place in places[:at]:
+            raise UsersMistake(f"{place} is named twice, and one window shows a robot once")
+    return [Feed(one, blackboard_rate=blackboard_rate, record=record) for one in addresses]
 
 
 def _watch(
     feeds: "list[Feed]",
     outlets: "Outlets",
-    palette: str,
-    find: tuple[str, ...],
+    look: Look,
     until_end: bool,
     seconds: float | None,
 ) -> list[Path]:
     """Show every feed until told to stop; returns the files written, in the order of their trees."""
     from monitor.screen.sinks import answers
-    from monitor.screen.stream import Screen
-    from monitor.screen.style import PALETTES
+    from monitor.screen.stage import Together
 
     stop = threading.Event()
-    places = [
-        str(feed.address).removeprefix("tcp://").removeprefix("127.0.0.1") if len(feeds) > 1 else ""
-        for feed in feeds
-    ]
-    screens = [Screen(outlets, PALETTES[palette], place, find) for place in places]
+    together = Together(outlets, [_called(feed) for feed in feeds])
+    screens = [look.screen(seat) for seat in together.seats] if len(feeds) > 1 else [look.screen(outlets)]
     faults: list[BaseException] = []
 
-    def run(feed: "Feed", screen: Screen) -> None:
+    def run(feed: "Feed", screen: "Screen") -> None:
         try:
             _show(feed, screen, until_end, stop)
         except BaseException as fault:
@@ -183,9 +168,20 @@ def _watch(
         stop.set()
         for thread in threads:
             thread.join()
+    together.close()
     if faults:
         raise faults[0]
-    return [file for screen in screens for file in screen.files]
+    return together.files or screens[0].files
+
+
+def _called(feed: "Feed") -> str:
+    """What people call a robot among several: its address, as short as it may be."""
+    from monitor.wire.groot2 import DEFAULT_PORT
+
+    host, port = feed.address.host, feed.address.port
+    if host == "127.0.0.1":
+        return f"port {port}"
+    return host if port == DEFAULT_PORT else f"{host} {port}"
 
 
 def _show(feed: "Feed", screen: "Screen", until_end: bool, stop: threading.Event) -> None:

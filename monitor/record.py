@@ -11,11 +11,12 @@ import click
 
 from btcore.suggest import listing
 from monitor.commands import DEFAULT_ADDRESS
+from monitor.look import Look, look_options
 from monitor.showing import (
     UsersMistake,
     check_installed,
     check_writable,
-    palette_option,
+    robot_options,
     stopped_by_signals,
 )
 
@@ -44,9 +45,16 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 )
 @click.option("--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
-@palette_option
+@robot_options
+@look_options
 def record(
-    address: str, outputs: Sequence[Path], duration: float | None, until_end: bool, palette: str
+    address: str,
+    outputs: Sequence[Path],
+    duration: float | None,
+    until_end: bool,
+    no_record: bool,
+    blackboard_rate: float,
+    look: Look,
 ) -> None:
     """Record what the tree at ADDRESS does; any robot will do that btcore monitor shows.
 
@@ -62,8 +70,8 @@ def record(
 
     _check(outputs, (*LOGS, _RERUN))
     try:
-        with Feed(address) as feed:
-            files = _Files(outputs, palette)
+        with Feed(address, blackboard_rate=blackboard_rate, record=not no_record) as feed:
+            files = _Files(outputs, look)
             try:
                 _follow(feed, files, duration, until_end)
             finally:
@@ -83,12 +91,12 @@ def record(
 class _Files:
     """All that is written: log files, and recordings for the viewer."""
 
-    def __init__(self, outputs: Sequence[Path], palette: str) -> None:
+    def __init__(self, outputs: Sequence[Path], look: Look) -> None:
         from monitor.logbook import Logbook
 
         recordings = _recordings(outputs)
         self.book = Logbook([path for path in outputs if path not in recordings])
-        self.screens = _screens(recordings, palette) if recordings else []
+        self.screens = _screens(recordings, look) if recordings else []
 
     @property
     def written(self) -> list[Path]:
@@ -115,12 +123,10 @@ class _Files:
                 stack.callback(screen.close)
 
 
-def _screens(recordings: Sequence[Path], palette: str) -> "list[Screen]":
+def _screens(recordings: Sequence[Path], look: Look) -> "list[Screen]":
     from monitor.screen.sinks import Outlets
-    from monitor.screen.stream import Screen
-    from monitor.screen.style import PALETTES
 
-    return [Screen(Outlets(save=path), PALETTES[palette]) for path in recordings]
+    return [look.screen(Outlets(save=path)) for path in recordings]
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:

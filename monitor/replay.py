@@ -16,6 +16,7 @@ from btcore.logs import Recording, read_log
 from btcore.logs.lines import line
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
 from btcore.suggest import nearest
+from monitor.look import Look
 from monitor.picture import Event, Kind, Picture, PictureNode, StatusChanged, TreeSeen, Unseen, Wire
 from monitor.showing import (
     UsersMistake,
@@ -65,9 +66,8 @@ def replay(
     screenshot: Path | None,
     at: float | None,
     size: tuple[int, int],
-    palette: str,
-    find: tuple[str, ...],
     memory_limit: str,
+    look: Look,
 ) -> None:
     """Show LOG again: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2) or a format-3 .fbl.
 
@@ -89,7 +89,7 @@ def replay(
         _print(recording, window, patterns)
         return
     check_installed("rerun", "numpy")
-    _show(recording, window, save, serve_web, screenshot, at, size, palette, find, memory_limit)
+    _show(recording, window, save, serve_web, screenshot, at, size, memory_limit, look)
 
 
 def picture_of(recording: Recording) -> Picture:
@@ -196,13 +196,10 @@ def _show(
     screenshot: Path | None,
     at: float | None,
     size: tuple[int, int],
-    palette: str,
-    find: tuple[str, ...],
     memory_limit: str,
+    look: Look,
 ) -> None:
     from monitor.screen.sinks import ScreenFault
-    from monitor.screen.stream import Screen
-    from monitor.screen.style import PALETTES
 
     wants_window = save is None and serve_web is None and screenshot is None
     try:
@@ -214,7 +211,7 @@ def _show(
                     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))
                     file = Path(folder) / "replay.rrd"
             outlets = open_outlets(file, serve_web, wants_window, memory_limit)
-            screen = Screen(outlets, PALETTES[palette], find=find)
+            screen = look.screen(outlets)
             for event in events(recording, window):
                 screen.show(event)
             screen.close()

@@ -5,10 +5,6 @@ the robot's process never draws. Everything said here goes to stderr.
 """
 
 import importlib.util
-import os
-import subprocess
-import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -18,28 +14,20 @@ import click
 
 from btcore.tree import Tree
 from monitor.display import has_display
+from monitor.listener import Listener, await_start, say
+from monitor.look import Look, given, options
 from monitor.serve import Publisher, ServeError, serve
 from monitor.serve.ports import GROOT1_PORTS
 from monitor.showing import UsersMistake, check_is_recording, check_writable
 from monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from monitor.wire.groot2 import DEFAULT_PORT
 
-START_TIMEOUT: Final = 30.0
-"""Seconds (wall clock) that a viewer or saver has to come up before the first tick."""
-
-WRITE_TIMEOUT: Final = 60.0
-"""Seconds (wall clock) that the saver has to finish its file after the last tick."""
-
-VIEWER_GRACE: Final = 10.0
-"""Seconds (wall clock) that the viewer has to catch up after the last tick."""
-
-_SAY_AFTER: Final = 2.0
 _APART: Final = BESIDE_GROOT2 - DEFAULT_PORT
 """How far Groot 1's ports are behind Groot 2's, if both are served: 1667 and 2666."""
 
 
 class MonitorExtension:
-    """The options ``--publish``, ``--bind``, ``--port``, ``--monitor`` and ``--save`` of ``run``."""
+    """What ``run`` is told of publishing and showing: ``--publish``, ``--monitor``, ``--save`` and more."""
 
     options: Sequence[click.Option] = (
         click.Option(
@@ -68,15 +56,27 @@ class MonitorExtension:
         ),
         click.Option(["--monitor"], is_flag=True, help="Start the viewer and show the run live."),
         click.Option(
+            ["--serve-web"],
+            type=click.IntRange(1, 65535),
+            is_flag=False,
+            flag_value=9090,
+            metavar="[PORT]",
+            help="Show the run live to browsers, and its end until Ctrl-C.  [port: 9090]",
+        ),
+        click.Option(
             ["--save"],
             type=click.Path(dir_okay=False, path_type=Path),
             metavar="FILE.rrd",
             help="Record the run for the viewer (rerun).",
         ),
+        *options(),
     )
+    for_one_run: Sequence[str] = tuple(option.name or "" for option in options)
+    """What several runs at a time can't have: all of it; see `btcore sweep`."""
 
     def __init__(self) -> None:
         self._publisher: Publisher | None = None
+        self._interrupted = False
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
@@ -93,13 +93,21 @@ class MonitorExtension:
         if save is not None:
             check_is_recording(save)
             check_writable("--save", save)
-        if (save is not None or settings["monitor"]) and importlib.util.find_spec("rerun") is None:
-            option = "--save" if save is not None else "--monitor"
-            raise UsersMistake(f"{option} needs rerun, which isn't installed: pip install 'btcore[monitor]'")
+        shown = _shown(settings)
+        if shown and importlib.util.find_spec("rerun") is None:
+            raise UsersMistake(
+                f"{shown[0]} needs rerun, which isn't installed: pip install 'btcore[monitor]'"
+            )
+        if not shown:
+            for option in given():
+                raise UsersMistake(
+                    f"{option} is about what is shown, and nothing is: add --monitor, --serve-web or --save "
+                    "FILE.rrd"
+                )
         if settings["monitor"] and not has_display():
             raise UsersMistake(
-                "--monitor: there is no display here. --save FILE.rrd records the run to look at it later; "
-                "--publish groot2 lets a monitor in, also one in a browser: btcore monitor --serve-web"
+                "--monitor: there is no display here. --serve-web shows the run in a browser, --save "
+                "FILE.rrd records it for later, and --publish groot2 lets a monitor in from elsewhere"
             )
         return ()
 
@@ -114,6 +122,10 @@ class MonitorExtension:
         if self._publisher is not None:
             self._publisher.replace(tree, resources)
 
+    def interrupted(self) -> None:
+        """The run was told to end: its end isn't waited for by anybody."""
+        self._interrupted = True
+
     def report(self) -> dict[str, object]:
         """Nothing: a run's results are the same with and without a monitor."""
         return {}
@@ -123,8 +135,7 @@ class MonitorExtension:
         self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
         save: Path | None = settings["save"]
-        view: bool = settings["monitor"]
-        if not settings["publish"] and save is None and not view:
+        if not settings["publish"] and not _shown(settings):
             yield
             return
         port, groot1 = _ports(settings)
@@ -140,29 +151,45 @@ class MonitorExtension:
         except ServeError as error:
             raise UsersMistake(str(error)) from None
         with publisher:
-            _say(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
+            say(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
             if publisher.groot1 is not None:
                 why = f", since Groot 2 has {publisher.port}" if port is not None else ""
-                _say(
+                say(
                     f"Groot 1 finds it at publisher port {publisher.groot1} and server port "
                     f"{publisher.groot1 + 1}{why}"
                 )
-            listeners = []
+            look = Look.chosen(settings).arguments()
+            listeners: list[Listener] = []
             if save is not None:
-                listeners.append(
-                    _Listener(publisher, ["--save", str(save), "--no-view"], f"recording to {save}")
-                )
-            if view:
-                listeners.append(_Listener(publisher, [], "the viewer"))
+                arguments = ["--save", str(save), "--no-view", *look]
+                listeners.append(Listener(publisher, arguments, f"recording to {save}"))
+            if settings["monitor"]:
+                listeners.append(Listener(publisher, look, "the viewer"))
+            if settings["serve_web"]:
+                arguments = ["--serve-web", str(settings["serve_web"]), *look]
+                listeners.append(Listener(publisher, arguments, "the viewer for browsers", stays=True))
             try:
-                _await_start(publisher, listeners)
+                await_start(publisher, listeners)
                 self._publisher = publisher
                 yield
+            except BaseException:
+                self._interrupted = True
+                raise
             finally:
                 self._publisher = None
                 publisher.finish()
                 for listener in listeners:
-                    listener.finish()
+                    listener.finish(self._interrupted)
+
+
+def _shown(settings: Mapping[str, Any]) -> list[str]:
+    """The options by which the run is shown or recorded for the viewer."""
+    asked = {
+        "--save": settings["save"] is not None,
+        "--monitor": settings["monitor"],
+        "--serve-web": settings["serve_web"] is not None,
+    }
+    return [option for option, is_asked in asked.items() if is_asked]
 
 
 def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
@@ -180,64 +207,3 @@ def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
             f"{(1 << 16) - GROOT1_PORTS - _APART}"
         )
     return port, groot1
-
-
-class _Listener:
-    """A process of the monitor that listens to one run and ends with it."""
-
-    def __init__(self, publisher: Publisher, options: list[str], name: str) -> None:
-        self.name = name
-        self.saves = "--save" in options
-        self._publisher = publisher
-        home = str(Path(__file__).parent.parent)
-        path = os.pathsep.join([home, *filter(None, [os.environ.get("PYTHONPATH")])])
-        # its own session: Ctrl-C ends the run, and the recording is still completed
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "monitor", publisher.address, "--until-end", *options],
-            stdin=subprocess.DEVNULL,
-            stdout=2,
-            start_new_session=True,
-            env=os.environ | {"PYTHONPATH": path},
-        )
-
-    def finish(self) -> None:
-        """Wait, with a bound, until it has taken in everything."""
-        limit = WRITE_TIMEOUT if self.saves else VIEWER_GRACE
-        try:
-            code = self._wait(limit)
-        except subprocess.TimeoutExpired:
-            _say(f"{self.name}: not finished {limit:g} s after the run, so its end may be missing")
-            self.process.terminate()
-            return
-        except BaseException:
-            self.process.terminate()
-            raise
-        if code and self.saves:
-            _say(f"{self.name}: the monitor's process failed with exit code {code}")
-
-    def _wait(self, limit: float) -> int:
-        deadline = time.monotonic() + limit
-        try:
-            return self.process.wait(_SAY_AFTER)
-        except subprocess.TimeoutExpired:
-            _say(f"{self.name}: waiting until everything is taken in")
-            return self.process.wait(max(0.0, deadline - time.monotonic()))
-
-
-def _await_start(publisher: Publisher, listeners: list[_Listener]) -> None:
-    """Return once every listener listens, so that the run begins before its eyes."""
-    deadline = time.monotonic() + START_TIMEOUT
-    while not publisher.wait_for_clients(len(listeners), 0.1):
-        for listener in listeners:
-            code = listener.process.poll()
-            if code is not None:
-                raise UsersMistake(
-                    f"{listener.name}: the monitor's process ended at once, with exit code {code}"
-                )
-        if time.monotonic() > deadline:
-            _say(f"the monitor is not listening after {START_TIMEOUT:g} s; the run begins without it")
-            return
-
-
-def _say(text: str) -> None:
-    click.echo(f"monitor: {text}", err=True)

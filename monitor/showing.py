@@ -10,15 +10,14 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from monitor.look import look_options
+
 if TYPE_CHECKING:
     from monitor.screen.sinks import Outlets
-
-
-PALETTES: Final = ("groot", "colour-blind")
 
 
 class UsersMistake(click.ClickException):
@@ -30,22 +29,36 @@ class UsersMistake(click.ClickException):
 def showing_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give *command* the options of where and how to show.
 
-    They are save, serve_web, screenshot, at, size, palette, find and memory_limit.
+    They are save, serve_web, screenshot, at, size and memory_limit, and look, a :class:`~monitor.look.Look`.
     """
+    command = look_options(command)
     for option in reversed(_options()):
         command = option(command)
     return command
 
 
-palette_option: Final = click.option(
-    "--palette",
-    type=click.Choice(PALETTES),
-    default=PALETTES[0],
-    show_default=True,
-    envvar="BTCORE_PALETTE",
-    help="Colours of statuses: Groot's, or some that don't need red and green told apart; also by "
-    "BTCORE_PALETTE in the environment.",
-)
+def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give *command* the options of what a robot is asked for: no_record and blackboard_rate."""
+    for option in reversed(
+        [
+            click.option(
+                "--no-record",
+                is_flag=True,
+                help="Leave a C++ robot's recording of transitions to others: it is whoever's reads it "
+                "first.",
+            ),
+            click.option(
+                "--blackboard-rate",
+                type=click.FloatRange(min=0, max=100),
+                default=2.0,
+                show_default=True,
+                metavar="HZ",
+                help="How often a C++ robot is asked for its blackboards; 0: never.",
+            ),
+        ]
+    ):
+        command = option(command)
+    return command
 
 
 def check_installed(*modules: str) -> None:
@@ -84,7 +97,11 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
             help="Picture of the monitor at the end; needs no display.",
         ),
         click.option(
-            "--at", type=float, metavar="SECONDS", help="Tree time of the screenshot.  [default: the end]"
+            "--at",
+            type=float,
+            metavar="SECONDS",
+            help="Tree time of the screenshot; of several robots, time since the first was seen.  "
+            "[default: the end]",
         ),
         click.option(
             "--size",
@@ -93,14 +110,6 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
             show_default=True,
             metavar="WxH",
             help="Of the screenshot.",
-        ),
-        palette_option,
-        click.option(
-            "--find",
-            multiple=True,
-            metavar="PATTERN",
-            help="Let nodes stand out whose name or path is so, such as 'Dock*', and give them the lanes; "
-            "may be given several times.",
         ),
         click.option(
             "--memory-limit",

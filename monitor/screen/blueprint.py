@@ -1,6 +1,6 @@
 """How the views stand in the window."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,6 +10,7 @@ from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from . import now, panels, scene, sight, statistics
 from .lanes import Lanes
+from .levels import LEVELS
 from .rows import TREE_TIME, WALL_TIME
 from .style import Palette
 from .tree import FOLDED, TreeView
@@ -19,6 +20,9 @@ _WINDOW: Final = (1920.0, 1000.0)
 _LANE: Final = 31.0
 _LANES_FRAME: Final = 84.0
 """Pixels: a lane with its name, and the view's title and time axis."""
+_LANES_AT_MOST: Final = 0.46
+_SCROLLED: Final = 0.34
+"""Shares of the height: what lanes may have, and what they get where that is too little, and they scroll."""
 _LEFT: Final = 0.53
 _TREE_OF_WIDE: Final = 0.58
 _PAST: Final = 24.0
@@ -34,8 +38,8 @@ _BESIDE: Final = (1.5, -1.6, 1.5)
 class Eye:
     """Where the scene is looked at from, and where to (m).
 
-    *robot* is the entity that a close-up follows; *pictures*, *battery* and *navigates* say whether there are
-    pictures, a battery's level and a way to a goal to show.
+    *robot* is the entity in its pane that a close-up follows; *pictures*, *battery* and *navigates* say
+    whether there are pictures, a battery's level and a way to a goal to show.
     """
 
     position: tuple[float, float, float]
@@ -46,90 +50,129 @@ class Eye:
     navigates: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Pane:
+    """What is shown of one robot's tree, which is called *name*.
+
+    With an *eye* there is a scene to show; *costed* says whether the robot tells what its ticks cost. The log
+    shows lines of *level* and above. *place* is the entity that all of it is below, in a window of several.
+    """
+
+    palette: Palette
+    name: str
+    trees: Sequence[TreeView]
+    lanes: Lanes
+    eye: Eye | None = None
+    costed: bool = True
+    level: str = LEVELS[0]
+    place: str = ""
+
+    def at(self, entity: str) -> str:
+        """The entity in the recording."""
+        return f"{self.place}/{entity}" if self.place else entity
+
+    @property
+    def timeline(self) -> str:
+        """The time that the window goes by: trees' clocks have nothing to do with one another."""
+        return WALL_TIME if self.place else TREE_TIME
+
+
 def lanes_share(lanes: int) -> float:
     """Share of the height that *lanes* lanes get under the tree: what they need, within reason."""
     _, height = _WINDOW
-    return min(0.46, max(0.16, (lanes * _LANE * 1.31 + _LANES_FRAME) / height))
+    needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / height
+    return max(0.16, needed) if needed <= _LANES_AT_MOST else _SCROLLED
 
 
-def tree_aspect(lanes: int, scene: bool) -> float:
-    """Width over height of the tree's view, which its layout is made for."""
+def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
+    """Width and height (pixels) of the tree's view, which its layout is made for."""
     width, height = _WINDOW
     if scene:
-        return width * _LEFT / (height * (1.0 - lanes_share(lanes)) - 30.0)
-    return width / (height * _TREE_OF_WIDE - 30.0)
+        return width * _LEFT, height * (1.0 - lanes_share(lanes)) - 30.0
+    return width, height * _TREE_OF_WIDE - 30.0
 
 
-def blueprint(
-    palette: Palette,
-    name: str,
-    trees: Sequence[TreeView],
-    lanes: Lanes,
-    eye: Eye | None,
-    costed: bool = True,
-    several: bool = False,
-) -> rrb.Blueprint:
-    """The window of tree *name*: with a scene where there is an *eye*, else with a wider tree.
+def blueprint(pane: Pane) -> rrb.Blueprint:
+    """The window of one tree."""
+    return windowed(layout(pane), pane.timeline)
 
-    *costed*: the robot tells what its ticks cost. *several*: other robots can be chosen at the left.
-    """
-    drawings = [_tree(palette, name, one) for one in trees]
-    tree_view = drawings[0] if len(drawings) == 1 else rrb.Tabs(*drawings)
-    counts = rrb.TextDocumentView(origin=statistics.STATISTICS, name="Statistics")
-    lane_view = rrb.Tabs(_lanes(lanes.entities, lanes.title), counts)
-    ticks = [_curve("Tick duration [ms]", "tick", palette), _curve("Tick rate [Hz]", "rate", palette)]
-    if not costed:
-        ticks = [rrb.TextDocumentView(origin=panels.UNSENT, name="Tick duration and rate")]
-    below = lanes_share(len(lanes.entities))
-    layout: rrb.Container
-    if eye is not None:
-        curves: list[rrb.View | rrb.Container] = [_curve("Speed", scene.SPEED, palette), rrb.Tabs(*ticks)]
-        if eye.battery:
-            curves.insert(0, _curve("Battery [%]", scene.BATTERY, palette))
-        layout = rrb.Horizontal(
-            rrb.Vertical(tree_view, lane_view, row_shares=[1.0 - below, below]),
-            rrb.Vertical(
-                _scene(palette, eye),
-                rrb.Horizontal(_words(), _log(), column_shares=[0.42, 0.58]),
-                rrb.Horizontal(*curves),
-                row_shares=[0.49, 0.31, 0.2],
-            ),
-            column_shares=[_LEFT, 1.0 - _LEFT],
-        )
-    else:
-        layout = rrb.Vertical(
-            tree_view,
-            rrb.Horizontal(
-                lane_view,
-                rrb.Vertical(
-                    rrb.Horizontal(_words(), _log(), column_shares=[0.36, 0.64]),
-                    rrb.Horizontal(*ticks),
-                    row_shares=[0.62, 0.38] if costed else [0.86, 0.14],
-                ),
-                column_shares=[0.5, 0.5],
-            ),
-            row_shares=[_TREE_OF_WIDE, 1.0 - _TREE_OF_WIDE],
-        )
+
+def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
+    """The window with *content* and nothing else, going by *timeline*."""
     return rrb.Blueprint(
-        layout,
-        rrb.BlueprintPanel(state="expanded" if several else "hidden"),
+        content,
+        rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=TREE_TIME, play_state="following"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="following"),
         auto_views=False,
         auto_layout=False,
     )
 
 
-def _tree(palette: Palette, name: str, tree: TreeView) -> rrb.View:
+def layout(pane: Pane, name: str | None = None) -> rrb.Container:
+    """All views of a tree: with a scene where there is an eye for it, else with a wider tree.
+
+    *name* is what a tab with it is called.
+    """
+    counts = rrb.TextDocumentView(origin=pane.at(statistics.STATISTICS), name="Statistics")
+    lane_view = rrb.Tabs(lanes(pane), counts)
+    ticks = [_curve(pane, "Tick duration [ms]", "tick"), _curve(pane, "Tick rate [Hz]", "rate")]
+    if not pane.costed:
+        ticks = [rrb.TextDocumentView(origin=pane.at(panels.UNSENT), name="Tick duration and rate")]
+    below = lanes_share(len(pane.lanes.entities))
+    if pane.eye is not None:
+        curves: list[rrb.View | rrb.Container] = [_curve(pane, "Speed", scene.SPEED), rrb.Tabs(*ticks)]
+        if pane.eye.battery:
+            curves.insert(0, _curve(pane, "Battery [%]", scene.BATTERY))
+        return rrb.Horizontal(
+            rrb.Vertical(trees(pane), lane_view, row_shares=[1.0 - below, below]),
+            rrb.Vertical(
+                _scene(pane, pane.eye),
+                rrb.Horizontal(_words(pane), log(pane), column_shares=[0.42, 0.58]),
+                rrb.Horizontal(*curves),
+                row_shares=[0.46, 0.36, 0.18],
+            ),
+            column_shares=[_LEFT, 1.0 - _LEFT],
+            name=name,
+        )
+    return rrb.Vertical(
+        trees(pane),
+        rrb.Horizontal(
+            lane_view,
+            rrb.Vertical(
+                rrb.Horizontal(_words(pane), log(pane), column_shares=[0.36, 0.64]),
+                rrb.Horizontal(*ticks),
+                row_shares=[0.62, 0.38] if pane.costed else [0.86, 0.14],
+            ),
+            column_shares=[0.5, 0.5],
+        ),
+        row_shares=[_TREE_OF_WIDE, 1.0 - _TREE_OF_WIDE],
+        name=name,
+    )
+
+
+def trees(pane: Pane) -> rrb.View | rrb.Container:
+    """The tree; a big one folded too."""
+    drawings = [_tree(pane, one) for one in pane.trees]
+    return drawings[0] if len(drawings) == 1 else rrb.Tabs(*drawings)
+
+
+def _tree(pane: Pane, tree: TreeView) -> rrb.View:
     x0, y0, x1, y1 = tree.bounds()
-    still: Mapping[Any, Any] = {entity: rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only}
+    still: Mapping[Any, Any] = {
+        pane.at(entity): rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only
+    }
     return rrb.Spatial2DView(
-        origin=tree.origin,
-        name=f"Folded · {name}" if tree.origin == FOLDED else f"Behavior tree · {name}",
-        background=rrb.Background(color=palette.background, kind="SolidColor"),
+        origin=pane.at(tree.origin),
+        name=f"Folded · {pane.name}" if tree.origin == FOLDED else f"Behavior tree · {pane.name}",
+        background=_ground(pane),
         visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[y0, y1]),
         overrides=still,
     )
+
+
+def _ground(pane: Pane) -> rrb.Background:
+    return rrb.Background(color=pane.palette.background, kind="SolidColor")
 
 
 def _axis() -> rrb.TimeAxis:
@@ -140,31 +183,40 @@ def _axis() -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=window)
 
 
-def _lanes(lanes: Iterable[str], title: str) -> rrb.View:
-    return rrb.StateTimelineView(
-        origin="/", contents=[f"+ /{lane}" for lane in lanes], name=title, time_view=_axis()
-    )
+def lanes(pane: Pane) -> rrb.View:
+    """What the chosen nodes showed over time."""
+    contents = [f"+ /{pane.at(lane)}" for lane in pane.lanes.entities]
+    return rrb.StateTimelineView(origin="/", contents=contents, name=pane.lanes.title, time_view=_axis())
 
 
-def _curve(name: str, origin: str, palette: Palette) -> rrb.View:
+def _curve(pane: Pane, name: str, origin: str) -> rrb.View:
     return rrb.TimeSeriesView(
-        origin=origin,
+        origin=pane.at(origin),
         name=name,
         axis_x=_axis(),
         plot_legend=rrb.PlotLegend(corner="LeftTop", visible=True),
-        background=rrb.archetypes.PlotBackground(color=palette.background, show_grid=True),
+        background=rrb.archetypes.PlotBackground(color=pane.palette.background, show_grid=True),
     )
 
 
-def _words() -> rrb.Container:
+def running(pane: Pane) -> rrb.View:
+    """What runs now."""
+    return rrb.TextDocumentView(origin=pane.at(now.NOW), name="Now")
+
+
+def _words(pane: Pane) -> rrb.Container:
     return rrb.Vertical(
-        rrb.TextDocumentView(origin=now.NOW, name="Now"),
-        rrb.TextDocumentView(origin=panels.BLACKBOARD, name="Blackboard"),
+        running(pane),
+        rrb.TextDocumentView(origin=pane.at(panels.BLACKBOARD), name="Blackboard"),
         row_shares=[0.54, 0.46],
     )
 
 
-def _log() -> rrb.View:
+def log(pane: Pane) -> rrb.View:
+    """The transitions; which levels are shown can be chosen in the viewer, too."""
+    rows = None
+    if pane.level != LEVELS[0]:
+        rows = rrb.TextLogRows(filter_by_log_level=LEVELS[LEVELS.index(pane.level) :])
     columns: Sequence[TextLogColumn] = [
         TextLogColumn("Body", visible=True),
         TextLogColumn("EntityPath", visible=False),
@@ -172,48 +224,51 @@ def _log() -> rrb.View:
     ]
     times = [TimelineColumn(TREE_TIME, visible=False), TimelineColumn(WALL_TIME, visible=False)]
     return rrb.TextLogView(
-        origin=panels.LOG,
-        contents=f"/{panels.LOG}",
+        origin=pane.at(panels.LOG),
+        contents=f"/{pane.at(panels.LOG)}",
         name="Transitions",
+        rows=rows,
         columns=rrb.TextLogColumns(timeline_columns=times, text_log_columns=columns),
         format_options=rrb.TextLogFormat(monospace_body=True),
     )
 
 
-def _scene(palette: Palette, eye: Eye) -> rrb.Container:
-    wide = _space(palette, f"Robot{_COLOURS * eye.navigates}", eye.position, eye.target)
+def _scene(pane: Pane, eye: Eye) -> rrb.Container:
+    wide = _space(pane, f"Robot{_COLOURS * eye.navigates}", eye.position, eye.target)
     if not eye.robot:
         return rrb.Horizontal(wide)
-    close: rrb.View | rrb.Container = _space(palette, "Close up", _BESIDE, (0.0, 0.0, 0.4), follow=eye.robot)
+    close: rrb.View | rrb.Container = _space(
+        pane, "Close up", _BESIDE, (0.0, 0.0, 0.4), follow=f"/{pane.at(eye.robot)}"
+    )
     if eye.pictures:
-        close = rrb.Vertical(close, _camera(palette), row_shares=[0.5, 0.5])
+        close = rrb.Vertical(close, _camera(pane), row_shares=[0.5, 0.5])
     return rrb.Horizontal(wide, close, column_shares=[0.66, 0.34])
 
 
-def _camera(palette: Palette) -> rrb.View:
+def _camera(pane: Pane) -> rrb.View:
     return rrb.Spatial2DView(
-        origin=sight.CAMERA,
+        origin=pane.at(sight.CAMERA),
         name="Camera",
-        background=rrb.Background(color=palette.background, kind="SolidColor"),
+        background=_ground(pane),
     )
 
 
 def _space(
-    palette: Palette,
+    pane: Pane,
     name: str,
     position: tuple[float, float, float],
     target: tuple[float, float, float],
     follow: str | None = None,
 ) -> rrb.View:
     recent = rrb.VisibleTimeRanges(
-        timeline=TREE_TIME,
+        timeline=pane.timeline,
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-_TRAIL_SECONDS),
         end=rr.TimeRangeBoundary.cursor_relative(),
     )
     return rrb.Spatial3DView(
-        origin=scene.ORIGIN,
+        origin=pane.at(scene.ORIGIN),
         name=name,
-        background=rrb.Background(color=palette.background, kind="SolidColor"),
+        background=_ground(pane),
         line_grid=rrb.LineGrid3D(visible=True, spacing=1.0, color=0xFFFFFF14, stroke_width=1.0),
         eye_controls=rrb.EyeControls3D(
             kind="Orbital",
@@ -222,5 +277,5 @@ def _space(
             eye_up=(0.0, 0.0, 1.0),
             tracking_entity=follow,
         ),
-        overrides={scene.TRAIL: recent},
+        overrides={pane.at(scene.TRAIL): recent},
     )

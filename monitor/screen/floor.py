@@ -60,22 +60,22 @@ class Floor:
 
     def static(self, t: int, wall: int, data: Mapping[str, Any], root: str) -> None:
         """Draw what stands still, and grids as they are now; whatever names no frame is in *root*."""
-        log = self._rows.recording.log
+        log = self._rows.log
         places = data.get("places", ())
         if places:
             points = rr.Points3D(
                 [place["position"] for place in places],
                 labels=[place["name"] for place in places],
-                colors=[self._palette.text] * len(places),
+                colors=np.full(len(places), self._palette.text, dtype=np.uint32),
                 radii=[0.06],
                 show_labels=True,
             )
-            log(f"{self._origin}/{PLACES}", rr.CoordinateFrame(root), points, static=True)
+            log(f"{self._origin}/{PLACES}", self._rows.in_frame(root), points, static=True)
         areas = data.get("areas", ())
         if areas:
             strips = [strip for area in areas for strip in _hatched(*area["corners"])]
             drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
-            log(f"{self._origin}/{AREAS}", rr.CoordinateFrame(root), drawn, static=True)
+            log(f"{self._origin}/{AREAS}", self._rows.in_frame(root), drawn, static=True)
         # Not as static data, which would hide what comes later.
         self.moving(t, wall, data, root)
 
@@ -94,8 +94,8 @@ class Floor:
                 return _columns(grids, height)
 
             known = self._grids[grid["name"]] = self._rows.series(entity, columns)
-            frame = rr.CoordinateFrame(grid.get("frame", root))
-            self._rows.recording.log(entity, frame, static=True)
+            frame = self._rows.in_frame(grid.get("frame", root))
+            self._rows.log(entity, frame, static=True)
         return known
 
 

@@ -1,6 +1,7 @@
 """Lanes over time: one for each leaf, or, where leaves are too many for that, what ran at each depth."""
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, Final
 
@@ -19,6 +20,8 @@ SUBTREES_DEEP: Final = 4
 LEAVES_AT_ONCE: Final = 4
 """Lanes of a big tree: how many levels of subtrees, and how many leaves at work side by side."""
 NOTHING: Final = "–"
+VALUES_AT_MOST: Final = 28
+"""Characters of ports' values in a lane's name."""
 
 
 def chosen(picture: Picture, found: Collection[int]) -> list[PictureNode]:
@@ -38,17 +41,27 @@ def lane_entities(names: Sequence[str]) -> list[str]:
     ]
 
 
+def told_apart(nodes: Sequence[PictureNode]) -> list[str]:
+    """Names of *nodes*; namesakes have their ports' values too, where those are short."""
+    count = Counter(node.name for node in nodes)
+    found = []
+    for node in nodes:
+        values = " ".join(node.ports.values()) if count[node.name] > 1 else ""
+        found.append(f"{node.name} {values}" if values and len(values) <= VALUES_AT_MOST else node.name)
+    return found
+
+
 class Lanes:
     """What chosen nodes showed tick by tick; in a big tree, above them, the names of what ran."""
 
     def __init__(self, rows: Rows, picture: Picture, palette: Palette, found: Collection[int] = ()) -> None:
         self._palette = palette
-        self._recording = rows.recording
+        self._rows = rows
         nodes = chosen(picture, found)
         depths = _depths(picture) if len(leaves(picture.nodes)) > LANES_AT_MOST else {}
         slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
         over = [*depths, *slots] if depths else []
-        self.entities = lane_entities([*over, *(node.name for node in nodes)])
+        self.entities = lane_entities([*over, *told_apart(nodes)])
         self._over = [rows.series(entity, _names) for entity in self.entities[: len(over)]]
         self._over_entities = self.entities[: len(over)]
         index = {node.uid: at for at, node in enumerate(picture.nodes)}
@@ -62,11 +75,11 @@ class Lanes:
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)
         # the lanes of further leaves appear when there is one
         self._shown: list[str | None] = [None] * (len(depths) + 1) + [NOTHING] * (LEAVES_AT_ONCE - 1)
-        self.title = "What ran over time" if over else "Leaves over time"
+        self.title = "What ran over time" if over else f"{'What was found' if found else 'Leaves'} over time"
 
     def draw(self) -> None:
         """Colours of the lanes."""
-        palette, log = self._palette, self._recording.log
+        palette, log = self._palette, self._rows.log
         colours = palette.fill[: len(STATUS_NAMES)]
         look = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
         for entity in self.entities[len(self._over) :]:

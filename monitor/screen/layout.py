@@ -11,7 +11,7 @@ below it (top-down).
 
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 GAP_X: Final = 22.0
@@ -32,8 +32,12 @@ _SNAP: Final = 16.0
 """A parent moves so far to stand right above a child: better than a line with a kink."""
 COMFORT: Final = 28.0
 """Pill heights that a window may be wide: up to there a tree is drawn without wrapping, as on paper."""
+ROWS_FROM: Final = 10
+"""Children that may flow into rows like words; fewer are quicker found in one row or one column."""
 _OFFERS: Final = 40
 """Shapes that a node offers at most."""
+_EVEN_TRIES: Final = 4
+"""Heights that are tried to make columns even."""
 _TRIES: Final = 18
 """Widths, and heights, that are tried for a node's children."""
 
@@ -91,14 +95,15 @@ class _Shape:
     shift: float = 0.0
 
 
-def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6) -> Layout:
+def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: float = COMFORT) -> Layout:
     """Place *boxes* (index 0 is the root; parents before children), pills *height* high, to look best in
-    a window *aspect* times as wide as high. The same boxes give the same layout.
+    a window *aspect* times as wide as high, in which *comfort* pill heights are still legible side by side.
+    The same boxes give the same layout.
     """
     if not boxes:
         return Layout((), (), (), (0.0, 0.0))
     plain = _offers(boxes, height, wrap=False)[0]
-    if _cost(plain, aspect) > COMFORT * height:
+    if _cost(plain, aspect) > comfort * height:
         offered = _offers(boxes, height, wrap=True)
         plain = min(offered, key=lambda shape: (_cost(shape, aspect), shape.width))
     return _Drawing(boxes, height).draw(plain)
@@ -136,13 +141,16 @@ def _wrapped(
         lowest = [_lowest_within(one, limit) for one in below]
         yield _in_columns(box, height, widths, _stacked(lowest, limit))
     yield _in_columns(box, height, widths, [[one[-1]] for one in below])
+    if len(below) == 1:
+        return
     narrowest = [one[0] for one in below]
     widest = [one[-1] for one in below]
     least = max(shape.width for shape in narrowest)
     most = sum(shape.width for shape in widest) + GAP_X * (len(below) - 1)
     for room in _steps(least, most):
-        yield _flowed(box, height, [_widest_within(one, room) for one in below], room)
-        yield _flowed(box, height, [_smallest_within(one, room) for one in below], room)
+        for chosen in (_widest_within, _smallest_within):
+            shapes = [chosen(one, room) for one in below]
+            yield _flowed(box, height, shapes, room if len(below) >= ROWS_FROM else 0.0)
 
 
 def _steps(low: float, high: float) -> list[float]:
@@ -152,7 +160,19 @@ def _steps(low: float, high: float) -> list[float]:
 
 
 def _stacked(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
-    """Neighbours in columns at most *limit* high."""
+    """Neighbours in columns at most *limit* high, and of much the same height."""
+    columns = _filled(shapes, limit)
+    total = sum(shape.height for shape in shapes) + HANG_Y * (len(shapes) - len(columns))
+    least = max(total / len(columns), max(shape.height for shape in shapes))
+    for step in range(_EVEN_TRIES):
+        even = _filled(shapes, least + (limit - least) * step / _EVEN_TRIES)
+        if len(even) <= len(columns):
+            return even
+    return columns
+
+
+def _filled(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
+    """Neighbours in columns, each filled up to *limit*."""
     columns: list[list[_Shape]] = []
     used = limit
     for shape in shapes:
@@ -243,7 +263,7 @@ def _column_width(column: Sequence[_Shape]) -> float:
 
 
 def _flowed(box: Box, height: float, children: Sequence[_Shape], room: float) -> _Shape:
-    """Children in rows of at most *room*, hung from the spine."""
+    """Children in rows of at most *room*, or of one each, hung from the spine."""
     rows: list[list[_Shape]] = []
     used = room
     for shape in children:
@@ -308,6 +328,11 @@ class _Drawing:
                 at = x if single else x + COLUMN_INDENT
                 top = self._top(child, below, at, y)
                 spine = top[0] if single else x + COLUMN_INDENT / 3
+                if len(box.children) == 1:
+                    # Straight down, wherever it meets the child's pill or frame.
+                    reach = self._boxes[child].width / 2 - self._height / 2
+                    if abs(top[0] - place.centre) < reach:
+                        spine, top = place.centre, (place.centre, top[1])
                 line: list[tuple[float, float]] = [(place.centre, under)]
                 if abs(spine - place.centre) > 0.01:
                     line += [(place.centre, bus), (spine, bus)]
@@ -331,8 +356,9 @@ class _Drawing:
         for row in shape.groups:
             gap = HANG_Y if single else GAP_Y
             x = left + INDENT
-            for below in row:
+            for offered in row:
                 child = next(children)
+                below = self._leftmost(child, offered) if single else offered
                 top = self._top(child, below, x, y + gap)
                 if single:
                     level = top[1] + self._height / 2
@@ -343,3 +369,18 @@ class _Drawing:
                 yield child, below, x, y + gap
                 x += below.width + GAP_X
             y += gap + max(below.height for below in row)
+
+    def _leftmost(self, index: int, shape: _Shape) -> _Shape:
+        """*shape* with its pill above the first child instead of the middle: what hangs from a spine begins
+        there, and a line to the middle of something wide would be long.
+        """
+        if shape.hung or not shape.groups:
+            return shape
+        box, first, start = self._boxes[index], shape.groups[0], self._pad(index) + shape.shift
+        if len(box.children) == 1:
+            first = (self._leftmost(box.children[0], first[0]),)
+            return replace(shape, groups=(first,), anchor=self._pad(index), shift=0.0)
+        middle = start + COLUMN_INDENT / 3
+        if len(first) == 1:
+            middle = start + first[0].anchor + self._boxes[box.children[0]].width / 2
+        return replace(shape, anchor=max(self._pad(index), min(middle - box.width / 2, shape.anchor)))

@@ -1,6 +1,6 @@
-"""What a robot believes and means to do, drawn in the scene: path, goal, particles, poses, arrows."""
+"""What a robot believes and means to do, drawn in the scene: path, goal, particles, poses, arrows, boxes."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,11 +12,14 @@ from .rows import Rows, Series
 
 POSES: Final = "poses"
 ARROWS: Final = "arrows"
+BOXES: Final = "boxes"
 _RING: Final = 24
 _GOAL_RING, _GOAL_POLE = 0.3, 1.2
 _PARTICLE: Final = 0.14
 _NOSE: Final = 1.5
 """How far a heading reaches, by the ring's radius."""
+_BOX_LINE: Final = 0.02
+_BOX_COLOUR: Final = (255, 213, 74, 255)
 _ARROW: Final = 0.025
 _ARROW_COLOUR: Final = (255, 171, 51, 255)
 
@@ -89,6 +92,7 @@ class Marks:
         self._series: dict[str, Series[Any]] = {}
         self._frames: dict[str, str] = {}
         self._shown: dict[str, object] = {}
+        self._box_entities: list[str] = []
 
     def moving(self, t: int, wall: int, data: Mapping[str, Any], root: str) -> None:
         """Poses that changed, and all arrows that there are now."""
@@ -96,6 +100,8 @@ class Marks:
             self._show_poses(t, wall, poses, root)
         if "arrows" in data:
             self._show_arrows(t, wall, {one["name"]: one for one in data["arrows"]}, root)
+        if "boxes" in data:
+            self._show_boxes(t, wall, data["boxes"], root)
 
     def _show_poses(self, t: int, wall: int, poses: Mapping[str, Any], root: str) -> None:
         entity = f"{self._origin}/{POSES}/{poses['name']}"
@@ -106,7 +112,7 @@ class Marks:
         if entity not in self._series:
             self._series[entity] = self._rows.series(entity, _strips)
             lines = rr.LineStrips3D.from_fields(colors=[look.colour], radii=[look.radius])
-            self._rows.recording.log(entity, lines, static=True)
+            self._rows.log(entity, lines, static=True)
         self._hang(entity, poses.get("frame", root))
         rows = np.frombuffer(poses["rows"], dtype="<f4").reshape(-1, 3)
         self._series[entity].add(t, wall, look.strips(rows, self.footprint))
@@ -124,10 +130,40 @@ class Marks:
                     self._shown[entity] = shown
                     series.add(t, wall, shown)
 
+    def _show_boxes(self, t: int, wall: int, boxes: Sequence[Mapping[str, Any]], root: str) -> None:
+        by_frame: dict[str, list[Mapping[str, Any]]] = {entity: [] for entity in self._box_entities}
+        for box in boxes:
+            frame = box.get("frame", root)
+            entity = f"{self._origin}/{BOXES}/{frame}"
+            by_frame.setdefault(entity, []).append(box)
+            self._hang(entity, frame)
+        for entity, there in by_frame.items():
+            if entity not in self._series:
+                self._series[entity] = self._rows.series(entity, _boxes)
+                self._rows.log(entity, rr.Boxes3D.from_fields(show_labels=False), static=True)
+                self._box_entities.append(entity)
+            if self._shown.get(entity) != there:
+                self._shown[entity] = there
+                self._series[entity].add(t, wall, there)
+
     def _hang(self, entity: str, frame: str) -> None:
         if self._frames.get(entity) != frame:
             self._frames[entity] = frame
-            self._rows.recording.log(entity, rr.CoordinateFrame(frame), static=True)
+            self._rows.log(entity, self._rows.in_frame(frame), static=True)
+
+
+def _boxes(values: list[Sequence[Mapping[str, Any]]]) -> Iterable[Any]:
+    there = [one for boxes in values for one in boxes]
+    turned = [one.get("quaternion", (0, 0, 0, 1)) for one in there]
+    columns = rr.Boxes3D.columns(
+        centers=np.array([one["position"] for one in there], dtype=np.float32).reshape(-1, 3),
+        half_sizes=np.array([one["size"] for one in there], dtype=np.float32).reshape(-1, 3) / 2,
+        quaternions=np.array(turned, dtype=np.float32).reshape(-1, 4),
+        colors=np.array([one.get("color", _BOX_COLOUR) for one in there], dtype=np.uint8).reshape(-1, 4),
+        radii=np.full(len(there), _BOX_LINE, dtype=np.float32),
+        labels=[one["name"] for one in there],
+    )
+    return columns.partition([len(boxes) for boxes in values])
 
 
 def _strips(values: list[Strips]) -> Iterable[Any]:

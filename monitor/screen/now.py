@@ -9,7 +9,7 @@ import rerun as rr
 from ..picture import IDLE, RUNNING, STATUS_NAMES, Gap, Picture, Raised, Ticked, Unseen, Wire
 from .moments import SHOWN_NAMES, Moments
 from .rows import Rows, Series
-from .words import plain
+from .words import brief, plain
 
 NOW: Final = "now"
 _NAMES_AT_MOST: Final = 4
@@ -39,7 +39,7 @@ class NowPanel:
     def raised(self, event: Raised, moments: Moments) -> None:
         """Say which node raised last: at once, as a tick that raises may be the last."""
         self._raised = (
-            f"| raised | **{plain(event.path)}** at {event.t / 1e9:.2f} s: {plain(event.message)} |"
+            f"**{plain(event.path)}** raised at {event.t / 1e9:.2f} s: {plain(brief(event.message))}"
         )
         self._show(event.t, event.wall, moments, self._root)
 
@@ -70,9 +70,9 @@ class NowPanel:
         text = ", ".join(f"**{name}**" for name in at_work[:_NAMES_AT_MOST])
         if len(at_work) > _NAMES_AT_MOST:
             text += f" and {len(at_work) - _NAMES_AT_MOST} more"
-        lines = [f"| runs | {text or '–'} |", "|:--|:--|"]
-        if self._raised:
-            lines.append(self._raised)
+        # Above the table, whose cells aren't wrapped.
+        lines = [self._raised, ""] if self._raised else []
+        lines += [f"| runs | {text or '–'} |", "|:--|:--|"]
         lines += [f"| {name} | {note} |" for name, note in self._notes.items()]
         if self._contacts:
             lines.append(f"| robot | {self._contacts} |")

@@ -9,10 +9,12 @@ import numpy as np
 import rerun as rr
 
 from ..picture import STATUS_NAMES, Gap, Link, Picture, Raised, StatusChanged, Ticked, Unseen, Wire
+from .font import elide
+from .levels import OF_STATUS
 from .now import documents
 from .rows import Rows, Series, scalars
 from .style import Palette
-from .words import plain
+from .words import brief, plain
 
 LOG: Final = "log"
 BLACKBOARD: Final = "blackboard"
@@ -21,7 +23,7 @@ BUDGET_MS: Final = "tick/budget"
 RATE: Final = "rate/ticks"
 UNSENT: Final = "tick/unsent"
 """What stands in the place of a tick's cost where a robot doesn't tell it."""
-NAME_WIDTH: Final = 22
+NAME_WIDTH: Final = 24
 _VALUE_ROOM: Final = 60
 
 
@@ -29,7 +31,9 @@ class TransitionLog:
     """Every transition, and what else is worth a line."""
 
     def __init__(self, rows: Rows, picture: Picture, palette: Palette) -> None:
-        self._names = {node.uid: f"{node.name:{NAME_WIDTH}.{NAME_WIDTH}}" for node in picture.nodes}
+        width = min(NAME_WIDTH, max(len(node.name) for node in picture.nodes))
+        self._names = {node.uid: f"{elide(node.name, width):{width}}" for node in picture.nodes}
+        self._width = width
         self._palette = palette
         self._lines: Series[tuple[str, str, int]] = rows.series(LOG, _lines)
         self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _numbers)
@@ -37,11 +41,11 @@ class TransitionLog:
     def change(self, event: StatusChanged) -> None:
         """A line ``time  #number  name  PREVIOUS → STATUS``, and the same as numbers for programs."""
         line = (
-            f"{event.t / 1e9:9.2f}s #{event.number:<6d} {self._names.get(event.uid, '?' * NAME_WIDTH)} "
+            f"{event.t / 1e9:9.2f}s #{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
             f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"
         )
         colour = int(self._palette.ink[event.status])
-        self._lines.add(event.t, event.wall, (line, "INFO" if event.status else "DEBUG", colour))
+        self._lines.add(event.t, event.wall, (line, OF_STATUS[event.status], colour))
         self._numbers.add(event.t, event.wall, event)
 
     def not_found(self, pattern: str, t: int, wall: int) -> None:
@@ -51,7 +55,7 @@ class TransitionLog:
 
     def raised(self, event: Raised) -> None:
         """A node raised."""
-        line = f"{event.t / 1e9:9.2f}s {event.path} raised: {event.message}"
+        line = f"{event.t / 1e9:9.2f}s {event.path} raised: {brief(event.message)}"
         self._lines.add(event.t, event.wall, (line, "ERROR", int(self._palette.ink[3])))
 
     def gap(self, event: Gap, t: int, wall: int) -> None:
@@ -123,25 +127,26 @@ def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mappi
     """*boards* as a markdown table; entries that differ from *before* are bold."""
     lines: list[str] = []
     for path, board in boards.items():
-        if not board and path:
+        if not board:
             continue
-        if path:
-            lines += ["", f"**{plain(path)}**", ""]
-        lines += ["| key | value |", "|:--|:--|"]
+        lines += ["", f"| **{plain(path)}** | |" if path else "| key | value |", "|:--|:--|"]
         known = before.get(path, {})
         for key, value in board.items():
             new = key not in known or known[key] != value
             text = "–" if value is None else f"`{plain(_short(value))}`"
             lines.append(f"| **{plain(key)}** | {text} |" if new and before else f"| {plain(key)} | {text} |")
-    return "\n".join(lines) if len(lines) > 2 else "*no entries*"
+    return "\n".join(lines[1:]) if lines else "*no entries*"
 
 
 def _short(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, Mapping) and "__type" in value:
+    if isinstance(value, Mapping):
         parts = (f"{key}={_short(part)}" for key, part in value.items() if key != "__type")
-        text = f"{value['__type']}({', '.join(parts)})"
+        text = f"{value.get('__type', '')}({', '.join(parts)})"
+    elif isinstance(value, list | tuple):
+        parts = (_short(part) for part in value[:_VALUE_ROOM])
+        text = f"[{', '.join(parts)}]"
     else:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
     return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
@@ -163,7 +168,7 @@ class TickCost:
 
     def draw(self) -> None:
         """Names and colours of the lines."""
-        log, palette = self._rows.recording.log, self._palette
+        log, palette = self._rows.log, self._palette
         log(
             BUDGET_MS,
             rr.SeriesLines(colors=[int(palette.ink[3])], names=["budget"], widths=[1.6]),
@@ -191,6 +196,6 @@ class TickCost:
             self._budget_ns = budget
             name = f"tick (budget {budget / 1e6:.4g} ms)"
             look = rr.SeriesLines(colors=[self._palette.laser], names=[name], widths=[1.6])
-            self._rows.recording.log(TICK_MS, look, static=True)
+            self._rows.log(TICK_MS, look, static=True)
         if self._worst * 10 > self._budget_ns:
             self._budget.add(event.t, event.wall, self._budget_ns / 1e6)

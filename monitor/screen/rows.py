@@ -19,7 +19,7 @@ WALL_TIME = "wall"
 
 
 class Series(Generic[Value]):
-    """The rows of one entity that have not been sent. *encode* turns their values into rerun's columns."""
+    """The rows of one *entity* that have not been sent. *encode* turns their values into rerun's columns."""
 
     def __init__(self, entity: str, encode: Encode[Value]) -> None:
         self.entity = entity
@@ -49,17 +49,34 @@ class Series(Generic[Value]):
 
 
 class Rows:
-    """All series of one recording."""
+    """All series of one robot's tree, in *recording*.
 
-    def __init__(self, recording: rr.RecordingStream) -> None:
+    Where several robots share one, each has a *place*: an entity that all its entities are below, and that
+    its frames are called by.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, place: str = "") -> None:
         self.recording = recording
+        self._below = f"{place}/" if place else ""
         self._series: list[Series[Any]] = []
 
     def series(self, entity: str, encode: Encode[Value]) -> Series[Value]:
         """A new series for *entity*."""
-        made = Series(entity, encode)
+        made = Series(self._below + entity, encode)
         self._series.append(made)
         return made
+
+    def log(self, entity: str, *what: Any, static: bool) -> None:
+        """Log *what* of *entity* at once; *static* is for all times."""
+        self.recording.log(self._below + entity, *what, static=static)
+
+    def frame(self, name: str) -> str:
+        """What the robot's frame *name* is called in the recording."""
+        return self._below + name
+
+    def in_frame(self, name: str) -> rr.CoordinateFrame:
+        """That an entity is in the robot's frame *name*."""
+        return rr.CoordinateFrame(self._below + name)
 
     def send(self) -> None:
         """Send what has gathered in every series."""

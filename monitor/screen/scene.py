@@ -28,12 +28,19 @@ _FAN_REACH: Final = 6.0
 """m; a ray without an echo is free as far as the sensor sees, but a fan of 25 m would hide the scene."""
 _BODIES: Final = ("base_footprint", "base_link")
 """Frames that are called so by REP 105 stand for the robot as a whole."""
+_SPAN: Final = 6.0
+"""m; at least so much of the world is in view."""
 _TRAIL_STEP: Final = 0.02
 """m between two points of the trail."""
 _TRAIL_HEIGHT: Final = 0.06
 """m; above what lies on the floor, and above the path, which it covers as far as that was driven."""
 
+_STILL: Final = 2e-5
+"""m, and parts of a quaternion: what trembles by so much, as a physics engine's joints do, stands."""
+
 Vector = NDArray[np.float64]
+Pose = tuple[str, tuple[float, ...], tuple[float, ...]]
+"""Parent, position (m), quaternion."""
 
 
 class SceneView:
@@ -43,8 +50,8 @@ class SceneView:
         self._rows = rows
         self._palette = palette
         self._static: Mapping[str, Any] = {}
-        self._frames: dict[str, Series[tuple[Sequence[float], Sequence[float]]]] = {}
-        self._poses: dict[str, tuple[Any, ...]] = {}
+        self._frames: dict[str, Series[Pose]] = {}
+        self._poses: dict[str, Pose] = {}
         self._points: Series[Any] = rows.series(POINTS, _positions)
         self._fan: Series[Any] = rows.series(FAN, _vertices)
         self._trail: Series[Any] = rows.series(TRAIL, _strips)
@@ -83,15 +90,15 @@ class SceneView:
         if data == self._static:
             return False
         self._static = data
-        log = self._rows.recording.log
-        log(ORIGIN, rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.CoordinateFrame(self._root), static=True)
+        log = self._rows.log
+        log(ORIGIN, rr.ViewCoordinates.RIGHT_HAND_Z_UP, self._rows.in_frame(self._root), static=True)
         groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
         for part in data.get("parts", ()):
             groups[part.get("frame", self._root), part["kind"]].append(part)
         for (frame, kind), parts in groups.items():
             for name, shape in archetypes(kind, parts, around=frame == self._root):
                 entity = f"{ORIGIN}/parts/{_segment(frame)}/{name}"
-                log(entity, rr.CoordinateFrame(frame), shape, static=True)
+                log(entity, self._rows.in_frame(frame), shape, static=True)
         self._marks.footprint = data.get("footprint_radius", self._marks.footprint)
         self._draw_sensors()
         self._floor.static(t, wall, data, self._root)
@@ -103,10 +110,10 @@ class SceneView:
         return str(self._static.get("frame", "map"))
 
     def _draw_sensors(self) -> None:
-        log, palette = self._rows.recording.log, self._palette
+        log, palette = self._rows.log, self._palette
         laser = self._static.get("laser")
         if laser:
-            frame = rr.CoordinateFrame(laser["frame"])
+            frame = self._rows.in_frame(laser["frame"])
             log(POINTS, frame, rr.Points3D.from_fields(colors=[palette.laser], radii=[0.025]), static=True)
             log(
                 FAN,
@@ -115,7 +122,7 @@ class SceneView:
                 static=True,
             )
         trail = rr.LineStrips3D.from_fields(colors=[palette.trail], radii=[0.014])
-        log(TRAIL, rr.CoordinateFrame(self._root), trail, static=True)
+        log(TRAIL, self._rows.in_frame(self._root), trail, static=True)
         for entity, colour, label in (
             (f"{SPEED}/v", palette.trail, "v  m/s"),
             (f"{SPEED}/w", palette.laser, "ω  rad/s"),
@@ -127,14 +134,8 @@ class SceneView:
     def moving(self, t: int, wall: int, data: Mapping[str, Any]) -> None:
         """One moment: frames that moved, a new scan, the speed, and whatever else is new."""
         for child, parent, position, quaternion in data.get("frames", ()):
-            pose = (parent, tuple(position), tuple(quaternion))
-            if self._poses.get(child) == pose:
-                continue
-            self._poses[child] = pose
-            series = self._frames.get(child)
-            if series is None:
-                series = self._frames[child] = self._frame_series(child, parent)
-            series.add(t, wall, (position, quaternion))
+            self._place(t, wall, child, (parent, tuple(position), tuple(quaternion)))
+        self._stand(t, wall)
         scan = data.get("scan")
         if scan and scan.get("stamp", t) != self._scan_stamp:
             self._scan_stamp = scan.get("stamp", t)
@@ -150,16 +151,35 @@ class SceneView:
         self._marks.moving(t, wall, data, self._root)
         self._sight.moving(t, wall, data)
 
-    def _frame_series(self, child: str, parent: str) -> Series[Any]:
-        def encode(values: list[tuple[Sequence[float], Sequence[float]]]) -> Iterable[Any]:
+    def _place(self, t: int, wall: int, child: str, pose: Pose) -> None:
+        before = self._poses.get(child)
+        if before is not None and _near(before, pose):
+            return
+        self._poses[child] = pose
+        series = self._frames.get(child)
+        if series is None:
+            series = self._frames[child] = self._frame_series(child)
+        series.add(t, wall, pose)
+
+    def _stand(self, t: int, wall: int) -> None:
+        """A robot that tells of its base link alone has a footprint on the floor below it, too."""
+        footprint, link = _BODIES
+        if footprint not in self._poses and link in self._poses:
+            height = self._poses[link][1][2]
+            self._place(t, wall, footprint, (link, (0.0, 0.0, -height), (0.0, 0.0, 0.0, 1.0)))
+
+    def _frame_series(self, child: str) -> Series[Pose]:
+        rows = self._rows
+
+        def encode(values: list[Pose]) -> Iterable[Any]:
             return rr.Transform3D.columns(
-                translation=np.array([value[0] for value in values], dtype=np.float32),
-                quaternion=np.array([value[1] for value in values], dtype=np.float32),
-                parent_frame=[parent] * len(values),
-                child_frame=[child] * len(values),
+                translation=np.array([value[1] for value in values], dtype=np.float32),
+                quaternion=np.array([value[2] for value in values], dtype=np.float32),
+                parent_frame=[rows.frame(value[0]) for value in values],
+                child_frame=[rows.frame(child)] * len(values),
             )
 
-        return self._rows.series(f"{ORIGIN}/frames/{_segment(child)}", encode)
+        return rows.series(f"{ORIGIN}/frames/{_segment(child)}", encode)
 
     def _show_scan(self, t: int, wall: int, ranges: NDArray[np.float32]) -> None:
         laser = self._static.get("laser")
@@ -179,7 +199,7 @@ class SceneView:
         self._directions = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1).astype(np.float32)
         corners = np.arange(1, len(self._directions[::_FAN_STEP]), dtype=np.uint32)
         triangles = np.stack((0 * corners, corners, corners + 1), axis=1)
-        self._rows.recording.log(FAN, rr.Mesh3D.from_fields(triangle_indices=triangles), static=True)
+        self._rows.log(FAN, rr.Mesh3D.from_fields(triangle_indices=triangles), static=True)
 
     def _extend_trail(self, t: int, wall: int) -> None:
         place = self._robot()
@@ -193,7 +213,7 @@ class SceneView:
 
     def _robot(self) -> Vector | None:
         """Where the robot stands on the floor (m, root frame), if its frames lead up to the root."""
-        frame = next((one for one in _BODIES if one in self._poses), None)
+        frame: str | None = next((one for one in _BODIES if one in self._poses), None)
         if frame is None:
             return None
         place = np.zeros(3)
@@ -214,15 +234,15 @@ class SceneView:
             part for part in self._static.get("parts", ()) if part.get("frame", self._root) == self._root
         ]
         (x0, y0), (x1, y1) = extent(around)
-        x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0)
-        return (x - 0.08 * span, y - 0.66 * span, 0.82 * span), (x, y - 0.06 * span, 0.0)
+        x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0, _SPAN)
+        return (x - 0.08 * span, y - 0.71 * span, 0.885 * span), (x, y - 0.05 * span, 0.0)
 
     def robot(self) -> str:
         """The entity of the robot's body, for an eye that follows it ("": there is none)."""
         frames = {part.get("frame", self._root): part["kind"] for part in self._static.get("parts", ())}
         for frame in (*_BODIES, *frames):
             if frame in frames and frame != self._root:
-                return f"/{ORIGIN}/parts/{_segment(frame)}/{frames[frame]}"
+                return f"{ORIGIN}/parts/{_segment(frame)}/{frames[frame]}"
         return ""
 
 
@@ -236,6 +256,12 @@ def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:
     cross = np.cross(axis, point)
     turned: Vector = point + 2.0 * (w * cross + np.cross(axis, cross))
     return turned if math.isfinite(w) else point
+
+
+def _near(one: Pose, other: Pose) -> bool:
+    if one[0] != other[0]:
+        return False
+    return all(abs(a - b) <= _STILL for a, b in zip((*one[1], *one[2]), (*other[1], *other[2]), strict=True))
 
 
 def _positions(values: list[Any]) -> Iterable[Any]:

@@ -10,7 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
-from .rows import TREE_TIME
+import numpy as np
+
+from .page import free_port
+from .rows import TREE_TIME, WALL_TIME
 from .sinks import ScreenFault, viewer_program
 
 if TYPE_CHECKING:
@@ -35,6 +38,7 @@ def screenshot(
 ) -> None:
     """Write *picture* (PNG): *recording* (``.rrd``) as shown at tree time *t* (s; None: its end).
 
+    Where it is of several robots, *t* counts from its beginning.
     *size* is in pixels; *view* names one view (or the beginning of its name) instead of the whole window.
     Raises ScreenFault when there is no Vulkan driver, no such file or view, or the viewer stays silent.
     """
@@ -54,14 +58,18 @@ def screenshot(
 
 
 def _set_time(client: "ViewerClient", t: float | None) -> None:
+    """Go to *t* by the time that the window goes by: the tree's, or for several robots the wall's."""
+    recordings = client.get_state().recordings
+    timelines = [one for recording in recordings for one in recording.timelines]
+    if any(recording.current_timeline == WALL_TIME for recording in recordings):
+        spans = [(one.start, one.end) for one in timelines if one.name == WALL_TIME]
+        wall = max((end for _, end in spans if end is not None), default=0)
+        if t is not None:
+            wall = min((start for start, _ in spans if start is not None), default=0) + round(t * 1e9)
+        client.set_time(WALL_TIME, timestamp=np.datetime64(wall, "ns"), play_state="paused")
+        return
     if t is None:
-        state = client.get_state()
-        ends = [
-            timeline.end
-            for one in state.recordings
-            for timeline in one.timelines
-            if timeline.name == TREE_TIME and timeline.end is not None
-        ]
+        ends = [one.end for one in timelines if one.name == TREE_TIME and one.end is not None]
         t = max(ends) / 1e9 if ends else 0.0
     client.set_time(TREE_TIME, duration=t, play_state="paused")
 
@@ -71,7 +79,7 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
     """A viewer without a window, ended when the block is left."""
     from rerun.experimental import ViewerClient
 
-    port = _free_port()
+    port = free_port()
     command = [
         str(viewer_program()),
         "--headless",
@@ -98,12 +106,6 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, said: "IO[bytes]") -> None:

@@ -10,11 +10,12 @@ Part = Mapping[str, Any]
 
 CUT_AT: Final = 0.4
 """m; what stands around and is higher is solid up to here and an outline above:
-walls of 2.4 m would hide the robot, and the laser sees nothing of what is above."""
+walls of 2.4 m would hide the robot, and the laser sees nothing of what is above. Walls have no outline."""
 _FLAT: Final = 0.05
 """m; what is thinner lies on the floor, or is it."""
 _FLOOR_LIGHT: Final = 0.3
-_OUTLINE_LIGHT: Final = 0.18
+_OUTLINE_LIGHT: Final = 0.45
+_WALL_HEIGHT, _WALL_WIDTH = 1.5, 0.35
 _LINE: Final = -0.75
 """Outlines' radius; rerun takes a negative one as pixels."""
 
@@ -25,7 +26,7 @@ def archetypes(kind: str, parts: Sequence[Part], around: bool) -> Iterator[tuple
         yield kind, _shape(kind, parts, "solid")
         return
     yield kind, _shape(kind, [_dimmed(_cut(part)) for part in parts], "solid")
-    high = [_lit(part, _OUTLINE_LIGHT) for part in parts if _height(part) > CUT_AT]
+    high = [_lit(part, _OUTLINE_LIGHT) for part in parts if _height(part) > CUT_AT and not _is_wall(part)]
     if high:
         yield f"{kind}_outlines", _shape(kind, high, "majorwireframe")
 
@@ -54,6 +55,13 @@ def _height(part: Part) -> float:
     if abs(qx) + abs(qy) > 0.01:
         return 0.0
     return float(part["size"][2]) if "size" in part else float(part.get("length", 0.0))
+
+
+def _is_wall(part: Part) -> bool:
+    """Whether it is as high as a room, and thin: everybody knows how walls go on, and a room's edges in the
+    air would be most of the lines of the picture.
+    """
+    return "size" in part and _height(part) > _WALL_HEIGHT and min(part["size"][:2]) < _WALL_WIDTH
 
 
 def _cut(part: Part) -> Part:

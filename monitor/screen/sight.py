@@ -33,7 +33,7 @@ class Sight:
         for camera in data.get("cameras", ()):
             entity = f"{self._origin}/sight/{camera['name']}"
             lines = rr.LineStrips3D(_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
-            self._rows.recording.log(entity, rr.CoordinateFrame(camera["frame"]), lines, static=True)
+            self._rows.log(entity, self._rows.in_frame(camera["frame"]), lines, static=True)
 
     def moving(self, t: int, wall: int, data: Mapping[str, Any]) -> None:
         """New pictures, and what was found."""

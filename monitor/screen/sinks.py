@@ -13,6 +13,8 @@ import rerun as rr
 
 from monitor.display import has_display
 
+from .page import PageServer, free_port
+
 
 class ScreenFault(Exception):
     """What was asked of the screen can't be had here; the message says what can."""
@@ -99,6 +101,7 @@ class WebView:
     page: str
     address: str
     _relay: rr.RecordingStream
+    _server: PageServer
 
     def show(self, files: Sequence[Path]) -> None:
         """Hand the recordings in *files* to whoever looks."""
@@ -107,14 +110,18 @@ class WebView:
 
 
 def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "25%") -> WebView:
-    """Serve the web viewer on *web_port* and a relay for recordings on *grpc_port*; opens no browser."""
+    """Serve the web viewer on *web_port*, to browsers of this machine; opens none.
+
+    The relay for recordings is on *grpc_port*, or another one if that is taken. Raises ScreenFault.
+    """
     relay = rr.RecordingStream("btcore")
+    source = free_port()
     try:
-        address = rr.serve_grpc(recording=relay, grpc_port=grpc_port, server_memory_limit=memory_limit)
-        rr.serve_web_viewer(web_port=web_port, open_browser=False, connect_to=address)
+        server = PageServer(web_port, source)
+        relayed = free_port(grpc_port)
+        address = rr.serve_grpc(recording=relay, grpc_port=relayed, server_memory_limit=memory_limit)
+        rr.serve_web_viewer(web_port=source, open_browser=False, connect_to=address)
     except (RuntimeError, OSError) as fault:
-        raise ScreenFault(
-            f"the web viewer can't be served on the ports {web_port} and {grpc_port}: {fault}"
-        ) from fault
-    page = f"http://127.0.0.1:{web_port}/?url={quote(address, safe='')}"
-    return WebView(page, address, relay)
+        raise ScreenFault(f"the web viewer can't be served on port {web_port}: {fault}") from fault
+    page = f"http://127.0.0.1:{web_port}/?hide_welcome_screen&url={quote(address, safe='')}"
+    return WebView(page, address, relay, server)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from ..picture import IDLE, RUNNING, SUCCESS, Picture, StatusChanged
+from .font import elide
 from .now import documents
 from .rows import Rows, Series
 from .tree import leaves
@@ -13,6 +14,8 @@ STATISTICS: Final = "statistics"
 EVERY_NS: Final = 1_000_000_000
 """The least time (of the tree's clock) between two tables."""
 ROWS_AT_MOST: Final = 60
+PATH_ROOM: Final = 56
+"""Characters of a path, which tells leaves of a big tree apart."""
 _INDENT: Final = "\u2003"
 
 
@@ -87,8 +90,9 @@ class Statistics:
             seconds = running[node.uid] / 1e9
             told = f"{ended}" + (f" + {skipped} skipped" if skipped else "")
             each = f"{seconds / ended:.2f} s" if ended and seconds else "–"
-            name = (_INDENT * self._depth[node.uid] if indented else "") + plain(node.name)
-            lines.append(f"| {name} | {told} | {rate} | {f'{seconds:.1f} s' if seconds else '–'} | {each} |")
+            name = _INDENT * self._depth[node.uid] + node.name if indented else elide(node.path, PATH_ROOM)
+            ran = f"{seconds:.1f} s" if seconds else "–"
+            lines.append(f"| {plain(name)} | {told} | {rate} | {ran} | {each} |")
         if not indented:
             lines += ["", f"*the {len(nodes)} leaves that ran longest, of {len(self._nodes)} nodes*"]
         return "\n".join(lines)

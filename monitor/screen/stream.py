@@ -1,7 +1,5 @@
 """The screen: events of a running tree in, rows of a rerun recording out."""
 
-import contextlib
-import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,22 +21,22 @@ from ..picture import (
     Unseen,
     Wire,
 )
-from .blueprint import Eye, blueprint, tree_aspect
+from .blueprint import Eye, Pane, tree_room
 from .lanes import Lanes
+from .levels import LEVELS
 from .moments import Moments
 from .now import NowPanel
 from .panels import UNSENT, BlackboardTable, TickCost, TransitionLog
 from .rows import Rows
 from .scene import SceneView
 from .sinks import Outlets
+from .stage import ROOM, Alone, Stage
 from .statistics import Statistics
 from .style import GROOT, Palette
 from .tree import BIG, TreeView, folded, matching
 
 SEND_EVERY: Final = 0.2
 """s of wall time between two sendings of gathered rows while events come."""
-FLUSH_WITHIN: Final = 20.0
-"""s of wall time that outlets have to take in the rest at the end."""
 
 
 class Screen:
@@ -46,18 +44,23 @@ class Screen:
     :meth:`close` at the end.
 
     A tree with a new id begins a new recording, so that a robot's restart does not write over what was seen.
-    Where several robots are shown in one window, each has its *label*; recordings are chosen by it. Nodes
-    whose name or path is like one of the patterns in *find* (``Dock*``) stand out in the tree and have lanes.
+    Where several robots are shown in one window, each has its seat instead of *outlets*. Nodes whose name or
+    path is like one of the patterns in *find* (``Dock*``) stand out in the tree and have lanes. The log shows
+    transitions of *level* (:mod:`~monitor.screen.levels`) and above.
     """
 
     def __init__(
-        self, outlets: Outlets, palette: Palette = GROOT, label: str = "", find: Sequence[str] = ()
+        self,
+        outlets: Outlets | Stage,
+        palette: Palette = GROOT,
+        find: Sequence[str] = (),
+        level: str = LEVELS[0],
     ) -> None:
-        self.outlets = outlets
-        self._label = label
         self.files: list[Path] = []
+        self._stage = Alone(outlets) if isinstance(outlets, Outlets) else outlets
         self._palette = palette
         self._find = find
+        self._level = level
         self._shown: _Shown | None = None
         self._met: TreeSeen | None = None
         self._scene: SceneStatic | None = None
@@ -106,12 +109,13 @@ class Screen:
         else:
             self._finish()
             scene = self._scene is not None
-            self._shown = _Shown(met, self.outlets, self._palette, scene, self._label, self._find)
+            self._shown = _Shown(met, self._stage, self._palette, scene, self._find, self._level)
             if self._shown.file is not None:
                 self.files.append(self._shown.file)
         if self._scene is not None:
             self._shown.show(self._scene)
             self._scene = None
+        self._sent = time.monotonic()
 
     def _finish(self) -> None:
         if self._shown is not None:
@@ -125,39 +129,32 @@ class _Shown:
     def __init__(
         self,
         event: TreeSeen,
-        outlets: Outlets,
+        stage: Stage,
         palette: Palette,
         scene: bool,
-        label: str,
         find: Sequence[str],
+        level: str,
     ) -> None:
         picture = event.picture
         self.tree_id = picture.tree_id
-        self.name = picture.name
-        # Blueprints are kept by application: robots with trees of one name must not share one.
-        application = re.sub(
-            r"[^A-Za-z0-9_ -]+", "_", f"{label} {picture.name}" if label else f"btcore {picture.name}"
-        )
-        self.label = label
+        self.name = f"{stage.label} · {picture.name}" if stage.label else picture.name
         self.numbered = event.numbered
         self.wire = Wire("")
-        self.recording = rr.RecordingStream(application)
-        self.recording.set_log_tick_enabled(False)
-        self.recording.set_log_time_enabled(False)
-        self.file = outlets.attach(self.recording)
-        self.recording.send_recording_name(f"{label} · {picture.name}" if label else picture.name)
-        self.rows = Rows(self.recording)
+        self.stage = stage
+        self.recording, self.place, self.file = stage.begin(picture.name)
+        self.rows = Rows(self.recording, self.place)
+        self.level = level
         self._palette = palette
         self.moments = Moments(picture)
         self._uids = {node.path: node.uid for node in picture.nodes}
         looked_for = [(pattern, matching(picture, pattern)) for pattern in find]
         found = {uid for _, uids in looked_for for uid in uids}
         self.lanes = Lanes(self.rows, picture, palette, found)
-        aspect = tree_aspect(len(self.lanes.entities), scene)
-        self.tree = TreeView(self.rows, picture, palette, aspect, found)
+        room = ROOM if self.place else tree_room(len(self.lanes.entities), scene)
+        self.tree = TreeView(self.rows, picture, palette, room, found)
         self.trees = [self.tree]
         if len(picture.nodes) > BIG and any(node.kind == "subtree" for node in picture.nodes):
-            self.trees.insert(0, TreeView(self.rows, folded(picture), palette, aspect, found, whole=picture))
+            self.trees.insert(0, TreeView(self.rows, folded(picture), palette, room, found, whole=picture))
         self.log = TransitionLog(self.rows, picture, palette)
         self.blackboard = BlackboardTable(self.rows)
         self.cost = TickCost(self.rows, palette)
@@ -222,7 +219,7 @@ class _Shown:
             self.blackboard.blank(t, wall)
         if "ticks" in wire.lacks:
             note = rr.TextDocument(f"*{wire.lacks['ticks']}*", media_type="text/markdown")
-            self.recording.log(UNSENT, note, static=True)
+            self.rows.log(UNSENT, note, static=True)
 
     def settle(self) -> None:
         """Show what changed last, of a robot that doesn't tell when a tick ends."""
@@ -236,10 +233,7 @@ class _Shown:
         self._end_tick(self._t, self._wall)
         self.statistics.show(self._t, self._wall)
         self.send()
-        # A viewer that was closed is no reason to leave the file unfinished.
-        with contextlib.suppress(RuntimeError):
-            self.recording.flush(timeout_sec=FLUSH_WITHIN)
-        self.recording.disconnect()
+        self.stage.end(self.recording)
 
     def _end_tick(self, t: int, wall: int) -> None:
         changed = self.moments.close(t, wall)
@@ -314,13 +308,14 @@ class _Shown:
         if scene.present:
             has = scene.pictured, scene.powered, scene.navigates
             eye = Eye(*scene.eye(), scene.robot(), *has)
-        window = blueprint(
+        pane = Pane(
             self._palette,
             self.name,
             self.trees,
             self.lanes,
             eye,
             costed="ticks" not in self.wire.lacks,
-            several=bool(self.label),
+            level=self.level,
+            place=self.place,
         )
-        self.recording.send_blueprint(window)
+        self.stage.show(self.recording, pane)

@@ -20,8 +20,14 @@ FRAME_STROKE: Final = 1.1
 RING: Final = 6.0
 HALO: Final = 7.0
 """How far the ring of a node that raised, and the halo of one that was searched, stand out of its pill."""
-NAME_ROOM: Final = 24
+NAME_ROOM: Final = 30
 """Characters of a name shown in a pill; the whole name is in its hover label."""
+NOTE_ROOM: Final = 30
+NOTE_HEIGHT: Final = 7.6
+NOTE_STROKE: Final = 0.68
+NOTE_LIFT: Final = 5.4
+NOTE_DROP: Final = 13.6
+"""The line of ports below a name: its room in characters, how far the name is lifted, and its base line."""
 
 Colours = NDArray[np.uint32]
 
@@ -44,8 +50,9 @@ class Palette:
     background: int = 0x0E1218FF
     edge: int = 0x4A5364FF
     path: int = 0xFFA726FF
-    frame: int = 0x37507AFF
+    frame: int = 0x4468A3FF
     text: int = 0xF5F7FAFF
+    note: int = 0xD9DEE8FF
     badge: int = 0x10141BFF
     symbol: int = 0xF5F7FAFF
     faint: int = 0x8A94A6FF

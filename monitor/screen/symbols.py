@@ -29,6 +29,10 @@ _NOT: Final = "0 0,9 0,-3 / 0,-8.7 0,-8"
 _PEN: Final = "0 -7,-7 -6,-2.6 4,7.4 7.4,4 -2.6,-6 -7,-7"
 _HAND: Final = "0 -3,9 -3,-6 1,-2.6 3.4,-8.6 / 1,-2.6 7,-2.2 -3,9"
 _ONCE: Final = "0 -3.4,5 1.4,9 1.4,-9"
+_RECOVER: Final = "0 0,0,7.4,7.4,110,-200 / -3.2,4.2 -7,2.4 -9.4,6 / 0,3.6 0,-0.6 / 0,-3.6 0,-3"
+_PIPELINE: Final = "0 -8.5,3.6 3,3.6 / -8.5,-3.6 8.5,-3.6 / 4.4,0.4 8.5,-3.6 4.4,-7.6 / 0,6.6 3,3.6 0,0.6"
+_ROUND: Final = "0 0,0,7.4,7.4,70,380 / 3.2,4.2 7,2.4 9.4,6 / -2.6,0 2.6,0 / 0.4,2.2 2.6,0 0.4,-2.2"
+_UPDATED: Final = "0 0,9 8,0 0,-9 -8,0 0,9 / 0,3.6 0,-3.6 / -2.2,1.4 0,3.6 2.2,1.4"
 _INFINITY: Final = "0 -4.6,0,4.6,4.6,0,360 / 4.6,0,4.6,4.6,180,540"
 
 _BY_ID: Final[dict[str, str]] = {
@@ -52,6 +56,17 @@ _BY_ID: Final[dict[str, str]] = {
     "AlwaysSuccess": _TICK,
     "ForceFailure": _CROSS,
     "AlwaysFailure": _CROSS,
+    "RecoveryNode": _RECOVER,
+    "PipelineSequence": _PIPELINE,
+    "RoundRobin": _ROUND,
+    "NonblockingSequence": _ARROW_LOW + _MEMORY,
+    "RateController": _CLOCK,
+    "SingleTrigger": _ONCE,
+    "GoalUpdated": _UPDATED,
+    "GlobalUpdatedGoal": _UPDATED,
+    "SkipUnlessUpdated": _UPDATED,
+    "WaitValueUpdate": _UPDATED,
+    "Wait": _CLOCK,
     "Repeat": _LOOP,
     "KeepRunningUntilFailure": _INFINITY,
     "RetryUntilSuccessful": _RETRY,

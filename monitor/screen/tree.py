@@ -1,98 +1,104 @@
 """The tree as a drawing: pills, badges and edges drawn once, then nothing but colours."""
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from ..picture import IDLE, RUNNING, Picture, PictureNode
 from . import style
-from .font import Stroke, elide, strokes_of, width_of
+from .branch import PARTS, Branch, Strip, below, node_entities, shares, values
+from .captions import Caption, captions, ports
+from .font import Stroke, strokes_of
 from .layout import Box, Layout, Place, lay_out
+from .legend import HEIGHT as LEGEND_HEIGHT
+from .legend import legend
 from .moments import Moments
-from .rows import Rows, Series, strip_colours
+from .rows import Rows
 from .symbols import placed, symbol
 
 ORIGIN: Final = "tree"
 FOLDED: Final = "folded"
-_DRAWN_ONLY: Final = ("frames", "edges", "path", "rims", "badges", "ink", "raised", "found")
+LEGEND: Final = "legend"
 FOLDED_AT_MOST: Final = 90
 """Nodes of a folded tree: so many can be read in a window."""
 BIG: Final = 200
 """Trees of more nodes are drawn folded too."""
-
-_BADGE_ROOM: Final = 2 * style.BADGE_RADIUS + 14.0
-_TEXT_GAP: Final = 20.0
+_LEGIBLE: Final = 0.62
+"""Pixels a unit: a tree that is drawn no smaller than this needs no wrapping."""
+_NOTE_LEGIBLE: Final = 0.78
+"""Pixels a unit: a tree that is drawn smaller than this goes without notes."""
+_PATH_SEEN: Final = 1.2
+"""Pixels: the least radius of the running path."""
+_MARGIN: Final = 8.0
+"""Pixels around the tree."""
+_LARGEST: Final = 1.35
+"""Pixels a unit of a tree of a few nodes, which would fill the window otherwise."""
 
 
 class TreeView:
-    """The drawing of one Picture, and the status of each of its nodes."""
+    """The drawing of one Picture, and the status of each of its nodes, made for a view of *room* (pixels)."""
 
     def __init__(
         self,
         rows: Rows,
         picture: Picture,
         palette: style.Palette,
-        aspect: float,
+        room: tuple[float, float],
         found: Collection[int] = (),
         whole: Picture | None = None,
     ) -> None:
         self.picture = picture
         self.palette = palette
-        self.origin = origin = ORIGIN if whole is None else FOLDED
+        self.origin = ORIGIN if whole is None else FOLDED
         whole = whole or picture
-        self.names = {
-            node.uid: elide(node.name, style.NAME_ROOM) + _inside(node, whole) for node in picture.nodes
-        }
-        self.layout = arrange(picture, self.names, aspect)
-        self._recording = rows.recording
+        self._room = room
+        self.captions, self.layout = _written(picture, whole, room)
+        self._rows = rows
         index = {node.uid: at for at, node in enumerate(whole.nodes)}
         self._index = np.array([index[node.uid] for node in picture.nodes], dtype=np.intp)
         self._at = {node.uid: at for at, node in enumerate(picture.nodes)}
         self._nearest_of = self._nearest(whole)
         self._found = sorted({at for at in map(self._nearest_of, found) if at is not None})
         self._raised: dict[int, bool] = {}
-        self._pills: Series[Any] = rows.series(f"{origin}/pills", strip_colours)
-        self._rims: Series[Any] = rows.series(f"{origin}/rims", strip_colours)
-        self._path: Series[Any] = rows.series(f"{origin}/path", _strips)
-        self._rings: Series[Any] = rows.series(f"{origin}/raised", _strips)
-        self._last_rims = self._last_pills = np.zeros(0, dtype=np.uint32)
-        self._last_path: list[int] | None = None
         self._inner = np.array([bool(node.children) for node in picture.nodes])
-        self._edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
+        self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
+        edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
+        self.branches = [
+            Branch(rows, palette, below(self.origin, path), np.array(at, dtype=np.intp), self._pills, edges)
+            for path, at in shares(picture).items()
+        ]
+        self._frames: dict[int, list[Stroke]] = {}
+        for at, *corners in self.layout.frames:
+            content = self._at[picture.nodes[at].children[0]]
+            self._frames.setdefault(content, []).append(_rounded(*corners))
 
     @property
     def drawn_only(self) -> tuple[str, ...]:
         """Entities that are there to be seen; hovering and clicking are for the pills."""
-        return tuple(f"{self.origin}/{part}" for part in _DRAWN_ONLY)
+        parts = [f"{one.entity}/{part}" for one in self.branches for part in PARTS if part != "pills"]
+        return (*parts, f"{self.origin}/{LEGEND}")
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """x0, y0, x1, y1 of what is to be in view."""
-        width, height = self.layout.size
-        margin = style.PILL_HEIGHT * 0.7 + 0.01 * max(width, height)
-        return -margin, -margin, width + margin, height + margin
+        """x0, y0, x1, y1 of what is to be in view: the tree, and the legend at the lower left."""
+        (width, height), (across, down) = self.layout.size, self._room
+        pixel = _pixel(self.layout, self._room)
+        left, top = (width - across * pixel) / 2, (height - (down - LEGEND_HEIGHT) * pixel) / 2
+        return left, top, left + across * pixel, top + down * pixel
 
     def colour(self, moments: Moments) -> None:
         """Rows for what *moments* shows now; nothing where nothing looks otherwise."""
         palette, t, wall = self.palette, moments.t, moments.wall
         shown = moments.shown[self._index]
-        pills = np.where(self._inner & (shown == RUNNING), np.uint32(palette.busy), palette.fill[shown])
-        if not np.array_equal(pills, self._last_pills):
-            self._last_pills = pills
-            self._pills.add(t, wall, pills)
+        running = shown == RUNNING
+        pills = np.where(self._inner & running, np.uint32(palette.busy), palette.fill[shown])
         rims = np.where(shown == IDLE, palette.rest[moments.results[self._index]], palette.rim[shown])
-        if not np.array_equal(rims, self._last_rims):
-            self._last_rims = rims
-            self._rims.add(t, wall, rims)
-        path = [int(at) for at in np.flatnonzero(shown == RUNNING) if len(self._edges[at])]
-        if path != self._last_path:
-            self._last_path = path
-            self._path.add(t, wall, [self._edges[at] for at in path])
+        for branch in self.branches:
+            branch.colour(t, wall, pills, rims, running)
         again = [at for at, rested in self._raised.items() if rested and shown[at] != IDLE]
         for at in self._raised:
             self._raised[at] = self._raised[at] or shown[at] == IDLE
@@ -109,8 +115,8 @@ class TreeView:
             self._ring(t, wall)
 
     def _ring(self, t: int, wall: int) -> None:
-        half = style.PILL_HEIGHT / 2
-        self._rings.add(t, wall, [_pill(self.layout.places[at], half) for at in sorted(self._raised)])
+        for branch in self.branches:
+            branch.ring(t, wall, self._raised)
 
     def _nearest(self, whole: Picture) -> Callable[[int], int | None]:
         """From a uid of *whole* to the index here of that node, or of the closest above it that is here."""
@@ -123,89 +129,70 @@ class TreeView:
 
     def draw(self) -> None:
         """Draw what never changes."""
-        picture, layout, palette, origin = self.picture, self.layout, self.palette, self.origin
+        picture, palette = self.picture, self.palette
         half = style.PILL_HEIGHT / 2
-        log = self._recording.log
-        if layout.frames:
-            log(
-                f"{origin}/frames",
-                rr.LineStrips2D(
-                    [_rounded(*corners) for _, *corners in layout.frames],
-                    colors=[palette.frame],
-                    radii=[style.FRAME_STROKE],
-                    draw_order=1.0,
-                ),
-                static=True,
-            )
-        log(
-            f"{origin}/edges",
-            rr.LineStrips2D(
-                [one for one in self._edges if len(one)],
-                colors=[palette.edge],
-                radii=[style.EDGE_STROKE],
-                draw_order=2.0,
-            ),
-            static=True,
-        )
-        look = rr.LineStrips2D.from_fields(colors=[palette.path], radii=[style.PATH_STROKE], draw_order=3.0)
-        log(f"{origin}/path", look, static=True)
-        rims = [_pill(place, half) for place in layout.places]
-        ring = rr.LineStrips2D.from_fields(colors=[palette.raised], radii=[half + style.RING], draw_order=3.6)
-        log(f"{origin}/raised", ring, static=True)
-        if self._found:
-            halo = rr.LineStrips2D(
-                [rims[at] for at in self._found],
-                colors=[palette.found],
-                radii=[half + style.HALO],
-                draw_order=3.4,
-            )
-            log(f"{origin}/found", halo, static=True)
-        log(f"{origin}/rims", rr.LineStrips2D(rims, radii=[half], draw_order=4.0), static=True)
-        log(
-            f"{origin}/pills",
-            rr.LineStrips2D(
-                rims,
-                radii=[half - style.RIM],
-                labels=[node.name for node in picture.nodes],
-                show_labels=False,
-                draw_order=5.0,
-            ),
-            rr.AnyValues(
-                path=[node.path for node in picture.nodes],
-                ID=[node.id for node in picture.nodes],
-                ports=[_ports(node) for node in picture.nodes],
-            ),
-            static=True,
-        )
-        badges = [((place.x + half, place.y), (place.x + half + 0.01, place.y)) for place in layout.places]
-        log(
-            f"{origin}/badges",
-            rr.LineStrips2D(badges, colors=[palette.badge], radii=[style.BADGE_RADIUS], draw_order=6.0),
-            static=True,
-        )
-        log(f"{origin}/ink", self._ink(), static=True)
+        labels = [node.name for node in picture.nodes]
+        told = {
+            "path": [node.path for node in picture.nodes],
+            "ID": [node.id for node in picture.nodes],
+            "ports": [ports(node) for node in picture.nodes],
+        }
+        stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self._room))
+        for branch in self.branches:
+            branch.draw(labels, told, stroke)
+            places = [self.layout.places[at] for at in branch.at]
+            frames = [frame for at in branch.at for frame in self._frames.get(int(at), ())]
+            branch.lines("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
+            found = [self._pills[at] for at in branch.at if at in self._found]
+            branch.lines("found", found, 3.4, colors=[palette.found], radii=[half + style.HALO])
+            badges = [((one.x + half, one.y), (one.x + half + 0.01, one.y)) for one in places]
+            branch.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
+            strokes, colours, radii = self._ink(branch.at.tolist())
+            branch.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
+        x0, _, _, y1 = self.bounds()
+        line = legend(palette, x0, y1, _pixel(self.layout, self._room), bool(self._found))
+        self._rows.log(f"{self.origin}/{LEGEND}", line, static=True)
+        if self.origin == ORIGIN:
+            self._name_nodes()
 
-    def _ink(self) -> rr.LineStrips2D:
-        """Names and symbols: all strokes of the tree in one batch."""
+    def _name_nodes(self) -> None:
+        """An entity for each node: found by its name in the viewer's list of entities, and with its values.
+
+        In trees that aren't big it has the pill's shape, below the pill, so that it is marked when chosen.
+        """
+        shaped = len(self.picture.nodes) <= BIG
+        entities = node_entities(self.picture, self.origin)
+        for node, pill, entity in zip(self.picture.nodes, self._pills, entities, strict=True):
+            # One component: each takes a kilobyte of the file.
+            what = [values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
+            if shaped:
+                radius = style.PILL_HEIGHT / 2 - style.RIM
+                what.append(
+                    rr.LineStrips2D([pill], colors=[self.palette.badge], radii=[radius], draw_order=3.8)
+                )
+            self._rows.log(entity, *what, static=True)
+
+    def _ink(self, indices: Sequence[int]) -> tuple[list[Strip], list[int], list[float]]:
+        """Names, notes and symbols of the nodes at *indices*: strokes, their colours and radii."""
         strokes: list[Stroke] = []
+        colours: list[int] = []
         radii: list[float] = []
-        for node, place in zip(self.picture.nodes, self.layout.places, strict=True):
+        for at in indices:
+            node, place = self.picture.nodes[at], self.layout.places[at]
+            caption = self.captions[node.uid]
             centre = place.x + style.PILL_HEIGHT / 2
+            left = centre + style.BADGE_RADIUS + 7.0
             sign = placed(symbol(node.id, node.kind), centre, place.y, style.BADGE_RADIUS * 0.66)
+            raise_by = style.NOTE_LIFT if caption.note else 0.0
             name = strokes_of(
-                self.names[node.uid],
-                place.x + style.PILL_HEIGHT / 2 + style.BADGE_RADIUS + 7.0,
-                place.y + style.TEXT_HEIGHT * 0.46,
-                style.TEXT_HEIGHT,
+                caption.name, left, place.y + style.TEXT_HEIGHT * 0.46 - raise_by, style.TEXT_HEIGHT
             )
-            strokes += sign + name
+            note = strokes_of(caption.note, left, place.y + style.NOTE_DROP, style.NOTE_HEIGHT)
+            strokes += [*sign, *name, *note]
+            colours += [self.palette.text] * (len(sign) + len(name)) + [self.palette.note] * len(note)
             radii += [style.BADGE_STROKE] * len(sign) + [style.TEXT_STROKE] * len(name)
-        return rr.LineStrips2D(
-            [np.array(stroke, dtype=np.float32) for stroke in strokes],
-            colors=[self.palette.text],
-            radii=radii,
-            draw_order=7.0,
-        )
+            radii += [style.NOTE_STROKE] * len(note)
+        return [np.array(stroke, dtype=np.float32) for stroke in strokes], colours, radii
 
 
 def folded(picture: Picture, most: int = FOLDED_AT_MOST) -> Picture:
@@ -236,37 +223,45 @@ def folded(picture: Picture, most: int = FOLDED_AT_MOST) -> Picture:
     return Picture(picture.tree_id, picture.name, tuple(nodes), picture.subtrees)
 
 
-def _inside(node: PictureNode, whole: Picture) -> str:
-    """How many nodes are folded into *node*: `` +12``."""
-    if node.children or not whole.by_uid[node.uid].children:
-        return ""
-    count, waiting = 0, list(whole.by_uid[node.uid].children)
-    while waiting:
-        count += 1
-        waiting += whole.by_uid[waiting.pop()].children
-    return f" +{count}"
-
-
-def arrange(picture: Picture, names: Mapping[int, str], aspect: float) -> Layout:
-    """Where the nodes of *picture* go, with pills wide enough for their *names*."""
+def arrange(picture: Picture, written: Mapping[int, Caption], room: tuple[float, float]) -> Layout:
+    """Where the nodes of *picture* go, with pills wide enough for what is *written* in them."""
     index = {node.uid: at for at, node in enumerate(picture.nodes)}
     boxes = [
         Box(
-            width=pill_width(names[node.uid]),
+            width=written[node.uid].width,
             children=tuple(index[child] for child in node.children),
             framed=node.kind == "subtree" and bool(node.children),
         )
         for node in picture.nodes
     ]
-    return lay_out(boxes, style.PILL_HEIGHT, aspect)
+    across, down = room
+    comfort = across / _LEGIBLE / style.PILL_HEIGHT
+    return lay_out(boxes, style.PILL_HEIGHT, across / (down - LEGEND_HEIGHT), comfort)
 
 
-def pill_width(name: str) -> float:
-    """Length of the pill that holds a badge and *name*."""
-    return _BADGE_ROOM + width_of(name, style.TEXT_HEIGHT) + _TEXT_GAP
+def _written(
+    picture: Picture, whole: Picture, room: tuple[float, float]
+) -> tuple[Mapping[int, Caption], Layout]:
+    """What the pills say and where they are: with notes, if those can be read without zooming in."""
+    if len(picture.nodes) <= BIG:
+        noted = captions(picture, whole, noted=True)
+        layout = arrange(picture, noted, room)
+        if _pixel(layout, room) * _NOTE_LEGIBLE <= 1.0:
+            return noted, layout
+    plain = captions(picture, whole, noted=False)
+    return plain, arrange(picture, plain, room)
 
 
-def _pill(place: Place, half: float) -> NDArray[np.float32]:
+def _pixel(layout: Layout, room: tuple[float, float]) -> float:
+    """Units that a pixel is, with all of *layout* in view."""
+    (width, height), (across, down) = layout.size, room
+    margin = style.PILL_HEIGHT * 0.7
+    wide = (width + margin) / (across - 2 * _MARGIN)
+    high = (height + margin) / (down - LEGEND_HEIGHT - 2 * _MARGIN)
+    return max(wide, high, 1 / _LARGEST)
+
+
+def _pill(place: Place, half: float) -> Strip:
     return np.array([(place.x + half, place.y), (place.x + place.width - half, place.y)], dtype=np.float32)
 
 
@@ -280,15 +275,6 @@ def _rounded(x0: float, y0: float, x1: float, y1: float, radius: float = 12.0) -
             angle = np.radians(start + 22.5 * step)
             points.append((cx + radius * float(np.cos(angle)), cy + radius * float(np.sin(angle))))
     return [*points, points[0]]
-
-
-def _ports(node: PictureNode) -> str:
-    return "  ".join(f'{port}="{text}"' for port, text in node.ports.items())
-
-
-def _strips(values: list[list[NDArray[np.float32]]]) -> Iterable[Any]:
-    columns = rr.LineStrips2D.columns(strips=[strip for row in values for strip in row])
-    return columns.partition([len(row) for row in values])
 
 
 def leaves(nodes: Sequence[PictureNode]) -> list[PictureNode]:

@@ -10,6 +10,7 @@ from btcore.ports import Direction, Port
 from btcore.status import NodeType
 from btcore.tree import Tree
 from monitor.serve.ports import Socket
+from monitor.serve.questions import Questions
 from monitor.serve.recorder import Changed
 from monitor.wire import groot1
 from monitor.wire.groot1 import WireChange
@@ -125,15 +126,14 @@ def _port(port: Port) -> WirePort:
 
 
 class Groot1Sockets:
-    """The sockets for a :class:`Groot1Server`: :attr:`news` publishes, :attr:`replies` answers."""
+    """The sockets for a :class:`Groot1Server`: of updates, and of questions."""
 
     def __init__(self, context: "zmq.Context[Socket]") -> None:
         self.news = context.socket(zmq.PUB)
-        self.replies = context.socket(zmq.REP)
+        self.questions = Questions(context, _REQUEST_AT_MOST)
         self.news.setsockopt(zmq.SNDHWM, _UPDATES_AT_MOST)
-        for socket in (self.news, self.replies):
-            socket.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
-            socket.setsockopt(zmq.LINGER, 0)
+        self.news.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
+        self.news.setsockopt(zmq.LINGER, 0)
 
     def publish(self, server: Groot1Server, now: float, at_once: bool = False) -> None:
         """Send what is to be sent at *now*, as :meth:`Groot1Server.update` says."""
@@ -143,10 +143,10 @@ class Groot1Sockets:
 
     def answer(self, server: Groot1Server) -> None:
         """Take the request in that has come, and answer it."""
-        self.replies.recv_multipart()
-        self.replies.send(server.answer())
+        if self.questions.take() is not None:
+            self.questions.answer([server.answer()])
 
     def close(self, linger: int = 0) -> None:
         """Free them; what is on its way has *linger* ms."""
         self.news.close(linger=linger)
-        self.replies.close(linger=linger)
+        self.questions.socket.close(linger=linger)

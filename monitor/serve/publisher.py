@@ -4,6 +4,7 @@ Nothing here runs on the thread that ticks, but for making and closing a Publish
 another tree.
 """
 
+import contextlib
 import logging
 import threading
 import time
@@ -17,6 +18,7 @@ import zmq
 from btcore.tree import Tree
 from monitor.serve.groot1 import Groot1Sockets
 from monitor.serve.ports import GROOT1_ALONE, GROOT1_PORTS, PORTS, ServeError, Socket, bind_in_a_row
+from monitor.serve.questions import Questions
 from monitor.serve.scene import SceneServer
 from monitor.serve.served import Served
 from monitor.wire import scene as wire
@@ -56,13 +58,12 @@ class Publisher:
         self._latest = self._served = Served(tree, resources, scene, None if groot1 is None else 0, control)
         self._fresh: deque[Served] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._replies = self._context.socket(zmq.REP)
+        self._questions = Questions(self._context, _REQUEST_AT_MOST)
         self._notices = self._context.socket(zmq.PUB)
         self._stream = self._context.socket(zmq.XPUB)
-        self._replies.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
         self._stream.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
         self._stream.setsockopt(zmq.SNDHWM, _LIVE_AT_MOST)
-        for socket in (self._replies, self._notices, self._stream):
+        for socket in (self._questions.socket, self._notices, self._stream):
             socket.setsockopt(zmq.LINGER, 0)
         for name, value in wire.KEEPALIVE.items():
             self._stream.setsockopt(getattr(zmq, name), value)
@@ -72,7 +73,7 @@ class Publisher:
         try:
             self.port = self._bind(port, groot1, bind)
         except BaseException:
-            for socket in (self._replies, self._notices, self._stream):
+            for socket in (self._questions.socket, self._notices, self._stream):
                 socket.close()
             if self._groot1 is not None:
                 self._groot1.close()
@@ -93,9 +94,9 @@ class Publisher:
         stream = [self._stream] if self._scene else []
         asked = 0
         if port is not None:
-            asked = bind_in_a_row([self._replies, self._notices, *stream], host, port)
+            asked = bind_in_a_row([self._questions.socket, self._notices, *stream], host, port)
         if self._groot1 is not None and groot1 is not None:
-            row: list[Socket | None] = [self._groot1.news, self._groot1.replies]
+            row: list[Socket | None] = [self._groot1.news, self._groot1.questions.socket]
             count = GROOT1_PORTS
             if port is None:
                 row += [None, *stream]
@@ -180,18 +181,18 @@ class Publisher:
 
     def _run(self) -> None:
         poller = zmq.Poller()
-        poller.register(self._replies, zmq.POLLIN)
+        poller.register(self._questions.socket, zmq.POLLIN)
         if self._scene:
             poller.register(self._stream, zmq.POLLIN)
         if self._groot1 is not None:
-            poller.register(self._groot1.replies, zmq.POLLIN)
+            poller.register(self._groot1.questions.socket, zmq.POLLIN)
         next_sign = 0.0
         try:
             while not self._stop.is_set():
                 busy = self._drain()
                 self._tell_of_hooks()
                 ready = dict(poller.poll(0 if busy else _POLL_MS))
-                if self._replies in ready:
+                if self._questions.socket in ready:
                     self._answer()
                 self._speak_groot1(ready)
                 scene = self._served.scene
@@ -214,7 +215,7 @@ class Publisher:
             self._latest.control_nothing()
             # the goodbye is in flight to clients that read; those that don't aren't waited for
             self._stream.close(linger=200)
-            self._replies.close(linger=200)
+            self._questions.socket.close(linger=200)
             self._notices.close(linger=0)
             if self._groot1 is not None:
                 self._groot1.close(linger=200)
@@ -250,8 +251,9 @@ class Publisher:
 
     def _answer(self) -> None:
         self._drain()  # all of it, unless the tree floods the queue
-        frames = self._replies.recv_multipart()
-        self._replies.send_multipart(self._served.groot2.answer(frames))
+        frames = self._questions.take()
+        if frames is not None:
+            self._questions.answer(self._served.groot2.answer(frames))
 
     def _tell_of_hooks(self) -> None:
         control = self._served.groot2.control
@@ -263,16 +265,17 @@ class Publisher:
         sockets, server = self._groot1, self._served.groot1
         if sockets is None or server is None:
             return
-        if sockets.replies in ready:
+        if sockets.questions.socket in ready:
             self._drain()
             server = self._served.groot1 or server
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 
     def _hear(self, scene: SceneServer) -> None:
-        while self._stream.poll(0, zmq.POLLIN):
-            for topic, data in scene.subscription(self._stream.recv()):
-                self._send(topic, data)
+        with contextlib.suppress(zmq.Again):
+            while True:
+                for topic, data in scene.subscription(self._stream.recv(zmq.DONTWAIT)):
+                    self._send(topic, data)
         if len(scene.clients) != self._clients:
             with self._change:
                 self._clients = len(scene.clients)

@@ -20,6 +20,8 @@ RGBA (0–255), quaternions x y z w, blobs little-endian.
 ``poses``        poses on the floor: ``name``; ``kind`` path, cloud, goal, estimate or odometry; ``rows`` of
                  x, y, yaw as float32, of which none clears what was there
 ``arrows``       all there are now: ``name``, ``start``, ``end``, ``color``
+``boxes``        what was found in space, all there is now: ``name``, ``position`` of its middle, ``size``;
+                 maybe ``frame``, ``quaternion``, ``color``
 ``pictures``     ``name``, ``stamp``, ``size``, ``format`` jpeg or rgb8, ``data``
 ``detections``   all there are now: ``picture`` (its name), ``name``, ``box`` (left, top, width, height)
 ``notes``        what is to be said of the robot: name → text
@@ -251,6 +253,12 @@ _SCENE: Final = _record(
             )
         ),
         "arrows": _each(_record({"name": _text, "start": _VECTOR, "end": _VECTOR}, {**_FRAME, **_COLOUR})),
+        "boxes": _each(
+            _record(
+                {"name": _text, "position": _VECTOR, "size": _VECTOR},
+                {"quaternion": _QUATERNION, **_FRAME, **_COLOUR},
+            )
+        ),
         "pictures": _each(
             _record(
                 {"name": _text, "size": _SIZE, "format": _word("jpeg", "rgb8"), "data": _blob},

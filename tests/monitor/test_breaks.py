@@ -138,6 +138,16 @@ def test_a_release_may_say_what_became_of_the_node(robot):
         assert breaks.status("choose") == "RUNNING"
 
 
+def test_disabled_hooks_let_the_robot_go_on_and_stay_listed(robot, until):
+    with Breaks(robot.address) as breaks:
+        breaks.break_at("left")
+        robot.start()
+        assert breaks.wait().path == "go/left"
+        breaks.disable()
+        until(lambda: robot.tree.ticks > 3, "the robot goes on")
+        assert [one.enabled for one in breaks.hooks()] == [False]
+
+
 def test_a_status_is_injected_into_one_tick(robot):
     tally = robot.tree.node("rescue").count()
     robot.start()

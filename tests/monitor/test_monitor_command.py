@@ -36,6 +36,12 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         (["nowhere.rrd"], "there is no recording nowhere.rrd"),
         (["nowhere.rrd", "localhost"], "a recording and a robot can't be watched at once"),
         (["x.rrd", "--palette", "colour-blind"], "a recording is shown as it was made: --palette goes with"),
+        (["x.rrd", "--log-level", "warn"], "a recording is shown as it was made: --log-level goes with"),
+        (["--log-level", "loud"], "'loud' is not one of 'trace', 'debug', 'info', 'warn', 'error'"),
+        (
+            ["localhost:1700", "127.0.0.1:1667", ":1667", "--no-view", "--save", "x.rrd"],
+            "tcp://127.0.0.1:1667 is named twice, and one window shows a robot once",
+        ),
         (["x.rrd", "--find", "Dock*"], "a recording is shown as it was made: --find goes with"),
         (["--palette", "rainbow"], "'rainbow' is not one of 'groot', 'colour-blind'"),
         (["--screenshot", "x.png", "--size", "big"], "'big' is no size: write WIDTHxHEIGHT"),

@@ -16,6 +16,8 @@ from btcore.xml.write import tree_to_xml
 from monitor.logbook import Logbook
 from monitor.picture import Gap, Link, Picture, PictureNode, StatusChanged, TreeSeen, Unseen, Wire
 from monitor.serve import serve
+from monitor.watch.address import parse_address
+from monitor.watch.groot2 import Groot2Client
 from monitor.wire.fulltree import read_fulltree, write_fulltree
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
@@ -128,6 +130,80 @@ def test_a_robot_that_only_speaks_groot_2_is_recorded_and_what_is_missing_is_sai
     assert recording.statuses() == {node.uid: node.status for node in sample.nodes}
     assert all(f"record: {topic}: " in recorder.said for topic in ("ticks", "exceptions", "blackboard"))
     assert recording.xml == tree_to_xml(sample)
+
+
+def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
+    endless, record, tmp_path: Path, until
+) -> None:
+    pytest.importorskip("rerun")
+    names = ("run.btlog", "run.db3", "run.rrd")
+    with (
+        serve(endless, groot1=0, scene=False) as publisher,
+        BtLog(endless, tmp_path / "own.btlog"),
+    ):
+        assert publisher.groot1 is not None
+        address = f"127.0.0.1:{publisher.groot1 + 1}"
+        recorder = record(address, *(part for name in names for part in ("-o", name)))
+        # Groot 1's protocol doesn't tell the tree's name.
+        until(lambda: "record: recording '" in recorder.said, "the tree")
+        assert "by Groot 1's protocol" in recorder.said
+        for _ in range(50):
+            endless.tick_exactly_once()
+        endless.halt()
+        told = len(read_btlog(tmp_path / "own.btlog").changes)
+        assert told > 300
+        until(lambda: len(read_btlog(tmp_path / "run.btlog").changes) >= told, "the transitions")
+        assert recorder.finish(signal.SIGINT) == 0, recorder.said
+    own = read_btlog(tmp_path / "own.btlog")
+    for name in names[:2]:
+        recording = read_log(tmp_path / name)
+        assert divergence(steps(own), steps(recording)) is None, name
+        assert (recording.damage, recording.gaps) == ("", ())
+    assert sorted(_numbers(tmp_path / "run.rrd")) == list(range(1, told + 1))
+    assert all(
+        f"record: {topic}: not sent by Groot 1" in recorder.said
+        for topic in ("ticks", "exceptions", "blackboard")
+    )
+
+
+def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp_path: Path, until) -> None:
+    with (
+        serve(sample, groot2=0, scene=False) as publisher,
+        Groot2Client(parse_address(publisher.address)) as owner,
+    ):
+        owner.start_recording()
+        recorder = record(publisher.address, "-o", "run.btlog", "--no-record", "--blackboard-rate", "0")
+        until(lambda: "recording 'Main'" in recorder.said, "the tree")
+        sample.tick_exactly_once()
+        running = {node.uid: node.status for node in sample.nodes}
+        until(lambda: read_btlog(tmp_path / "run.btlog").statuses() == running, "how the nodes stand")
+        assert len(owner.transitions()) == 5
+        assert recorder.finish(signal.SIGINT) == 0, recorder.said
+    assert "asked for 20 times a second (--no-record): changes between are unseen" in recorder.said
+    assert "blackboard: not asked for" in recorder.said
+    (gap,) = read_btlog(tmp_path / "run.btlog").gaps
+    assert "changes between are unseen" in gap.said
+
+
+def test_a_recording_for_the_viewer_looks_as_asked_for(endless, record, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    with serve(endless, groot2=0) as publisher:
+        look = ["--find", "nothing*", "--palette", "colour-blind", "--log-level", "info"]
+        recorder = record(publisher.address, "-o", "run.rrd", "--until-end", *look)
+        assert publisher.wait_for_clients(1, 60)
+        endless.tick_exactly_once()
+        publisher.finish()
+        assert recorder.finish() == 0, recorder.said
+    assert any("no node's name or path is like 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
+
+
+def _lines(path: Path) -> Iterator[str]:
+    from rerun.chunk import RrdReader
+
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path == "/log":
+            for (line,) in chunk.to_record_batch().column("TextLog:text").to_pylist():
+                yield line
 
 
 @pytest.mark.parametrize(

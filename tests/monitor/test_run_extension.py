@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rerun.chunk import RrdReader
 
 from monitor.picture import Gap, Link, SceneMoving, SceneStatic, StatusChanged, Ticked, TreeSeen
+from monitor.screen.style import COLOUR_BLIND
 from monitor.serve import serve
 from monitor.watch.feed import Feed
 
@@ -84,6 +86,23 @@ def test_no_transition_of_a_thousand_ticks_is_missing_for_a_viewer_that_waited(f
     assert {"frames", "scan", "velocity"} <= moving[-1].keys()
     assert isinstance(events[-1], Link)
     assert events[-1].state == "ended"
+
+
+def test_the_recording_looks_as_the_run_was_told(tmp_path):
+    recording = tmp_path / "run.rrd"
+    look = ["--find", "IsObstacle", "--palette", "colour-blind", "--log-level", "warn"]
+    done = run(*BUMPGO, "--duration", "1", "--save", str(recording), *look)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, list[Any]] = {}
+    reader = RrdReader(recording)
+    for store in (None, reader.blueprints()[-1]):
+        for chunk in reader.stream(store=store) if store else reader.stream():
+            batch = chunk.to_record_batch()
+            for name in batch.schema.names:
+                if name in ("LineStrips2D:colors", "TextLogRows:filter_by_log_level"):
+                    found.setdefault(f"{chunk.entity_path} {name}", []).extend(batch.column(name).to_pylist())
+    assert found["/tree/found LineStrips2D:colors"] == [[COLOUR_BLIND.found]]
+    assert [values for name, values in found.items() if "filter" in name] == [[["WARN", "ERROR"]]]
 
 
 def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
@@ -189,6 +208,10 @@ def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]
             ["--publish", "groot2", "--publish", "groot1", "--port", "65000"],
             "--port 65000 leaves no port for Groot 1, which is 999 further: choose one up to 64535",
         ),
+        "look": (
+            ["--publish", "groot2", "--port", "0", "--find", "Dock*"],
+            "--find is about what is shown, and nothing is: add --monitor, --serve-web or --save FILE.rrd",
+        ),
         "suffix": (["--save", "run.txt"], "a recording is an .rrd file: --save run.rrd"),
         "folder": (["--save", "/no/such/folder/run.rrd"], "there is no folder /no/such/folder"),
         "bind": (
@@ -199,7 +222,7 @@ def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]
     }
 
 
-@pytest.mark.parametrize("name", ["groot1", "both", "suffix", "folder", "bind", "port"])
+@pytest.mark.parametrize("name", ["groot1", "both", "look", "suffix", "folder", "bind", "port"])
 def test_a_mistake_ends_the_run_before_it_begins_with_one_sentence(
     name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
 ):
@@ -220,6 +243,6 @@ def test_without_a_display_the_viewer_is_refused_before_the_run_in_one_sentence(
     done = run(tree_file, "--monitor", "--fast", "--duration", "1")
     assert done.returncode == 2
     assert done.stderr == (
-        "error: --monitor: there is no display here. --save FILE.rrd records the run to look at it later; "
-        "--publish groot2 lets a monitor in, also one in a browser: btcore monitor --serve-web\n"
+        "error: --monitor: there is no display here. --serve-web shows the run in a browser, --save FILE.rrd "
+        "records it for later, and --publish groot2 lets a monitor in from elsewhere\n"
     )

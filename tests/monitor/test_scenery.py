@@ -36,6 +36,7 @@ MOVING = {
     "grids": [GRID],
     "poses": [{"name": "path", "kind": "path", "frame": "map", "rows": ROWS}],
     "arrows": [{"name": "push", "frame": "base_link", "start": [0, 0, 0], "end": [1, 0, 0]}],
+    "boxes": [{"name": "table", "frame": "map", "position": [0, 0, 0.5], "size": [2.0, 1.0, 1.0]}],
     "pictures": [PICTURE],
     "detections": [{"picture": "camera", "name": "object", "box": [0, 0, 2, 2]}],
     "notes": {"localisation": "sure"},

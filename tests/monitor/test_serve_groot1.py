@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 import zmq
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import btcore
 from btcore import Registry, SimClock, Status
@@ -374,6 +376,30 @@ def test_any_request_is_answered_with_the_tree(sample, window):
         tree = groot.ask()
         for frames in [(b"\0",), (b"x" * 1000,), (b"", b"two"), (b"\x02T\x01\x02\x03\x04",)]:
             assert groot.ask(*frames) == tree
+
+
+def test_two_thousand_random_requests_are_answered_with_the_tree(sample, window):
+    with serve(sample, groot1=0) as publisher:
+        groot = window(publisher)
+        tree = groot.ask()
+        assert publisher.groot1 is not None
+        # One socket for all questions, as making one takes longer than asking.
+        with groot.context.socket(zmq.REQ) as socket:
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.connect(f"tcp://127.0.0.1:{publisher.groot1 + 1}")
+
+            @given(st.lists(st.binary(max_size=40), min_size=1, max_size=4))
+            @settings(
+                max_examples=2_000, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+            )
+            def noise(frames: list[bytes]) -> None:
+                socket.send_multipart(frames)
+                assert socket.poll(5_000), "no reply within 5 s"
+                assert socket.recv_multipart() == [tree]
+
+            noise()
+        sample.tick_exactly_once()
+        assert groot.next().steps
 
 
 def test_the_tree_tells_how_its_nodes_stand_now(sample, window):

@@ -264,7 +264,8 @@ def test_another_tree_in_the_same_process_is_asked_for(watch, until):
     assert viewer.steps == [(2, 0, 2)]
 
 
-def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(watch, until):
+def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(watch, until, monkeypatch):
+    monkeypatch.setattr("monitor.watch.groot1.SILENT_AFTER", 0.8)
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")

@@ -38,12 +38,12 @@ def watched() -> tuple[list[Any], dict[str, Any]]:
         run = subprocess.Popen(
             command("--duration", "6", "--publish", "groot2", "--port", str(port)),
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
             text=True,
         )
         events = list(feed.events(until_end=True))
-        output, _ = run.communicate(timeout=100)
-    assert run.returncode == 0
+        output, said = run.communicate(timeout=100)
+    assert run.returncode == 0, said
     return events, report(output)
 
 

@@ -1,6 +1,7 @@
 """Trees too big for a window: subtrees folded, lanes of what ran, nodes found by name."""
 
 from monitor.picture import Raised, StatusChanged, TreeSeen
+from monitor.screen.branch import below, shares
 from monitor.screen.style import GROOT
 from monitor.screen.tree import FOLDED_AT_MOST, folded, matching
 
@@ -21,6 +22,22 @@ def going(picture, *steps):
 
 def named(picture, name):
     return next(node for node in picture.nodes if node.name == name)
+
+
+def colours(recording, picture, origin, t):
+    """uid → colour of its pill at *t*, from the entities of all subtrees."""
+    found = {}
+    for path, indices in shares(picture).items():
+        row = recording.at(f"/{below(origin, path)}/pills", "LineStrips2D:colors", t)
+        found.update(zip((picture.nodes[at].uid for at in indices), row, strict=True))
+    return found
+
+
+def drawn(recording, origin, part, component, t):
+    """What the subtrees' entities of that *part* have at *t*, together."""
+    entities = {entity for entity, _ in recording.rows if entity.startswith(f"/{origin}/")}
+    rows = [recording.at(entity, component, t) for entity in sorted(entities) if entity.endswith(f"/{part}")]
+    return [one for row in rows for one in row]
 
 
 def test_folding_leaves_so_many_nodes_as_can_be_read_and_all_of_the_main_tree(big_tree):
@@ -52,12 +69,12 @@ def test_a_big_tree_is_drawn_folded_and_whole_and_a_folded_subtree_runs_with_its
     recording = recorded(
         going(picture, *((1 + at / 10, uid, RUNNING) for at, uid in enumerate(path))), tmp_path / "run.rrd"
     )
-    colours = recording.at("/folded/pills", "LineStrips2D:colors", 2 * SECOND)
-    assert len(colours) == len(small.nodes)
-    assert colours[[node.uid for node in small.nodes].index(task.uid)] == GROOT.fill[RUNNING]
-    assert len(recording.at("/folded/path", "LineStrips2D:strips", 2 * SECOND)) == 1
-    assert len(recording.at("/tree/pills", "LineStrips2D:colors", 2 * SECOND)) == 400
-    assert len(recording.at("/tree/path", "LineStrips2D:strips", 2 * SECOND)) == 3
+    painted = colours(recording, small, "folded", 2 * SECOND)
+    assert len(painted) == len(small.nodes)
+    assert painted[task.uid] == GROOT.fill[RUNNING]
+    assert len(drawn(recording, "folded", "path", "LineStrips2D:strips", 2 * SECOND)) == 1
+    assert len(colours(recording, picture, "tree", 2 * SECOND)) == 400
+    assert len(drawn(recording, "tree", "path", "LineStrips2D:strips", 2 * SECOND)) == 3
 
 
 def test_a_tree_that_fits_is_drawn_once(run, tmp_path, recorded):
@@ -134,11 +151,11 @@ def test_a_node_that_raised_is_ringed_until_it_runs_again(run, tmp_path, recorde
 
 def test_what_raised_last_stays_in_the_panel_of_what_runs_now(run, tmp_path, recorded):
     events = run(50)
-    events.append(Raised(6 * SECOND, 0, "avoid|x", "no\nlaser"))
+    message = "/a/t.xml:7: node 'avoid' <Avoid> raised while ticking: Fault: no laser\n  bumpgo\n    avoid"
+    events.append(Raised(6 * SECOND, 0, "avoid|x", message))
     recording = recorded(events, tmp_path / "run.rrd")
-    assert (
-        "| raised | **avoid¦x** at 6.00 s: no laser |" in recording.of("/now", "TextDocument:text")[-1][1][0]
-    )
+    said = recording.of("/now", "TextDocument:text")[-1][1][0]
+    assert said.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
 
 
 def test_an_error_inside_a_folded_subtree_rings_the_subtree(big_tree, tmp_path, recorded):
@@ -148,5 +165,6 @@ def test_an_error_inside_a_folded_subtree_rings_the_subtree(big_tree, tmp_path, 
     assert leaf.uid not in {node.uid for node in small.nodes}
     events = [TreeSeen(picture, 0, 0, {}), Raised(SECOND, SECOND, leaf.path, "no laser")]
     recording = recorded(events, tmp_path / "run.rrd")
-    place = recording.of("/folded/rims", "LineStrips2D:strips")[0][1][len(small.nodes) - 1]
+    place = recording.of("/folded/rims", "LineStrips2D:strips")[0][1][-1]  # the last of the main tree
+    assert small.nodes[-1].subtree == ""
     assert recording.at("/folded/raised", "LineStrips2D:strips", SECOND) == [place]

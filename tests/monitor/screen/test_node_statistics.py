@@ -89,5 +89,5 @@ def test_in_a_big_tree_the_leaves_that_ran_longest_come_first(big_tree, tmp_path
             StatusChanged(2 * number + 1, t + number, t + number * 10**7, 0, node.uid, RUNNING, IDLE)
         )
     document = recorded(events, tmp_path / "run.rrd").of("/statistics", "TextDocument:text")[-1][1][0]
-    assert list(table(document))[:3] == [node.name for node in reversed(busy[-3:])]
+    assert list(table(document))[:3] == [node.path for node in reversed(busy[-3:])]
     assert f"the {ROWS_AT_MOST} leaves that ran longest, of 300 nodes" in document

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
+from monitor.look import PALETTES as NAMES
 from monitor.picture import StatusChanged
 from monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES
-from monitor.showing import PALETTES as NAMES
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = range(1, 5)
 # Machado, Oliveira and Fernandes 2009: full deficiency, in linear RGB.

@@ -5,6 +5,7 @@ import pytest
 
 from monitor.picture import SceneMoving, SceneStatic, TreeSeen
 from monitor.screen.marks import LOOKS
+from monitor.screen.style import GROOT
 
 SECOND = 10**9
 
@@ -137,6 +138,52 @@ def test_arrows_are_there_as_long_as_they_are_told_of(show):
     assert recording.of("/scene/arrows/push", "Arrows3D:vectors") == [(SECOND, [[1, 2, 0]]), (4 * SECOND, [])]
     assert recording.of("/scene/arrows/pull", "Arrows3D:vectors") == [(SECOND, [[0, 1, 0]]), (2 * SECOND, [])]
     assert recording.of("/scene/arrows/push", "CoordinateFrame:frame") == [(None, ["base_link"])]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_names_of_places_have_one_colour_however_many_there_are(show, count):
+    places = [{"name": f"wp{at}", "position": [at, 0.0, 0.0]} for at in range(count)]
+    recording = show({0.0: {}}, {**STATIC, "places": places})
+    assert recording.of("/scene/places", "Points3D:colors")[0][1] == [GROOT.text] * count
+
+
+def test_a_robot_without_a_footprint_has_one_on_the_floor_below_its_base_link(show):
+    at = [["base_link", "map", [1.0, 2.0, 0.25], [0, 0, 0, 1]]]
+    recording = show({1.0: {"frames": at}, 2.0: {"frames": at}})
+    footprint = "/scene/frames/base_footprint"
+    assert recording.of(footprint, "Transform3D:translation") == [(SECOND, [[0.0, 0.0, -0.25]])]
+    assert recording.of(footprint, "Transform3D:parent_frame")[0][1] == ["base_link"]
+
+
+def test_a_footprint_that_is_told_of_is_where_it_is_told(show):
+    link = ["base_link", "map", [1.0, 2.0, 0.25], [0, 0, 0, 1]]
+    own = ["base_footprint", "map", [5.0, 6.0, 0.0], [0, 0, 0, 1]]
+    footprint = show({1.0: {"frames": [link]}, 2.0: {"frames": [own]}}).of
+    parents = footprint("/scene/frames/base_footprint", "Transform3D:parent_frame")
+    assert parents == [(SECOND, ["base_link"]), (2 * SECOND, ["map"])]
+
+
+def test_what_trembles_stands_and_what_creeps_moves(show):
+    def at(x: float) -> dict:
+        return {"frames": [["thing", "map", [x, 0.0, 0.0], [0, 0, 0, 1]]]}
+
+    steps = {float(t): at(1.0 + 1e-5 * ((t + 1) % 2)) for t in range(1, 6)}
+    creep = {6.0 + t: at(1.0 + 1.5e-5 * t) for t in range(1, 6)}
+    rows = show({**steps, **creep}).of("/scene/frames/thing", "Transform3D:translation")
+    assert [t // SECOND for t, _ in rows] == [1, 8, 10]
+
+
+def test_boxes_found_in_space_are_there_as_long_as_they_are_told_of(show):
+    table = {"name": "table", "frame": "map", "position": [1, 2, 0.5], "size": [2, 1, 1]}
+    turned = {**table, "frame": "odom", "quaternion": [0, 0, 1, 0], "color": [1, 2, 3, 255]}
+    recording = show({1.0: {"boxes": [table, turned]}, 2.0: {"boxes": [table]}, 3.0: {}, 4.0: {"boxes": []}})
+    halves = recording.of("/scene/boxes/map", "Boxes3D:half_sizes")
+    assert halves == [(SECOND, [[1.0, 0.5, 0.5]]), (4 * SECOND, [])]
+    assert recording.of("/scene/boxes/map", "Boxes3D:centers")[0][1] == [[1.0, 2.0, 0.5]]
+    assert [t for t, _ in recording.of("/scene/boxes/odom", "Boxes3D:half_sizes")] == [SECOND, 2 * SECOND]
+    assert recording.of("/scene/boxes/odom", "CoordinateFrame:frame") == [(None, ["odom"])]
+    assert recording.of("/scene/boxes/odom", "Boxes3D:colors")[0][1] == [0x010203FF]
 
 
 def test_pictures_come_with_what_was_found_in_them(show):

@@ -1,0 +1,93 @@
+"""The web viewer's page, which needs nothing but this machine.
+
+The SDK's own page fetches a font, looks for news and reports how it is used: from and to places elsewhere, of
+which a robot without internet complains, and of which nobody was asked. So it is passed on without that.
+"""
+
+import contextlib
+import re
+import shutil
+import socket
+import threading
+import urllib.error
+import urllib.request
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, Final
+
+_ELSEWHERE: Final = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
+_HEAD: Final = b"<head>"
+_STAYS_HERE: Final = b"""
+<script>
+  const here = new Set([location.hostname]);
+  for (const one of new URLSearchParams(location.search).getAll("url")) {
+    here.add(new URL(one.replace(/^rerun[+]/, ""), location).hostname);
+  }
+  const fetched = window.fetch.bind(window);
+  window.fetch = (what, how) =>
+    here.has(new URL(what.url ?? what, location).hostname)
+      ? fetched(what, how)
+      : Promise.resolve(new Response(null, { status: 204 }));
+</script>
+"""
+"""The page and the recordings that its address names may be fetched; all else is answered with nothing."""
+_PASSED_ON: Final = ("Content-Type", "rerun-final-length")
+_ANSWER_WITHIN: Final = 20.0
+
+
+class PageServer:
+    """Serves on *port*, of this machine only, what the SDK serves on *source*. Raises OSError."""
+
+    def __init__(self, port: int, source: int) -> None:
+        self._server = _Server(("127.0.0.1", port), _Handler)
+        self._server.source = source
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="btcore-page")
+        self._thread.start()
+
+    def close(self) -> None:
+        """Serve no more."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    source = 0
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def do_GET(self) -> None:
+        address = f"http://127.0.0.1:{self.server.source}{self.path}"
+        # A browser that leaves in the middle is none of our business.
+        with contextlib.suppress(OSError):
+            try:
+                answer = urllib.request.urlopen(address, timeout=_ANSWER_WITHIN)
+            except urllib.error.HTTPError as fault:
+                self.send_error(fault.code)
+                return
+            with answer:
+                self.send_response(answer.status)
+                for name in _PASSED_ON:
+                    if name in answer.headers:
+                        self.send_header(name, answer.headers[name])
+                self.end_headers()
+                if answer.headers.get_content_type() == "text/html":
+                    page = _ELSEWHERE.sub(b"", answer.read())
+                    self.wfile.write(page.replace(_HEAD, _HEAD + _STAYS_HERE, 1))
+                else:
+                    shutil.copyfileobj(answer, self.wfile, 1 << 20)
+
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Say nothing: what people look at is no news."""
+
+
+def free_port(wanted: int = 0) -> int:
+    """*wanted* if nobody listens there, else some port that is free."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("0.0.0.0", wanted))
+        except OSError:
+            probe.bind(("0.0.0.0", 0))
+        return int(probe.getsockname()[1])

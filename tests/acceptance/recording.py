@@ -1,0 +1,70 @@
+"""A patrol of ten minutes is recorded without a missing transition, counted against the in-process logger.
+
+``python tests/acceptance/recording.py`` records one by the wire (``--save``) and by its own log (``--log``),
+compares the two transition by transition, and exits with 1 on any difference.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from rerun.chunk import RrdReader
+
+from btcore.logs import read_btlog
+
+ROOT = Path(__file__).parents[2]
+COLUMNS = ("number", "uid", "previous", "status")
+Change = tuple[int, ...]
+
+
+def recorded(path: Path) -> list[Change]:
+    """(number, uid, previous, status) of every transition in a recording, by number."""
+    return sorted(rows(path))
+
+
+def rows(path: Path) -> Iterator[Change]:
+    """The same in the order of the file."""
+    for chunk in RrdReader(path).stream():
+        if str(chunk.entity_path) == "/log/numbers":
+            batch = chunk.to_record_batch()
+            columns = [[value for (value,) in batch.column(name).to_pylist()] for name in COLUMNS]
+            yield from zip(*columns, strict=True)
+
+
+def logged(path: Path) -> list[Change]:
+    """The same by the in-process logger."""
+    return [
+        (number, one.uid, int(one.previous), int(one.status))
+        for number, one in enumerate(read_btlog(path).changes, start=1)
+    ]
+
+
+def main() -> int:
+    """Run, compare, and tell by the exit code whether all is well."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--seed", type=int, default=5)
+    parser.add_argument("--duration", type=float, default=600.0, help="s of the robot's time")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="btcore-") as folder:
+        recording, log = Path(folder) / "patrol.rrd", Path(folder) / "patrol.btlog"
+        command = [sys.executable, "-m", "btcore", "run", "patrolling", "--world", "house", "--fast"]
+        command += ["--seed", str(options.seed), "--duration", str(options.duration)]
+        path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        subprocess.run(
+            [*command, "--save", str(recording), "--log", str(log)],
+            check=True,
+            stdout=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        by_wire, by_log = recorded(recording), logged(log)
+    differences = sum(one != other for one, other in zip(by_wire, by_log, strict=False))
+    print(f"{len(by_log)} transitions logged, {len(by_wire)} recorded, {differences} differences")
+    return 1 if not by_log or by_wire != by_log else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,61 @@
+"""The log of transitions: every line has a level, and the viewer shows those that are asked for."""
+
+import pytest
+from rerun.chunk import RrdReader
+
+from monitor.look import LOG_LEVELS
+from monitor.picture import Gap, Picture, PictureNode, Raised, StatusChanged, TreeSeen
+from monitor.screen.levels import LEVELS
+from monitor.screen.sinks import Outlets
+from monitor.screen.stream import Screen
+
+IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
+PICTURE = Picture("a" * 32, "T", (PictureNode(1, "Go", "Go", "action", "Go"),), {"": "T"})
+
+
+def events() -> list:
+    steps = [(IDLE, RUNNING), (RUNNING, SUCCESS), (SUCCESS, IDLE), (IDLE, SKIPPED), (SKIPPED, FAILURE)]
+    changes = [
+        StatusChanged(number, number, number, number, 1, *step) for number, step in enumerate(steps, start=1)
+    ]
+    return [TreeSeen(PICTURE, 0, 0, {1: 0}), *changes, Gap(6, 7), Raised(9, 9, "Go", "no")]
+
+
+def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
+    rows = recorded(events(), tmp_path / "x.rrd")
+    texts = [values[0].split()[-1] for _, values in rows.of("/log", "TextLog:text")]
+    levels = [values[0] for _, values in rows.of("/log", "TextLog:level")]
+    assert dict(zip(texts, levels, strict=True)) == {
+        "RUNNING": "DEBUG",
+        "SUCCESS": "INFO",
+        "IDLE": "TRACE",
+        "SKIPPED": "DEBUG",
+        "FAILURE": "WARN",
+        "arrived": "WARN",
+        "no": "ERROR",
+    }
+
+
+@pytest.mark.parametrize(
+    ("level", "shown"), [("TRACE", None), ("WARN", ["WARN", "ERROR"]), ("ERROR", ["ERROR"])]
+)
+def test_the_window_shows_the_levels_asked_for_and_the_recording_has_them_all(level, shown, tmp_path, read):
+    path = tmp_path / "x.rrd"
+    screen = Screen(Outlets(save=path), level=level)
+    for event in events():
+        screen.show(event)
+    screen.close()
+    reader = RrdReader(path)
+    filters = [
+        values
+        for chunk in reader.stream(store=reader.blueprints()[-1])
+        for name in ["TextLogRows:filter_by_log_level"]
+        if name in chunk.to_record_batch().schema.names
+        for values in chunk.to_record_batch().column(name).to_pylist()
+    ]
+    assert filters == ([shown] if shown else [])
+    assert len(read(path).of("/log", "TextLog:text")) == 7
+
+
+def test_the_command_line_names_the_levels_that_there_are():
+    assert [level.upper() for level in LOG_LEVELS] == list(LEVELS)

@@ -1,0 +1,119 @@
+"""Several robots in one window: side by side, one time, one file; and nothing of one in another's place."""
+
+from pathlib import Path
+
+from rerun.chunk import RrdReader
+
+from monitor.picture import Picture, PictureNode, StatusChanged, TreeSeen
+from monitor.screen.sinks import Outlets
+from monitor.screen.stage import Together
+from monitor.screen.stream import Screen
+
+SECOND = 10**9
+
+
+def blueprint(path: Path) -> dict[str, list]:
+    """Component → its values in the blueprint that was sent last."""
+    reader = RrdReader(path)
+    sent = []
+    for store in reader.blueprints():
+        found: dict[str, list] = {}
+        logged = 0
+        for chunk in reader.stream(store=store):
+            batch = chunk.to_record_batch()
+            if "log_time" in batch.schema.names:
+                logged = max(logged, *batch.column("log_time").cast("int64").to_pylist())
+            for name in (one for one in batch.schema.names if "Blueprint:" in one):
+                found.setdefault(name, []).extend(one for one in batch.column(name).to_pylist() if one)
+        sent.append((logged, found))
+    return max(sent, key=lambda one: one[0])[1]
+
+
+def shown(path: Path, *runs: tuple[str, list]) -> Together:
+    """Each run's events on a seat of its own, in turns."""
+    together = Together(Outlets(save=path), [label for label, _ in runs])
+    screens = [Screen(seat) for seat in together.seats]
+    for turn in range(max(len(events) for _, events in runs)):
+        for screen, (_, events) in zip(screens, runs, strict=True):
+            if turn < len(events):
+                screen.show(events[turn])
+    for screen in screens:
+        screen.close()
+    together.close()
+    return together
+
+
+def seen(tree_id: str, name: str, t: int, wall: int) -> TreeSeen:
+    nodes = (
+        PictureNode(1, "root", "Sequence", "control", "root", 0, (2,)),
+        PictureNode(2, "Go", "Go", "action", "Go", 1),
+    )
+    return TreeSeen(Picture(tree_id * 32, name, nodes, {"": name}), t, wall, {1: 0, 2: 0})
+
+
+def test_all_robots_are_in_one_file_and_each_has_its_place(run, read, tmp_path):
+    path = tmp_path / "two.rrd"
+    together = shown(path, ("arm 1", run(30)), ("robot.local", run(60, tree_id="b" * 32)))
+    assert together.files == [path]
+    rows = read(path)
+    assert len(rows.of("/arm_1/tick/duration", "Scalars:scalars")) == 30
+    assert len(rows.of("/robot_local/tick/duration", "Scalars:scalars")) == 60
+    assert {entity.split("/")[1] for entity, _ in rows.rows} == {"arm_1", "robot_local", "__properties"}
+
+
+def test_frames_of_one_name_are_two_frames(run, read, tmp_path):
+    path = tmp_path / "two.rrd"
+    shown(path, ("a", run(3)), ("b", run(3, tree_id="b" * 32)))
+    rows = read(path)
+    for place in ("a", "b"):
+        moved = {
+            component: rows.of(f"/{place}/scene/frames/base_link", f"Transform3D:{component}")[0][1]
+            for component in ("child_frame", "parent_frame")
+        }
+        assert moved == {"child_frame": [f"{place}/base_link"], "parent_frame": [f"{place}/map"]}
+    named = {
+        name
+        for (entity, component), values in rows.rows.items()
+        if component == "CoordinateFrame:frame"
+        for _, frames in values
+        for name in frames or ()
+    }
+    assert {name.split("/")[0] for name in named} == {"a", "b"}
+
+
+def test_the_window_has_all_side_by_side_a_tab_for_each_and_goes_by_the_wall(run, tmp_path):
+    path = tmp_path / "two.rrd"
+    shown(path, ("arm", run(3, scene=False)), ("base", run(3, scene=False, tree_id="b" * 32)))
+    window = blueprint(path)
+    assert window["TimePanelBlueprint:timeline"] == [["wall"]]
+    tabs = {name for (name,) in window["ContainerBlueprint:display_name"]}
+    assert tabs == {"All robots", "arm · BumpGo", "base · BumpGo"}
+    origins = [origin for (origin,) in window["ViewBlueprint:space_origin"]]
+    # side by side, and in its own tab
+    assert origins.count("arm/tree") == origins.count("base/tree") == 2
+    assert {origin.split("/")[0] for origin in origins} <= {"arm", "base", ""}
+
+
+def test_a_robot_that_restarts_gets_another_place_and_its_earlier_tree_a_tab(read, tmp_path):
+    path = tmp_path / "two.rrd"
+    before = [seen("a", "Old", 0, SECOND), StatusChanged(1, SECOND, 2 * SECOND, 1, 2, 0, 1)]
+    after = [seen("c", "New", 0, 3 * SECOND), StatusChanged(1, SECOND, 4 * SECOND, 1, 2, 0, 2)]
+    shown(path, ("arm", before + after), ("base", [seen("b", "Base", 0, SECOND)]))
+    rows = read(path)
+    for place, line in (("arm", "IDLE → RUNNING"), ("arm_2", "IDLE → SUCCESS")):
+        (text,) = [values[0] for _, values in rows.of(f"/{place}/log", "TextLog:text")]
+        assert text.endswith(line)
+    tabs = {name for (name,) in blueprint(path)["ContainerBlueprint:display_name"]}
+    assert tabs == {"All robots", "arm · New", "base · Base", "arm · Old, earlier"}
+
+
+def test_robots_that_would_have_the_same_place_have_two(read, tmp_path):
+    path = tmp_path / "two.rrd"
+    shown(path, ("a.b", [seen("a", "T", 0, 0)]), ("a:b", [seen("b", "T", 0, 0)]))
+    assert {f"/{place}/tree/edges" for place in ("a_b", "a_b_2")} <= {entity for entity, _ in read(path).rows}
+
+
+def test_without_a_tree_there_is_no_file(tmp_path):
+    together = shown(tmp_path / "two.rrd", ("a", []), ("b", []))
+    assert together.files == []
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,181 @@
+"""How a tree is drawn: what is written in its pills, how its entities stand, and its legend."""
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from monitor.picture import Picture, PictureNode, TreeSeen
+from monitor.screen.branch import BRANCHES_AT_MOST, PARTS, node_entities, shares
+from monitor.screen.captions import captions
+from monitor.screen.lanes import told_apart
+from monitor.screen.rows import Rows
+from monitor.screen.style import GROOT, NAME_ROOM, NOTE_ROOM
+from monitor.screen.tree import BIG, TreeView
+from monitor.screen.words import brief
+
+ROOM = (1000.0, 500.0)
+
+
+def node(uid: int, name: str, parent: int = 0, children=(), **more) -> PictureNode:
+    defaults = {"id": name, "kind": "control" if children else "action", "path": f"{name}::{uid}"}
+    return PictureNode(uid, name, parent=parent, children=tuple(children), **{**defaults, **more})
+
+
+def picture(*nodes: PictureNode, subtrees=None) -> Picture:
+    return Picture("f" * 32, "Main", nodes, subtrees or {"": "Main"})
+
+
+NESTED = picture(
+    node(1, "Root", children=(2, 5)),
+    node(2, "Drive", 1, (3,), id="SubTree", kind="subtree", path="Drive"),
+    node(3, "Steps", 2, (4,), path="Drive/Steps::3", subtree="Drive"),
+    node(4, "Go", 3, path="Drive/Go::4", subtree="Drive"),
+    node(5, "pills", 1, path="pills"),
+    subtrees={"": "Main", "Drive": "DriveSomewhere"},
+)
+
+
+def noted(one: PictureNode, whole: Picture | None = None) -> str:
+    whole = whole or picture(one)
+    return captions(whole, whole, noted=True)[one.uid].note
+
+
+@pytest.mark.parametrize(
+    ("made", "note"),
+    [
+        (node(1, "Sleep"), ""),
+        (node(1, "Sleep", ports={"msec": "500"}), "msec=500"),
+        (node(1, "nap", id="Sleep", ports={"msec": "500"}), "Sleep  msec=500"),
+        (node(1, "Script", ports={"code": " a := 1;\n b := 2 "}), "code=a := 1; b := 2"),
+        (node(1, "Sleep", ports={"msec": "", "_skipIf": "x"}), ""),
+    ],
+)
+def test_below_a_name_stand_the_id_if_it_is_another_and_the_ports(made, note):
+    assert noted(made) == note
+
+
+def test_a_subtree_says_which_tree_it_is():
+    assert noted(NESTED.nodes[1], NESTED) == "DriveSomewhere"
+
+
+def test_what_is_too_long_is_shortened_and_the_name_keeps_both_its_ends():
+    long = node(1, "WouldThisVeryLongAndUnusualNameBeLegible", ports={"path": "x" * 80})
+    written = captions(picture(long), picture(long), noted=True)[1]
+    assert len(written.name) == NAME_ROOM
+    assert written.name.startswith("WouldThisVery")
+    assert written.name.endswith("Legible")
+    assert len(written.note) == NOTE_ROOM
+    assert written.note.endswith("…")
+
+
+def test_a_small_tree_has_notes_and_one_that_is_too_small_to_read_them_has_none():
+    few = picture(node(1, "Sleep", ports={"msec": "500"}))
+    many = picture(
+        node(1, "Root", children=range(2, 62)),
+        *(node(uid, "Sleep", 1, ports={"msec": "500"}) for uid in range(2, 62)),
+    )
+    assert TreeView(Rows(rr.RecordingStream("test")), few, GROOT, ROOM).captions[1].note == "msec=500"
+    assert TreeView(Rows(rr.RecordingStream("test")), many, GROOT, ROOM).captions[2].note == ""
+
+
+def test_every_subtree_has_a_branch_and_every_node_is_in_one(big_tree):
+    assert shares(NESTED) == {"": [0, 1, 4], "Drive": [2, 3]}
+    big = big_tree(1000)
+    parts = shares(big)
+    assert len(parts) == BRANCHES_AT_MOST
+    assert sorted(at for one in parts.values() for at in one) == list(range(1000))
+    assert shares(big, most=1) == {"": list(range(1000))}
+
+
+def test_subtrees_inside_one_without_a_branch_are_drawn_with_what_is_around_them():
+    inner = picture(
+        node(1, "A", children=(2,), id="SubTree", kind="subtree", path="A"),
+        node(2, "B", 1, (3,), id="SubTree", kind="subtree", path="A/B", subtree="A"),
+        node(3, "C", 2, path="A/B/C", subtree="A/B"),
+    )
+    assert shares(inner, most=2) == {"": [0], "A": [1, 2]}
+
+
+def test_entities_stand_as_nodes_do_and_keep_off_the_parts_of_the_drawing(big_tree):
+    assert node_entities(NESTED, "tree") == [
+        "tree/Root.1",
+        "tree/Drive",
+        "tree/Drive/Steps.3",
+        "tree/Drive/Go.4",
+        "tree/pills.5",
+    ]
+    big = big_tree(1000)
+    assert len(set(node_entities(big, "tree"))) == 1000
+    odd = picture(node(1, "Is it?", path="Is it?", children=(2,)), node(2, "Is it!", 1, path="Is it!"))
+    assert node_entities(odd, "tree") == ["tree/Is_it", "tree/Is_it.2"]
+
+
+def test_all_of_a_subtree_is_below_its_entity_so_that_hiding_it_folds_the_subtree(recorded, tmp_path):
+    recording = recorded([TreeSeen(NESTED, 0, 0, {})], tmp_path / "run.rrd")
+    entities = {entity for entity, _ in recording.rows if entity.startswith("/tree/Drive/")}
+    shown = {"frames", "edges", "path", "rims", "pills", "badges", "ink", "raised"}
+    assert shown | {"Steps.3", "Go.4"} == {entity.rsplit("/", 1)[1] for entity in entities}
+    assert len(recording.at("/tree/Drive/pills", "LineStrips2D:colors", 0)) == 2
+    assert len(recording.at("/tree/pills", "LineStrips2D:colors", 0)) == 3
+    assert recording.of("/tree/Drive/pills", "LineStrips2D:labels")[0][1] == ["Steps", "Go"]
+    assert shown <= set(PARTS)
+
+
+def test_an_entity_of_a_node_says_what_it_is_and_has_the_pill_s_place(recorded, tmp_path):
+    one = picture(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
+    recording = recorded([TreeSeen(one, 0, 0, {})], tmp_path / "run.rrd")
+    assert recording.of("/tree/nap", "node")[0][1] == ['Sleep  nap  msec="500"']
+    pill = recording.of("/tree/rims", "LineStrips2D:strips")[0][1]
+    assert recording.of("/tree/nap", "LineStrips2D:strips")[0][1] == pill
+
+
+def test_nodes_of_a_big_tree_are_found_by_name_and_cost_the_viewer_nothing(big_tree, recorded, tmp_path):
+    recording = recorded([TreeSeen(big_tree(BIG + 10), 0, 0, {})], tmp_path / "run.rrd")
+    named = [entity for entity, component in recording.rows if component == "node"]
+    assert len(named) == BIG + 10
+    assert not [entity for entity in named if recording.of(entity, "LineStrips2D:strips")]
+
+
+def test_the_legend_is_in_view_and_in_the_colours_of_the_palette(recorded, tmp_path):
+    recording = recorded([TreeSeen(NESTED, 0, 0, {})], tmp_path / "run.rrd")
+    colours = set(recording.of("/tree/legend", "LineStrips2D:colors")[0][1])
+    assert {int(one) for one in GROOT.fill[:5]} | {GROOT.raised} <= colours
+    assert GROOT.found not in colours
+    points = np.concatenate(recording.of("/tree/legend", "LineStrips2D:strips")[0][1])
+    pills = np.concatenate(recording.of("/tree/rims", "LineStrips2D:strips")[0][1])
+    assert points[:, 1].min() > pills[:, 1].max() + 21  # below the lowest pill's rim
+
+
+@pytest.mark.parametrize("count", [1, 5, 60, 400])
+def test_the_tree_is_in_view_with_the_legend_below_it_and_a_single_node_does_not_fill_the_window(
+    big_tree, count
+):
+    view = TreeView(Rows(rr.RecordingStream("test")), big_tree(count), GROOT, ROOM)
+    x0, y0, x1, y1 = view.bounds()
+    width, height = view.layout.size
+    assert (x1 - x0) / (y1 - y0) == pytest.approx(ROOM[0] / ROOM[1])
+    assert x0 < 0 < width < x1
+    assert y0 < 0 < height < y1
+    assert x1 - x0 > ROOM[0] / 1.4
+
+
+def test_lanes_of_namesakes_are_told_apart_by_their_ports():
+    drives = [
+        node(1, "Move", ports={"goal": "{home}"}),
+        node(2, "Move", ports={"goal": "{shop}"}),
+        node(3, "Move", ports={"goal": "x" * 99}),
+        node(4, "Turn", ports={"angle": "1"}),
+    ]
+    assert told_apart(drives) == ["Move {home}", "Move {shop}", "Move", "Turn"]
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        ("/a/b.xml:3: node 'A' <B> raised while ticking: ValueError: no\n  x", "ValueError: no"),
+        ("tree.xml:3: something else", "something else"),
+        ("division by zero", "division by zero"),
+    ],
+)
+def test_an_error_is_told_without_its_place(message, said):
+    assert brief(message) == said

@@ -1,0 +1,56 @@
+"""What isn't even ZeroMQ, or no request of any shape, ends that connection and nothing else."""
+
+import random
+import socket
+
+import pytest
+import zmq
+
+from monitor.serve import Publisher, serve
+
+GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + b"\0" * 32
+JUNK = {
+    "nothing": b"",
+    "http": b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",
+    "zeros": b"\0" * 5000,
+    "noise": random.Random(7).randbytes(20_000),
+    "a greeting and noise": GREETING + random.Random(8).randbytes(2000),
+    "a frame that says it is huge": GREETING + b"\x02" + (1 << 62).to_bytes(8, "big"),
+}
+
+
+def ports(publisher: Publisher) -> list[int]:
+    """All that it listens at."""
+    assert publisher.groot1 is not None
+    return [*range(publisher.port, publisher.port + 3), publisher.groot1, publisher.groot1 + 1]
+
+
+@pytest.mark.parametrize("name", JUNK)
+def test_junk_at_any_port_leaves_both_protocols_at_work(name, endless, no_threads_left):
+    with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
+        for port in ports(publisher):
+            with socket.create_connection(("127.0.0.1", port), timeout=5) as junk:
+                junk.sendall(JUNK[name])
+        endless.tick_exactly_once()
+        for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1 + 1, b"")):
+            with context.socket(zmq.REQ) as asking:
+                asking.setsockopt(zmq.LINGER, 0)
+                asking.connect(f"tcp://127.0.0.1:{port}")
+                asking.send(question)
+                assert asking.poll(5_000), f"no reply at {port}"
+                assert len(asking.recv_multipart()[-1]) > 0
+
+
+def test_a_request_without_the_frame_that_parts_it_is_dropped(endless, no_threads_left):
+    """A REP socket takes no request that lacks the empty frame; the next one is answered."""
+    with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
+        assert publisher.groot1 is not None
+        for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1 + 1, b"any")):
+            with context.socket(zmq.DEALER) as dealer:
+                dealer.setsockopt(zmq.LINGER, 0)
+                dealer.connect(f"tcp://127.0.0.1:{port}")
+                dealer.send(b"no delimiter")
+                dealer.send_multipart([b"", question])
+                assert dealer.poll(5_000), f"no reply at {port}"
+                assert dealer.recv_multipart()[0] == b""
+                assert not dealer.poll(100)

@@ -1,0 +1,197 @@
+"""``--serve-web``: the viewer in a browser, which needs nothing from elsewhere; seen in headless Chromium."""
+
+import io
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from monitor.screen.page import free_port
+from monitor.screen.style import GROOT
+
+ROOT = Path(__file__).parents[2]
+LOG = ROOT / "tests" / "btcore" / "logs" / "captures" / "v4_sample.btlog"
+RUNNING = 1
+TREE = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="T">
+    <Sequence><AlwaysSuccess name="start"/><Sleep name="wait" msec="600000"/></Sequence>
+  </BehaviorTree>
+</root>
+"""
+SOFTWARE = ["--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader"]
+SOFTWARE += ["--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+WITHIN = 100
+"""s; software drawing on a busy machine takes its time."""
+
+
+class Command:
+    """``btcore …`` in a process of its own; *said* gathers what it says on stderr."""
+
+    def __init__(self, *arguments: str) -> None:
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "btcore", *arguments],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.said = ""
+        self.thread = threading.Thread(target=self._read)
+        self.thread.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.said += line
+
+    def page(self) -> str:
+        """The address that it names, once it has."""
+        deadline = time.monotonic() + 60
+        while not (found := re.search(r"look at (http://\S+?);?\s", self.said)):
+            assert self.process.poll() is None, self.said
+            assert time.monotonic() < deadline, self.said
+            time.sleep(0.02)
+        return found[1]
+
+    def wait_for(self, said: str) -> None:
+        deadline = time.monotonic() + 60
+        while said not in self.said:
+            assert self.process.poll() is None, self.said
+            assert time.monotonic() < deadline, self.said
+            time.sleep(0.02)
+
+    def end(self, number: signal.Signals | None = None) -> int:
+        if number is not None:
+            self.process.send_signal(number)
+        code = self.process.wait(60)
+        self.thread.join()
+        return code
+
+
+@pytest.fixture
+def command() -> Iterator[Callable[..., Command]]:
+    started: list[Command] = []
+
+    def start(*arguments: object) -> Command:
+        started.append(Command(*map(str, arguments)))
+        return started[-1]
+
+    yield start
+    for one in started:
+        if one.process.poll() is None:
+            one.process.terminate()
+        one.end()
+        assert one.process.stderr is not None
+        one.process.stderr.close()
+
+
+@pytest.fixture
+def tree_file(tmp_path: Path) -> Path:
+    path = tmp_path / "tree.xml"
+    path.write_text(TREE)
+    return path
+
+
+def fetched(url: str) -> bytes:
+    with urllib.request.urlopen(url, timeout=30) as answer:
+        return bytes(answer.read())
+
+
+def test_the_page_is_served_with_all_that_it_needs_and_names_nothing_elsewhere(command):
+    port = free_port()
+    replay = command("replay", LOG, "--serve-web", port)
+    url = replay.page()
+    assert url.startswith(
+        f"http://127.0.0.1:{port}/?hide_welcome_screen&url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A"
+    )
+    page = fetched(url).decode()
+    assert not re.search(r"<(link|script|img)\b[^>]*https?://", page)
+    sources = re.findall(r"<script src=\"([^\"]+)\"", page)
+    assert sources == ["re_viewer.js"]
+    assert len(fetched(f"http://127.0.0.1:{port}/re_viewer.js")) > 10_000
+    assert fetched(f"http://127.0.0.1:{port}/re_viewer_bg.wasm").startswith(b"\0asm")
+    assert replay.end(signal.SIGINT) == 0, replay.said
+
+
+def test_a_taken_port_is_named(command):
+    port = free_port()
+    first = command("replay", LOG, "--serve-web", port)
+    first.page()
+    second = command("replay", LOG, "--serve-web", port)
+    assert second.end() == 2
+    assert f"the web viewer can't be served on port {port}: " in second.said
+    assert "Traceback" not in second.said
+
+
+def test_two_viewers_have_a_relay_each(command):
+    pages = [command("replay", LOG, "--serve-web", free_port()).page() for _ in range(2)]
+    assert len({page.rpartition("%3A")[2] for page in pages}) == 2
+
+
+def test_a_run_that_is_over_stays_in_the_browser_until_ctrl_c(command, tree_file):
+    run = command("run", tree_file, "--fast", "--duration", "1", "--serve-web", free_port())
+    run.wait_for("the run is over, and the viewer for browsers stays: Ctrl-C ends it")
+    assert b"<canvas" in fetched(run.page())
+    assert run.end(signal.SIGINT) == 0, run.said
+    assert "Traceback" not in run.said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_interrupted_takes_the_viewer_with_it(command, tree_file, number):
+    run = command("run", tree_file, "--serve-web", free_port())
+    run.wait_for("by btcore's scene channel")
+    page = run.page()
+    assert run.end(number) == 130, run.said
+    with pytest.raises(OSError, match="refused"):
+        fetched(page)
+
+
+@pytest.fixture
+def browser():
+    """Chromium without a window; skips where there is none."""
+    sync_api = pytest.importorskip("playwright.sync_api")
+    places = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
+    with sync_api.sync_playwright() as playwright:
+        own = playwright.chromium.executable_path
+        place = next((one for one in [*places, own] if one and Path(one).exists()), None)
+        if place is None:
+            pytest.skip("there is no Chromium")
+        chromium = playwright.chromium.launch(executable_path=place, args=SOFTWARE)
+        yield chromium
+        chromium.close()
+
+
+def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(command, tree_file, browser):
+    run = command("run", tree_file, "--serve-web", free_port())
+    url = run.page()
+    context = browser.new_context(viewport={"width": 900, "height": 600}, color_scheme="dark")
+    page = context.new_page()
+    errors: list[str] = []
+    asked: list[str] = []
+    page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(f"{url}&renderer=webgl")
+    leaf = np.array([GROOT.fill[RUNNING] >> shift & 0xFF for shift in (24, 16, 8)])
+    deadline = time.monotonic() + WITHIN
+    painted = 0
+    while painted < 300 and time.monotonic() < deadline:
+        page.wait_for_timeout(500)
+        picture = Image.open(io.BytesIO(page.screenshot(timeout=1000 * WITHIN))).convert("RGB")
+        painted = int((np.abs(np.asarray(picture, dtype=int) - leaf).max(axis=2) <= 2).sum())
+    assert painted >= 300, f"no RUNNING leaf is seen; console: {errors}"
+    assert errors == []
+    assert {one.split("/")[2].partition(":")[0] for one in asked if "://" in one} == {"127.0.0.1"}
