@@ -3,15 +3,21 @@
 ``BTCORE_PURE=1`` builds without it; ``BTCORE_COMPILED=1`` makes its failure the install's failure.
 Without either, a machine where the C compiler is missing or broken gets the pure build: the same
 source, slower. A development install (``pip install -e``) is always pure, since a compiled file
-hides the source beside it.
+would hide the source beside it.
 """
 
+import ast
 import os
+import re
 import sys
+import sysconfig
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from setuptools import Extension, setup
+from setuptools.command.bdist_wheel import bdist_wheel
+from setuptools.command.build import build
 from setuptools.command.build_ext import build_ext
 
 HERE = Path(__file__).parent
@@ -32,16 +38,24 @@ COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py"
 HOT_FILES = {f"btcore/xml/{name}.py" for name in ("element", "node_plan", "shape", "plan", "build")}
 
 
+def says(variable: str) -> bool:
+    """Whether the environment's *variable* says yes."""
+    return os.environ.get(variable, "0") not in ("", "0")
+
+
 def wanted() -> bool:
     """Whether this command is to compile at all."""
-    if os.environ.get("BTCORE_PURE", "0") not in ("", "0"):
+    if says("BTCORE_PURE"):
+        return False
+    # mypyc is made for CPython, and what it makes relies on the interpreter's lock.
+    if sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
         return False
     return not {"editable_wheel", "develop", "sdist", "egg_info", "dist_info"} & set(sys.argv)
 
 
 def must_compile() -> bool:
     """Whether a build without compiled modules counts as a failure."""
-    return os.environ.get("BTCORE_COMPILED", "0") not in ("", "0")
+    return says("BTCORE_COMPILED")
 
 
 def hot_modules() -> list[str]:
@@ -67,29 +81,137 @@ def extensions() -> list[Extension]:
             opt_level=os.environ.get("BTCORE_OPT_LEVEL", "3"),
             group_name=GROUP,
         )
-    except (ImportError, SystemExit) as error:
+    except (Exception, SystemExit) as error:
         if must_compile():
             raise
-        print(f"warning: mypyc can't translate the engine ({error}): this is the pure build", file=sys.stderr)
+        told(f"mypyc can't translate the engine ({error})")
         return []
+    texts = docstrings()
     for extension in made:
-        extension.optional = not must_compile()
+        # Another compiler's new warning is no reason to go without the compiled build.
+        extension.extra_compile_args = [
+            flag for flag in extension.extra_compile_args if flag not in ("-Werror", "/WX")
+        ]
+        extension.sources = [documented(Path(source), texts) for source in extension.sources]
     return made
+
+
+def told(reason: str) -> None:
+    """Say why this is the pure build."""
+    print(f"warning: {reason}: this is the pure build of btcore", file=sys.stderr)
+
+
+# --- docstrings, which mypyc leaves out of what it makes, and help() shows
+
+
+def docstrings() -> dict[str, str]:
+    """The docstrings of the hot modules, by the names that mypyc may have given to their owners in C."""
+    texts: dict[str, str] = {}
+    for file in hot_modules():
+        module = Path(file).with_suffix("").parts
+        tree = ast.parse((HERE / file).read_text(encoding="utf-8"))
+        for owner, text in owners(tree):
+            # mypyc shortens a module's name from the left, as far as it stays unique.
+            for first in range(len(module)):
+                texts["___".join((*module[first:], *owner))] = text
+    return texts
+
+
+def owners(parent: ast.Module | ast.ClassDef) -> Iterator[tuple[tuple[str, ...], str]]:
+    """The classes and functions in *parent*, by path, that have a docstring."""
+    for node in parent.body:
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            text = ast.get_docstring(node)
+            if text:
+                yield (node.name,), text
+        if isinstance(node, ast.ClassDef):
+            yield from (((node.name, *path), text) for path, text in owners(node))
+
+
+OWNER = re.compile(r"\(PyCFunction\)CPyPy_(\w+),|PyTypeObject CPyType_(\w+)_template_ = ")
+PLACE = re.compile(r'PyDoc_STR\((NULL|"(?:[^"\\]|\\.)*")\)')
+
+
+def documented(source: Path, texts: dict[str, str]) -> str:
+    """The path of a copy of the C file *source* with *texts* where they belong; of itself without any."""
+    name, found, lines = "", 0, []
+    for line in source.read_text(encoding="utf-8").splitlines(keepends=True):
+        owner = OWNER.search(line)
+        if owner:
+            name = owner[1] or owner[2]
+        place = PLACE.search(line)
+        if place and name in texts:
+            signature = "" if place[1] == "NULL" else place[1] + " "
+            line = f"{line[: place.start(1)]}{signature}{literal(texts[name])}{line[place.end(1) :]}"
+            found += 1
+        if place:
+            name = ""
+        lines.append(line)
+    if not found:
+        return str(source)
+    copy, text = source.with_stem(source.stem + "_documented"), "".join(lines)
+    # An unchanged file is left alone, so that it isn't compiled again.
+    if not copy.exists() or copy.read_text(encoding="utf-8") != text:
+        copy.write_text(text, encoding="utf-8")
+    return str(copy)
+
+
+def literal(text: str) -> str:
+    """*text* in C: octal escapes, since one of three digits can't run into what follows."""
+    plain = (
+        chr(byte) if 32 <= byte < 127 and byte not in b'"\\?' else f"\\{byte:03o}" for byte in text.encode()
+    )
+    return f'"{"".join(plain)}"'
+
+
+# --- commands
+
+
+class Build(build):
+    """Takes what an earlier build left out of the folder that is installed from."""
+
+    def run(self) -> None:
+        """Build, then remove each file of our packages that this build did not make."""
+        super().run()
+        parts: list[Any] = [self.get_finalized_command(name) for name in self.get_sub_commands()]
+        made = {Path(file).resolve() for part in parts for file in part.get_outputs()}
+        folder = Path(self.build_lib)
+        for package in {name.partition(".")[0] for name in self.distribution.packages or ()}:
+            for file in [*folder.joinpath(package).rglob("*"), *folder.glob(package + "__mypyc.*")]:
+                if file.is_file() and file.resolve() not in made:
+                    file.unlink()
 
 
 class AllOrNothing(build_ext):
     """Removes what was built when a part failed: a module's shim without its group can't be imported."""
 
     def run(self) -> None:
-        """Build every extension, then see whether every one is there."""
-        super().run()
-        files = [Path(self.get_ext_fullpath(extension.name)) for extension in self.extensions]
-        if all(file.exists() for file in files):
-            return
-        for file in files:
-            file.unlink(missing_ok=True)
-        self.extensions.clear()
-        print("warning: the C compiler failed: this is the pure build of btcore", file=sys.stderr)
+        """Build every extension; at the first that fails give all of them up."""
+        try:
+            super().run()
+        except Exception as error:
+            if must_compile():
+                raise
+            for extension in self.extensions:
+                Path(self.get_ext_fullpath(extension.name)).unlink(missing_ok=True)
+            self.extensions.clear()
+            told(f"the C compiler failed ({str(error) or type(error).__name__})")
 
 
-setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing})
+class Wheel(bdist_wheel):
+    """Tags a wheel by what is in it: one for every Python when nothing was compiled."""
+
+    def run_command(self, command: str) -> None:
+        """Run *command*; once the build is done it is known whether there are extensions."""
+        super().run_command(command)
+        if command == "build":
+            self.root_is_pure = not self.distribution.has_ext_modules()
+
+
+if __name__ == "__main__":
+    if says("BTCORE_PURE") and must_compile():
+        sys.exit("BTCORE_PURE=1 and BTCORE_COMPILED=1 contradict each other: set one of them")
+    setup(
+        ext_modules=extensions(),
+        cmdclass={"build": Build, "build_ext": AllOrNothing, "bdist_wheel": Wheel},
+    )

@@ -5,10 +5,10 @@ remapping or the automatic remapping leads, up to the root; ``@key`` means the r
 key that begins with ``_`` never leaves its scope by itself (nodes.md §9).
 """
 
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Callable, Iterator
+from typing import Final, NoReturn, SupportsIndex
 
-from btcore.clock import Clock, SystemClock
+from btcore.clock import Clock, SystemClock, reader
 from btcore.errors import BlackboardFault, ConversionFault
 from btcore.suggest import nearest
 from btcore.values import (
@@ -74,6 +74,7 @@ class Blackboard:
     parent: "Blackboard | None"
     autoremap: bool
     clock: Clock
+    now: Callable[[], int]
     _entries: dict[str, Entry]
     _outside: dict[str, str]
 
@@ -83,6 +84,7 @@ class Blackboard:
         if clock is None:
             clock = parent.clock if parent is not None else SystemClock()
         self.clock = clock
+        self.now = reader(clock)
         self._entries = {}
         self._outside = {}
 
@@ -175,7 +177,7 @@ class Blackboard:
             entry.inferred = declared is None
         elif not kind.accepts(value):
             value = self._fitted(key, kind, value)
-        entry.put(value, self.clock.now())
+        entry.put(value, self.now())
 
     def get(self, key: str) -> object:
         """The value of *key*. Raises BlackboardFault where there is no such entry, or no value yet."""
@@ -205,6 +207,9 @@ class Blackboard:
                 known.declared = entry.declared
                 known.inferred = entry.inferred
                 known.put(entry.value, now)
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise TypeError("a blackboard is part of its tree: clone_into() copies its entries into another one")
 
     def visible(self) -> list[str]:
         """Every key that :meth:`find` finds from here without an ``@``, sorted."""
@@ -260,7 +265,7 @@ class Blackboard:
         if kind is STRING and declared is None:
             kind = ANY
         entry = self._route(key, kind, declared is None and kind.strong, value)
-        entry.put(value, self.clock.now())
+        entry.put(value, self.now())
 
     def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
         """The entry where the remappings of *key* end, made there if there is none.

@@ -1,7 +1,9 @@
 """Which of the engine's two builds runs: compiled with mypyc, or the pure source beside it.
 
-Python prefers a compiled file beside its source. ``BTCORE_PURE=1`` in the environment makes it
-take the source all the same, so that a debugger can step through the engine of any install.
+Python prefers a compiled file beside its source. That is left so where the compiled build is there as a
+whole; everywhere else the source alone is seen: in a checkout, whose source may be newer than what
+somebody compiled there; in an install that lacks a part, which would crash; and where ``BTCORE_PURE=1``
+is in the environment, so that a debugger can step through the engine of any install.
 """
 
 import ast
@@ -9,33 +11,86 @@ import os
 import sys
 from collections.abc import Sequence
 from functools import cache
-from importlib.machinery import SOURCE_SUFFIXES, FileFinder, ModuleSpec, SourceFileLoader
+from importlib import import_module
+from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, FileFinder, ModuleSpec, SourceFileLoader
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
+LIBRARY = "btcore__mypyc"
+"""The extension that holds all compiled code; those beside the sources only lead to it."""
+HERE = Path(__file__).parent
+
 
 class SourceOnly:
-    """A finder for ``sys.meta_path`` that sees of btcore the source files alone."""
+    """A finder for ``sys.meta_path`` that sees of btcore the source files alone, for a *reason*."""
 
-    @staticmethod
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        self._folders: dict[str, FileFinder] = {}
+
     def find_spec(
-        fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """The source file of the module *fullname* below btcore, or None for the other finders."""
         if not fullname.startswith("btcore."):
             return None
         for folder in path or ():
-            found = FileFinder(folder, (SourceFileLoader, SOURCE_SUFFIXES)).find_spec(fullname)
+            finder = self._folders.get(folder)
+            if finder is None:
+                finder = self._folders[folder] = FileFinder(folder, (SourceFileLoader, SOURCE_SUFFIXES))
+            found = finder.find_spec(fullname)
             if found is not None and found.loader is not None:
                 return found
         return None
 
+    def invalidate_caches(self) -> None:
+        """Look at the folders anew."""
+        self._folders.clear()
+
 
 def choose() -> None:
-    """Put :class:`SourceOnly` first if the environment asks for the pure build."""
-    asked = os.environ.get("BTCORE_PURE", "0") not in ("", "0")
-    if asked and not any(isinstance(finder, SourceOnly) for finder in sys.meta_path):
-        sys.meta_path.insert(0, SourceOnly())
+    """Put :class:`SourceOnly` first, unless the compiled build is to run."""
+    reason = why_pure()
+    if reason and _source_only() is None:
+        sys.meta_path.insert(0, SourceOnly(reason))
+
+
+def why_pure() -> str:
+    """Why the source runs, or "" for the compiled build."""
+    if _says("BTCORE_PURE"):
+        return "BTCORE_PURE is set"
+    checkout = all((HERE.parent / file).is_file() for file in ("setup.py", "pyproject.toml"))
+    if checkout and not _says("BTCORE_COMPILED"):
+        return "a checkout runs its source, unless BTCORE_COMPILED=1 is set"
+    file = next(filter(Path.is_file, (HERE.parent / (LIBRARY + end) for end in EXTENSION_SUFFIXES)), None)
+    if file is None:
+        return f"{LIBRARY}, which they need, is missing"
+    try:
+        _load_library(file)
+        parts = compiled_modules()
+    except ImportError as error:
+        return f"{LIBRARY}, which they need, can't be loaded ({error})"
+    suffix = file.name.removeprefix(LIBRARY)
+    paths = {name: str(HERE.parent.joinpath(*name.split("."))) + suffix for name in parts}
+    missing = [name for name, path in paths.items() if not os.path.exists(path)]  # noqa: PTH110 - it is fast
+    return f"{', '.join(missing)} is missing among them; reinstall btcore" if missing else ""
+
+
+def _load_library(file: Path) -> None:
+    # By place, since an editable install tells Python of packages alone. Raises ImportError.
+    spec = spec_from_file_location(LIBRARY, file)
+    if LIBRARY in sys.modules or spec is None or spec.loader is None:
+        return
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.modules[LIBRARY] = module
+
+
+def compiled_modules() -> list[str]:
+    """The names of the modules whose compiled code :data:`LIBRARY` holds. Raises ImportError without it."""
+    marks = [name for name in dir(import_module(LIBRARY)) if name.startswith("init_")]
+    return [mark.removeprefix("init_").replace("___", ".") for mark in marks]
 
 
 def running() -> str:
@@ -44,6 +99,40 @@ def running() -> str:
 
     source = status.__file__ or ""
     return "pure" if source.endswith(tuple(SOURCE_SUFFIXES)) else "compiled"
+
+
+def remark() -> str:
+    """What to tell of compiled files that are there and not used, or ""."""
+    finder = _source_only()
+    if finder is None:
+        return ""
+    unused = [file for file in HERE.rglob("*") if file.name.endswith(tuple(EXTENSION_SUFFIXES))]
+    return f"{len(unused)} compiled files in {HERE} are not used: {finder.reason}" if unused else ""
+
+
+def _says(variable: str) -> bool:
+    return os.environ.get(variable, "0") not in ("", "0")
+
+
+def _source_only() -> SourceOnly | None:
+    return next((finder for finder in sys.meta_path if isinstance(finder, SourceOnly)), None)
+
+
+# --- docstrings
+
+
+class Written:
+    """The ``__doc__`` of a compiled class that has none: looked up in the source when it is asked for."""
+
+    def __get__(self, instance: object, owner: type) -> str:
+        return written_docstring(owner)
+
+
+def describe(*classes: type) -> None:
+    """Give *classes* the docstrings of their source, if they are compiled; enums and tuples need it."""
+    if running() == "compiled":
+        for cls in classes:
+            cls.__doc__ = Written()  # type: ignore[assignment]
 
 
 def written_docstring(cls: type) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
+from btcore.errors import NodeFault
 from btcore.ports import Input, Output
 
 NOTHING: Final[Mapping[str, str]] = MappingProxyType({})
@@ -51,6 +52,20 @@ class NodeConfig:
         self.inputs: dict[str, Input] = NO_INPUTS
         self.outputs: dict[str, Output] = NO_OUTPUTS
         self.enums = enums
+
+    def input(self, name: str) -> Input:
+        """The input port *name*. Raises NodeFault when the tree doesn't give it."""
+        port = self.inputs.get(name)
+        if port is None:
+            raise NodeFault(f"<{self.id}> needs port [{name}], which the tree does not give")
+        return port
+
+    def output(self, name: str) -> Output:
+        """The output port *name*. Raises NodeFault when the tree doesn't give it."""
+        port = self.outputs.get(name)
+        if port is None:
+            raise NodeFault(f"<{self.id}> writes port [{name}], which the tree does not give")
+        return port
 
     @property
     def where(self) -> str:

@@ -1,6 +1,7 @@
 """What can't be registered: names, methods and defaults of leaves that no tree could work with."""
 
 from collections.abc import Sequence
+from inspect import isabstract
 from typing import Final
 
 from btcore.coroutine import SteppedAction
@@ -9,6 +10,7 @@ from btcore.leaf import StatefulAction
 from btcore.names import fault_of_port, forbidden_in, is_reserved
 from btcore.node import TreeNode
 from btcore.ports import UNSET, Port, pointer
+from btcore.suggest import listing
 from btcore.threaded import ThreadedAction
 from btcore.values import STRING, UserType, ValueType, VectorType
 
@@ -70,6 +72,17 @@ def _is_known(kind: ValueType) -> bool:
     if isinstance(kind, VectorType):
         return _is_known(kind.item)
     return kind.converts and not isinstance(kind, UserType)
+
+
+def check_class(ID: str, cls: type[TreeNode]) -> None:
+    """Refuse a class that no node can be made of, or whose nodes couldn't change."""
+    name = cls.__qualname__
+    if isabstract(cls):
+        lacking = listing(f"{one}()" for one in sorted(getattr(cls, "__abstractmethods__", ())))
+        raise RegistrationError(f"<{ID}>: {name} is abstract: derive from it a class that has {lacking}")
+    dataclass = getattr(cls, "__dataclass_params__", None)
+    if dataclass is not None and dataclass.frozen:
+        raise RegistrationError(f"<{ID}>: {name} is a frozen dataclass, but a node changes when it is ticked")
 
 
 def check_methods(ID: str, cls: type[TreeNode]) -> None:

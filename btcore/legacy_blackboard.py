@@ -48,7 +48,7 @@ class LegacyBlackboard(Blackboard):
                 value = kind.from_text(value, 3)
             except ConversionFault as fault:
                 raise BlackboardFault(f"the entry '{key}' is of type {kind.name}: {fault}") from fault
-        entry.put(value, self.clock.now())
+        entry.put(value, self.now())
 
     def _known(self, key: str) -> Entry | None:
         return self._entries.get(key)

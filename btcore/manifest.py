@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeGuard
 
 from btcore import builds
+from btcore.access import BOUND
 from btcore.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.config import NO_INPUTS, NodeConfig
@@ -15,7 +16,7 @@ from btcore.functions import Call, FunctionAction, FunctionCondition, FunctionSt
 from btcore.inner import ControlNode, DecoratorNode
 from btcore.node import TreeNode
 from btcore.ports import UNSET, Input, Port
-from btcore.signature import BOUND, Parameter, bind_class, class_ports, function_parameters
+from btcore.signature import Parameter, bind_class, class_ports, function_parameters
 from btcore.status import NodeType
 from btcore.values import Types
 

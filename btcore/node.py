@@ -201,17 +201,11 @@ class TreeNode:
         Raises NodeFault when the tree doesn't give the port, BlackboardFault or ConversionFault when
         it can't be read.
         """
-        port = self.config.inputs.get(name)
-        if port is None:
-            raise NodeFault(f"<{self.config.id}> needs port [{name}], which the tree does not give")
-        return port.read()
+        return self.config.input(name).read()
 
     def set_output(self, name: str, value: object) -> None:
         """Write *value* to output port *name*. Raises as :meth:`get_input`."""
-        port = self.config.outputs.get(name)
-        if port is None:
-            raise NodeFault(f"<{self.config.id}> writes port [{name}], which the tree does not give")
-        port.write(value)
+        self.config.output(name).write(value)
 
     def now(self) -> int:
         """The time (ns) of the tree's clock."""

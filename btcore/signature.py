@@ -12,6 +12,7 @@ from numbers import Number
 from types import MemberDescriptorType
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
+from btcore.access import reading, writing
 from btcore.errors import ConversionFault, RegistrationError
 from btcore.ports import UNSET, Direction, Port
 from btcore.values import Types, ValueType, to_text
@@ -62,9 +63,6 @@ else:
     Put = _Form("Put", Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)])
 
 _ENGINE: Final = frozenset({"btcore.node", "btcore.leaf", "btcore.coroutine"})
-
-BOUND: Final = object()
-"""What a generated ``__init__`` (a dataclass's) is given for a port, whose value the tree has."""
 
 
 class Parameter:
@@ -195,25 +193,11 @@ class PortAttribute(property):
     """A port as an attribute: reading reads the blackboard, assigning writes it."""
 
     def __init__(self, port: Port) -> None:
-        name = port.name
-        reads, writes = port.reads, port.writes
         self.default = UNSET if port.default is None else port.default
         if port.value is not UNSET:
             self.default = port.value
 
-        def read(node: Any) -> object:
-            if not reads:
-                raise AttributeError(f"port [{name}] is written, not read")
-            return node.get_input(name)
-
-        def write(node: Any, value: object) -> None:
-            if value is BOUND:
-                return
-            if not writes:
-                raise AttributeError(f"port [{name}] is read, not written")
-            node.set_output(name, value)
-
-        super().__init__(read, write, doc=port.description)
+        super().__init__(reading(port), writing(port), doc=port.description)
         self.direction = port.direction
 
     def is_of(self, port: Port) -> bool:

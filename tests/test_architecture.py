@@ -17,13 +17,14 @@ LAYERS = (
     {"ports", "observers", "context", "conditions", "config", "guard", "pacing"},
     {"node"},
     {"inner"},
-    {"nodes", "leaf", "coroutine", "threaded", "signature", "functions"},
+    {"nodes", "leaf", "coroutine", "threaded", "access", "signature", "functions"},
     {"declaration", "manifest", "substitution", "registry"},
     {"aside", "hooks", "tree"},
     {"xml"},
     {"loading", "reload", "exchange", "logs"},
     {""},  # btcore/__init__.py
-    {"testing", "cli", "__main__"},
+    {"batch", "testing", "cli", "__main__"},
+    {"sweep"},
 )
 NAMELESS = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
 

@@ -16,7 +16,7 @@ from btcore.errors import BtcoreError
 from btcore.suggest import listing, nearest
 
 COMMANDS = "btcore.commands"
-OWN = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff")
+OWN = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "bench")
 
 _BROUGHT = "btcore.cli.main.brought"
 
@@ -135,6 +135,8 @@ def _version(ctx: click.Context, parameter: click.Parameter, asked: bool) -> Non
         except PackageNotFoundError:
             number = "(a checkout, not installed)"
         click.echo(f"btcore {number} ({builds.running()} build, Python {python})")
+        if remark := builds.remark():
+            click.echo(remark)
         ctx.exit()
 
 

@@ -229,7 +229,7 @@ class Assignment(Expression):
                 stored = compound(self.operator, entry.value, value, entry.declared)
         except ConversionFault as fault:
             raise self.fault(f"'{target.name}' can't take the value: {fault}") from None
-        entry.put(stored, board.clock.now())
+        entry.put(stored, board.now())
         return stored
 
     def _create(self, board: Blackboard, target: Name) -> Entry:

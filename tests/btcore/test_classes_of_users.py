@@ -1,0 +1,429 @@
+"""A class of the user's own is an ordinary Python class, whichever build it derives from."""
+
+import abc
+import copy
+import gc
+import inspect
+import pickle
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import pytest
+
+import btcore
+from btcore import (
+    Blackboard,
+    In,
+    NodeFault,
+    NodeRaised,
+    NodeType,
+    Observer,
+    RegistrationError,
+    Registry,
+    SimClock,
+    StatefulAction,
+    Status,
+    SyncAction,
+    Transition,
+    Tree,
+    TreeError,
+)
+
+Grow = Callable[..., Tree]
+T = TypeVar("T")
+
+
+class Robot:
+    """A resource."""
+
+    speed = 3
+
+
+class Yes(SyncAction):
+    """Says yes."""
+
+    def tick(self) -> bool:
+        return True
+
+
+# --- making one
+
+
+@pytest.mark.parametrize("calls_super", [False, True])
+def test_super_init_may_be_called_or_not(calls_super: bool, grow: Grow) -> None:
+    class Fast(SyncAction):
+        def __init__(self, robot: Robot) -> None:
+            if calls_super:
+                super().__init__()
+            self.robot = robot
+
+        def tick(self) -> bool:
+            return self.robot.speed == 3
+
+    assert grow("<Fast/>", Fast, resources=[Robot()]).tick_once() is Status.SUCCESS
+
+
+def test_an_attribute_that_is_the_engines_is_not_assigned(grow: Grow) -> None:
+    class Bold(Yes):
+        def __init__(self) -> None:
+            self.status = Status.SUCCESS  # type: ignore[misc]
+
+    with pytest.raises(TreeError, match=r"E115 <Bold> raised while it was made: AttributeError: .*'status'"):
+        grow("<Bold/>", Bold)
+
+
+def test_new_may_be_overridden(grow: Grow) -> None:
+    class Made(SyncAction):
+        made: int
+
+        def __new__(cls) -> "Made":
+            one = super().__new__(cls)
+            one.made = 1
+            return one
+
+        def tick(self) -> bool:
+            return self.made == 1
+
+    assert grow("<Made/>", Made).tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize("options", [{}, {"eq": False}, {"slots": True}, {"kw_only": True}, {"order": True}])
+def test_a_dataclass_of_any_kind_is_a_leaf(options: dict[str, bool], grow: Grow) -> None:
+    @dataclass(**options)
+    class Drive(SyncAction):
+        robot: Robot
+        speed: In[int]
+        turn: In[int] = 5
+
+        def tick(self) -> bool:
+            return (self.speed, self.turn) == (self.robot.speed, 5)
+
+    assert grow('<Drive speed="3"/>', Drive, resources=[Robot()]).tick_once() is Status.SUCCESS
+
+
+def test_but_for_a_frozen_one_since_nodes_change() -> None:
+    @dataclass(frozen=True)
+    class Ice(SyncAction):
+        robot: Robot
+
+    with pytest.raises(RegistrationError, match=r"<Ice>: .*Ice is a frozen dataclass, but a node changes"):
+        Registry.standard().add(Ice)
+
+
+def test_slots_are_kept(grow: Grow) -> None:
+    class Narrow(SyncAction):
+        __slots__ = ("left",)
+
+        def __init__(self) -> None:
+            self.left = 1
+
+        def tick(self) -> bool:
+            self.left -= 1
+            return self.left == 0
+
+    assert grow("<Narrow/>", Narrow).tick_once() is Status.SUCCESS
+
+
+# --- deriving one
+
+
+class Remembers:
+    """A mixin with state, and with a tick that passes on."""
+
+    def __init__(self) -> None:
+        self.ticks: list[str] = []
+
+    def tick(self) -> Any:
+        self.ticks.append(type(self).__name__)
+        return super().tick()  # type: ignore[misc]
+
+
+class HasLimit:
+    """A mixin with a port."""
+
+    limit: In[int]
+
+
+def test_a_mixin_may_have_an_init_a_tick_and_ports(grow: Grow) -> None:
+    class Both(Remembers, HasLimit, Yes):
+        pass
+
+    tree = grow('<Both limit="4"/>', Both)
+    assert tree.tick_once() is Status.SUCCESS
+    (node,) = tree.find(Both)
+    assert (node.ticks, node.limit) == (["Both"], 4)
+
+
+def test_a_mixin_may_stand_behind_the_leaf(grow: Grow) -> None:
+    class Behind(SyncAction, Remembers):
+        def tick(self) -> bool:
+            return not self.ticks
+
+    assert grow("<Behind/>", Behind).tick_once() is Status.SUCCESS
+
+
+def test_a_protocol_may_be_among_the_bases(grow: Grow) -> None:
+    class Measures(Protocol):
+        def measured(self) -> int: ...
+
+    class Gauge(SyncAction, Measures):
+        def measured(self) -> int:
+            return 2
+
+        def tick(self) -> bool:
+            return self.measured() == 2
+
+    assert grow("<Gauge/>", Gauge).tick_once() is Status.SUCCESS
+
+
+def test_a_leaf_may_be_generic(grow: Grow) -> None:
+    class Compare(SyncAction, Generic[T]):
+        expected: ClassVar[Any]
+
+        def same(self, value: T) -> bool:
+            return bool(value == self.expected)
+
+    class CompareInt(Compare[int]):
+        expected = 3
+        value: In[int]
+
+        def tick(self) -> bool:
+            return self.same(self.value)
+
+    assert grow('<CompareInt value="3"/>', CompareInt).tick_once() is Status.SUCCESS
+
+
+class Sensor(SyncAction, abc.ABC):
+    """Leaves a method to those that are derived from it."""
+
+    @abc.abstractmethod
+    def measure(self) -> int: ...
+
+    def tick(self) -> bool:
+        return self.measure() > 1
+
+
+def test_a_leaf_may_fill_in_what_an_abstract_one_leaves_out(grow: Grow) -> None:
+    class Sonar(Sensor):
+        def measure(self) -> int:
+            return 2
+
+    assert grow("<Sonar/>", Sonar).tick_once() is Status.SUCCESS
+
+
+def test_an_abstract_one_itself_is_refused_with_what_it_lacks() -> None:
+    with pytest.raises(RegistrationError, match=r"<Sensor>: Sensor is abstract: .* has measure\(\)"):
+        Registry.standard().add(Sensor)
+
+
+def test_deriving_may_be_hooked_into_and_have_a_metaclass(grow: Grow) -> None:
+    class Kind(type(SyncAction)):  # type: ignore[misc]
+        pass
+
+    class Flavoured(Yes, metaclass=Kind):
+        flavours: ClassVar[list[str]] = []
+
+        def __init_subclass__(cls, flavour: str) -> None:
+            super().__init_subclass__()
+            cls.flavours.append(flavour)
+
+    class Sweet(Flavoured, flavour="sweet"):
+        pass
+
+    assert grow("<Sweet/>", Sweet).tick_once() is Status.SUCCESS
+    assert Flavoured.flavours == ["sweet"]
+
+
+def test_every_built_in_node_may_be_derived_from() -> None:
+    built_in = {
+        manifest.cls for format in (3, 4) for manifest in Registry.standard().manifests_of(format).values()
+    }
+    assert len(built_in) > 42
+    for cls in built_in:
+        derived = type("Own" + cls.__name__, (cls,), {})
+        assert issubclass(derived, cls)
+
+
+# --- overriding
+
+
+def test_a_property_of_the_engine_may_be_overridden(grow: Grow) -> None:
+    class Renamed(SyncAction):
+        @property
+        def name(self) -> str:
+            return "mine"
+
+        def tick(self) -> bool:
+            return self.name == "mine"
+
+    tree = grow("<Renamed/>", Renamed)
+    assert tree.tick_once() is Status.SUCCESS
+    assert (tree.root.name, tree.root.path) == ("mine", "Renamed::1")
+
+
+def test_execute_tick_may_be_overridden(grow: Grow) -> None:
+    class Contrary(Yes):
+        def execute_tick(self) -> Status:
+            super().execute_tick()
+            return Status.FAILURE
+
+    assert grow("<Sequence><Contrary/></Sequence>", Contrary).tick_once() is Status.FAILURE
+
+
+def test_halt_may_be_overridden(grow: Grow) -> None:
+    class Careful(StatefulAction):
+        halts = 0
+
+        def on_start(self) -> Status:
+            return Status.RUNNING
+
+        def on_running(self) -> Status:
+            return Status.RUNNING
+
+        def halt(self) -> None:
+            self.halts += 1
+            super().halt()
+
+    tree = grow("<Careful/>", Careful)
+    tree.tick_once()
+    tree.root.halt()
+    assert (tree.find(Careful)[0].halts, tree.root.status) == (1, Status.IDLE)
+
+
+def test_a_method_may_be_replaced_while_the_tree_runs(grow: Grow) -> None:
+    class Changing(Yes):
+        pass
+
+    tree = grow("<Changing/>", Changing)
+    assert tree.tick_once() is Status.SUCCESS
+    Changing.tick = lambda self: False  # type: ignore[method-assign]
+    assert tree.tick_once() is Status.FAILURE
+    tree.root.tick = lambda: True  # type: ignore[method-assign]
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_attributes_may_be_made_when_they_are_asked_for(grow: Grow) -> None:
+    class Lazy(SyncAction):
+        @cached_property
+        def half(self) -> int:
+            return 21
+
+        def __getattr__(self, name: str) -> int:
+            if name == "double":
+                return 2 * self.half
+            raise AttributeError(name)
+
+        def tick(self) -> bool:
+            return bool(self.double == 42)
+
+    tree = grow("<Lazy/>", Lazy)
+    assert tree.tick_once() is Status.SUCCESS
+    assert not hasattr(tree.root, "triple")
+
+
+# --- the engine's other classes
+
+
+def test_a_clock_an_observer_and_a_tree_may_be_derived_from() -> None:
+    class Stopped(SimClock):
+        def now(self) -> int:
+            return 7
+
+    class Listens(Observer):
+        def __init__(self) -> None:
+            self.heard: list[Transition] = []
+
+        def transition(self, change: Transition) -> None:
+            self.heard.append(change)
+
+    class Own(Tree):
+        pass
+
+    listener = Listens()
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>',
+        clock=Stopped(),
+    )
+    tree.subscribe(listener)
+    tree.tick_once()
+    assert [(change.stamp, change.status) for change in listener.heard] == [
+        (7, Status.SUCCESS),
+        (7, Status.IDLE),
+    ]
+    assert issubclass(Own, Tree)
+
+
+# --- living and dying
+
+
+def test_a_tree_that_nobody_holds_goes_with_its_leaves(grow: Grow) -> None:
+    class Selfish(Yes):
+        def __init__(self) -> None:
+            self.me = self
+
+    tree = grow("<Sequence><Selfish/></Sequence>", Selfish)
+    tree.tick_once()
+    leaf = weakref.ref(tree.find(Selfish)[0])
+    assert leaf() is not None
+    del tree
+    gc.collect()
+    assert leaf() is None
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickle.dumps])
+def test_a_tree_and_its_nodes_are_neither_copied_nor_pickled(
+    copied: Callable[[Any], Any], grow: Grow
+) -> None:
+    tree = grow("<Sequence><Yes/></Sequence>", Yes)
+    for thing in (tree, tree.root, tree.find(Yes)[0]):
+        with pytest.raises(TypeError):
+            copied(thing)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_the_entries_of_a_blackboard_are_copied_into_another(copied: Callable[[Any], Any]) -> None:
+    board, other = Blackboard(), Blackboard()
+    board["x"] = 1
+    with pytest.raises(TypeError, match=r"clone_into\(\) copies its entries"):
+        copied(board)
+    board.clone_into(other)
+    other["x"] = 2
+    assert (board["x"], other["x"]) == (1, 2)
+
+
+def test_what_a_tree_tells_can_be_pickled(grow: Grow) -> None:
+    def broken() -> bool:
+        raise ValueError("out of reach")
+
+    with pytest.raises(NodeRaised) as raised:
+        grow("<Broken/>", broken).tick_once()
+    change = Transition(1, 2, 3, 4, Status.IDLE, Status.SUCCESS)
+    fault = NodeFault("no such thing")
+    again = pickle.loads(pickle.dumps([Status.SUCCESS, NodeType.CONTROL, change, fault, raised.value]))
+    assert again[0] is Status.SUCCESS
+    assert again[1] is NodeType.CONTROL
+    assert again[2] == change
+    assert [str(one) for one in again[3:]] == [str(fault), str(raised.value)]
+
+
+# --- help()
+
+
+@pytest.mark.parametrize("name", [name for name in btcore.__all__ if callable(getattr(btcore, name))])
+def test_help_tells_what_the_source_says(name: str) -> None:
+    thing = getattr(btcore, name)
+    said = inspect.getdoc(thing)
+    assert said
+    assert "mypyc" not in said
+
+
+def test_help_tells_of_methods_with_their_parameters() -> None:
+    assert str(inspect.getdoc(Tree.tick_while_running)).startswith(
+        "Tick until the root isn't RUNNING, every *per"
+    )
+    assert list(inspect.signature(Tree.tick_while_running).parameters) == ["self", "period"]
+    assert list(inspect.signature(btcore.load).parameters)[:2] == ["path", "nodes"]
+    assert str(inspect.getdoc(StatefulAction.on_halted)).startswith("Clean up.")
