@@ -25,6 +25,9 @@ from btcore.numerals import (
 
 # The largest integer for which it and its neighbours are doubles (2^53 - 1).
 MAX_EXACT: Final = 2**53 - 1
+# What most numbers are below; they take the short way.
+_SMALL: Final = 2**31
+_NEAR: Final = 2.0**31
 
 
 class ValueType:
@@ -114,6 +117,15 @@ def number_of(value: object) -> int | float | None:
     return None
 
 
+def quick_double(value: object) -> float:
+    """*value* as a double, if it is a float or a small integer; else NaN, which tells nothing."""
+    if isinstance(value, float):
+        return value
+    if isinstance(value, int) and -_SMALL < value < _SMALL:
+        return float(value)
+    return math.nan
+
+
 def as_double(number: int | float) -> float:
     """*number* as a double, exactly. Raises ConversionFault for an integer of more than 53 bits."""
     if isinstance(number, float):
@@ -137,6 +149,10 @@ def as_bool(number: int | float) -> bool:
 def as_int(number: int | float, low: int, high: int, name: str = "int64_t") -> int:
     """*number* as an integer in *low* … *high*, exactly. Raises ConversionFault."""
     if isinstance(number, float):
+        if -_NEAR < number < _NEAR:
+            value = int(number)
+            if float(value) == number and low <= value <= high:
+                return value
         # The limits as doubles: that of 64 bits rounds up to a value that no longer fits.
         if number != number or not (float(low) <= number <= float(high)) or number != math.floor(number):
             raise ConversionFault(f"{number!r} is no {name}")

@@ -23,6 +23,7 @@ from btcore.script.operators import (
     readable_number,
 )
 from btcore.suggest import nearest
+from btcore.value_types import quick_double
 from btcore.values import ValueType, as_double, number_of
 
 _ADD: Final = OPERATORS["+"]
@@ -126,14 +127,16 @@ class Chain(Expression):
         for index in range(len(self.operands)):
             right = self.operands[index].evaluate(board)
             operator = self.operators[index]
-            if isinstance(left, float) and isinstance(right, float) and operator <= _MULTIPLY:
-                if operator == _ADD:
-                    left = left + right
-                elif operator == _SUBTRACT:
-                    left = left - right
-                else:
-                    left = left * right
-                continue
+            if operator <= _MULTIPLY:
+                one, other = quick_double(left), quick_double(right)
+                if one == one and other == other:
+                    if operator == _ADD:
+                        left = one + other
+                    elif operator == _SUBTRACT:
+                        left = one - other
+                    else:
+                        left = one * other
+                    continue
             try:
                 left = operate(operator, left, right)
             except ConversionFault as fault:
