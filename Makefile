@@ -10,8 +10,9 @@ PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11 python; d
 	if $$name -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$name; break; fi; done)
 CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 PIP := -m pip --disable-pip-version-check --quiet
-ENGINE := $(shell find btcore trees -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
+ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
 ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs tests/fuzz tests/regressions/btcore
+ENGINE_BENCHMARKS := ticking features observers load growth publishing batch
 VULKAN := mesa-vulkan-drivers libvulkan1
 
 # What the demo runs, and for how long (s of the robot's time).
@@ -21,6 +22,8 @@ DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 SEEDS ?= 200
 PATROLS ?= --seeds 20
 INPUTS ?= 100000
+EPISODES ?= 1000
+RECORDED ?= 600
 
 .PHONY: help setup demo test lint pure compiled vulkan accept bench clean
 
@@ -29,7 +32,7 @@ help:
 	@echo 'make test    style, types, and every test on both builds of the engine'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make lint    style and types only'
-	@echo 'make bench   the benchmarks'
+	@echo 'make bench   the benchmarks on both builds, in ratios beside their targets'
 	@echo 'make clean   everything that the other targets made'
 
 # --- set-up
@@ -51,6 +54,10 @@ setup: .venv/ready
 	@test -x .venv-compiled/bin/python || $(PYTHON) -m venv .venv-compiled
 	@.venv-compiled/bin/python $(PIP) install --force-reinstall --no-deps dist/btcore-*.whl
 	@.venv-compiled/bin/python $(PIP) install "$$(echo dist/btcore-*.whl)[test]"
+	@touch $@
+
+.venv-compiled/bench: .venv-compiled/ready
+	@.venv-compiled/bin/python $(PIP) install "$$(echo dist/btcore-*.whl)[bench]"
 	@touch $@
 
 # Software Vulkan draws the monitor's pictures where there is no graphics card.
@@ -98,10 +105,18 @@ compiled: .venv-compiled/ready
 accept: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/installing.py
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 
-bench: .venv-compiled/ready
-	@for file in benchmarks/*.py; do echo "· $$file"; .venv-compiled/bin/python "$$file"; done
+bench: .venv/ready .venv-compiled/bench
+	@mkdir -p out
+	@echo '· every benchmark, on the pure build'
+	@.venv/bin/btcore bench --json out/bench-pure.json
+	@echo '· the benchmarks of the engine, on the compiled build'
+	@.venv-compiled/bin/btcore bench $(ENGINE_BENCHMARKS) --json out/bench-compiled.json \
+		--beside out/bench-pure.json --plot out/performance.png
 
 clean:
 	rm -rf .venv .venv-compiled build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,6 +1,6 @@
 """What a scan of the simulated laser takes, beside the physics engine's own rays.
 
-    python benchmarks/laser.py [--pairs 15] [--worlds house aws_house]
+    python benchmarks/laser.py [--pairs 15] [--worlds house aws_house] [--json]
 
 A scan is Tiago's laser (666 rays): geometry against all that stands and moves in the scene, and noise. The
 peer is pybullet's `rayTestBatch` of the same rays in the same world, which has neither noise nor REP 117, its
@@ -9,7 +9,6 @@ turn. Each pair is one of both, one right after another, and ratios are taken pa
 processor, on one thread. The share is that of the time between two scans.
 """
 
-import argparse
 import math
 import statistics
 import time
@@ -18,6 +17,8 @@ from functools import partial
 
 import numpy as np
 
+from measure.pairs import Spread
+from measure.report import Report, arguments
 from sim.description import load_description
 from sim.engine import pybullet
 from sim.laser import Laser, Moved
@@ -86,25 +87,27 @@ def scans(world: World, count: int) -> list[tuple[int, int]]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=15, help="how many pairs of scans")
+    parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--worlds", nargs="+", default=["house", "aws_house"])
     given = parser.parse_args()
     facts = load_description().laser.facts
     period = 1000 / facts.rate
-    print(f"{facts.rays} rays; medians of {given.pairs} pairs")
-    print(f"world       things       peer       scan  ratio         spread   share of {period:g} ms")
-    for name in given.worlds:
+    question = f"What a scan of {facts.rays} rays takes beside pybullet's own rays"
+    report = Report("laser", question, given.pairs)
+    for name in given.worlds[: 1 if given.quick else None]:
         world = World(load_scene(name))
         measured = scans(world, given.pairs)
         peer, scan = (statistics.median(column) / MILLISECOND for column in zip(*measured, strict=True))
-        ratios = sorted(one / other for one, other in measured)
-        print(
-            f"{name:<11} {len(world.bodies):>6}  {peer:>6.2f} ms  {scan:>6.2f} ms"
-            f"  {statistics.median(ratios):>5.1f}  {ratios[0]:>5.1f} – {ratios[-1]:>5.1f}"
-            f"  {100 * scan / period:>14.1f} %"
-        )
+        figures = {
+            "things": f"{len(world.bodies)}",
+            "rayTestBatch": f"{peer:.2f} ms",
+            "scan": f"{scan:.2f} ms",
+            f"of {period:g} ms": f"{100 * scan / period:.1f} %",
+        }
+        ratio = Spread.of([one / other for other, one in measured])
+        report.add(f"{name}: scan / rayTestBatch", ratio, None, figures)
         world.close()
+    report.tell(given.json)
 
 
 if __name__ == "__main__":

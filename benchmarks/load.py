@@ -1,6 +1,6 @@
 """How long loading a tree takes beside lxml parsing the same file, and what its nodes weigh.
 
-    python benchmarks/load.py [--pairs 9] [--nodes 100 1000 10000 60000]
+    python benchmarks/load.py [--pairs 9] [--nodes 100 1000 10000 60000] [--json]
 
 Every node has three attributes: leaves a name and two ports (literals, and entries of their own), and
 Sequences and Fallbacks a name and two of Groot's notes. Each pair is one parse and one load of one
@@ -8,24 +8,29 @@ file, right after another; ratios are taken pair by pair. Times are of the proce
 programs on the machine disturb them little.
 """
 
-import argparse
 import gc
 import statistics
 import tempfile
 import time
-import tracemalloc
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from lxml import etree
 
 import btcore
-from btcore import In, Out, Registry, builds, condition
-from btcore.xml.check import MOST_NODES
+from btcore import In, Out, Registry, condition
+from measure.memory import bytes_kept
+from measure.pairs import Spread
+from measure.report import Report, arguments, at_most, in_short
 
 LEAVES_A_CONTROL = 4
 CONTROLS_A_GROUP = 10
+SIZES = (100, 1_000, 10_000, 60_000)
+TARGETS = {10_000: at_most(compiled=6)}
+"""By the number of nodes: how many times as long as lxml's parse a load may take."""
 MILLISECOND = 1e6
+MICROSECOND = 1e3
 
 
 class Drive(btcore.StatefulAction):
@@ -127,43 +132,29 @@ def pairs(path: Path, nodes: Registry, count: int) -> Iterator[tuple[int, int]]:
             yield parsing, loading
 
 
-def bytes_kept(path: Path, nodes: Registry) -> int:
-    """What a loaded tree occupies (bytes that Python allocated)."""
-    gc.collect()
-    tracemalloc.start()
-    tree = btcore.load(path, nodes=nodes)
-    gc.collect()
-    kept = tracemalloc.get_traced_memory()[0]
-    tracemalloc.stop()
-    del tree
-    return kept
-
-
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=9, help="how many pairs of a parse and a load")
-    parser.add_argument("--nodes", type=int, nargs="+", default=[100, 1_000, 10_000, 60_000])
+    parser = arguments(__doc__ or "")
+    parser.add_argument("--nodes", type=int, nargs="+", default=SIZES)
     given = parser.parse_args()
     nodes = registry()
-    print(
-        f"btcore: {builds.running()}; medians of {given.pairs} pairs; a tree has at most {MOST_NODES:,} nodes"
-    )
-    print("  nodes      parse        load    a node  load/parse         spread  memory a node")
+    report = Report("load", "What loading a tree takes beside lxml's parse, and its memory", given.pairs)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tree.xml"
-        for wanted in given.nodes:
+        for wanted in SIZES[:1] if given.quick else given.nodes:
             path.write_text(document(wanted), encoding="utf-8")
             count = len(btcore.load(path, nodes=nodes).nodes)
             measured = list(pairs(path, nodes, given.pairs))
-            parse = statistics.median(one for one, _ in measured) / MILLISECOND
-            load = statistics.median(one for _, one in measured) / MILLISECOND
-            ratios = sorted(loading / parsing for parsing, loading in measured)
-            print(
-                f"{count:>7,}  {parse:>6.2f} ms  {load:>7.1f} ms  {1000 * load / count:>5.1f} µs"
-                f"  {statistics.median(ratios):>10.1f}  {ratios[0]:>5.1f} – {ratios[-1]:>5.1f}"
-                f"  {bytes_kept(path, nodes) / count:>7,.0f} bytes"
-            )
+            parse, load = (statistics.median(column) for column in zip(*measured, strict=True))
+            figures = {
+                "parse": f"{parse / MILLISECOND:.2f} ms",
+                "load": f"{load / MILLISECOND:.1f} ms",
+                "a node": f"{in_short(load / count / MICROSECOND)} µs",
+                "its memory": f"{bytes_kept(partial(btcore.load, path, nodes=nodes)) / count:,.0f} B",
+            }
+            ratio = Spread.of([loading / parsing for parsing, loading in measured])
+            report.add(f"{wanted:,} nodes: load / parse", ratio, TARGETS.get(wanted), figures)
+    report.tell(given.json)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ disturb them little. The share is that of the 100 ms between two scans. Below st
 gets, a correction of the pose by matching, and one fifth of a search of the whole map.
 """
 
-import argparse
 import math
 import statistics
 import time
@@ -19,6 +18,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from measure.pairs import Spread
+from measure.report import Report, arguments
 from robot_nodes.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
 from robot_nodes.navigation.likelihood import LikelihoodField, distances
 from robot_nodes.navigation.map import OccupancyMap
@@ -103,17 +104,16 @@ def median(work: Callable[[], object], times: int) -> float:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=15, help="how many pairs of updates")
+    parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--particles", type=int, nargs="+", default=[500, 1000, 2000])
     parser.add_argument("--beams", type=int, default=60)
     given = parser.parse_args()
     field_map = rasterise(load_scene("house"))
     field, naive, points = LikelihoodField(field_map), NaiveField(field_map), ends(field_map, given.beams)
     height, width = field_map.cells.shape
-    print(f"house, {width} × {height} cells; {given.beams} beams; medians of {given.pairs} pairs")
-    print("particles    update     naive   ratio         spread   share of 100 ms")
-    for count in given.particles:
+    question = f"What localising takes in the house, {width} × {height} cells, with {given.beams} beams"
+    report = Report("navigation_localising", question, given.pairs)
+    for count in given.particles[: 1 if given.quick else None]:
         spread = np.diag([0.3, 0.3, 0.2]) ** 2
         particles = cloud(POSE, spread, count, np.random.default_rng(0))
         same = np.isclose(field.weights(particles, points), naive.weights(particles, points), rtol=1e-3)
@@ -125,11 +125,13 @@ def main() -> None:
             if index:  # the first pair warms up
                 measured.append((one, other))
         ours, theirs = (statistics.median(column) for column in zip(*measured, strict=True))
-        ratios = sorted(other / one for one, other in measured)
-        print(
-            f"{count:>9,}  {ours:>5.2f} ms  {theirs:>5.2f} ms  {statistics.median(ratios):>6.1f}"
-            f"  {ratios[0]:>5.1f} – {ratios[-1]:>5.1f}  {100 * ours / PERIOD:>14.1f} %"
-        )
+        figures = {
+            "naive": f"{theirs:.2f} ms",
+            "update": f"{ours:.2f} ms",
+            "of 100 ms": f"{100 * ours / PERIOD:.1f} %",
+        }
+        ratio = Spread.of([one / other for one, other in measured])
+        report.add(f"{count:,} particles: update / naive update", ratio, None, figures)
     faces, space = Faces(field_map), SearchSpace(field_map)
     dense = ends(field_map, 2 * given.beams)
     for what, work in (
@@ -141,7 +143,8 @@ def main() -> None:
         ),
     ):
         taken = median(work, given.pairs)
-        print(f"{what}: {taken:.2f} ms, {100 * taken / PERIOD:.1f} % of 100 ms")
+        report.remarks.append(f"{what}: {taken:.2f} ms, {100 * taken / PERIOD:.1f} % of 100 ms")
+    report.tell(given.json)
 
 
 if __name__ == "__main__":

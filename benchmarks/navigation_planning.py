@@ -1,6 +1,6 @@
 """What a plan over the house and the upkeep of costmaps cost beside plain calls of the libraries under them.
 
-    python benchmarks/navigation_planning.py [--rounds 15] [--world house]
+    python benchmarks/navigation_planning.py [--pairs 15] [--world house] [--json]
 
 Plans go from waypoint to waypoint. "first" is a plan for a goal never asked for; "again" one for a goal that
 is being driven to, a metre further on each time, with what a laser with noise of 6 cm and a position off by
@@ -10,7 +10,6 @@ whole over scipy's exact distances. Each pair is one of both, one right after an
 pair by pair; times are of the processor. A share is what remains of the period at which Nav2 runs it.
 """
 
-import argparse
 import math
 import statistics
 import time
@@ -23,6 +22,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from skimage.graph import route_through_array
 
+from measure.pairs import Spread
+from measure.report import Report, arguments
 from robot_nodes.navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
 from robot_nodes.navigation.grid import grid_costs
 from robot_nodes.navigation.map import OccupancyMap
@@ -115,22 +116,21 @@ def updates(
         yield peer, processor_time(update)
 
 
-def line(name: str, pairs: list[Pair], hertz: float) -> str:
-    """One line of the table."""
-    peer = statistics.median(one for one, _ in pairs) / MILLISECOND
-    own = statistics.median(one for _, one in pairs) / MILLISECOND
-    ratios = sorted(mine / theirs for theirs, mine in pairs)
-    low, high = ratios[len(ratios) // 10], ratios[-1 - len(ratios) // 10]
-    return (
-        f"{name:<24} {len(pairs):>5}  {peer:>7.2f} ms  {own:>7.2f} ms  {statistics.median(ratios):>5.2f}"
-        f"  {low:>5.2f} – {high:<5.2f}  {own * hertz / 10:>5.2f} % at {hertz:g} Hz"
-    )
+def add(report: Report, name: str, pairs: list[Pair], hertz: float) -> None:
+    """Add a row for *pairs* of what the peer and what our part took."""
+    peer, own = (statistics.median(column) / MILLISECOND for column in zip(*pairs, strict=True))
+    figures = {
+        "pairs": f"{len(pairs)}",
+        "peer": f"{peer:.2f} ms",
+        "own": f"{own:.2f} ms",
+        "share of a core": f"{own * hertz / 10:.2f} % at {hertz:g} Hz",
+    }
+    report.add(f"{name}: own / peer", Spread.of([mine / theirs for theirs, mine in pairs]), None, figures)
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=15, help="how often each leg is planned first")
+    parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--world", default="house")
     given = parser.parse_args()
     cv2.setNumThreads(1)
@@ -138,15 +138,16 @@ def main() -> None:
     scene = load_scene(given.world)
     map = rasterise(scene)
     places = [Pose2D(x, y, 0.0) for x, y in (scene.waypoints[f"wp{number}"] for number in (1, 2, 3))]
-    legs = [(places[index], places[(index + 1) % 3]) for index in range(3)]
+    legs = [(places[index], places[(index + 1) % 3]) for index in range(1 if given.quick else 3)]
     still = GlobalCostmap(map)
-    print(f"{given.world}: {map.height} × {map.width} cells; medians, spread from a tenth to nine tenths")
-    print(f"{'':<24} pairs        peer         own  ratio         spread  share of a core")
-    print(line("plan, first", list(first_plans(still, legs * given.rounds)), 1.0))
-    print(line("plan, again", list(plans_again(map, legs, random)), 1.0))
-    print(line("global costmap, update", list(updates(map, GlobalCostmap(map), given.rounds, random)), 1.0))
+    question = f"What planning takes in {given.world}, {map.height} × {map.width} cells"
+    report = Report("navigation_planning", question, given.pairs)
+    add(report, "plan, first", list(first_plans(still, legs * given.pairs)), 1.0)
+    add(report, "plan, again", list(plans_again(map, legs, random)), 1.0)
+    add(report, "global costmap", list(updates(map, GlobalCostmap(map), given.pairs, random)), 1.0)
     local = LocalCostmap(keepout=map.keepout)
-    print(line("local costmap, update", list(updates(map, local, given.rounds, random)), 5.0))
+    add(report, "local costmap", list(updates(map, local, given.pairs, random)), 5.0)
+    report.tell(given.json)
 
 
 if __name__ == "__main__":

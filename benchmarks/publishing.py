@@ -1,6 +1,6 @@
 """What publishing costs the tree: time added to a tick, and how late ticks begin while clients listen.
 
-    python benchmarks/publishing.py [--pairs 5] [--seconds 2] [--clients 5]
+    python benchmarks/publishing.py [--pairs 5] [--seconds 2] [--clients 5] [--json]
 
 The tree has 1,000 nodes and is ticked at 100 Hz. In each tick 100 leaves succeed and are reset, which is
 200 transitions; the others run on. It is published for Groot 2 and on the scene channel. A client is a
@@ -12,11 +12,9 @@ pair; figures are medians over the pairs. Times are of the wall clock: the publi
 the tree for the interpreter, and that is to be seen.
 """
 
-import argparse
 import contextlib
 import gc
 import multiprocessing
-import os
 import statistics
 import time
 from collections.abc import Iterator
@@ -24,8 +22,9 @@ from dataclasses import dataclass
 from multiprocessing.synchronize import Event
 
 import btcore
-from btcore import builds
 from btcore.tree import Tree
+from measure.pairs import Spread
+from measure.report import Report, arguments
 from monitor.serve import Publisher, serve
 
 NODES = 1_000
@@ -154,11 +153,11 @@ def percentile(values: list[float], share: float) -> float:
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
-def cost(port: int, pairs: int, seconds: float) -> None:
-    """Print what publishing adds to a tick."""
+def cost(report: Report, port: int, seconds: float) -> None:
+    """What publishing adds to a tick."""
     plain, heard = [], []
     with clients(1, port):
-        for pair in range(pairs):
+        for pair in range(report.pairs):
             for publishes in (True, False) if pair % 2 else (False, True):
                 tree = btcore.loads(document())
                 if publishes:
@@ -166,48 +165,54 @@ def cost(port: int, pairs: int, seconds: float) -> None:
                         heard.append(statistics.median(paced(tree, seconds).durations))
                 else:
                     plain.append(statistics.median(paced(tree, seconds).durations))
-    added = sorted(one - other for one, other in zip(heard, plain, strict=True))
-    print(
-        f"a tick: {statistics.median(plain):.3f} ms, published with one client "
-        f"{statistics.median(heard):.3f} ms; added {statistics.median(added):.3f} ms "
-        f"({added[0]:.3f} – {added[-1]:.3f})"
-    )
+    pairs = list(zip(heard, plain, strict=True))
+    figures = {
+        "alone": f"{statistics.median(plain):.3f} ms",
+        "published": f"{statistics.median(heard):.3f} ms",
+        "added": f"{statistics.median(one - other for one, other in pairs):.3f} ms",
+    }
+    ratio = Spread.of([one / other for one, other in pairs])
+    report.add("a tick: published to one client / alone", ratio, None, figures)
 
 
-def lateness(port: int, pairs: int, seconds: float, count: int) -> None:
-    """Print how much later ticks begin with *count* clients than with none."""
+def lateness(report: Report, port: int, seconds: float, count: int) -> None:
+    """How late ticks begin with *count* clients, and with none."""
     alone: list[float] = []
     together: list[float] = []
-    for pair in range(pairs):
+    for pair in range(report.pairs):
         for listening in (count, 0) if pair % 2 else (0, count):
             tree = btcore.loads(document())
             with clients(listening, port), published(tree, port, listening):
                 late = percentile(paced(tree, seconds).lateness, 0.99)
                 (together if listening else alone).append(late)
-    grown = sorted(one - other for one, other in zip(together, alone, strict=True))
-    print(
-        f"lateness, 99th percentile: {statistics.median(alone):.2f} ms without clients, "
-        f"{statistics.median(together):.2f} ms with {count}; grows by {statistics.median(grown):.2f} ms "
-        f"({grown[0]:.2f} – {grown[-1]:.2f}) of a period of {1e3 * PERIOD:g} ms"
-    )
+    pairs = list(zip(together, alone, strict=True))
+    figures = {
+        "alone": f"{statistics.median(alone):.2f} ms",
+        "published": f"{statistics.median(together):.2f} ms",
+        "added": f"{statistics.median(one - other for one, other in pairs):.2f} ms",
+    }
+    ratio = Spread.of([one / other for one, other in pairs])
+    report.add("lateness, 99th percentile: clients / none", ratio, None, figures)
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=5, help="how many pairs of runs")
+    parser = arguments(__doc__ or "", pairs=5)
     parser.add_argument("--seconds", type=float, default=2.0, help="how long a run is")
     parser.add_argument("--clients", type=int, default=5, help="for the lateness")
     given = parser.parse_args()
     nodes = len(btcore.loads(document()).nodes)
-    load = os.getloadavg()[0]
-    print(
-        f"btcore: {builds.running()}; {nodes:,} nodes, {CHANGING} change each tick, {1 / PERIOD:g} Hz; "
-        f"medians of {given.pairs} pairs of {given.seconds:g} s; {os.cpu_count()} cores at load {load:.1f}"
+    if given.quick:
+        given.seconds, given.clients = 0.1, 1
+    question = (
+        f"What publishing costs: {nodes:,} nodes at {1 / PERIOD:g} Hz, of which {CHANGING} change each tick; "
+        f"one client, for the lateness {given.clients}"
     )
+    report = Report("publishing", question, given.pairs)
     port = free_port()
-    cost(port, given.pairs, given.seconds)
-    lateness(port, given.pairs, given.seconds, given.clients)
+    cost(report, port, given.seconds)
+    lateness(report, port, given.seconds, given.clients)
+    report.tell(given.json)
 
 
 if __name__ == "__main__":

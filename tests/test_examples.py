@@ -17,6 +17,7 @@ SAYS = {
     "03_control_node.py": ["working", "resting"],
     "04_bump_and_go.py": [" m, 0 collisions"],
     "05_watch_a_tree.py": ["the tree: Repeat, Sleep", "changes of status"],
+    "06_a_swarm.py": [" trips, 0 empty batteries"],
 }
 
 

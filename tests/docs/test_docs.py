@@ -33,12 +33,15 @@ PAGES = sorted((ROOT / "docs").rglob("*.md"))
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 BOOK_NEEDS = ("numpy", "cv2", "yaml", "pybullet")
 NEEDS = {
+    "batch": ("numpy",),
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
     "protocols": ("zmq", "msgpack"),
     "your-robot": ("numpy", "cv2", "scipy", "yaml"),
     "mapping": BOOK_NEEDS,
+    "navigation": BOOK_NEEDS,
     "patrolling": BOOK_NEEDS,
+    "sweeps": ("distributed",),
 }
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
 FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|json|yaml))")

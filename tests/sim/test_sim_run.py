@@ -1,5 +1,6 @@
 """What the simulator brings to `btcore run`."""
 
+import math
 import subprocess
 import sys
 import threading
@@ -41,6 +42,8 @@ def test_its_options():
         "gui",
         "robot",
         "camera",
+        "start",
+        "noise",
         "battery",
         "fault",
         "people",
@@ -94,6 +97,18 @@ def test_who_navigates_is_judged():
     report: Any = extension.report()["robot"]
     assert report["battery_min"] == pytest.approx(29.99)
     assert (report["recharges"], report["goals_failed"], report["waypoints_visited"]) == (1, 1, [])
+
+
+def test_the_robot_begins_where_it_is_told_and_its_sensors_are_as_noisy_as_told():
+    extension = RobotExtension()
+    robot, *_ = extension.provide({**SETTINGS, "start": "0.5,-0.5,90", "noise": 0.0}, [Robot])
+    with extension.attach(object(), [robot], SETTINGS):
+        first = robot.scan().ranges
+        robot.clock.wait_until(1_000_000_000, threading.Event())
+        assert robot.scan().ranges == pytest.approx(first, abs=0.002)
+    report: Any = extension.report()["robot"]
+    assert (report["pose"]["x"], report["pose"]["y"]) == pytest.approx((0.5, -0.5), abs=0.01)
+    assert report["pose"]["yaw"] == pytest.approx(math.pi / 2, abs=0.01)
 
 
 def test_a_run_that_fails_is_reported_too():

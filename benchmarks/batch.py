@@ -1,0 +1,223 @@
+"""One tree for many agents: the batch engine beside the ordinary one, in ratios.
+
+    python benchmarks/batch.py [--pairs 9] [--agents 100 1000 10000 100000] [--json]
+
+A robot that keeps its battery: 20 nodes, of which 8 are leaves with ports, two scripts and a subtree. In both
+engines the leaves do the same; those of the ordinary engine are plain functions on numbers, those of the
+batch functions on arrays. The agents' batteries differ, so that in every tick they stand at different places
+of the tree.
+
+The ordinary engine ticks one tree an agent, at most 1,000 of them, and its time is taken in proportion: its
+trees don't know of each other. A thousand trees fit no cache, so that the ratio to the throughput of ten
+is told too. Runs of both come in pairs, one right after the other; which goes first changes from pair to
+pair. Figures are medians over the pairs of processor time, with their quartiles.
+"""
+
+import gc
+import random
+import statistics
+import time
+
+import numpy as np
+
+import btcore
+from btcore import In, Put, Registry, SimClock, action, batch, condition
+from btcore.batch import BatchTree, Bools, Floats
+from measure.pairs import Spread
+from measure.report import Report, arguments, at_least
+
+MOST_TREES = 1_000
+CACHED_TREES = 10
+"""So few that they stay in the processor's caches."""
+TICKS = 20
+THROUGHPUT = at_least(compiled=20, pure=20)
+FROM = 1_000
+"""Agents: from here on there is a target."""
+
+DOCUMENT = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <ReactiveFallback>
+      <Sequence>
+        <Inverter> <BatteryOk level="{battery}"/> </Inverter>
+        <SubTree ID="Charge" battery="{battery}" place="{place}"/>
+      </Sequence>
+      <Sequence>
+        <Fallback>
+          <Near place="{place}" goal="{goal}"/>
+          <Drive place="{place}" goal="{goal}" battery="{battery}" at="{place}" left="{battery}"/>
+        </Fallback>
+        <Near place="{place}" goal="{goal}"/>
+        <Script code="goal := goal > 0 ? -10.0 : 10.0"/>
+      </Sequence>
+    </ReactiveFallback>
+  </BehaviorTree>
+  <BehaviorTree ID="Charge">
+    <Sequence>
+      <RetryUntilSuccessful num_attempts="-1">
+        <Sequence>
+          <Drive place="{place}" goal="0.0" battery="{battery}" at="{place}" left="{battery}"/>
+          <Near place="{place}" goal="0.0"/>
+        </Sequence>
+      </RetryUntilSuccessful>
+      <RetryUntilSuccessful num_attempts="-1">
+        <Sequence>
+          <Load battery="{battery}" more="{battery}"/>
+          <ScriptCondition code="battery &gt;= 0.9"/>
+        </Sequence>
+      </RetryUntilSuccessful>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+
+@condition
+def battery_ok(level: In[float]) -> bool:
+    return level > 0.2
+
+
+@condition
+def near(place: In[float], goal: In[float]) -> bool:
+    return abs(place - goal) < 0.5
+
+
+@action
+def drive(place: In[float], goal: In[float], battery: In[float], at: Put[float], left: Put[float]) -> bool:
+    at(place + max(-0.4, min(0.4, goal - place)))
+    left(max(battery - 0.01, 0.0))
+    return True
+
+
+@action
+def load(battery: In[float], more: Put[float]) -> bool:
+    more(battery + 0.05)
+    return True
+
+
+@batch.condition(ID="BatteryOk")
+def battery_ok_of_all(level: In[Floats]) -> Bools:
+    return level > 0.2
+
+
+@batch.condition(ID="Near")
+def near_of_all(place: In[Floats], goal: In[Floats]) -> Bools:
+    return np.abs(place - goal) < 0.5
+
+
+@batch.action(ID="Drive")
+def drive_all(
+    place: In[Floats], goal: In[Floats], battery: In[Floats], at: Put[Floats], left: Put[Floats]
+) -> bool:
+    at(place + np.maximum(-0.4, np.minimum(0.4, goal - place)))
+    left(np.maximum(battery - 0.01, 0.0))
+    return True
+
+
+@batch.action(ID="Load")
+def load_all(battery: In[Floats], more: Put[Floats]) -> bool:
+    more(battery + 0.05)
+    return True
+
+
+LEAVES = [battery_ok_of_all, near_of_all, drive_all, load_all]
+
+
+def beginnings(agents: int) -> list[dict[str, float]]:
+    """What each agent begins with."""
+    drawn = random.Random(1)
+    return [
+        {"battery": drawn.random(), "place": drawn.uniform(-9.0, 9.0), "goal": drawn.choice([-10.0, 10.0])}
+        for _ in range(agents)
+    ]
+
+
+def ordinary(given: list[dict[str, float]]) -> list[btcore.Tree]:
+    """A tree for each agent."""
+    nodes = Registry.standard()
+    nodes.add(battery_ok, near, drive, load)
+    trees = []
+    for values in given:
+        tree = btcore.loads(DOCUMENT, nodes=nodes, clock=SimClock())
+        for key, value in values.items():
+            tree.blackboard[key] = value
+        trees.append(tree)
+    return trees
+
+
+def batched(given: list[dict[str, float]]) -> BatchTree:
+    """One tree for all agents."""
+    columns = {key: np.array([values[key] for values in given]) for key in given[0]}
+    return BatchTree.loads(DOCUMENT, len(given), LEAVES, blackboard=columns, clock=SimClock())
+
+
+def same(agents: int) -> None:
+    """See that both engines do the same with *agents* agents."""
+    given = beginnings(agents)
+    trees, swarm = ordinary(given), batched(given)
+    for _ in range(100):
+        wanted = [int(tree.tick_exactly_once()) for tree in trees]
+        assert swarm.tick().tolist() == wanted
+        assert swarm.blackboard["battery"].tolist() == [tree.blackboard["battery"] for tree in trees]
+
+
+def time_of_trees(trees: list[btcore.Tree]) -> float:
+    """Seconds of processor time for a tick of all *trees*."""
+    begin = time.process_time()
+    for _ in range(TICKS):
+        for tree in trees:
+            tree.tick_exactly_once()
+    return (time.process_time() - begin) / TICKS
+
+
+def time_of_batch(swarm: BatchTree) -> float:
+    """Seconds of processor time for a tick of *swarm*."""
+    begin = time.process_time()
+    for _ in range(TICKS):
+        swarm.tick()
+    return (time.process_time() - begin) / TICKS
+
+
+def compare(report: Report, agents: int) -> None:
+    """Add a row about *agents* agents."""
+    given = beginnings(agents)
+    trees, swarm = ordinary(given[:MOST_TREES]), batched(given)
+    share = agents / len(trees)
+    time_of_trees(trees)
+    time_of_batch(swarm)
+    ratios, cached, times = [], [], []
+    for pair in range(report.pairs):
+        gc.collect()
+        if pair % 2:
+            alone, together = time_of_trees(trees) * share, time_of_batch(swarm)
+        else:
+            together = time_of_batch(swarm)
+            alone = time_of_trees(trees) * share
+        few = trees[:CACHED_TREES]
+        cached.append(time_of_trees(few) * agents / len(few) / together)
+        ratios.append(alone / together)
+        times.append(together)
+    figures = {
+        "a tick of all": f"{1e6 * statistics.median(times):,.0f} µs",
+        f"{CACHED_TREES} trees / batch": f"{statistics.median(cached):.3g}",
+    }
+    target = THROUGHPUT if agents >= FROM else None
+    report.add(f"{agents:,} agents: ordinary / batch", Spread.of(ratios), target, figures)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = arguments(__doc__ or "")
+    parser.add_argument("--agents", type=int, nargs="+", default=[100, 1_000, 10_000, 100_000])
+    given = parser.parse_args()
+    same(50)
+    nodes = len(ordinary(beginnings(1))[0].nodes)
+    question = f"How much faster one batch is than a tree of {nodes} nodes for each agent"
+    report = Report("batch", question, given.pairs)
+    for agents in [100] if given.quick else given.agents:
+        compare(report, agents)
+    report.tell(given.json)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""Draws the ratios that have targets, as bars beside their targets.
+
+python benchmarks/measure/plot.py MEASURED.json PICTURE.png
+"""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("agg")
+
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
+
+COLOURS = {"pure": "#7f9bab", "compiled": "#1f5f8b"}
+TARGET = "#c8553d"
+FASTER = ("py_trees / btcore", "ordinary / batch")
+"""What the ratios end with whose dividend is the other engine."""
+BAR = 0.36
+
+Row = Mapping[str, Any]
+
+
+def main() -> None:
+    """Draw the picture."""
+    source, picture = sys.argv[1:]
+    told = json.loads(Path(source).read_text(encoding="utf-8"))
+    faster: dict[str, dict[str, Row]] = {}
+    slower: dict[str, dict[str, Row]] = {}
+    for one in told:
+        for row in one["rows"]:
+            place = faster if row["what"].endswith(FASTER) else slower
+            place.setdefault(row["what"], {})[one["build"]] = row
+    slower = {what: rows for what, rows in slower.items() if any("target" in row for row in rows.values())}
+    charts = [
+        ("times as fast as py_trees (batch: as a tree for each agent), longer is better", faster),
+        ("times as long as the peer, shorter is better", slower),
+    ]
+    charts = [(title, rows) for title, rows in charts if rows]
+    heights = [len(rows) + 1.5 for _, rows in charts]
+    figure, axes = pyplot.subplots(
+        len(charts), 1, figsize=(9, 0.45 * sum(heights) + 0.6), height_ratios=heights, squeeze=False
+    )
+    for axis, (title, rows) in zip(axes[:, 0], charts, strict=True):
+        draw(axis, title, rows)
+    marks = [pyplot.Rectangle((0, 0), 1, 1, color=COLOURS[build]) for build in COLOURS]
+    marks.append(pyplot.Line2D([], [], color=TARGET, linewidth=2))
+    figure.legend(marks, [*COLOURS, "target"], fontsize=8, frameon=False, loc="upper left", ncols=3)
+    figure.text(0.995, 0.004, about(told), ha="right", va="bottom", fontsize=7, color="#777777")
+    figure.tight_layout(rect=(0, 0.01, 1, 0.98))
+    figure.savefig(picture, dpi=140)
+
+
+def draw(axis: Axes, title: str, lines: Mapping[str, Mapping[str, Row]]) -> None:
+    """One chart: a line for each ratio, a bar for each build, a mark at each target."""
+    builds = [build for build in COLOURS if any(build in rows for rows in lines.values())]
+    bar = BAR if len(builds) == 2 else 2 * BAR
+    for place, rows in enumerate(lines.values()):
+        for number, build in enumerate(builds):
+            if build in rows:
+                height = place + (number - (len(builds) - 1) / 2) * bar
+                _bar(axis, height, bar, build, rows[build])
+    names = [what.removesuffix(": py_trees / btcore") for what in lines]
+    axis.set_yticks(range(len(lines)), names, fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+    ratios = [row["median"] for rows in lines.values() for row in rows.values()]
+    axis.set_xlim(0.8 * min(1.0, *ratios), 1.6 * max(ratios))
+    axis.set_title(title, loc="right", fontsize=9, fontweight="bold")
+    axis.grid(axis="x", color="#e4e4e4")
+    axis.set_axisbelow(True)
+    axis.spines[["top", "right", "left"]].set_visible(False)
+    axis.tick_params(left=False, labelsize=8)
+
+
+def _bar(axis: Axes, height: float, bar: float, build: str, row: Row) -> None:
+    """The bar of one build, with its spread, its number and its target."""
+    ratio = row["median"]
+    spread = [[max(0.0, ratio - row["low"])], [max(0.0, row["high"] - ratio)]]
+    axis.barh(height, ratio, bar * 0.9, color=COLOURS[build], xerr=spread, error_kw={"lw": 0.8, "alpha": 0.6})
+    shown = f"{ratio:.0f}" if ratio >= 100 else f"{ratio:.3g}"
+    met = {True: " ✓", False: " ✗", None: ""}[row.get("met")]
+    beside = axis.get_yaxis_transform()
+    axis.text(1.01, height, shown + met, transform=beside, va="center", fontsize=7, color=COLOURS[build])
+    if "target" in row:
+        limits = [row["limit"]] * 2
+        axis.plot(limits, [height - bar / 2, height + bar / 2], color=TARGET, linewidth=2)
+
+
+def about(told: Sequence[Row]) -> str:
+    """How it was measured, in one line."""
+    pairs = sorted({one["pairs"] for one in told})
+    python = sorted({one["python"] for one in told})
+    return f"medians of {pairs[0]} paired runs or more, quartiles; Python {', '.join(python)}"
+
+
+if __name__ == "__main__":
+    main()

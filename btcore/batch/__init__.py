@@ -1,0 +1,47 @@
+"""One tree ticked for many agents at once, on numpy's arrays (``pip install btcore[batch]``).
+
+from btcore import batch
+from btcore.batch import BatchTree, Floats, Mask
+
+@batch.condition
+def battery_ok(level: In[Floats], minimum: In[Floats] = 0.2) -> Bools: ...
+
+swarm = BatchTree.load("forage.xml", agents=10_000, nodes=[battery_ok, …])
+statuses = swarm.tick()
+"""
+
+from btcore.batch.blackboard import BatchBlackboard
+from btcore.batch.crowd import Indices, Mask
+from btcore.batch.declare import (
+    Bools,
+    Floats,
+    Ints,
+    NodeName,
+    Rows,
+    StatefulAction,
+    Statuses,
+    Texts,
+    action,
+    condition,
+)
+from btcore.batch.node import BatchNode
+from btcore.batch.tree import AgentsRaised, BatchTree
+
+__all__ = [
+    "AgentsRaised",
+    "BatchBlackboard",
+    "BatchNode",
+    "BatchTree",
+    "Bools",
+    "Floats",
+    "Indices",
+    "Ints",
+    "Mask",
+    "NodeName",
+    "Rows",
+    "StatefulAction",
+    "Statuses",
+    "Texts",
+    "action",
+    "condition",
+]

@@ -1,0 +1,176 @@
+"""Branches and switches for a batch."""
+
+from btcore.batch.context import BatchContext
+from btcore.batch.node import NOBODY, BatchNode, Results
+from btcore.batch.ports import Reader
+from btcore.errors import NodeFault
+from btcore.node import TreeNode
+from btcore.nodes.switch import same
+
+
+class BranchNode(BatchNode):
+    """A node of two or three children: a condition, then, and else."""
+
+    def are_enough(self, agents: int) -> bool:
+        """Whether there are two or three children; if not, the tick of *agents* fails."""
+        count = len(self.children)
+        if count in (2, 3):
+            return True
+        said = f"<{self.id}> takes a condition and one or two branches, not {count} children"
+        self.context.fail(self, agents, NodeFault(said))
+        return False
+
+
+class IfThenElse(BranchNode):
+    """Ticks the condition once, then the branch that it chose."""
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self._chosen = [0, 0, 0]
+
+    def tick(self, agents: int) -> Results:
+        """Choose a branch for whom none is chosen, and tick it."""
+        if not self.are_enough(agents):
+            return NOBODY
+        success = failure = running = skipped = 0
+        self.set_running(agents)
+        chosen = self._chosen
+        asking = agents ^ (agents & (chosen[1] | chosen[2]))
+        if asking:
+            true, false, running, none = self.children[0].execute(asking)
+            if none:
+                fault = NodeFault("the condition was skipped, so that no branch can be chosen")
+                self.context.fail(self, none, fault)
+            chosen[1] |= true
+            if len(self.children) == 3:
+                chosen[2] |= false
+            else:
+                failure = false
+        for branch in range(1, len(self.children)):
+            going = chosen[branch] & agents
+            if going:
+                succeeded, failed, runs, none = self.children[branch].execute(going)
+                ended = succeeded | failed | none
+                chosen[branch] ^= chosen[branch] & ended
+                self.reset_children(ended)
+                success |= succeeded
+                failure |= failed
+                running |= runs
+                skipped |= none
+        return success, failure, running, skipped
+
+    def halt(self, agents: int) -> None:
+        """Halt the children; the condition decides anew next time."""
+        for branch in (1, 2):
+            self._chosen[branch] ^= self._chosen[branch] & agents
+        self.reset_children(agents)
+        self.reset(agents)
+
+
+class WhileDoElse(BranchNode):
+    """Ticks the condition on every tick, and the branch that it asks for."""
+
+    def tick(self, agents: int) -> Results:
+        """Tick the condition, and the branch that it asks for."""
+        if not self.are_enough(agents):
+            return NOBODY
+        self.set_running(agents)
+        children = self.children
+        three = len(children) == 3
+        true, false, running, none = children[0].execute(agents)
+        success = failure = skipped = 0
+        if none:
+            self.reset_children(none)
+            fault = NodeFault("the condition was skipped, so that no branch can be ticked")
+            self.context.fail(self, none, fault)
+        if true:
+            if three:
+                children[2].reset_by_parent(true)
+                true = self.alive(true)
+            success, failure, runs, skipped = children[1].execute(true)
+            running |= runs
+        if false and three:
+            children[1].reset_by_parent(false)
+            succeeded, failed, runs, more = children[2].execute(self.alive(false))
+            success |= succeeded
+            failure |= failed
+            running |= runs
+            skipped |= more
+        elif false:
+            failure |= false
+        ended = success | failure | skipped
+        if ended:
+            self.reset_children(ended)
+        return success, failure, running, skipped
+
+
+class Switch(BatchNode):
+    """Ticks the child whose case equals the variable, else the last child."""
+
+    variable: Reader
+    cases: list[Reader]
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self._running = [0] * len(children)
+        self._known: dict[tuple[str | None, ...], int] = {}
+
+    def tick(self, agents: int) -> Results:
+        """Tick the child that is due."""
+        children = self.children
+        if len(children) != len(self.cases) + 1:
+            said = f"<{self.id}> takes {len(self.cases)} cases and a default, not {len(children)} children"
+            self.context.fail(self, agents, NodeFault(said))
+            return NOBODY
+        success = failure = running = skipped = 0
+        for index, due in enumerate(self._chosen(agents)):
+            if not due:
+                continue
+            for other, before in enumerate(self._running):
+                stopped = before & due
+                if stopped and other != index:
+                    children[other].reset_by_parent(stopped)
+                    self._running[other] ^= stopped
+            due = self.alive(due)
+            succeeded, failed, runs, none = children[index].execute(due)
+            self._running[index] = self._running[index] ^ (self._running[index] & due) | runs
+            self.reset_children(succeeded | failed)
+            success |= succeeded
+            failure |= failed
+            running |= runs
+            skipped |= none
+        return success, failure, running, skipped
+
+    def _chosen(self, agents: int) -> list[int]:
+        """For each child, who is to tick it."""
+        chosen = [0] * len(self.children)
+        groups: list[tuple[tuple[str | None, ...], int]] = [((), agents)]
+        for port in (self.variable, *self.cases):
+            groups = [
+                ((*texts, text), some)
+                for texts, group in groups
+                for text, some in port.groups_or(group, None)
+            ]
+        for texts, some in groups:
+            index = self._known.get(texts)
+            if index is None:
+                if len(self._known) > 1000:
+                    self._known.clear()
+                self._known[texts] = index = self._choose(texts)
+            chosen[index] |= some
+        return chosen
+
+    def _choose(self, texts: tuple[str | None, ...]) -> int:
+        variable, *cases = texts
+        if variable is not None:
+            for index, case in enumerate(cases):
+                if case is not None and same(variable, case, self.config.enums):
+                    return index
+        return len(cases)
+
+    def halt(self, agents: int) -> None:
+        """Halt the children; nothing runs."""
+        for index, running in enumerate(self._running):
+            self._running[index] = running ^ (running & agents)
+        self.reset_children(agents)
+        self.reset(agents)

@@ -1,0 +1,178 @@
+"""What every node of a batch is: stored statuses as sets of agents, ticks, and halts.
+
+The order of what happens to one agent is that of :mod:`btcore.node`, line by line; what happens to
+different agents in between doesn't matter to it.
+"""
+
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore.batch.context import BatchContext, Located
+from btcore.batch.guard import Guard
+from btcore.config import NodeConfig
+from btcore.node import TreeNode
+from btcore.status import NodeType
+
+Results: TypeAlias = tuple[int, int, int, int]
+"""Who succeeded, who failed, who runs and who was skipped; those that raised are in none."""
+
+NOBODY: Final[Results] = (0, 0, 0, 0)
+
+
+class BatchNode:
+    """A node of a batch.
+
+    *success*, *failure* and *running* are the agents for whom that status is stored, all others are
+    IDLE; SKIPPED is never stored, as in the ordinary engine.
+    """
+
+    children: list["BatchNode"]
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list["BatchNode"]) -> None:
+        config: NodeConfig = plan.config
+        self.config = config
+        self.name = config.name
+        self.id = config.id
+        self.uid = config.uid
+        self.path = config.path
+        self.where = config.where
+        self.type: NodeType = plan.type
+        self.parent: Located | None = None
+        self.context = context
+        self.children = children
+        for child in children:
+            child.parent = self
+        self.guard: Guard | None = None
+        self.success = 0
+        self.failure = 0
+        self.running = 0
+
+    @property
+    def status(self) -> NDArray[np.uint8]:
+        """The stored status of each agent, as a Status is numbered."""
+        return statuses(self.context, self.success, self.failure, self.running, 0)
+
+    def __repr__(self) -> str:
+        return f"<{self.id} '{self.path}' for {self.context.crowd.count} agents>"
+
+    # --- ticking
+
+    def tick(self, agents: int) -> Results:
+        """Do what the node is for, for *agents*."""
+        raise NotImplementedError
+
+    def execute(self, agents: int) -> Results:
+        """Tick the node for *agents* as its parent does: with conditions, and with the results stored."""
+        guard = self.guard
+        if guard is None:
+            results = self.tick(agents)
+        else:
+            results = guard.execute(self, agents)
+        if self.context.raised:
+            raised = self.context.raised
+            success, failure, running, skipped = results
+            results = (
+                success ^ (success & raised),
+                failure ^ (failure & raised),
+                running ^ (running & raised),
+                skipped ^ (skipped & raised),
+            )
+        self.store(results[0], results[1], results[2])
+        return results
+
+    def store(self, success: int, failure: int, running: int) -> None:
+        """Store these results; all other agents keep what they had."""
+        done = success | failure | running
+        before = self.success
+        self.success = before ^ (before & done) | success if before else success
+        before = self.failure
+        self.failure = before ^ (before & done) | failure if before else failure
+        before = self.running
+        self.running = before ^ (before & done) | running if before else running
+
+    def set_running(self, agents: int) -> None:
+        """Store RUNNING for *agents*."""
+        self.running |= agents
+        if self.success:
+            self.success ^= self.success & agents
+        if self.failure:
+            self.failure ^= self.failure & agents
+
+    def stored(self, agents: int) -> int:
+        """Those of *agents* for whom the node isn't IDLE."""
+        return agents & (self.running | self.success | self.failure)
+
+    def alive(self, agents: int) -> int:
+        """Those of *agents* for whom nothing has raised in this tick."""
+        raised = self.context.raised
+        return agents ^ (agents & raised) if raised else agents
+
+    # --- halting
+
+    def reset(self, agents: int) -> None:
+        """Be IDLE for *agents*."""
+        if self.success:
+            self.success ^= self.success & agents
+        if self.failure:
+            self.failure ^= self.failure & agents
+        if self.running:
+            self.running ^= self.running & agents
+
+    def halt(self, agents: int) -> None:
+        """Stop what runs for *agents*, and be IDLE for them."""
+        for child in self.children:
+            child.reset_by_parent(agents)
+        self.reset(agents)
+
+    def halt_node(self, agents: int) -> None:
+        """Halt as a parent does: with ``_onHalted``."""
+        self.halt(agents)
+        if self.guard is not None:
+            self.guard.halted(agents)
+
+    def reset_by_parent(self, agents: int) -> None:
+        """Halt the node for those of *agents* for whom it runs, and be IDLE for all of them."""
+        running = self.running & agents
+        if running:
+            self.halt_node(running)
+        self.reset(agents)
+
+    def reset_children(self, agents: int) -> None:
+        """Halt the children that run for *agents*, and reset all, in order."""
+        for child in self.children:
+            stored = (child.running | child.success | child.failure) & agents
+            if stored:
+                child.reset_by_parent(stored)
+
+
+class BatchDecorator(BatchNode):
+    """A node with one child."""
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self.child = children[0]
+
+    def execute(self, agents: int) -> Results:
+        """Tick as any node; a child that has completed is reset."""
+        results = super().execute(agents)
+        child = self.child
+        completed = child.success | child.failure
+        if completed:
+            child.reset(completed & agents)
+        return results
+
+
+def statuses(
+    context: BatchContext, success: int, failure: int, running: int, skipped: int
+) -> NDArray[np.uint8]:
+    """One status for each agent, as a Status is numbered; of those in no set IDLE."""
+    crowd = context.crowd
+    # RUNNING, SUCCESS, FAILURE and SKIPPED are 1, 2, 3 and 4.
+    low = crowd.mask(running | failure).view(np.uint8)
+    high = crowd.mask(success | failure).view(np.uint8)
+    found: NDArray[np.uint8] = low + (high << 1)
+    if skipped:
+        found += crowd.mask(skipped).view(np.uint8) << 2
+    return found

@@ -1,0 +1,200 @@
+"""Scripts for all agents at once: the parsed script of :mod:`btcore.script`, evaluated on columns.
+
+A value is an array with one number an agent, or one value for all. Of numbers a set tells which count as
+integers: arithmetic gives reals, literals, copies and entries may be integers, and which it is matters to
+``&&``, to conditions and to new entries (nodes.md §8.4, §8.5). Where texts and other objects take part, the
+ordinary engine's operators are asked agent by agent.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, Form, Values, objects
+from btcore.batch.context import BatchContext, Located
+from btcore.batch.schema import Schema, Slot
+from btcore.blackboard import Blackboard
+from btcore.errors import BtcoreError, ConversionFault, ScriptFault
+from btcore.script.program import truth as truth_of_one
+
+
+class Value(NamedTuple):
+    """What a part of a script is worth: an array or one value for all, its form, and whose are integers."""
+
+    data: Any
+    form: Form
+    whole: int
+
+
+NOTHING: Final = Value(0.0, NUMBER, 0)
+"""What is computed for nobody."""
+
+
+class Run:
+    """One evaluation: for whom it goes on. Agents for whom it fails leave it, and the tick."""
+
+    __slots__ = ("context", "doing", "lost", "node")
+
+    def __init__(self, context: BatchContext, node: Located, doing: str) -> None:
+        self.context = context
+        self.node = node
+        self.doing = doing
+        self.lost = 0
+
+    def fail(self, agents: int, fault: BtcoreError) -> None:
+        """Let *agents* go, for whom *fault* was raised."""
+        self.lost |= agents
+        self.context.fail(self.node, agents, fault, self.doing)
+
+    def alive(self, agents: int) -> int:
+        """Those of *agents* who are still there."""
+        return agents ^ (agents & self.lost) if self.lost else agents
+
+
+class Part:
+    """A part of a script."""
+
+    __slots__ = ()
+
+    def evaluate(self, run: Run, agents: int) -> Value:
+        """The value for *agents*; those who fail are lost to *run*."""
+        raise NotImplementedError
+
+
+class BatchProgram:
+    """A script that was compiled for a batch. *text* is what it was compiled from.
+
+    One that *computes* may divide by zero, which is no mistake there, or leave the doubles.
+    """
+
+    def __init__(
+        self, text: str, statements: list[Part], computes: bool, node: Located, context: BatchContext
+    ) -> None:
+        self.text = text
+        self.computes = computes
+        self.node = node
+        self.context = context
+        self._statements = statements
+
+    def run(self, agents: int, doing: str = "ticking") -> int:
+        """Evaluate every statement for *agents*; those for whom none of them failed."""
+        if not self.computes:
+            return self._run(agents, doing)
+        with np.errstate(all="ignore"):
+            return self._run(agents, doing)
+
+    def split(self, agents: int) -> tuple[int, int]:
+        """For whom of *agents* the last statement is true, and for whom it is false."""
+        if not self.computes:
+            return self._split(agents)
+        with np.errstate(all="ignore"):
+            return self._split(agents)
+
+    def _run(self, agents: int, doing: str) -> int:
+        run = Run(self.context, self.node, doing)
+        for statement in self._statements:
+            agents = run.alive(agents)
+            if not agents:
+                break
+            statement.evaluate(run, agents)
+        return run.alive(agents)
+
+    def _split(self, agents: int) -> tuple[int, int]:
+        run = Run(self.context, self.node, "ticking")
+        value = NOTHING
+        for statement in self._statements:
+            agents = run.alive(agents)
+            if not agents:
+                return 0, 0
+            value = statement.evaluate(run, agents)
+        agents = run.alive(agents)
+        true = truth(run, value, agents)
+        if run.lost:
+            true, agents = run.alive(true), run.alive(agents)
+        return true, agents ^ true
+
+
+class Scope(NamedTuple):
+    """Where the names of a script lead, and which stand for numbers.
+
+    With *copies* the values of entries are copied, since the same statement may change them.
+    """
+
+    schema: Schema
+    board: Blackboard
+    enums: Mapping[str, int]
+    copies: bool = False
+
+    def slot(self, key: str) -> Slot:
+        """The slot of *key*."""
+        return Slot(self.schema, self.board, key)
+
+
+def truth(run: Run, value: Value, agents: int) -> int:
+    """Those of *agents* for whom *value*, a condition's result, is true; who has none is lost."""
+    data, form, whole = value
+    crowd = run.context.crowd
+    if form is NUMBER or form is TRUTH:
+        if not isinstance(data, np.ndarray):
+            if data == 0 or data == 1 or (data > 0 and not whole & agents):
+                return agents if data else 0
+        elif data.dtype == np.bool_:
+            return crowd.of(data) & agents
+        else:
+            bad = crowd.of(data < 0) & agents
+            if whole & agents:
+                bad |= crowd.of(data > 1) & whole & agents
+            if not bad:
+                return crowd.of(data != 0) & agents
+    found = 0
+    held = objects(data, form, crowd, agents, whole)
+    for at in crowd.indices(agents):
+        try:
+            found |= truth_of_one(held[at]) << int(at)
+        except ScriptFault as fault:
+            run.fail(1 << int(at), fault)
+    return found
+
+
+def reals(value: Value) -> Any:
+    """The numbers of *value* as doubles: an array or a float."""
+    data = value.data
+    if isinstance(data, np.ndarray):
+        return data if data.dtype == np.float64 else data.astype(np.float64)
+    return float(data)
+
+
+def is_number(value: Value) -> bool:
+    """Whether arithmetic on arrays is possible."""
+    return value.form is NUMBER or value.form is TRUTH
+
+
+def one_by_one(
+    run: Run, agents: int, function: Any, values: tuple[Value, ...], located: Any
+) -> tuple[Values, int]:
+    """``function(value, …)`` for each of *agents*: an array of objects, and for whom it didn't fail.
+
+    *located* makes a ScriptFault of a ConversionFault.
+    """
+    crowd = run.context.crowd
+    held = [objects(value.data, value.form, crowd, agents, value.whole) for value in values]
+    found = np.full(crowd.count, None, dtype=object)
+    for at in crowd.indices(agents):
+        try:
+            found[at] = function(*(one[at] for one in held))
+        except ConversionFault as fault:
+            run.fail(1 << int(at), located(str(fault)))
+    return found, run.alive(agents)
+
+
+def of_objects(run: Run, found: Values, agents: int) -> Value:
+    """An array of Python's objects as a value, of the simplest form that *agents* allow."""
+    crowd = run.context.crowd
+    held = found[crowd.mask(agents)]
+    kinds = {type(one) for one in held}
+    if kinds <= {float}:
+        data = np.zeros(crowd.count)
+        data[crowd.mask(agents)] = held
+        return Value(data, NUMBER, 0)
+    return Value(found, TEXT if kinds == {str} else OBJECT, 0)

@@ -1,0 +1,133 @@
+"""Nodes that wait, for a batch: each agent for its own moment."""
+
+from btcore.batch.context import BatchContext
+from btcore.batch.node import BatchDecorator, BatchNode, Results
+from btcore.batch.ports import Reader
+from btcore.node import TreeNode
+
+
+class Timeout(BatchDecorator):
+    """Halts its child and fails when it still runs some time after the start."""
+
+    msec: Reader
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self._timer = context.timer()
+        self._started = 0
+
+    def tick(self, agents: int) -> Results:
+        """Tick the child while there is time."""
+        clock, timer = self.context.clock, self._timer
+        late = active = 0
+        for allowed, some in self.msec.groups(agents):
+            starts = some ^ (some & self._started)
+            if starts:
+                self.set_running(starts)
+                self._started |= starts
+                if allowed > 0:
+                    timer.start(starts, clock.now(), allowed)
+            active |= some
+            going = some ^ starts
+            due = timer.due(going, clock.now()) if going else 0
+            if due:
+                stopped = due & self.child.running
+                # The original's timer fires once, and finds nothing to halt.
+                timer.forget(due)
+                if stopped:
+                    late |= stopped
+                    self._stop(stopped)
+                    self.child.reset_by_parent(stopped)
+        active ^= late
+        if not active:
+            return 0, late, 0, 0
+        success, failure, running, skipped = self.child.execute(self.alive(active))
+        completed = success | failure
+        if completed:
+            self._stop(completed)
+            self.child.reset_by_parent(completed)
+        return success, failure | late, running, skipped
+
+    def _stop(self, agents: int) -> None:
+        self._started ^= self._started & agents
+        self._timer.stop(agents)
+
+    def halt(self, agents: int) -> None:
+        """Halt the child and stop the clock."""
+        self._stop(agents)
+        self.child.reset_by_parent(agents)
+        self.reset(agents)
+
+
+class Delay(BatchDecorator):
+    """Ticks its child only when some time has passed since the start."""
+
+    delay_msec: Reader
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self._timer = context.timer()
+
+    def tick(self, agents: int) -> Results:
+        """Wait, then tick the child."""
+        clock, timer = self.context.clock, self._timer
+        waits = active = 0
+        for delay, some in self.delay_msec.groups(agents):
+            starts = some ^ (some & timer.waiting)
+            going = some ^ starts
+            due = timer.due(going, clock.now()) if going else 0
+            if starts:
+                self.set_running(starts)
+                timer.start(starts, clock.now(), delay)
+            waits |= some ^ due
+            active |= due
+        if not active:
+            return 0, 0, waits, 0
+        success, failure, running, skipped = self.child.execute(active)
+        completed = success | failure
+        if completed:
+            timer.forget(completed)
+            self.child.reset_by_parent(completed)
+        return success, failure, running | waits, skipped
+
+    def halt(self, agents: int) -> None:
+        """Halt the child and stop the clock."""
+        self._timer.stop(agents)
+        self.child.reset_by_parent(agents)
+        self.reset(agents)
+
+
+class Sleep(BatchNode):
+    """Runs for some time, then succeeds."""
+
+    msec: Reader
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self._timer = context.timer()
+
+    def tick(self, agents: int) -> Results:
+        """Start the clock, or look at it."""
+        clock, timer = self.context.clock, self._timer
+        going = self.running & agents
+        # Who has completed and was not reset keeps the result.
+        success, failure = self.success & agents, self.failure & agents
+        running = 0
+        if going:
+            due = timer.due(going, clock.now())
+            success |= due
+            running = going ^ due
+        starts = agents ^ self.stored(agents)
+        if starts:
+            for duration, some in self.msec.groups(starts):
+                if duration <= 0:
+                    success |= some
+                else:
+                    timer.start(some, clock.now(), duration)
+                    running |= some
+        return success, failure, running, 0
+
+    def halt(self, agents: int) -> None:
+        """Stop the clock."""
+        self._timer.stop(agents & self.running)
+        self.reset(agents)

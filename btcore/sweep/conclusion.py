@@ -1,0 +1,110 @@
+"""What a sweep leaves behind: the table, the report, a summary in the terminal, the object of ``--json``."""
+
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from btcore.cli import files
+from btcore.script.program import Program
+from btcore.sweep import success, table
+from btcore.sweep.definition import Definition
+from btcore.sweep.figures import Figures, Rate, figures
+from btcore.sweep.journal import Journal
+from btcore.sweep.playing import Played
+from btcore.sweep.report import Told, page
+from btcore.sweep.summary import summary
+from btcore.sweep.table import Row
+
+REPORT: Final = "report.html"
+FAILURE: Final = 1
+RAISED: Final = 3
+INTERRUPTED: Final = 130
+
+
+class Conclusion(NamedTuple):
+    """The object of ``--json``, and the exit code."""
+
+    told: dict[str, Any]
+    code: int
+
+
+def conclude(journal: Journal, script: Program | None, suffix: str, played: Played) -> Conclusion:
+    """Write the table, as *suffix* says, and the report into the sweep's folder, and sum up on stderr."""
+    sweep = journal.definition
+    rows = []
+    for number in sorted(journal.done):
+        one = table.row(sweep.episode(number), journal.done[number])
+        rows.append({**one, "success": success.judge(one, script)})
+    results, report = journal.folder / f"results.{suffix}", journal.folder / REPORT
+    table.write(results, rows, table.columns(rows, sweep))
+    found = figures(rows, sweep)
+    walls = [record["wall_s"] for record in journal.done.values() if record.get("wall_s")]
+    told = Told(sweep, found, None if script is None else script.text, tuple(walls))
+    files.write(report, page(told).encode())
+    summary(told, played, results, report)
+    return Conclusion(_object(told, played, results, report), _code(rows, played))
+
+
+def _code(rows: list[Row], played: Played) -> int:
+    if played.interrupted:
+        return INTERRUPTED
+    if any(one["status"] == "RAISED" for one in rows):
+        return RAISED
+    return 0 if all(one["success"] for one in rows) else FAILURE
+
+
+def _object(told: Told, played: Played, results: Path, report: Path) -> dict[str, Any]:
+    found, sweep = told.figures, told.definition
+    return {
+        "episodes": len(sweep),
+        "done": found.rate.count,
+        **_rate(found.rate),
+        "by": {
+            key: {value: _rate(rate) for value, rate in values.items()} for key, values in found.by.items()
+        },
+        "statuses": found.statuses,
+        "figures": {
+            one.name: {"min": one.least, "median": one.median, "mean": round(one.mean, 6), "max": one.most}
+            for one in found.spreads
+        },
+        "failing": [
+            {"node": one.node, "ended": one.ended, "episodes": one.failed, "failures": one.times}
+            for one in found.failing
+        ],
+        "failed": _failed(found, sweep),
+        "workers": {
+            "count": played.workers,
+            "deaths": played.deaths,
+            "wall_s": round(played.wall, 3),
+            "busy": round(played.busy, 4),
+        },
+        "table": str(results),
+        "report": str(report),
+    }
+
+
+def _rate(rate: Rate) -> dict[str, Any]:
+    share = round(rate.share, 6) if rate.count else None
+    return {
+        "succeeded": rate.good,
+        "of": rate.count,
+        "rate": share,
+        "interval": [round(rate.low, 6), round(rate.high, 6)],
+    }
+
+
+def _failed(found: Figures, sweep: Definition) -> list[dict[str, Any]]:
+    told = []
+    for one in found.failed:
+        episode = sweep.episode(one["episode"])
+        told.append(
+            {
+                "episode": episode.number,
+                "seed": episode.seed,
+                "params": dict(episode.values),
+                "status": one["status"],
+                "failed_at": one["failed_at"],
+                "error": one["error"],
+                "replay": episode.replay,
+            }
+        )
+    return told

@@ -1,0 +1,115 @@
+"""What a sweep is: a tree, what is told to every run of it, the settings and the seeds."""
+
+import hashlib
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from btcore.sweep import parameters, seeds
+
+FORM: Final = 1
+"""Of the description that a sweep's folder keeps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One run of a sweep: its *number* from 0, *seed*, the parameters' *values*, and all of the *command*."""
+
+    number: int
+    seed: int
+    values: Mapping[str, str]
+    command: tuple[str, ...]
+
+    @property
+    def replay(self) -> str:
+        """The command line that makes the same run again."""
+        return shlex.join(("btcore", "run", *self.command))
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A sweep of *tree*, as the user named it.
+
+    *arguments* are told to every run, *varied* are the values of each parameter, *choices* says how they are
+    told. *inputs* are digests of the files that a run reads, by name, and *version* is btcore's.
+    """
+
+    tree: str
+    arguments: tuple[str, ...]
+    varied: Mapping[str, tuple[str, ...]]
+    choices: parameters.Choices
+    seeds: tuple[int, ...]
+    inputs: Mapping[str, str]
+    version: str
+
+    @cached_property
+    def settings(self) -> list[dict[str, str]]:
+        """Every combination of the parameters' values."""
+        return list(parameters.settings(self.varied))
+
+    def __len__(self) -> int:
+        return len(self.seeds) * len(self.settings)
+
+    def episode(self, number: int) -> Episode:
+        """The episode of that *number*: all settings of the first seed, then all of the next."""
+        turn, place = divmod(number, len(self.settings))
+        seed, values = self.seeds[turn], self.settings[place]
+        told = parameters.arguments(values, self.choices)
+        command = (self.tree, *self.arguments, *told, "--fast", "--seed", str(seed))
+        return Episode(number, seed, values, command)
+
+    def __iter__(self) -> Iterator[Episode]:
+        return (self.episode(number) for number in range(len(self)))
+
+    @cached_property
+    def described(self) -> dict[str, Any]:
+        """All that its results depend on, for JSON."""
+        return {
+            "form": FORM,
+            "tree": self.tree,
+            "arguments": list(self.arguments),
+            "params": {key: list(values) for key, values in self.varied.items()},
+            "seeds": seeds.written(self.seeds),
+            "inputs": dict(self.inputs),
+            "version": self.version,
+        }
+
+
+def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
+    """In what the sweep described as *before* is another than *now*, as part of a sentence; or None."""
+    words = {
+        "form": "it was written by another version of btcore",
+        "tree": "its tree",
+        "arguments": "its options",
+        "params": "its parameters",
+        "seeds": "its seeds",
+        "version": "its version of btcore",
+    }
+    for key, word in words.items():
+        if before.get(key) != now[key]:
+            if key == "form":
+                return word
+            return f"{word}: {_said(before.get(key))} there, {_said(now[key])} now"
+    there, here = before.get("inputs", {}), now["inputs"]
+    changed = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
+    return f"the file {changed[0]}, which has changed since" if changed else None
+
+
+def digests(files: Sequence[Path]) -> dict[str, str]:
+    """A digest of each of *files* that can be read, by its name."""
+    found = {}
+    for path in sorted(set(files)):
+        if path.is_file():
+            found[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    return found
+
+
+def _said(value: object) -> str:
+    if isinstance(value, list):
+        return shlex.join(value) or "none"
+    if isinstance(value, dict):
+        return " ".join(f"{key}={','.join(values)}" for key, values in value.items()) or "none"
+    return str(value)

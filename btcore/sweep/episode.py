@@ -1,0 +1,90 @@
+"""One episode, played in a worker: what ``btcore run`` does, in a process that plays one after the other."""
+
+import io
+import json
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from functools import cache
+from typing import Any, Final
+
+import click
+
+from btcore.cli.library import Library, library
+from btcore.cli.run import run, session
+from btcore.errors import BtcoreError
+from btcore.sweep.blame import Blame
+
+MISTAKE: Final = 2
+RAISED: Final = 3
+BUG: Final = 70
+_MOST_SAID: Final = 20  # warnings that one episode hands on
+
+_ONE_AT_A_TIME: Final = threading.Lock()  # all threads have one standard output, and one folder
+
+Result = dict[str, Any]
+
+
+def play(command: Sequence[str], folder: str) -> Result:
+    """Run ``btcore run`` with the words of *command* in *folder*, and tell how that went.
+
+    The result is ``code``, the exit code; ``report``, the object of ``--json``, None where no run was had;
+    ``blamed``, the node that made the tree fail or that raised; ``said``, what was warned of; ``fault``, why
+    no run was had (code 2: a mistake of the user's, 70: of the program's); ``wall_s``.
+    """
+    said = io.StringIO()
+    result: Result
+    # Whoever prints in a worker prints into nobody's terminal.
+    with _ONE_AT_A_TIME, redirect_stdout(io.StringIO()), redirect_stderr(said):
+        began = time.perf_counter()
+        try:
+            with chdir(folder):
+                result = _played(command)
+        except FileNotFoundError as fault:
+            if fault.filename != folder:
+                result = _bug(fault)
+            else:
+                text = f"a worker's machine has no folder '{folder}', where the sweep's files are"
+                result = _refused(MISTAKE, text)
+        except click.ClickException as mistake:
+            result = _refused(MISTAKE, mistake.format_message())
+        except BtcoreError as fault:
+            notes = getattr(fault, "__notes__", ())
+            result = _refused(MISTAKE, "\n".join([str(fault), *(f"note: {note}" for note in notes)]))
+        except (Exception, SystemExit) as bug:
+            result = _bug(bug)
+    result["said"] = _warnings(said.getvalue())
+    result["wall_s"] = round(time.perf_counter() - began, 4)
+    return result
+
+
+def _played(command: Sequence[str]) -> Result:
+    with run.make_context("run", list(command)) as context:
+        blame = Blame()
+        made = session(context, context.params, [blame], _installed())
+        done = made.perform()
+        report = json.loads(json.dumps(made.outcome.report(made.tree, done.figures)))
+        error = made.outcome.error
+        blamed = error.path if error is not None else blame.first
+        return {"code": done.code, "report": report, "blamed": blamed, "fault": None}
+
+
+@cache
+def _installed() -> Library:
+    """The nodes of the installed libraries, found once in a process."""
+    return library(())
+
+
+def _bug(fault: BaseException) -> Result:
+    return _refused(BUG, f"{type(fault).__name__}: {fault}")
+
+
+def _refused(code: int, fault: str) -> Result:
+    return {"code": code, "report": None, "blamed": None, "fault": fault}
+
+
+def _warnings(text: str) -> list[str]:
+    """The sentences of *text* that are warnings, each once."""
+    found = [line.removeprefix("warning: ") for line in text.splitlines() if line.startswith("warning: ")]
+    return list(dict.fromkeys(found))[:_MOST_SAID]

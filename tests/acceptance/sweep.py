@@ -1,0 +1,115 @@
+"""A sweep of bump-and-go: no episode lost though a worker is killed, the cores busy, the same table twice.
+
+``python tests/acceptance/sweep.py --episodes 1000`` prints what it found, and exits with 1 on any miss. The
+share of the cores is judged from 500 episodes on: it counts the start of the workers too, but not what others
+took of the cores meanwhile.
+"""
+
+import argparse
+import csv
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import psutil
+
+ROOT = Path(__file__).parents[2]
+DURATION = 20
+LEAST_SHARE = 0.85
+JUDGED_FROM = 500
+TWICE = 100
+
+
+class Swept(NamedTuple):
+    """What ``--json`` told, the seconds it took, the *share* of the cores that it used, and of what was left.
+
+    What other processes took wasn't *left*.
+    """
+
+    told: dict[str, Any]
+    wall: float
+    share: float
+    left: float
+
+
+def sweep(seeds: str, folder: Path, jobs: int, *, kill: bool) -> Swept:
+    """Sweep over *seeds*; with *kill* a worker is killed when a third is done."""
+    command = [sys.executable, "-m", "btcore", "sweep", "bumpgo", "--seeds", seeds]
+    command += ["--duration", str(DURATION), "--workers", str(jobs), "--output", str(folder), "--json"]
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    system = psutil.cpu_times()
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    with subprocess.Popen(
+        command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.PIPE, text=True
+    ) as process:
+        if kill:
+            kill_a_worker(process.pid, folder, int(seeds) // 3)
+        out, _ = process.communicate()
+    wall, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    now = psutil.cpu_times()
+    idle = now.idle + now.iowait - system.idle - system.iowait
+    return Swept(json.loads(out.splitlines()[-1]), wall, busy / wall / jobs, busy / (busy + max(idle, 0.0)))
+
+
+def kill_a_worker(pid: int, folder: Path, when: int) -> None:
+    """Kill one of the workers of the sweep *pid* when *when* episodes are done."""
+    journal = folder / "journal.jsonl"
+    while not journal.exists() or journal.read_bytes().count(b"\n") < when:
+        time.sleep(0.2)
+    # Beside workers there is what watches over their shared memory.
+    workers = [
+        one for one in psutil.Process(pid).children(recursive=True) if "spawn_main" in str(one.cmdline())
+    ]
+    os.kill(workers[-1].pid, signal.SIGKILL)
+
+
+def main() -> int:
+    """Run, print what was found, and tell by the exit code whether all is well."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--episodes", type=int, default=1000, help="how many (default: %(default)s)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="workers (default: one a core)")
+    options = parser.parse_args()
+    missed = []
+    twice = min(TWICE, options.episodes)
+    with TemporaryDirectory() as scratch:
+        whole, part = Path(scratch, "whole"), Path(scratch, "part")
+        done = sweep(str(options.episodes), whole, options.jobs, kill=True)
+        again = sweep(str(twice), part, options.jobs, kill=False)
+        with (whole / "results.csv").open(encoding="utf-8", newline="") as file:
+            episodes = [int(row["episode"]) for row in csv.DictReader(file)]
+        head = (whole / "results.csv").read_bytes().splitlines()[: twice + 1]
+        same = head == (part / "results.csv").read_bytes().splitlines()
+    told = done.told
+    print(f"{told['done']} episodes of {DURATION} s: {told['succeeded']} succeeded, in {done.wall:.0f} s")
+    print(
+        f"{done.share:.0%} of {options.jobs} cores, {done.left:.0%} of what others left of them; workers "
+        f"played {told['workers']['busy']:.0%} of the time; {told['workers']['deaths']} worker died"
+    )
+    print(f"the table of the first {twice}, made again: {'the same' if same else 'another'}")
+    if episodes != list(range(options.episodes)):
+        missed.append(f"{len(episodes)} rows, and not each of {options.episodes} episodes once")
+    missed += [f"seed {one['seed']}: {one['status']} {one['error'] or ''}" for one in told["failed"]]
+    if told["workers"]["deaths"] == 0:
+        missed.append("the worker that was killed wasn't noticed")
+    if not same:
+        missed.append("the same sweep gave another table")
+    collisions = told["figures"]["robot.collisions"]["max"]
+    if collisions:
+        missed.append(f"{collisions:g} collisions in one episode")
+    if options.episodes >= JUDGED_FROM and done.left < LEAST_SHARE:
+        missed.append(f"{done.left:.0%} of the free cores were used, and not {LEAST_SHARE:.0%}")
+    for one in [*missed, *([] if again.told["done"] == twice else ["the second sweep isn't whole"])]:
+        print(f"miss: {one}")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,356 @@
+"""A tree for many agents: how it is made, ticked, looked at, and what it refuses."""
+
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import BlackboardFault, BtcoreError, In, InOut, Put, Registry, SimClock, Status, TreeError
+
+np = pytest.importorskip("numpy")
+from btcore import batch  # noqa: E402
+from btcore.batch import AgentsRaised, BatchTree, Bools, Floats, Indices, Ints, Mask, Rows, Texts  # noqa: E402
+
+
+def document(body: str, more: str = "") -> str:
+    return (
+        '<root BTCPP_format="4" main_tree_to_execute="Main">\n'
+        f'<BehaviorTree ID="Main">\n{body}\n</BehaviorTree>\n{more}</root>'
+    )
+
+
+class Heard:
+    """What a leaf was told."""
+
+    def __init__(self) -> None:
+        self.masks: list[list[bool]] = []
+        self.numbers: list[list[int]] = []
+
+
+@batch.condition
+def above(level: In[Floats], limit: In[Floats] = 0.5) -> Bools:
+    return level > limit
+
+
+@batch.action
+def count(n: In[Ints], out: Put[Ints], mask: Mask, agents: Indices, heard: Heard) -> bool:
+    heard.masks.append(mask.tolist())
+    heard.numbers.append(agents.tolist())
+    out(n + 1)
+    return True
+
+
+@batch.action
+def brittle(level: In[Floats]) -> object:
+    if (level < 0).any():
+        raise ValueError("below zero")
+    return np.where(level == 0.0, 0, 2)
+
+
+class Wait(batch.StatefulAction):
+    """Runs for as many ticks as it is told."""
+
+    ticks: In[Ints]
+
+    def __init__(self, heard: Heard) -> None:
+        self.heard = heard
+        self.left = np.zeros(self.agents, dtype=int)
+
+    def on_start(self, mask: Mask) -> object:
+        self.left[mask] = self.ticks[mask]
+        return self.on_running(mask)
+
+    def on_running(self, mask: Mask) -> object:
+        self.left[mask] -= 1
+        return np.where(self.left < 0, 2, 1)
+
+    def on_halted(self, mask: Mask) -> None:
+        self.heard.masks.append(mask.tolist())
+
+
+class Move(batch.StatefulAction):
+    at: InOut[Rows]
+    by: In[Rows]
+
+    def on_start(self, mask: Mask) -> object:
+        self.at = self.at + self.by
+        return True
+
+    def on_running(self, mask: Mask) -> object:
+        raise AssertionError("it never runs")
+
+
+# --- ticking
+
+
+def test_leaves_are_called_once_for_those_who_come_there() -> None:
+    heard = Heard()
+    tree = BatchTree.loads(
+        document('<Sequence> <Above level="{level}"/> <Count n="{n}" out="{n}"/> </Sequence>'),
+        4,
+        [above, count],
+        resources=[heard],
+        blackboard={"level": [0.1, 0.9, 0.2, 0.8], "n": 3},
+    )
+    assert tree.tick().tolist() == [3, 2, 3, 2]
+    assert heard.masks == [[False, True, False, True]]
+    assert heard.numbers == [[1, 3]]
+    assert tree.blackboard["n"].tolist() == [3, 4, 3, 4]
+    assert tree.blackboard["n"].dtype == np.int64
+
+
+def test_a_mask_chooses_who_is_ticked() -> None:
+    tree = BatchTree.loads(document('<Script code="n := n + 1"/>'), 3, blackboard={"n": 0})
+    assert tree.tick(np.array([True, False, True])).tolist() == [2, 0, 2]
+    assert tree.blackboard["n"].tolist() == [1, 0, 1]
+    assert tree.tick().tolist() == [2, 2, 2]
+    assert tree.status.tolist() == [2, 2, 2]
+    assert tree.ticks == 2
+    with pytest.raises(BtcoreError, match=r"a mask has 3 bools, one an agent, but this has the shape \(2,\)"):
+        tree.tick(np.array([True, False]))
+
+
+def test_those_alone_are_halted_who_run_and_are_meant() -> None:
+    heard = Heard()
+    tree = BatchTree.loads(
+        document('<Wait ticks="{t}"/>'), 4, [Wait], resources=[heard], blackboard={"t": [0, 2, 2, 9]}
+    )
+    assert tree.tick().tolist() == [2, 1, 1, 1]
+    tree.halt(np.array([True, True, False, False]))
+    assert heard.masks == [[False, True, False, False]]
+    assert tree.node("Wait").status.tolist() == [0, 0, 1, 1]
+    assert tree.tick().tolist() == [2, 1, 1, 1]
+    assert tree.tick(np.array([False, False, True, False])).tolist() == [0, 0, 2, 0]
+
+
+def test_time_begins_for_each_agent_when_it_comes_there() -> None:
+    tree = BatchTree.loads(document('<Sleep msec="100"/>'), 2, clock=SimClock())
+    assert tree.tick(np.array([True, False])).tolist() == [1, 0]
+    tree.sleep(0.06)
+    assert tree.tick().tolist() == [1, 1]
+    tree.sleep(0.06)
+    assert tree.tick().tolist() == [2, 1]
+    tree.sleep(0.06)
+    assert tree.tick().tolist() == [1, 2]
+
+
+def test_tick_once_ticks_again_those_who_were_woken() -> None:
+    tree = BatchTree.loads(
+        document('<Repeat num_cycles="{times}"> <Script code="n += 1"/> </Repeat>'),
+        3,
+        blackboard={"times": [1, 3, 0], "n": 0},
+    )
+    assert tree.tick_once().tolist() == [2, 2, 2]
+    assert tree.blackboard["n"].tolist() == [1, 3, 0]
+
+
+def test_rows_are_columns_too() -> None:
+    tree = BatchTree.loads(
+        document('<Move at="{at}" by="{by}"/>'),
+        2,
+        [Move],
+        blackboard={"at": np.zeros((2, 3)), "by": np.array([[1.0, 0, 0], [0, 2.0, 0]])},
+    )
+    tree.tick(np.array([False, True]))
+    tree.tick()
+    assert tree.blackboard["at"].tolist() == [[1.0, 0, 0], [0, 4.0, 0]]
+
+
+def test_a_tree_of_code_or_of_a_loaded_document_will_do() -> None:
+    nodes = Registry.standard()
+
+    @btcore.condition(ID="Above")
+    def one_above(level: In[float], limit: In[float] = 0.5) -> bool:
+        return level > limit
+
+    nodes.add(one_above)
+    ordinary = btcore.loads(document('<Above level="{level}"/>'), nodes=nodes)
+    ordinary.blackboard["level"] = 0.7
+    swarm = BatchTree(ordinary, 3, [above])
+    swarm.blackboard["level"] = [0.1, 0.6, 0.7]
+    assert swarm.tick().tolist() == [3, 2, 2]
+    assert ordinary.tick_once() is Status.SUCCESS
+    assert ordinary.blackboard["level"] == 0.7
+
+
+def test_subtrees_have_scopes_of_their_own() -> None:
+    inner = '<BehaviorTree ID="Inner"><Script code="mine := n; n := n + 1; deep := mine"/></BehaviorTree>\n'
+    tree = BatchTree.loads(
+        document('<SubTree ID="Inner" name="in" n="{total}"/>', inner), 2, blackboard={"total": [1, 5]}
+    )
+    tree.tick()
+    assert tree.blackboard["total"].tolist() == [2, 6]
+    assert tree.blackboards["in"]["deep"].tolist() == [1, 5]
+    assert "deep" not in tree.blackboard
+
+
+# --- errors
+
+
+def test_who_raises_is_halted_and_the_others_tick_is_done() -> None:
+    tree = BatchTree.loads(
+        document('<Sequence name="all"> <Brittle level="{level}"/> <Script code="n += 1"/> </Sequence>'),
+        3,
+        [brittle],
+        blackboard={"level": [1.0, 0.0, 2.0], "n": 0},
+    )
+    with pytest.raises(AgentsRaised) as raised:
+        tree.tick()
+    assert raised.value.agents.tolist() == [1]
+    assert raised.value.statuses.tolist() == [2, 0, 2]
+    assert tree.blackboard["n"].tolist() == [1, 0, 1]
+    assert str(raised.value).startswith(
+        "for agent 1: <text>:3: node 'Brittle::2' <Brittle> raised while ticking"
+    )
+    assert raised.value.backtrace == ["all", "Brittle::2"]
+
+
+def test_an_exception_is_every_ones_who_was_asked() -> None:
+    tree = BatchTree.loads(
+        document('<Brittle level="{level}" _skipIf="level == 7"/>'),
+        3,
+        [brittle],
+        blackboard={"level": [1.0, -1.0, 7.0]},
+    )
+    with pytest.raises(AgentsRaised, match=r"for agents 0, 1: .*ValueError: below zero") as raised:
+        tree.tick()
+    assert isinstance(raised.value.__cause__, ValueError)
+    assert raised.value.statuses.tolist() == [0, 0, 4]
+
+
+def test_who_has_no_value_raises_alone() -> None:
+    tree = BatchTree.loads(document('<Above level="{level}"/>'), 3, [above])
+    tree.blackboard.set("level", 0.9, np.array([True, False, True]))
+    assert tree.blackboard.has("level").tolist() == [True, False, True]
+    with pytest.raises(AgentsRaised, match=r"port \[level\] reads \{level\}, which has never been written"):
+        tree.tick()
+    assert tree.status.tolist() == [2, 0, 2]
+
+
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [
+        (None, "not None"),
+        (np.zeros(2, dtype=bool), r"not an array of the type bool and the shape \(2,\)"),
+        (np.full(3, 9), "a tick ends RUNNING, SUCCESS, FAILURE or SKIPPED"),
+        (Status.RUNNING, "ends within its tick, but it returned RUNNING"),
+        (np.array(["S", "S", "S"]), "not an array of the type <U1"),
+    ],
+)
+def test_a_leaf_returns_bools_or_statuses(returned: object, said: str) -> None:
+    @batch.action(ID="Leaf")
+    def leaf() -> object:
+        return returned
+
+    tree = BatchTree.loads(document("<Leaf/>"), 3, [leaf])
+    with pytest.raises(AgentsRaised, match=said) as raised:
+        tree.tick()
+    assert raised.value.agents.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("returned", "status"), [(True, 2), (False, 3), (Status.SKIPPED, 4), (np.True_, 2)])
+def test_one_result_is_every_ones(returned: object, status: int) -> None:
+    @batch.action(ID="Leaf")
+    def leaf() -> object:
+        return returned
+
+    assert BatchTree.loads(document("<Leaf/>"), 3, [leaf]).tick().tolist() == [status] * 3
+
+
+# --- refusals
+
+
+@pytest.mark.parametrize(
+    ("body", "said", "hint"),
+    [
+        ('<UnsetBlackboard key="k"/>', "doesn't run <UnsetBlackboard>", "write it for all agents at once"),
+        ('<LoopInt queue="1;2"><AlwaysSuccess/></LoopInt>', "doesn't run <LoopInt>", "it runs AlwaysFailure"),
+        ('<Script code="{code}"/>', "the script of <Script> is on the blackboard", 'code="…"'),
+        ('<SetBlackboard value="1" output_key="{k}"/>', "needs value", "without braces"),
+        ('<Count n="1" out="{n}"/>', "<Count> wants a Heard", "resources=[…]"),
+    ],
+)
+def test_a_refusal_names_the_place_and_a_cure(body: str, said: str, hint: str, tmp_path: Path) -> None:
+    file = tmp_path / "tree.xml"
+    file.write_text(document(f"<Sequence>\n{body}\n</Sequence>"), encoding="utf-8")
+    with pytest.raises(TreeError) as refused:
+        BatchTree.load(file, 10, [count], blackboard={"code": "n := 1"})
+    (one,) = refused.value.diagnostics
+    assert (one.code, one.line, Path(one.file).name) == ("E120", 4, "tree.xml")
+    assert said in one.message
+    assert hint in one.hint
+
+
+def test_format_3_is_refused() -> None:
+    with pytest.raises(TreeError, match="runs trees of format 4, and 'Main' is of format 3"):
+        BatchTree.loads('<root><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>', 2)
+
+
+def test_faults_of_the_document_are_the_ordinary_ones() -> None:
+    with pytest.raises(TreeError, match="E101 unknown node <Abov>"):
+        BatchTree.loads(document('<Abov level="1"/>'), 2, [above])
+    with pytest.raises(TreeError, match="E202"):
+        BatchTree.loads(document('<Above level="high"/>'), 2, [above])
+
+
+def test_a_generator_is_no_leaf_of_a_batch() -> None:
+    def steps() -> object:
+        yield
+
+    with pytest.raises(btcore.RegistrationError, match=r"derive a class from batch\.StatefulAction"):
+        BatchTree.loads(document("<Steps/>"), 2, [steps])
+    with pytest.raises(BtcoreError, match="at least one agent, not 0"):
+        BatchTree.loads(document("<AlwaysSuccess/>"), 0)
+
+
+# --- the blackboard
+
+
+def test_a_column_keeps_its_type() -> None:
+    tree = BatchTree.loads(document('<Above level="{level}"/>'), 2, [above])
+    tree.blackboard["level"] = 1
+    assert tree.blackboard["level"].dtype == np.float64
+    tree.blackboard["level"] = np.array([0.25, 0.75], dtype=np.float32)
+    assert tree.blackboard["level"].tolist() == [0.25, 0.75]
+    for wrong in ("high", [1.0, 2.0, 3.0]):
+        with pytest.raises(BlackboardFault, match="the entry 'level' can't take the values"):
+            tree.blackboard["level"] = wrong
+    with pytest.raises(
+        BlackboardFault, match=r"'levle' of the blackboard is not there; did you mean 'level'\?"
+    ):
+        tree.blackboard["levle"]
+    assert list(tree.blackboard) == ["level"]
+
+
+def test_texts_are_compared_in_scripts_and_chosen_by() -> None:
+    tree = BatchTree.loads(
+        document(
+            '<Switch2 variable="{mode}" case_1="walk" case_2="run"> <Script code="v := 1"/> '
+            "<Script code=\"v := 2; mode := 'rest'\"/> <ScriptCondition code=\"mode == 'rest'\"/> </Switch2>"
+        ),
+        3,
+        blackboard={"mode": np.array(["walk", "run", "stand"], dtype=object), "v": 0},
+    )
+    assert tree.tick().tolist() == [2, 2, 3]
+    assert tree.tick().tolist() == [2, 2, 3]
+    assert tree.blackboard["v"].tolist() == [1, 2, 0]
+    assert tree.blackboard["mode"].tolist() == ["walk", "rest", "stand"]
+
+
+def test_texts_of_a_port_are_python_s() -> None:
+    @batch.condition(ID="Is")
+    def is_there(word: In[Texts]) -> Bools:
+        return np.array([one.startswith("a") for one in word])
+
+    tree = BatchTree.loads(document('<Is word="{word}"/>'), 2, [is_there], blackboard={"word": ["ab", "ba"]})
+    assert tree.tick().tolist() == [2, 3]
+
+
+def test_a_node_is_found_by_name_or_path() -> None:
+    tree = BatchTree.loads(document('<Sequence><AlwaysSuccess name="a"/><AlwaysSuccess/></Sequence>'), 2)
+    assert [node.uid for node in tree] == [1, 2, 3]
+    assert tree.node("a") is tree.nodes[1]
+    assert tree.node("AlwaysSuccess::3") is tree.nodes[2]
+    with pytest.raises(BtcoreError, match=r"the tree has no node 'Sequense'; did you mean 'Sequence'\?"):
+        tree.node("Sequense")
+    assert repr(tree) == "<BatchTree 'Main' of 3 nodes for 2 agents>"

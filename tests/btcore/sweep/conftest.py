@@ -1,0 +1,155 @@
+"""What the tests of sweeps share: workers that are started once, leaves whose luck is the seed's."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from btcore.cli.main import main
+
+ROOT = Path(__file__).parents[3]
+
+CLUSTER = """
+import dask
+from distributed import LocalCluster
+
+if __name__ == "__main__":
+    dask.config.set({"distributed.scheduler.allowed-failures": 0})
+    cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    print(cluster.scheduler_address, flush=True)
+    input()
+    cluster.close()
+"""
+
+LIBRARY = '''
+import os
+import random
+import signal
+import time
+from pathlib import Path
+
+from btcore import In, Put, StatefulAction, Status, action, condition
+
+
+@condition
+def lucky(chance: random.Random, odds: In[float] = 0.5) -> bool:
+    """Of many seeds, a part of *odds* is lucky."""
+    return chance.random() < odds
+
+
+class Walk(StatefulAction):
+    """Walk for so many ticks as the seed says, up to *most*."""
+
+    most: In[int] = 9
+
+    def __init__(self, chance: random.Random) -> None:
+        self.chance = chance
+
+    def on_start(self) -> Status:
+        self.left = self.chance.randint(1, self.most)
+        return Status.RUNNING
+
+    def on_running(self) -> Status:
+        self.left -= 1
+        return Status.RUNNING if self.left > 0 else Status.SUCCESS
+
+
+@action
+def explode(when: In[bool]) -> bool:
+    print("tick tack")
+    if when:
+        raise ValueError("the fuse was lit")
+    return True
+
+
+@action
+def die(when: In[bool] = True, mark: In[str] = "") -> bool:
+    """Take the worker along: always, or, if a *mark* is left, where none is yet."""
+    if when and not (mark and Path(mark).exists()):
+        if mark:
+            Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return True
+
+
+@action
+def toil(seconds: In[float] = 0.05) -> bool:
+    """Take real time, as a simulation does."""
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        pass
+    return True
+'''
+
+
+def environment() -> dict[str, str]:
+    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "COLUMNS": "110"}
+
+
+@pytest.fixture(scope="session")
+def scheduler() -> Iterator[str]:
+    """The address of a Dask scheduler with two workers."""
+    pytest.importorskip("distributed")
+    with subprocess.Popen(
+        [sys.executable, "-c", CLUSTER],
+        env=environment(),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.communicate("\n")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, in which the test is, but for the node library things.py."""
+    (tmp_path / "things.py").write_text(LIBRARY, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "110")
+    monkeypatch.delenv("BTCORE_DEBUG", raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def tree(folder: Path) -> Callable[[str], str]:
+    """Write a tree into a file: the text is what stands inside of BehaviorTree."""
+
+    def write(body: str) -> str:
+        (folder / "tree.xml").write_text(
+            f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>', encoding="utf-8"
+        )
+        return "tree.xml"
+
+    return write
+
+
+@pytest.fixture
+def sweep(folder: Path) -> Callable[..., Result]:
+    """Call ``btcore sweep`` with the node library."""
+
+    def call(*words: str) -> Result:
+        arguments = ["sweep", *words, "--plugin", str(folder / "things.py")]
+        return CliRunner().invoke(main, arguments, prog_name="btcore")
+
+    return call
+
+
+@pytest.fixture
+def told() -> Callable[[Result], dict[str, Any]]:
+    """The JSON object in the last line of stdout."""
+
+    def read(result: Result) -> dict[str, Any]:
+        data: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
+        return data
+
+    return read

@@ -1,0 +1,209 @@
+"""`btcore sweep`: every episode once, whatever dies, and the same table each time."""
+
+import csv
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from btcore.cli.main import main
+
+psutil = pytest.importorskip("psutil")
+pytest.importorskip("distributed")
+
+Sweep = Callable[..., Result]
+Tree = Callable[[str], str]
+Told = Callable[[Result], dict[str, Any]]
+
+PATIENCE = 60.0  # s
+
+
+def rows(folder: str = "tree.sweep") -> list[dict[str, str]]:
+    """The table, as CSV has it."""
+    with Path(folder, "results.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def journal(folder: str = "tree.sweep") -> list[int]:
+    """The numbers of the episodes in the journal, a line each."""
+    lines = Path(folder, "journal.jsonl").read_bytes().split(b"\n")[:-1]
+    return [json.loads(line)["episode"] for line in lines]
+
+
+def until(holds: Callable[[], object]) -> None:
+    """Wait until it holds."""
+    end = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < end, "it took too long"
+        time.sleep(0.02)
+
+
+def test_episodes_are_what_run_does_and_the_replay_makes_them_again(
+    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+) -> None:
+    file = tree('<Sequence><Walk most="9"/><Lucky odds="{odds}"/></Sequence>')
+    words = ["--seeds", "12", "--param", "bb.odds=0.2,0.9", "--scheduler", scheduler, "--json"]
+    result = sweep(file, *words)
+    assert result.exit_code == 1, result.stderr
+    data = told(result)
+    assert (data["episodes"], data["done"], data["of"]) == (24, 24, 24)
+    assert data["by"]["bb.odds"]["0.2"]["succeeded"] < data["by"]["bb.odds"]["0.9"]["succeeded"]
+    assert data["interval"][0] < data["rate"] < data["interval"][1]
+    assert data["failing"][0]["node"] == "Lucky::3"
+    assert data["failing"][0]["ended"] == len(data["failed"]) == 24 - data["succeeded"]
+    table = rows()
+    assert [int(row["episode"]) for row in table] == list(range(24))
+    assert [row["seed"] for row in table[:4]] == ["0", "0", "1", "1"]
+    for number in (0, 1, data["failed"][-1]["episode"]):
+        row = table[number]
+        replay = ["run", file, "--plugin", "things.py", "--set"]
+        replay += [f"odds={row['param.bb.odds']}", "--fast", "--seed", row["seed"], "--json"]
+        again = CliRunner().invoke(main, replay)
+        report = json.loads(again.stdout.splitlines()[-1])
+        assert again.exit_code == int(row["code"])
+        assert (report["status"], report["ticks"]) == (row["status"], int(row["ticks"]))
+        assert report["time_s"] == float(row["time_s"])
+    last = data["failed"][-1]
+    assert CliRunner().invoke(main, shlex.split(last["replay"])[1:]).exit_code == 1
+    assert "Lucky::3" in Path("tree.sweep/report.html").read_text(encoding="utf-8")
+    assert last["replay"] in Path("tree.sweep/report.html").read_text(encoding="utf-8").replace("&#x27;", "'")
+
+
+def test_the_same_sweep_gives_the_same_table_to_the_byte(sweep: Sweep, tree: Tree, scheduler: str) -> None:
+    file = tree('<Fallback><Lucky odds="0.1"/><Walk/></Fallback>')
+    for suffix in ("csv", "parquet"):
+        for folder in ("one", "other"):
+            words = ["--seeds", "10", "--output", folder + suffix, "--format", suffix]
+            assert sweep(file, *words, "--scheduler", scheduler).exit_code == 0
+        one, other = (Path(folder + suffix, f"results.{suffix}") for folder in ("one", "other"))
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_leaf_that_raises_is_counted_and_nothing_of_what_it_prints_is_seen(
+    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+) -> None:
+    file = tree('<Explode when="{lit}"/>')
+    words = ["--seeds", "2", "--param", "bb.lit=false,true", "--scheduler", scheduler, "--json"]
+    result = sweep(file, *words)
+    assert result.exit_code == 3
+    assert "tick tack" not in result.output
+    assert told(result)["statuses"] == {"SUCCESS": 2, "RAISED": 2}
+    (node,) = told(result)["failing"]
+    assert (node["node"], node["ended"]) == ("Explode::1", 2)
+    assert {row["error"] for row in rows()} == {"", "ValueError: the fuse was lit"}
+
+
+def test_success_may_be_what_the_user_says_and_judging_anew_plays_nothing(
+    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+) -> None:
+    words = [tree("<Walk/>"), "--seeds", "10", "--scheduler", scheduler, "--json"]
+    assert told(sweep(*words))["rate"] == 1.0
+    result = sweep(*words, "--success-if", "ticks > 4")
+    assert 0 < told(result)["rate"] < 1
+    assert told(result)["workers"]["count"] == 0
+    mistaken = sweep(*words, "--success-if", "tiks > 4")
+    assert mistaken.exit_code == 2
+    assert "did you mean 'ticks'?" in mistaken.stderr
+
+
+def test_a_setting_that_cannot_be_run_ends_the_sweep_with_its_sentence(
+    sweep: Sweep, tree: Tree, scheduler: str
+) -> None:
+    file = tree('<Walk most="{most}"/>')
+    result = sweep(file, "--seeds", "5", "--param", "bb.most=3,many", "--scheduler", scheduler)
+    assert result.exit_code == 2
+    assert "--set most=many" in result.stderr
+    assert "--param bb.most=many" in result.stderr
+
+
+def test_a_folder_with_another_sweep_is_refused(sweep: Sweep, tree: Tree, scheduler: str) -> None:
+    words = ["--seeds", "3", "--scheduler", scheduler]
+    assert sweep(tree("<Walk/>"), *words).exit_code == 0
+    other = sweep("tree.xml", "--seeds", "4", "--scheduler", scheduler)
+    assert other.exit_code == 2
+    assert "differs in its seeds: 0..2 there, 0..3 now" in " ".join(other.stderr.split())
+    changed = sweep(tree('<Walk most="3"/>'), *words)
+    assert changed.exit_code == 2
+    assert "the file tree.xml, which has changed since" in " ".join(changed.stderr.split())
+
+
+def test_the_episode_of_a_worker_that_dies_is_played_again(
+    sweep: Sweep, tree: Tree, told: Told, folder: Path, scheduler: str
+) -> None:
+    file = tree(f'<Sequence><Die mark="{folder / "mark"}"/><Walk/></Sequence>')
+    data = told(sweep(file, "--seeds", "8", "--scheduler", scheduler, "--json"))
+    assert data["statuses"] == {"SUCCESS": 8}
+    assert data["workers"]["deaths"] >= 1
+    assert sorted(journal()) == list(range(8))
+
+
+def test_an_episode_that_kills_its_workers_is_recorded_and_the_others_go_on(
+    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+) -> None:
+    file = tree('<Sequence><Die when="{deadly}"/><Walk/></Sequence>')
+    words = ["--seeds", "3..3", "--param", "bb.deadly=false,true", "--attempts", "2"]
+    result = sweep(file, *words, "--scheduler", scheduler, "--json")
+    assert result.exit_code == 1, result.stderr
+    assert told(result)["statuses"] == {"SUCCESS": 1, "KILLED": 1}
+    assert rows()[1]["error"] == "its worker died, 2 times"
+
+
+def started(*words: str) -> subprocess.Popen[str]:
+    """A sweep in a process of its own, and in a session of its own as from a terminal."""
+    from_root = str(Path(__file__).parents[3])
+    paths = os.pathsep.join(filter(None, [from_root, os.environ.get("PYTHONPATH")]))
+    return subprocess.Popen(
+        [sys.executable, "-m", "btcore", "sweep", *words, "--plugin", str(Path("things.py").resolve())],
+        env={**os.environ, "PYTHONPATH": paths},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def test_after_kill_9_no_worker_is_left_and_the_same_command_goes_on_without_loss(
+    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+) -> None:
+    words = [tree("<Sequence><Toil/><Walk/></Sequence>"), "--seeds", "24", "--json"]
+    with started(*words, "--workers", "2") as process:
+        until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 3)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+    assert len(workers) >= 2
+    _, alive = psutil.wait_procs(workers, PATIENCE)
+    assert alive == []
+    before = journal()
+    assert len(before) < 24
+    with Path("tree.sweep/journal.jsonl").open("ab") as file:
+        file.write(b'{"episode":23,"code"')  # as a disk that is full, or a power cut, leaves it
+    result = sweep(*words, "--scheduler", scheduler)
+    assert result.exit_code == 0, result.stderr
+    assert journal()[: len(before)] == before
+    assert sorted(journal()) == list(range(24))
+    assert told(result)["statuses"] == {"SUCCESS": 24}
+    sweep(*words, "--scheduler", scheduler, "--output", "whole")
+    assert Path("whole/results.csv").read_bytes() == Path("tree.sweep/results.csv").read_bytes()
+
+
+def test_ctrl_c_ends_in_order_and_says_how_to_go_on(tree: Tree, sweep: Sweep, scheduler: str) -> None:
+    words = [tree('<Sequence><Toil seconds="0.1"/><Walk/></Sequence>'), "--seeds", "500"]
+    with started(*words, "--scheduler", scheduler) as process:
+        until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 2)
+        # While it holds the folder, nobody else writes there.
+        assert "is writing to 'tree.sweep' now" in " ".join(sweep(*words).stderr.split())
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert "the same command goes on with the rest" in said
+    assert 2 <= len(rows()) == len(journal()) < 500

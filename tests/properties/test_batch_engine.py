@@ -1,0 +1,452 @@
+"""The batch engine does for each of many agents what the ordinary engine does for one."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from hypothesis import event, given
+from hypothesis import strategies as st
+
+import btcore
+from btcore import Blackboard, NodeRaised, Registry, SimClock, Status
+from btcore.testing import Outcomes, documents, outcomes
+from btcore.testing.growth import KEYS
+from btcore.testing.leaf_plans import PlannedAction, PlannedCondition
+
+np = pytest.importorskip("numpy")
+from btcore import batch  # noqa: E402
+from btcore.batch import AgentsRaised, BatchTree  # noqa: E402
+
+Call = tuple[int, str, str]
+PERIOD = 0.01
+
+
+class Calls:
+    """Who was called, in order."""
+
+    def __init__(self) -> None:
+        self.made: list[tuple[str, str]] = []
+
+
+class Act(PlannedAction):
+    """An action by plan that notes its calls."""
+
+    def __init__(self, calls: Calls) -> None:
+        super().__init__()
+        self.calls = calls
+
+    def on_start(self) -> Status:
+        self.calls.made.append((self.name, "start"))
+        self.left = self.outcomes.take()
+        return super().on_running()
+
+    def on_running(self) -> Status:
+        self.calls.made.append((self.name, "running"))
+        return super().on_running()
+
+    def on_halted(self) -> None:
+        self.calls.made.append((self.name, "halted"))
+
+
+class Ask(PlannedCondition):
+    """A condition by plan that notes its calls."""
+
+    def __init__(self, calls: Calls) -> None:
+        super().__init__()
+        self.calls = calls
+
+    def tick(self) -> Status:
+        self.calls.made.append((self.name, "tick"))
+        return super().tick()
+
+
+NODES = Registry.standard()
+NODES.add(Act, Ask)
+
+
+class One:
+    """An ordinary tree for one agent."""
+
+    def __init__(self, xml: str, plan: Outcomes, values: Sequence[Any], clock: SimClock) -> None:
+        self.calls = Calls()
+        board = Blackboard(clock=clock)
+        for key, value in zip(KEYS, values, strict=False):
+            board[key] = value
+        self.tree = btcore.loads(xml, nodes=NODES, resources=[self.calls], blackboard=board, clock=clock)
+        for node in self.tree:
+            if isinstance(node, (Act, Ask)):
+                node.outcomes = plan
+
+    def tick(self) -> tuple[int, bool]:
+        try:
+            return int(self.tree.tick_exactly_once()), False
+        except NodeRaised:
+            return 0, True
+
+    def boards(self) -> dict[str, dict[str, object]]:
+        return {
+            one.path: {key: entry.value for key, entry in one.blackboard.local().items()}
+            for one in self.tree.subtrees
+        }
+
+
+class PlanFor:
+    """The plans of all agents, and what their leaves were called."""
+
+    def __init__(self, plans: Sequence[Outcomes]) -> None:
+        self.plans = plans
+        self.calls = [Calls() for _ in plans]
+
+
+LETTERS = {"R": 1, "S": 2, "F": 3, "K": 4}
+
+
+class ActForAll(batch.StatefulAction):
+    """The same for all agents at once."""
+
+    def __init__(self, plans: PlanFor) -> None:
+        self.plans = plans
+        self.left = [""] * self.agents
+
+    def on_start(self, mask: batch.Mask) -> object:
+        for at in np.flatnonzero(mask):
+            self.left[at] = self.plans.plans[at].take()
+        return self._letters(mask, "start")
+
+    def on_running(self, mask: batch.Mask) -> object:
+        return self._letters(mask, "running")
+
+    def on_halted(self, mask: batch.Mask) -> None:
+        for at in np.flatnonzero(mask):
+            self.plans.calls[at].made.append((self.name, "halted"))
+
+    def _letters(self, mask: batch.Mask, what: str) -> object:
+        found = np.full(self.agents, 77, dtype=np.uint8)
+        for at in np.flatnonzero(mask):
+            self.plans.calls[at].made.append((self.name, what))
+            left = self.left[at]
+            # 0 stands for an exception.
+            found[at] = LETTERS.get(left[0], 0)
+            self.left[at] = left[1:] or left
+        return found
+
+
+@batch.condition(ID="Ask")
+def ask_for_all(mask: batch.Mask, plans: PlanFor) -> object:
+    found = np.full(len(mask), 77, dtype=np.uint8)
+    for at in np.flatnonzero(mask):
+        plans.calls[at].made.append(("Ask", "tick"))
+        found[at] = LETTERS.get(plans.plans[at].take()[-1].replace("K", "F"), 0)
+    return found
+
+
+ActForAll.__name__ = "Act"
+
+
+class Many:
+    """A batch for all agents."""
+
+    def __init__(
+        self, xml: str, plans: Sequence[Outcomes], values: Sequence[Sequence[Any]], clock: SimClock
+    ) -> None:
+        self.plans = PlanFor(plans)
+        columns = {key: np.array([one[at] for one in values]) for at, key in enumerate(KEYS) if values[0]}
+        self.tree = BatchTree.loads(
+            xml,
+            len(plans),
+            [ActForAll, ask_for_all],
+            resources=[self.plans],
+            blackboard=columns,
+            clock=clock,
+        )
+
+
+def ticked(tree: BatchTree, mask: Any = None) -> list[tuple[int, bool]]:
+    """Each agent's status after a tick, and whether a node has raised for it."""
+    raised: set[int] = set()
+    try:
+        found = tree.tick(mask)
+    except AgentsRaised as error:
+        found = error.statuses
+        raised = {int(at) for one in [error, *error.also] for at in one.agents}  # type: ignore[attr-defined]
+    return [(int(status), at in raised) for at, status in enumerate(found)]
+
+
+def held(tree: BatchTree, at: int) -> dict[str, dict[str, object]]:
+    """What the blackboards of agent *at* hold."""
+    found: dict[str, dict[str, object]] = {}
+    for path, board in tree.blackboards.items():
+        found[path] = {}
+        for key, entry in board.scope.local().items():
+            column = board.schema.of(entry, key)
+            if column.exists >> at & 1:
+                found[path][key] = column.objects(1 << at)[at]
+    return found
+
+
+def compare(
+    xml: str,
+    plans: Sequence[Outcomes],
+    values: Sequence[Sequence[Any]],
+    masks: Sequence[int],
+    halt: int,
+    waits: float = PERIOD,
+) -> None:
+    """Tick both, by *masks* (bit i is agent i; the first agent is always ticked), and compare everything."""
+    clock = SimClock()
+    copies = [Outcomes(*plan.entries) for plan in plans]
+    singles = [One(xml, plan, given, clock) for plan, given in zip(plans, values, strict=True)]
+    many = Many(xml, copies, values, clock)
+    count = len(plans)
+    for mask in [*masks, None]:
+        if mask is None:
+            chosen = np.array([bool(halt >> at & 1) for at in range(count)])
+            for at in np.flatnonzero(chosen):
+                singles[at].tree.halt()
+            many.tree.halt(chosen)
+        else:
+            chosen = np.array([at == 0 or bool(mask >> at & 1) for at in range(count)])
+            found = ticked(many.tree, None if chosen.all() else chosen)
+            for at, one in enumerate(singles):
+                assert found[at] == (one.tick() if chosen[at] else (0, False)), f"agent {at}"
+        stored = np.array([node.status for node in many.tree])
+        for at, one in enumerate(singles):
+            assert [int(node.status) for node in one.tree] == stored[:, at].tolist(), f"agent {at}"
+            assert calls(one.calls) == calls(many.plans.calls[at]), f"agent {at}"
+            assert shown(one.boards()) == shown(held(many.tree, at)), f"agent {at}"
+        clock.advance(waits)
+
+
+def calls(made: Calls) -> list[tuple[str, str]]:
+    return [(name if what != "tick" else "Ask", what) for name, what in made.made]
+
+
+def shown(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[type, object]]]:
+    return {
+        path: {key: (type(one), one) for key, one in sorted(board.items())} for path, board in boards.items()
+    }
+
+
+@st.composite
+def crowds(draw: st.DrawFn, skipped: bool = True, raising: bool = True) -> tuple[list[Outcomes], list[Any]]:
+    """Plans and blackboards for some agents."""
+    plans = draw(st.lists(outcomes(skipped=skipped, raising=raising), min_size=1, max_size=4))
+    number = st.sampled_from([0, 1, 2, -1, 3])
+    values = [tuple(draw(number) for _ in KEYS) for _ in plans]
+    return plans, values
+
+
+@given(
+    documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
+    crowds(),
+    st.lists(st.integers(0, 15), min_size=1, max_size=8),
+    st.integers(0, 15),
+)
+def test_many_agents_do_what_as_many_trees_do(
+    xml: str, crowd: tuple[list[Outcomes], list[Any]], masks: list[int], halt: int
+) -> None:
+    plans, values = crowd
+    event(f"{len(plans)} agents")
+    compare(xml, plans, values, [15, *masks], halt)
+
+
+SCRIPTS = (
+    "n := 1", "n := n + 1", "n += 0.5", "n *= 2", "n := m", "n -= m", "m := n", "x := n", "x := x + 1",
+    "x := 1.5", "x := 2", "n := -n", "n := 1 / m", "n := n > 1 ? m : n", "x := n > 1", "n := !m", "x := ~m",
+    "x := n == 1 || m == 2", "x := n &amp; 3", "t := 'walk'", "t := t + '!'", "t = 'run'", "n := '2'",
+    "x := t", "x := n .. t", "@n := 7", "@x := @n", "n := (m := m + 1) + m", "n := m + (m := 1)", "y = 1",
+    "n /= 3", "x := 1 &lt; n &lt; 3",
+)  # fmt: skip
+QUESTIONS = (
+    "n", "n > m", "x == 1", "t == 'walk'", "t != 'run'", "n == t", "n &amp;&amp; m", "n || false", "!n",
+    "n - 1", "0 &lt; n &lt;= m", "m == 1 ? n : m", "t", "y > 1", "t &lt; 'w'",
+)  # fmt: skip
+ENTRIES = st.sampled_from(["n", "m", "x", "t", "y"])
+OTHERS = st.sampled_from(["1", "2", "-1", "0", "1.5", "walk", "run", "{n}", "{t}", "{x}"])
+
+
+@btcore.condition
+def take_int(port: btcore.In[int]) -> bool:
+    return port > 1
+
+
+@btcore.condition
+def take_float(port: btcore.In[float]) -> bool:
+    return port > 1.0
+
+
+@btcore.condition
+def take_bool(port: btcore.In[bool]) -> bool:
+    return port
+
+
+@btcore.condition
+def take_text(port: btcore.In[str]) -> bool:
+    return port == "walk"
+
+
+@btcore.action
+def give_int(port: btcore.In[int], out: btcore.Put[int]) -> bool:
+    out(port + 1)
+    return True
+
+
+@btcore.action
+def give_float(port: btcore.In[float], out: btcore.Put[float]) -> bool:
+    out(port * 1.5)
+    return True
+
+
+@batch.condition(ID="TakeInt")
+def take_ints(port: btcore.In[int]) -> object:
+    return np.asarray(port) > 1
+
+
+@batch.condition(ID="TakeFloat")
+def take_floats(port: btcore.In[batch.Floats]) -> object:
+    return port > 1.0
+
+
+@batch.condition(ID="TakeBool")
+def take_bools(port: btcore.In[batch.Bools]) -> object:
+    return port.astype(bool)
+
+
+@batch.condition(ID="TakeText")
+def take_texts(port: btcore.In[str]) -> object:
+    return (port == np.array("walk", dtype=object)).astype(bool)
+
+
+@batch.action(ID="GiveInt")
+def give_ints(port: btcore.In[int], out: btcore.Put[int]) -> bool:
+    out(np.asarray(port) + 1)
+    return True
+
+
+@batch.action(ID="GiveFloat")
+def give_floats(port: btcore.In[batch.Floats], out: btcore.Put[batch.Floats]) -> bool:
+    out(port * 1.5)
+    return True
+
+
+@st.composite
+def typed_documents(draw: st.DrawFn) -> str:
+    """Trees whose nodes read and write entries of several types."""
+
+    def leaf() -> str:
+        kind = draw(st.integers(0, 6))
+        key, other = draw(ENTRIES), draw(ENTRIES)
+        if kind <= 1:
+            return f'<Script code="{draw(st.sampled_from(SCRIPTS))}"/>'
+        if kind == 2:
+            return f'<ScriptCondition code="{draw(st.sampled_from(QUESTIONS))}"/>'
+        if kind == 3:
+            return f'<SetBlackboard value="{draw(OTHERS)}" output_key="{key}"/>'
+        if kind == 4:
+            taker = draw(st.sampled_from(["TakeInt", "TakeFloat", "TakeBool", "TakeText"]))
+            return f'<{taker} port="{{{key}}}"/>'
+        if kind == 5:
+            return f'<{draw(st.sampled_from(["GiveInt", "GiveFloat"]))} port="{{{key}}}" out="{{{other}}}"/>'
+        return f'<Sleep msec="{{{key}}}"/>'
+
+    def tree(depth: int) -> str:
+        kind = draw(st.integers(0, 9)) if depth else 0
+        if kind <= 2:
+            return leaf()
+        if kind <= 5:
+            tag = draw(st.sampled_from(["Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback"]))
+            return f"<{tag}>{''.join(tree(depth - 1) for _ in range(draw(st.integers(1, 4))))}</{tag}>"
+        key, below = draw(ENTRIES), tree(depth - 1)
+        if kind == 6:
+            cases = "".join(f'case_{number}="{draw(OTHERS)}" ' for number in (1, 2))
+            more = f"{tree(depth - 1)}{tree(depth - 1)}"
+            return f'<Switch2 variable="{{{key}}}" {cases}>{below}{more}</Switch2>'
+        if kind == 7:
+            return draw(
+                st.sampled_from(
+                    [
+                        f'<Repeat num_cycles="{{{key}}}">{below}</Repeat>',
+                        f'<RetryUntilSuccessful num_attempts="{{{key}}}">{below}</RetryUntilSuccessful>',
+                        f'<Timeout msec="{{{key}}}">{below}</Timeout>',
+                        f'<Delay delay_msec="{{{key}}}">{below}</Delay>',
+                        f'<Parallel success_count="{{{key}}}">{below}<Sleep msec="10"/></Parallel>',
+                        f'<RunOnce then_skip="{{{key}}}">{below}</RunOnce>',
+                    ]
+                )
+            )
+        if kind == 8:
+            code = draw(st.sampled_from(QUESTIONS))
+            return f'<Precondition if="{code}" else="RUNNING">{below}</Precondition>'
+        remapped = draw(
+            st.sampled_from(['_autoremap="true"', 'n="{m}" t="{t}"', 'n="3" x="{y}"', 'n="{@m}"'])
+        )
+        return f'<SubTree ID="Inner" {remapped}/>'
+
+    main, inner = tree(3), leaf()
+    return (
+        f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{main}</BehaviorTree>'
+        f'<BehaviorTree ID="Inner"><Sequence>{inner}{leaf()}</Sequence></BehaviorTree></root>'
+    )
+
+
+NUMBERS = {int: st.integers(-2, 4), float: st.sampled_from([0.0, 1.0, 2.5, -1.0]), bool: st.booleans()}
+
+
+@st.composite
+def typed_values(draw: st.DrawFn) -> list[dict[str, Any]]:
+    """What the agents begin with: the same entries with the same types."""
+    kinds = {
+        "n": NUMBERS[draw(st.sampled_from([int, float, bool]))],
+        "m": NUMBERS[draw(st.sampled_from([int, float]))],
+        "t": st.sampled_from(["walk", "run", "2"]),
+    }
+    given = {key: kinds[key] for key in kinds if draw(st.booleans()) or key == "m"}
+    return draw(st.lists(st.fixed_dictionaries(given), min_size=1, max_size=4))
+
+
+TYPED = Registry.standard()
+TYPED.add(take_int, take_float, take_bool, take_text, give_int, give_float)
+
+
+@given(typed_documents(), typed_values())
+def test_every_type_of_entry_is_read_and_written_as_in_one_tree(
+    xml: str, values: list[dict[str, Any]]
+) -> None:
+    clock = SimClock()
+    try:
+        singles = []
+        for given_values in values:
+            board = Blackboard(clock=clock)
+            for key, value in given_values.items():
+                board[key] = value
+            singles.append(btcore.loads(xml, nodes=TYPED, blackboard=board, clock=clock))
+    except btcore.TreeError:
+        with pytest.raises(btcore.TreeError):
+            typed_batch(xml, values, clock)
+        return
+    many = typed_batch(xml, values, clock)
+    for _ in range(3):
+        found = ticked(many)
+        for at, tree in enumerate(singles):
+            try:
+                wanted = (int(tree.tick_exactly_once()), False)
+            except NodeRaised:
+                wanted = (0, True)
+            assert found[at] == wanted, f"agent {at}"
+            assert [int(node.status) for node in tree] == [int(node.status[at]) for node in many], (
+                f"agent {at}"
+            )
+            boards = {
+                one.path: {key: entry.value for key, entry in one.blackboard.local().items()}
+                for one in tree.subtrees
+            }
+            assert repr(shown(held(many, at))) == repr(shown(boards)), f"agent {at}"
+        clock.advance(PERIOD)
+
+
+def typed_batch(xml: str, values: list[dict[str, Any]], clock: SimClock) -> BatchTree:
+    columns = {
+        key: np.array([one[key] for one in values], dtype=object if key == "t" else None) for key in values[0]
+    }
+    leaves = [take_ints, take_floats, take_bools, take_texts, give_ints, give_floats]
+    return BatchTree.loads(xml, len(values), leaves, blackboard=columns, clock=clock)

@@ -1,0 +1,50 @@
+"""Every benchmark runs, in a tiny size, and tells ratios: that they are good is for `make bench` to show."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
+NEEDS = {
+    "batch": ("numpy",),
+    "laser": ("pybullet",),
+    "navigation_localising": ("scipy", "cv2", "pybullet"),
+    "navigation_planning": ("scipy", "cv2", "skimage", "pybullet"),
+    "publishing": ("zmq", "msgpack", "flatbuffers"),
+}
+FILES = sorted(BENCHMARKS.glob("*.py"))
+
+
+@cache
+def told_by(file: Path) -> dict[str, Any]:
+    """What a benchmark measures in its tiny size."""
+    command = [sys.executable, str(file), "--quick", "--pairs", "1", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    told: dict[str, Any] = json.loads(done.stdout)
+    return told
+
+
+@pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
+def test_a_benchmark_runs(file: Path) -> None:
+    for module in NEEDS.get(file.stem, ()):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} isn't installed")
+    told = told_by(file)
+    assert told["benchmark"] == file.stem
+    assert told["rows"]
+    assert all(0 < row["low"] <= row["median"] <= row["high"] for row in told["rows"])
+
+
+@pytest.mark.skipif(importlib.util.find_spec("py_trees") is None, reason="py_trees isn't installed")
+def test_ticking_is_measured_beside_py_trees_and_a_loop_with_a_target_for_each_tree() -> None:
+    rows = {row["what"]: row for row in told_by(BENCHMARKS / "ticking.py")["rows"]}
+    for tree in ("bump-and-go", "deep", "wide"):
+        assert "target" in rows[f"{tree}, class leaves: py_trees / btcore"]
+    assert "wide, class leaves: btcore / the loop" in rows
