@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,10 @@ class RegistrationError(BtcoreError):
     """A node, type or enum can't be registered as it is."""
 
 
+MOST_SHOWN: Final = 9
+"""How many errors a sentence tells of that came after the first."""
+
+
 class NodeRaised(BtcoreError):
     """A node raised while it was ticked or halted; the original is the ``__cause__``.
 
@@ -121,8 +126,10 @@ class NodeRaised(BtcoreError):
         for depth, step in enumerate(self.backtrace):
             mark = "→" if depth == len(self.backtrace) - 1 else " "
             text += f"\n    {mark} {'  ' * depth}{step}"
-        for other in self.also:
+        for other in self.also[:MOST_SHOWN]:
             text += f"\nand {other}"
+        if len(self.also) > MOST_SHOWN:
+            text += f"\nand {len(self.also) - MOST_SHOWN} more"
         return text
 
 

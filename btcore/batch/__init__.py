@@ -10,6 +10,11 @@ swarm = BatchTree.load("forage.xml", agents=10_000, nodes=[battery_ok, …])
 statuses = swarm.tick()
 """
 
+try:
+    import numpy as _  # noqa: F401
+except ModuleNotFoundError as fault:
+    raise ModuleNotFoundError("btcore.batch needs numpy: pip install btcore[batch]", name="numpy") from fault
+
 from btcore.batch.blackboard import BatchBlackboard
 from btcore.batch.crowd import Indices, Mask
 from btcore.batch.declare import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, Column, objects
 from btcore.batch.schema import Slot
-from btcore.batch.script import NOTHING, Part, Run, Value, is_number, one_by_one, reals
+from btcore.batch.script import NOTHING, Part, Run, Value, is_number, one_by_one, reals, value_of
 from btcore.blackboard import Entry
 from btcore.errors import BlackboardFault
 from btcore.script.expressions import Assignment, Name
@@ -45,20 +45,11 @@ class AssignmentPart(Part):
             return NOTHING
         if is_number(value) and (column.values is None or column.form is NUMBER):
             if self._numbers(run, column, value, agents):
-                return self._stored(column, agents)
+                return value_of(column, agents, self.copies)
         elif value.form is TEXT and sign in (":=", "=") and self._text(column, value, agents):
-            return self._stored(column, agents)
+            return value_of(column, agents, self.copies)
         self._one_by_one(run, column, value, agents)
-        return self._stored(column, run.alive(agents))
-
-    def _stored(self, column: Column, agents: int) -> Value:
-        """What the assignment is worth: the value that was stored."""
-        if not agents:
-            return NOTHING
-        if column.values is None or column.written & agents != agents:
-            return Value(column.objects(agents), OBJECT, 0)
-        values = column.values.copy() if self.copies else column.values
-        return Value(values, column.form, column.whole_among(agents))
+        return value_of(column, run.alive(agents), self.copies)
 
     def _column(self, slot: Slot, run: Run, agents: int) -> Column | None:
         """The entry, made by ``:=`` for those who have none."""

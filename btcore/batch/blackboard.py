@@ -29,7 +29,7 @@ class BatchBlackboard:
         if column is None or column.values is None:
             what = "was never written" if column is not None else f"is not there{self.scope.hint(key)}"
             raise BlackboardFault(f"the entry '{key}' of the blackboard {what}")
-        return column.values
+        return column.held()
 
     def __setitem__(self, key: str, values: Any) -> None:
         self.set(key, values)

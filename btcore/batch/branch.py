@@ -1,7 +1,7 @@
 """Branches and switches for a batch."""
 
 from btcore.batch.context import BatchContext
-from btcore.batch.node import NOBODY, BatchNode, Results
+from btcore.batch.node import NOBODY, BatchNode, Results, both
 from btcore.batch.ports import Reader
 from btcore.errors import NodeFault
 from btcore.node import TreeNode
@@ -32,7 +32,7 @@ class IfThenElse(BranchNode):
         """Choose a branch for whom none is chosen, and tick it."""
         if not self.are_enough(agents):
             return NOBODY
-        success = failure = running = skipped = 0
+        results = NOBODY
         self.set_running(agents)
         chosen = self._chosen
         asking = agents ^ (agents & (chosen[1] | chosen[2]))
@@ -44,20 +44,17 @@ class IfThenElse(BranchNode):
             chosen[1] |= true
             if len(self.children) == 3:
                 chosen[2] |= false
-            else:
-                failure = false
+                false = 0
+            results = (0, false, running, 0)
         for branch in range(1, len(self.children)):
             going = chosen[branch] & agents
             if going:
-                succeeded, failed, runs, none = self.children[branch].execute(going)
-                ended = succeeded | failed | none
+                found = self.children[branch].execute(going)
+                ended = found[0] | found[1] | found[3]
                 chosen[branch] ^= chosen[branch] & ended
                 self.reset_children(ended)
-                success |= succeeded
-                failure |= failed
-                running |= runs
-                skipped |= none
-        return success, failure, running, skipped
+                results = both(results, found)
+        return results
 
     def halt(self, agents: int) -> None:
         """Halt the children; the condition decides anew next time."""
@@ -122,7 +119,7 @@ class Switch(BatchNode):
             said = f"<{self.id}> takes {len(self.cases)} cases and a default, not {len(children)} children"
             self.context.fail(self, agents, NodeFault(said))
             return NOBODY
-        success = failure = running = skipped = 0
+        results = NOBODY
         for index, due in enumerate(self._chosen(agents)):
             if not due:
                 continue
@@ -132,14 +129,11 @@ class Switch(BatchNode):
                     children[other].reset_by_parent(stopped)
                     self._running[other] ^= stopped
             due = self.alive(due)
-            succeeded, failed, runs, none = children[index].execute(due)
-            self._running[index] = self._running[index] ^ (self._running[index] & due) | runs
-            self.reset_children(succeeded | failed)
-            success |= succeeded
-            failure |= failed
-            running |= runs
-            skipped |= none
-        return success, failure, running, skipped
+            found = children[index].execute(due)
+            self._running[index] = self._running[index] ^ (self._running[index] & due) | found[2]
+            self.reset_children(found[0] | found[1])
+            results = both(results, found)
+        return results
 
     def _chosen(self, agents: int) -> list[int]:
         """For each child, who is to tick it."""

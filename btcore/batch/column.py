@@ -85,9 +85,14 @@ class Column:
     *entry* is that of the plan, whose declared type holds for all agents. *exists* are the agents who
     have the entry, *written* those for whom it holds a value. Where *values* are reals, *whole* are the
     agents whose number counts as an integer all the same. Integers of more than 53 bits are Python's objects.
+
+    What leaves were shown doesn't change. So the array itself moves on at the first write after it was
+    shown, unless a user has got hold of it (*is_held*): then leaves are shown a copy.
     """
 
-    __slots__ = ("_shown", "crowd", "entry", "exists", "form", "name", "values", "whole", "written")
+    __slots__ = (
+        "_shown", "crowd", "entry", "exists", "form", "is_held", "name", "values", "whole", "written",
+    )  # fmt: skip
 
     def __init__(self, name: str, entry: Entry, crowd: Crowd, exists: int) -> None:
         self.name = name
@@ -98,6 +103,7 @@ class Column:
         self.whole = 0
         self.form: Form = NUMBER
         self.values: Values | None = None
+        self.is_held = False
         self._shown: Values | None = None
 
     @property
@@ -115,19 +121,27 @@ class Column:
         """The values as leaves see them: not to be written, and what is written later doesn't change them."""
         if self._shown is None:
             assert self.values is not None
-            self._shown = self.values.copy()
-            self._shown.flags.writeable = False
+            self._shown = self.values.copy() if self.is_held else self.values.view()
+            self._shown.setflags(write=False)
         return self._shown
 
+    def held(self) -> Values:
+        """The array itself, for a user who may keep it, and write into it between two ticks."""
+        self._give_away()
+        assert self.values is not None
+        self.is_held = True
+        return self.values
+
     def refresh(self) -> None:
-        """Show anew what *values* hold: somebody may have written into the array itself."""
-        self._shown = None
+        """Show anew what the array holds, since its user may have written into it."""
+        if self.is_held:
+            self._shown = None
 
     def put(self, agents: int, values: Any, form: Form, whole: int = 0) -> None:
         """Store *values* (an array, or one value for all) for *agents*; of numbers *whole* are integers."""
         if not agents:
             return
-        self._shown = None
+        self._give_away()
         if self.values is None or (self.form is not form and (self.written | agents) == agents):
             self._begin(agents, values, form, whole)
         if self.form is not form:
@@ -151,6 +165,12 @@ class Column:
         np.copyto(stored, values, where=mask, casting="unsafe")
         self.exists |= agents
         self.written |= agents
+
+    def _give_away(self) -> None:
+        """Leave the array to those whom it was shown to, if it is not a copy."""
+        if self._shown is not None and not self.is_held and self.values is not None:
+            self.values = self.values.copy()
+        self._shown = None
 
     def put_objects(self, agents: int, found: Values) -> None:
         """Store Python's own objects for *agents*, as numbers where they are such."""

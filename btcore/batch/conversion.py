@@ -87,12 +87,21 @@ def one_by_one(
     return found
 
 
+def array_of(value: Any) -> Values:
+    """*value* as an array; one of no dimension is one value for all. Raises ConversionFault."""
+    try:
+        return np.asarray(value)
+    except ValueError as fault:
+        raise ConversionFault(f"an array is wanted, or one value for all: {fault}") from None
+
+
 def described(value: Any, crowd: Crowd) -> tuple[Any, Form, int]:
     """What a leaf or a user gives: the values, their form, and whose are whole.
 
     One value for all, or an array with one an agent. Raises ConversionFault for anything else.
     """
-    if isinstance(value, str) or value is None or np.ndim(value) == 0:
+    array = array_of(value)
+    if array.ndim == 0:
         one = value.item() if isinstance(value, (np.generic, np.ndarray)) else value
         if isinstance(one, bool):
             return one, TRUTH, 0
@@ -101,10 +110,6 @@ def described(value: Any, crowd: Crowd) -> tuple[Any, Form, int]:
                 return one, OBJECT, 0
             return one, NUMBER, crowd.everyone if isinstance(one, int) else 0
         return one, TEXT if isinstance(one, str) else OBJECT, 0
-    try:
-        array = np.asarray(value)
-    except ValueError as fault:
-        raise ConversionFault(f"one value for each of the {crowd.count} agents is wanted, but {fault}") from None
     if array.shape[0] != crowd.count:
         raise ConversionFault(
             f"one value for each of the {crowd.count} agents is wanted, not an array of shape {array.shape}"

@@ -6,22 +6,23 @@ doubles, ``Put[Floats]`` a callable that takes one.
 
 import inspect
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, Any, ClassVar, Final, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from btcore.batch.crowd import Mask
-from btcore.errors import ConversionFault, RegistrationError
-from btcore.functions import camel_case
+from btcore.errors import NodeFault, RegistrationError
+from btcore.functions import MARK, camel_case
 from btcore.leaf import Condition, SyncAction
 from btcore.leaf import StatefulAction as OrdinaryAction
 from btcore.node import TreeNode
 from btcore.ports import UNSET, Port
-from btcore.signature import PortMark
+from btcore.registry import Registry
+from btcore.signature import PortMark, port_of
 from btcore.status import Status
-from btcore.values import ANY, BOOL, DOUBLE, FLOAT, INT, INT64, Types, ValueType, to_text
+from btcore.values import ANY, BOOL, DOUBLE, FLOAT, INT, INT64, Types, ValueType
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -100,6 +101,11 @@ class Leaf:
         return type(self.id, (self.plan,), made)
 
     @property
+    def origin(self) -> str:
+        """``module.name`` of what was given."""
+        return f"{self._author.__module__}.{self._author.__qualname__}"
+
+    @property
     def _author(self) -> Any:
         return self.function if self.function is not None else self.cls
 
@@ -165,6 +171,21 @@ def _marked(function: F | None, plan: type[TreeNode], ID: str | None) -> F | Cal
     return note if function is None else note(function)
 
 
+def leaves_of(things: Any, types: Types) -> list[Leaf]:
+    """What each of *things* declares. Raises RegistrationError, also for two of one ID."""
+    if isinstance(things, Registry):
+        raise RegistrationError("nodes=[…] are the leaves of the batch; a Registry is given as registry=…")
+    if inspect.isclass(things) or not isinstance(things, Iterable):
+        raise RegistrationError(f"nodes=[…] is a list of leaves, not {things!r}")
+    found: dict[str, Leaf] = {}
+    for thing in things:
+        leaf = leaf_of(thing, types)
+        known = found.setdefault(leaf.id, leaf)
+        if known is not leaf:
+            raise RegistrationError(f"nodes=[…] has two leaves <{leaf.id}>: {known.origin} and {leaf.origin}")
+    return list(found.values())
+
+
 def leaf_of(thing: Any, types: Types) -> Leaf:
     """What *thing*, a function or a class, declares. Raises RegistrationError."""
     if isinstance(thing, Leaf):
@@ -174,6 +195,11 @@ def leaf_of(thing: Any, types: Types) -> Leaf:
     if inspect.isclass(thing) or not callable(thing):
         raise RegistrationError(
             f"{thing!r} is no leaf of a batch: give a function, or a class derived from batch.StatefulAction"
+        )
+    if hasattr(thing, MARK):
+        raise RegistrationError(
+            f"{thing.__qualname__} is a leaf for one agent: a batch gives it arrays; mark one that works on "
+            "arrays with batch.action or batch.condition"
         )
     if inspect.isgeneratorfunction(thing) or inspect.iscoroutinefunction(thing):
         raise RegistrationError(
@@ -207,12 +233,16 @@ class PortAttribute(property):
         name = port.name
 
         def read(leaf: StatefulAction) -> Any:
+            if not port.reads:
+                raise NodeFault(f"the port '{name}' is an output: it can be assigned, not read")
             return leaf._port(name).current()
 
         def write(leaf: StatefulAction, values: Any) -> None:
+            if not port.writes:
+                raise NodeFault(f"the port '{name}' is an input: it can be read, not assigned")
             leaf._port(name + "=")(values)
 
-        super().__init__(read if port.reads else None, write if port.writes else None, doc=port.description)
+        super().__init__(read, write, doc=port.description)
 
 
 def _hints(thing: Any) -> dict[str, Any]:
@@ -233,8 +263,17 @@ def _wishes(function: Callable[..., Any], types: Types, skip_first: bool = False
             )
         default = UNSET if one.default is one.empty else one.default
         port = _port(one.name, hints[one.name], types, default)
+        if port is not None and port.writes and not _is_put(hints[one.name]):
+            raise RegistrationError(
+                f"parameter '{one.name}' of {function.__qualname__} can't be assigned: mark it Put[…], "
+                "which is called with what it writes, and what it reads In[…]"
+            )
         found.append(Wish(one.name, port, hints[one.name], default, one.kind is one.KEYWORD_ONLY))
     return found
+
+
+def _is_put(annotation: Any) -> bool:
+    return any(isinstance(one, PortMark) and one.put for one in typing.get_args(annotation))
 
 
 def _port(name: str, annotation: Any, types: Types, default: object) -> Port | None:
@@ -245,18 +284,10 @@ def _port(name: str, annotation: Any, types: Types, default: object) -> Port | N
     mark = next((one for one in marks if isinstance(one, PortMark)), None)
     if mark is None:
         return None
-    kind = next((one for one in marks if isinstance(one, ValueType)), None)
-    if mark.put:
-        inner = typing.get_args(inner)[0][0]
-    description = next((one for one in marks if isinstance(one, str)), "")
-    text = None
-    if default is not UNSET:
-        try:
-            text = default if isinstance(default, str) else to_text(default)
-        except ConversionFault:
-            text = repr(default)
-    value = UNSET if isinstance(default, str) else default
-    return Port(name, mark.direction, kind or _kind(inner, types), text, description, value)
+    held = typing.get_args(inner)[0][0] if mark.put else inner
+    kind = next((one for one in marks if isinstance(one, ValueType)), None) or _kind(held, types)
+    texts = [one for one in marks if isinstance(one, str)]
+    return port_of(name, Annotated[(object, kind, PortMark(mark.direction), *texts)], types, default)
 
 
 def _kind(annotation: Any, types: Types) -> ValueType:

@@ -19,6 +19,7 @@ from btcore.batch.script import (
     of_objects,
     one_by_one,
     reals,
+    value_of,
 )
 from btcore.errors import ConversionFault, ScriptFault
 from btcore.numerals import leading_float
@@ -90,10 +91,7 @@ class NamePart(Part):
             agents ^= missing
         if column is None or not agents:
             return NOTHING
-        if column.values is None or column.written & agents != agents:
-            return Value(column.objects(agents), OBJECT, 0)
-        values = column.values.copy() if self.copies else column.values
-        return Value(values, column.form, column.whole_among(agents))
+        return value_of(column, agents, self.copies)
 
 
 class PrefixedPart(Part):

@@ -1,5 +1,6 @@
 """Leaves in a batch: what a function or a class returns becomes sets of agents."""
 
+import reprlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from btcore.batch.context import BatchContext
 from btcore.batch.crowd import Indices, Mask
 from btcore.batch.declare import Leaf, NodeName, StatefulAction, Wish
-from btcore.batch.node import NOBODY, BatchNode, Results
+from btcore.batch.node import NOBODY, BatchNode, Results, both
 from btcore.batch.ports import Reader, Writer
 from btcore.clock import Clock
 from btcore.errors import NodeFault
@@ -42,7 +43,7 @@ class LeafNode(BatchNode):
         said = (
             f"an array of the type {given.dtype} and the shape {given.shape}"
             if isinstance(given, np.ndarray)
-            else repr(given)
+            else reprlib.repr(given)
         )
         wanted = f"bools or statuses (uint8), of shape ({crowd.count},), or one bool or Status for all"
         self.context.fail(
@@ -173,17 +174,13 @@ class StatefulNode(LeafNode):
         """Start or go on; who has completed and was not reset keeps the result."""
         # Who is running now is not who is once some have started.
         going, stored = self.running & agents, self.stored(agents)
-        success, failure = self.success & agents, self.failure & agents
-        running = skipped = 0
+        results: Results = (self.success & agents, self.failure & agents, 0, 0)
         starting = agents ^ stored
-        for method, some in ((self.leaf.on_start, starting), (self.leaf.on_running, going)):
-            if some:
-                results = self._call(method, some)
-                success |= results[0]
-                failure |= results[1]
-                running |= results[2]
-                skipped |= results[3]
-        return success, failure, running, skipped
+        if starting:
+            results = both(results, self._call(self.leaf.on_start, starting))
+        if going:
+            results = both(results, self._call(self.leaf.on_running, going))
+        return results
 
     def _call(self, method: Callable[[Mask], object], agents: int) -> Results:
         for port in self._ports:
@@ -220,7 +217,4 @@ def resource_of(wish: Wish, id: str, name: str, context: BatchContext, resources
     if wish.default is not UNSET:
         return wish.default
     called = getattr(wish.wanted, "__name__", str(wish.wanted))
-    raise NodeFault(
-        f"<{id}> wants a {called} (its parameter '{wish.name}'), and none was handed in: "
-        "pass one in resources=[…]"
-    )
+    raise NodeFault(f"<{id}> wants a {called} (its parameter '{wish.name}'), and none was handed in")

@@ -21,6 +21,11 @@ Results: TypeAlias = tuple[int, int, int, int]
 NOBODY: Final[Results] = (0, 0, 0, 0)
 
 
+def both(one: Results, other: Results) -> Results:
+    """The results of two groups of agents."""
+    return one[0] | other[0], one[1] | other[1], one[2] | other[2], one[3] | other[3]
+
+
 class BatchNode:
     """A node of a batch.
 
@@ -142,9 +147,8 @@ class BatchNode:
     def reset_children(self, agents: int) -> None:
         """Halt the children that run for *agents*, and reset all, in order."""
         for child in self.children:
-            stored = (child.running | child.success | child.failure) & agents
-            if stored:
-                child.reset_by_parent(stored)
+            if (child.running | child.success | child.failure) & agents:
+                child.reset_by_parent(agents)
 
 
 class BatchDecorator(BatchNode):

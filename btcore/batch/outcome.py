@@ -11,47 +11,48 @@ from btcore.batch.ports import Reader
 from btcore.node import TreeNode
 
 
-class Inverter(BatchDecorator):
-    """Turns SUCCESS into FAILURE and FAILURE into SUCCESS."""
+class ChangedNode(BatchDecorator):
+    """Ticks its child, and changes what it came to."""
 
     def tick(self, agents: int) -> Results:
-        """Tick the child, and swap its results."""
+        """Tick the child."""
         self.set_running(agents)
-        success, failure, running, skipped = self.child.execute(agents)
-        self.child.reset(success | failure)
+        return self.changed(*self.child.execute(agents))
+
+    def changed(self, success: int, failure: int, running: int, skipped: int) -> Results:
+        """The node's results, by those of its child."""
+        raise NotImplementedError
+
+
+class Inverter(ChangedNode):
+    """Turns SUCCESS into FAILURE and FAILURE into SUCCESS."""
+
+    def changed(self, success: int, failure: int, running: int, skipped: int) -> Results:
+        """Who failed, succeeds."""
         return failure, success, running, skipped
 
 
-class ForceSuccess(BatchDecorator):
+class ForceSuccess(ChangedNode):
     """Succeeds when its child completes."""
 
-    def tick(self, agents: int) -> Results:
-        """Tick the child."""
-        self.set_running(agents)
-        success, failure, running, skipped = self.child.execute(agents)
-        self.child.reset(success | failure)
+    def changed(self, success: int, failure: int, running: int, skipped: int) -> Results:
+        """Who completed, succeeds."""
         return success | failure, 0, running, skipped
 
 
-class ForceFailure(BatchDecorator):
+class ForceFailure(ChangedNode):
     """Fails when its child completes."""
 
-    def tick(self, agents: int) -> Results:
-        """Tick the child."""
-        self.set_running(agents)
-        success, failure, running, skipped = self.child.execute(agents)
-        self.child.reset(success | failure)
+    def changed(self, success: int, failure: int, running: int, skipped: int) -> Results:
+        """Who completed, fails."""
         return 0, success | failure, running, skipped
 
 
-class KeepRunningUntilFailure(BatchDecorator):
+class KeepRunningUntilFailure(ChangedNode):
     """Keeps RUNNING until its child fails."""
 
-    def tick(self, agents: int) -> Results:
-        """Tick the child."""
-        self.set_running(agents)
-        success, failure, running, skipped = self.child.execute(agents)
-        self.child.reset(success | failure)
+    def changed(self, success: int, failure: int, running: int, skipped: int) -> Results:
+        """Who didn't fail, runs."""
         return 0, failure, success | running | skipped, 0
 
 

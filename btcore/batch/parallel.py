@@ -1,7 +1,7 @@
 """Parallels for a batch."""
 
 from btcore.batch.context import BatchContext
-from btcore.batch.node import BatchNode, Results
+from btcore.batch.node import NOBODY, BatchNode, Results, both
 from btcore.batch.ports import Reader
 from btcore.errors import NodeFault
 from btcore.node import TreeNode
@@ -73,22 +73,18 @@ class Parallel(ParallelNode):
 
     def tick(self, agents: int) -> Results:
         """Tick the children that haven't completed, by groups with the same counts."""
-        success = failure = running = skipped = 0
+        results = NOBODY
         for given, group in self.success_count.groups(agents):
             for allowed, some in self.failure_count.groups(group):
-                results = self._tick(some, given, allowed)
-                success |= results[0]
-                failure |= results[1]
-                running |= results[2]
-                skipped |= results[3]
-        return success, failure, running, skipped
+                results = both(results, self._tick(some, given, allowed))
+        return results
 
     def _tick(self, agents: int, given: int, given_failures: int) -> Results:
         count = len(self.children)
         needed, allowed = threshold(given, count), threshold(given_failures, count)
         if count < needed or count < allowed:
             self.refuse(agents, f"{needed} successes" if count < needed else f"{allowed} failures")
-            return 0, 0, 0, 0
+            return NOBODY
         self.set_running(agents)
         success = failure = 0
         skips = Tallies(count)
@@ -143,21 +139,17 @@ class ParallelAll(ParallelNode):
 
     def tick(self, agents: int) -> Results:
         """Tick the children that haven't completed, by groups with the same count."""
-        success = failure = running = skipped = 0
+        results = NOBODY
         for given, some in self.max_failures.groups(agents):
-            results = self._tick(some, given)
-            success |= results[0]
-            failure |= results[1]
-            running |= results[2]
-            skipped |= results[3]
-        return success, failure, running, skipped
+            results = both(results, self._tick(some, given))
+        return results
 
     def _tick(self, agents: int, given: int) -> Results:
         count = len(self.children)
         allowed = threshold(given, count)
         if count < allowed:
             self.refuse(agents, f"{allowed} failures")
-            return 0, 0, 0, 0
+            return NOBODY
         self.set_running(agents)
         active = all_skipped = agents
         running = 0

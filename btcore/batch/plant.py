@@ -137,9 +137,7 @@ class Planter:
             try:
                 return made(plan, self.context, leaf, self._connector(plan, leaf), self.resources)
             except NodeFault as fault:
-                self._refuse(
-                    plan, str(fault), "a batch's resources are its own: BatchTree.load(…, resources=[…])"
-                )
+                self._refuse(plan, str(fault), "BatchTree.load(…, resources=[…]) takes the batch's own")
         else:
             self._refuse(plan, f"the batch engine doesn't run <{plan.id}>", self._hint(plan, children))
         return BatchNode(plan, self.context, children)

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, Form, Values, objects
+from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, Column, Form, Values, objects
 from btcore.batch.context import BatchContext, Located
 from btcore.batch.schema import Schema, Slot
 from btcore.blackboard import Blackboard
@@ -129,6 +129,16 @@ class Scope(NamedTuple):
     def slot(self, key: str) -> Slot:
         """The slot of *key*."""
         return Slot(self.schema, self.board, key)
+
+
+def value_of(column: Column, agents: int, copies: bool) -> Value:
+    """What *column* holds for *agents*; *copies* as in :class:`Scope`."""
+    if not agents:
+        return NOTHING
+    if column.values is None or column.written & agents != agents:
+        return Value(column.objects(agents), OBJECT, 0)
+    values = column.values.copy() if copies else column.values
+    return Value(values, column.form, column.whole_among(agents))
 
 
 def truth(run: Run, value: Value, agents: int) -> int:

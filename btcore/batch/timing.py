@@ -6,14 +6,30 @@ from btcore.batch.ports import Reader
 from btcore.node import TreeNode
 
 
-class Timeout(BatchDecorator):
+class TimedDecorator(BatchDecorator):
+    """A node with a moment for each agent, and one child."""
+
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self._timer = context.timer()
+
+    def halt(self, agents: int) -> None:
+        """Halt the child and stop the clock."""
+        self._stop(agents)
+        self.child.reset_by_parent(agents)
+        self.reset(agents)
+
+    def _stop(self, agents: int) -> None:
+        self._timer.stop(agents)
+
+
+class Timeout(TimedDecorator):
     """Halts its child and fails when it still runs some time after the start."""
 
     msec: Reader
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
-        self._timer = context.timer()
         self._started = 0
 
     def tick(self, agents: int) -> Results:
@@ -49,24 +65,14 @@ class Timeout(BatchDecorator):
         return success, failure | late, running, skipped
 
     def _stop(self, agents: int) -> None:
+        super()._stop(agents)
         self._started ^= self._started & agents
-        self._timer.stop(agents)
-
-    def halt(self, agents: int) -> None:
-        """Halt the child and stop the clock."""
-        self._stop(agents)
-        self.child.reset_by_parent(agents)
-        self.reset(agents)
 
 
-class Delay(BatchDecorator):
+class Delay(TimedDecorator):
     """Ticks its child only when some time has passed since the start."""
 
     delay_msec: Reader
-
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
-        self._timer = context.timer()
 
     def tick(self, agents: int) -> Results:
         """Wait, then tick the child."""
@@ -89,12 +95,6 @@ class Delay(BatchDecorator):
             timer.forget(completed)
             self.child.reset_by_parent(completed)
         return success, failure, running | waits, skipped
-
-    def halt(self, agents: int) -> None:
-        """Halt the child and stop the clock."""
-        self._timer.stop(agents)
-        self.child.reset_by_parent(agents)
-        self.reset(agents)
 
 
 class Sleep(BatchNode):

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from os import PathLike
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from btcore.batch.blackboard import BatchBlackboard
 from btcore.batch.column import Values
 from btcore.batch.context import BatchContext
-from btcore.batch.conversion import described
+from btcore.batch.conversion import array_of, described
 from btcore.batch.crowd import Crowd, Indices, Mask
 from btcore.batch.declare import Leaf, Statuses, leaves_of
 from btcore.batch.node import BatchNode, statuses
@@ -18,7 +19,7 @@ from btcore.batch.plant import Planter
 from btcore.batch.schema import Schema, copied_scopes
 from btcore.blackboard import Blackboard
 from btcore.clock import NS_PER_S, Clock
-from btcore.errors import BtcoreError, NodeRaised
+from btcore.errors import BtcoreError, ConversionFault, NodeRaised
 from btcore.loading import load, loads
 from btcore.registry import Registry
 from btcore.suggest import nearest
@@ -62,6 +63,8 @@ class BatchTree:
         clock: Clock | None = None,
     ) -> None:
         """From an ordinary tree, which stays as it is. Raises TreeError for what a batch doesn't run."""
+        if not isinstance(plan, Tree):
+            raise BtcoreError(f"a batch is made of a tree, not {plan!r}; BatchTree.load takes a file")
         self.crowd = Crowd(agents)
         self.id = plan.id
         self.context = BatchContext(self.crowd, clock if clock is not None else plan.clock)
@@ -280,6 +283,7 @@ def _prepared(
             known.add(leaf.stand_in(), ID=leaf.id)
     board = Blackboard(clock=clock)
     for key, value in (values or {}).items():
-        one = value if np.ndim(value) == 0 or not len(value) else value[0]
-        board[key] = one.item() if isinstance(one, np.generic) else one
+        with suppress(ConversionFault, IndexError):  # BatchBlackboard.begin tells of it
+            one = value if array_of(value).ndim == 0 else value[0]
+            board[key] = one.item() if isinstance(one, (np.generic, np.ndarray)) and one.ndim == 0 else one
     return leaves, known, board

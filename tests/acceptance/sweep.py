@@ -50,7 +50,7 @@ def sweep(seeds: str, folder: Path, jobs: int, *, kill: bool) -> Swept:
         command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.PIPE, text=True
     ) as process:
         if kill:
-            kill_a_worker(process.pid, folder, int(seeds) // 3)
+            kill_a_worker(process, folder, int(seeds) // 3)
         out, _ = process.communicate()
     wall, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -59,14 +59,18 @@ def sweep(seeds: str, folder: Path, jobs: int, *, kill: bool) -> Swept:
     return Swept(json.loads(out.splitlines()[-1]), wall, busy / wall / jobs, busy / (busy + max(idle, 0.0)))
 
 
-def kill_a_worker(pid: int, folder: Path, when: int) -> None:
-    """Kill one of the workers of the sweep *pid* when *when* episodes are done."""
+def kill_a_worker(process: "subprocess.Popen[str]", folder: Path, when: int) -> None:
+    """Kill one of the workers of the sweep *process* when *when* episodes are done."""
     journal = folder / "journal.jsonl"
     while not journal.exists() or journal.read_bytes().count(b"\n") < when:
+        if process.poll() is not None:
+            return
         time.sleep(0.2)
     # Beside workers there is what watches over their shared memory.
     workers = [
-        one for one in psutil.Process(pid).children(recursive=True) if "spawn_main" in str(one.cmdline())
+        one
+        for one in psutil.Process(process.pid).children(recursive=True)
+        if "spawn_main" in str(one.cmdline())
     ]
     os.kill(workers[-1].pid, signal.SIGKILL)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import BlackboardFault, BtcoreError, In, InOut, Put, Registry, SimClock, Status, TreeError
+from btcore import BlackboardFault, BtcoreError, In, InOut, Out, Put, Registry, SimClock, Status, TreeError
 
 np = pytest.importorskip("numpy")
 from btcore import batch  # noqa: E402
@@ -184,7 +184,78 @@ def test_subtrees_have_scopes_of_their_own() -> None:
     assert "deep" not in tree.blackboard
 
 
+# --- what a leaf has read
+
+
+@batch.action
+def swap(a: In[Floats], b: In[Floats], to_a: Put[Floats], to_b: Put[Floats]) -> bool:
+    to_a(b)
+    to_b(a)
+    return True
+
+
+class Count(batch.StatefulAction):
+    """Counts to three from what it began with."""
+
+    n: InOut[Floats]
+
+    def on_start(self, mask: Mask) -> object:
+        self.first = self.n
+        return self.on_running(mask)
+
+    def on_running(self, mask: Mask) -> object:
+        self.n = self.n + 1.0
+        return np.where(self.n - self.first >= 3.0, 2, 1)
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_what_a_leaf_has_read_stays(is_held: bool) -> None:
+    swapping = document('<Swap a="{a}" b="{b}" to_a="{a}" to_b="{b}"/>')
+    tree = BatchTree.loads(swapping, 2, [swap], blackboard={"a": [1.0, 2.0], "b": 3.0})
+    kept = tree.blackboard["a"] if is_held else None
+    tree.tick(np.array([True, False]))
+    assert tree.blackboard["a"].tolist() == [3.0, 2.0]
+    assert tree.blackboard["b"].tolist() == [1.0, 3.0]
+    if kept is not None:
+        assert tree.blackboard["a"] is kept
+        kept[1] = 9.0
+        tree.tick()
+        assert tree.blackboard["b"].tolist() == [3.0, 9.0]
+    counting = BatchTree.loads(document('<Count n="{n}"/>'), 2, [Count], blackboard={"n": [0.0, 5.0]})
+    if is_held:
+        kept = counting.blackboard["n"]
+    assert [counting.tick().tolist() for _ in range(3)] == [[1, 1], [1, 1], [2, 2]]
+
+
+def test_what_a_leaf_has_read_is_not_to_be_written() -> None:
+    @batch.action(ID="Grow")
+    def grow(n: In[Floats]) -> bool:
+        n += 1.0
+        return True
+
+    tree = BatchTree.loads(document('<Grow n="{n}"/>'), 2, [grow], blackboard={"n": 0.0})
+    with pytest.raises(AgentsRaised, match="read-only"):
+        tree.tick()
+    assert tree.blackboard["n"].tolist() == [0.0, 0.0]
+
+
 # --- errors
+
+
+def test_what_is_raised_in_the_same_words_is_one_error() -> None:
+    tree = BatchTree.loads(
+        document('<Above level="{level}"/>'), 30, [above], blackboard={"level": ["low"] * 29 + ["0.7"]}
+    )
+    with pytest.raises(
+        AgentsRaised, match=r"for agents 0, 1, 2, 3, 4 and 24 more: .*'low' is no number"
+    ) as raised:
+        tree.tick()
+    assert not raised.value.also
+    assert raised.value.statuses.tolist() == [0] * 29 + [2]
+    tree.blackboard["level"] = [f"at {number}" for number in range(30)]
+    with pytest.raises(AgentsRaised, match=r"'at 9' is no number\n(.*\n)*and 20 more$") as raised:
+        tree.tick()
+    assert len(raised.value.also) == 29
 
 
 def test_who_raises_is_halted_and_the_others_tick_is_done() -> None:
@@ -301,6 +372,73 @@ def test_a_generator_is_no_leaf_of_a_batch() -> None:
         BatchTree.loads(document("<Steps/>"), 2, [steps])
     with pytest.raises(BtcoreError, match="at least one agent, not 0"):
         BatchTree.loads(document("<AlwaysSuccess/>"), 0)
+
+
+@btcore.action(ID="Above")
+def for_one(level: In[float]) -> bool:
+    return level > 0.5
+
+
+@batch.action
+def assigning(n: InOut[Floats]) -> bool:
+    return True
+
+
+@pytest.mark.parametrize(
+    ("nodes", "said"),
+    [
+        (above, "a list of leaves, not <function above"),
+        (Registry.standard(), "a Registry is given as registry=…"),
+        ([above, above], "two leaves <Above>"),
+        ([for_one], "for_one is a leaf for one agent"),
+        ([assigning], r"parameter 'n' of assigning can't be assigned: mark it Put\[…\]"),
+    ],
+)
+def test_what_are_no_leaves(nodes: object, said: str) -> None:
+    with pytest.raises(btcore.RegistrationError, match=said):
+        BatchTree.loads(document("<AlwaysSuccess/>"), 2, nodes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("agents", [2.0, "2", None, True])
+def test_how_many_agents_is_a_whole_number(agents: object) -> None:
+    with pytest.raises(BtcoreError, match="how many agents a batch has is a whole number, not"):
+        BatchTree.loads(document("<AlwaysSuccess/>"), agents)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("mask", [[True], [0, 1], [[True], [True, False]], 1])
+def test_what_is_no_mask(mask: object) -> None:
+    tree = BatchTree.loads(document("<AlwaysSuccess/>"), 2)
+    with pytest.raises(BtcoreError, match="a mask has 2 bools, one an agent"):
+        tree.tick(mask)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("values", [[], [1.0, 2.0, 3.0], [[1.0], [2.0, 3.0]]])
+def test_what_is_no_column(values: object) -> None:
+    with pytest.raises(BlackboardFault, match="the entry 'level' can't take the values: "):
+        BatchTree.loads(document('<Above level="{level}"/>'), 2, [above], blackboard={"level": values})
+
+
+def test_a_port_is_used_as_it_is_declared() -> None:
+    class Reading(batch.StatefulAction):
+        n: Out[Floats]
+
+        def on_start(self, mask: Mask) -> object:
+            return self.n > 0
+
+    class Assigning(batch.StatefulAction):
+        n: In[Floats]
+
+        def on_start(self, mask: Mask) -> object:
+            self.n = np.ones(2)
+            return True
+
+    for leaf, said in (
+        (Reading, "'n' is an output: it can be assigned"),
+        (Assigning, "'n' is an input: it can be read"),
+    ):
+        tree = BatchTree.loads(document(f'<{leaf.__name__} n="{{n}}"/>'), 2, [leaf], blackboard={"n": 0.0})
+        with pytest.raises(AgentsRaised, match=said):
+            tree.tick()
 
 
 # --- the blackboard
