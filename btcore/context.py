@@ -29,7 +29,7 @@ class TreeContext:
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.wake = threading.Event()
-        self._woken = False  # as the event, which takes far longer to ask
+        self._woken = False  # as the event is or is about to be, which takes far longer to ask
         self.lock = threading.Lock()
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
@@ -44,8 +44,10 @@ class TreeContext:
         """Ask for a tick as soon as possible. Any thread may."""
         self._woken = True
         self.wake.set()
-        if self.on_wake is not None:
-            self.on_wake()
+        # Read once: the loop may end meanwhile.
+        on_wake = self.on_wake
+        if on_wake is not None:
+            on_wake()
 
     def first_deadline(self, moment: int) -> int:
         """The earlier of *moment* (ns) and the first deadline."""
@@ -65,17 +67,17 @@ class TreeContext:
         woken = self._woken or self.clock.wait_until(moment, self.wake)
         if not woken and self.deadlines:
             self._expire()
-            woken = self._woken
-        self._take()
-        return woken
+        # One that comes only now is told, or left for the next time.
+        return (woken or self._woken) and self._take()
 
     def doze(self, seconds: float) -> None:
         """Wait for a wake-up, for at most *seconds* (s) of real time, whatever the clock."""
-        self.wake.wait(seconds)
+        if not self._woken:
+            self.wake.wait(seconds)
         self._take()
 
     def _take(self) -> bool:
-        # In this order, a wake-up that comes from another thread meanwhile leaves the flag set.
+        # In this order, one that comes from another thread meanwhile may count twice, but is never lost.
         self._woken = False
         self.wake.clear()
         return True

@@ -74,13 +74,12 @@ class DecoratorNode(TreeNode):
     """A node with one child, whose result or whose ticks it changes."""
 
     node_type: ClassVar[NodeType] = NodeType.DECORATOR
-    follows: ClassVar[int] = DECORATING
+    _family: ClassVar[int] = DECORATING
     child: TreeNode
 
     def adopt(self, children: list[TreeNode]) -> None:
         """Take the one child. Called by the builder, once."""
         self.child = children[0]
-        self._decorated = self.child
 
     @property
     def children(self) -> list[TreeNode]:

@@ -27,7 +27,7 @@ class Condition(LeafNode):
 class SyncAction(LeafNode):
     """An action that is done within one tick: override :meth:`tick`; it never returns RUNNING."""
 
-    follows: ClassVar[int] = SYNCHRONOUS
+    _family: ClassVar[int] = SYNCHRONOUS
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

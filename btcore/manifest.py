@@ -111,6 +111,9 @@ class Manifest:
         elif self._has_init:
             positional, keywords = self._arguments(node, context, resources)
             _initialiser(cls)(node, *positional, **keywords)
+        if isinstance(node, DecoratorNode):
+            # Only now, since adopt() and __init__ may be a user's.
+            node._decorated = node.child
         if self._prepares:
             node.prepare()
         return node

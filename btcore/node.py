@@ -5,7 +5,7 @@ tick is BehaviorTree.CPP's (nodes.md §2.1): pre-conditions, tick, post-conditio
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
 
@@ -40,7 +40,7 @@ class TreeNode:
     """
 
     node_type: ClassVar[NodeType] = NodeType.UNDEFINED
-    follows: ClassVar[int] = PLAIN
+    _family: ClassVar[int] = PLAIN
 
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
@@ -56,7 +56,7 @@ class TreeNode:
         self._status = IDLE
         self._guard = None
         self._decorated = None
-        self._follows = self.follows
+        self._follows = self._family
         if type(self).execute_tick is not TreeNode.execute_tick:
             self._follows += OVERRIDDEN
         self._context = context
@@ -147,6 +147,9 @@ class TreeNode:
     def __repr__(self) -> str:
         return f"<{self.config.id} '{self.config.path}' {self._status.name}>"
 
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise TypeError("a node is part of its tree: load the tree again for another one")
+
     # --- ticking
 
     def tick(self) -> object:
@@ -154,7 +157,10 @@ class TreeNode:
         raise NodeFault(f"<{self.config.id}> has no tick()")
 
     def execute_tick(self) -> Status:
-        """Tick the node as its parent does: with conditions, and with the result stored."""
+        """Tick the node as its parent does: with conditions, and with the result stored.
+
+        A class that overrides it does so before a tree is made of it.
+        """
         return execute_tick(self, True)
 
     def set_status(self, status: Status) -> None:

@@ -106,6 +106,7 @@ class Observers:
         self._later: list[Observer] = []
         self._first = 1
         self._noted: list[object] = []
+        self._telling = False
 
     def note(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
         """Note a transition of the node with *config* at *moment*, and tell it to who hears it at once."""
@@ -132,17 +133,23 @@ class Observers:
 
     def hand_over(self) -> None:
         """Tell what was noted and not told yet."""
-        noted = self._noted
-        if not noted:
+        if self._telling or not self._noted:
             return
-        changes = Transitions(self._first, self.tick, noted)
-        self._first += len(noted) // 4
-        self._noted = []
-        for listener in self._later:
-            try:
-                listener.transitions(changes)
-            except Exception as fault:
-                self._drop(listener, fault)
+        self._telling = True
+        try:
+            # Again, if a listener made something change: everybody hears all in order.
+            while self._noted:
+                noted = self._noted
+                changes = Transitions(self._first, self.tick, noted)
+                self._first += len(noted) // 4
+                self._noted = []
+                for listener in self._later:
+                    try:
+                        listener.transitions(changes)
+                    except Exception as fault:
+                        self._drop(listener, fault)
+        finally:
+            self._telling = False
 
     def begin(self, tick: int) -> None:
         """Number *tick* of the root begins."""
@@ -177,7 +184,7 @@ class Observers:
 
     def remove(self, listener: Observer) -> None:
         """Let *listener* hear no more."""
-        if listener in self.listeners:
+        if any(one is listener for one in self.listeners):
             self.hand_over()
             self._are([other for other in self.listeners if other is not listener])
 

@@ -62,7 +62,7 @@ else:
     InOut = _Form("InOut", Annotated[T, PortMark(Direction.INOUT)])
     Put = _Form("Put", Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)])
 
-_ENGINE: Final = frozenset({"btcore.node", "btcore.leaf", "btcore.coroutine"})
+_ENGINE: Final = frozenset({"btcore.node", "btcore.inner", "btcore.leaf", "btcore.coroutine"})
 
 
 class Parameter:

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from typing import NoReturn, SupportsIndex, TypeVar
 
 from mypy_extensions import mypyc_attr
 
@@ -188,8 +188,7 @@ class Tree:
                 observers.ticked(time.perf_counter_ns() - start, status)
         except NodeRaised as error:
             self.status = IDLE
-            if observers is not None:
-                observers.raised(error)
+            self._tell_of(error)
             error.also += self._halt_everything()
             raise
         return status
@@ -206,9 +205,13 @@ class Tree:
         if errors:
             first = errors[0]
             first.also += errors[1:]
-            if self.context.observers is not None:
-                self.context.observers.raised(first)
+            self._tell_of(first)
             raise first
+
+    def _tell_of(self, error: NodeRaised) -> None:
+        # Who came within the tick hears it too.
+        if self.context.observers is not None:
+            self.context.observers.raised(error)
 
     def _halt_everything(self) -> list[NodeRaised]:
         errors: list[NodeRaised] = []
@@ -248,7 +251,10 @@ class Tree:
             return self._hooks
 
     def subscribe(self, observer: Observer) -> Callable[[], None]:
-        """Let *observer* hear what happens; the callable returned ends that."""
+        """Let *observer* hear what happens; the callable returned ends that.
+
+        Call both on the thread that ticks, or while nothing ticks.
+        """
         observers = self.context.observers
         if observers is None:
             observers = Observers(self.context.clock)
@@ -296,6 +302,11 @@ class Tree:
 
     def __iter__(self) -> Iterator[TreeNode]:
         return iter(self.nodes)
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise TypeError(
+            "a tree is tied to its clock, its leaves and what they hold: load it again for another"
+        )
 
     def __repr__(self) -> str:
         count = len(self.nodes)

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, Final
 
+from mypy_extensions import mypyc_attr
+
 from btcore.errors import ConversionFault, RegistrationError
 from btcore.numerals import (
     MAX_INT64,
@@ -30,8 +32,9 @@ _SMALL: Final = 2**31
 _NEAR: Final = 2.0**31
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class ValueType:
-    """The type of a port or of an entry.
+    """The type of a port or of an entry. Derive from it for one that no class stands for (a list of yours).
 
     *name* is what C++ calls it, on the wire and in models; *strong* is False for the types that
     take any value; *python_type* is the class of its values; *converts* tells whether a text is

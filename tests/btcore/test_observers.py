@@ -1,11 +1,13 @@
 """Who subscribes hears of transitions, ticks and errors; and never disturbs the tree."""
 
 import logging
+import threading
 from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeRaised, Observer, SimClock, Status, Transition, Transitions, Tree
+from btcore import NodeRaised, Observer, SimClock, Status, SyncAction, Transition, Transitions, Tree
+from btcore.hooks import Hook
 
 Grow = Callable[..., Tree]
 
@@ -280,3 +282,134 @@ def test_an_observer_may_override_only_what_it_needs(grow: Grow) -> None:
     tree.tick_once()
     with pytest.raises(NodeRaised):
         tree.tick_once()
+
+
+# --- coming, going and halting in the middle
+
+
+class Doing(Observer):
+    """Calls *act* once, at transition number *at*, or when it is told of several."""
+
+    def __init__(self, act: Callable[[], object], at: int = 0) -> None:
+        self.act = act
+        self.at = at
+
+    def transition(self, change: Transition) -> None:
+        if change.number == self.at:
+            self.act()
+
+    def transitions(self, changes: Transitions) -> None:
+        if not self.at:
+            self.at = -1
+            self.act()
+
+
+def numbers(keeper: Keeper) -> list[int]:
+    return [change.number for one in keeper.told for change in one]
+
+
+def test_who_comes_within_a_tick_hears_what_follows_with_its_right_number(grow: Grow) -> None:
+    tree = grow(BODY)
+    listener, keeper = Listener(), Keeper()
+    tree.subscribe(Doing(lambda: (tree.subscribe(listener), tree.subscribe(keeper)), at=2))
+    tree.tick_exactly_once()
+    assert numbers(keeper) == [change.number for change in listener.changes] == [3]
+    assert listener.ticks == [(1, 0, Status.RUNNING)]
+
+
+def test_the_first_who_comes_within_a_tick_hears_of_its_error(grow: Grow) -> None:
+    listener, keeper = Listener(), Keeper()
+
+    class Calling(SyncAction):
+        tree: Tree
+
+        def tick(self) -> bool:
+            self.tree.subscribe(listener)
+            self.tree.subscribe(keeper)
+            return True
+
+    tree = grow('<Sequence><Calling/><PlanSync name="x" plan="X"/></Sequence>', Calling)
+    tree.find(Calling)[0].tree = tree
+    with pytest.raises(NodeRaised):
+        tree.tick_once()
+    assert listener.errors == ["x"]
+    assert [change.status.name for change in listener.changes] == ["SUCCESS", "IDLE", "IDLE"]
+    assert [list(one) for one in keeper.told] == [listener.changes[:1], listener.changes[1:]]
+
+
+def test_a_tree_that_is_halted_while_it_tells_tells_everybody_in_order(grow: Grow) -> None:
+    tree = grow(BODY)
+    first, last = Keeper(), Keeper()
+    tree.subscribe(first)
+    tree.subscribe(Doing(tree.halt))
+    tree.subscribe(last)
+    tree.tick_exactly_once()
+    assert numbers(first) == numbers(last) == [1, 2, 3, 4, 5, 6]
+    assert all(node.status is Status.IDLE for node in tree)
+
+
+def test_one_that_raises_or_leaves_within_a_halt_does_not_disturb_it(grow: Grow, clock: SimClock) -> None:
+    tree = grow(BODY)
+    listener, keeper = Listener(), Keeper()
+
+    class Cut(Observer):
+        def transition(self, change: Transition) -> None:
+            if change.status is Status.IDLE:
+                raise RuntimeError("the wire is cut")
+
+    tree.subscribe(Cut())
+    leave = tree.subscribe(keeper)
+    tree.subscribe(listener)
+    tree.subscribe(Doing(leave, at=4))
+    tree.tick_exactly_once()
+    tree.halt()
+    assert [change.number for change in listener.changes] == [1, 2, 3, 4, 5, 6]
+    assert numbers(keeper) == [1, 2, 3, 4]
+    assert all(node.status is Status.IDLE for node in tree)
+
+
+def test_an_observer_may_be_equal_to_another(grow: Grow) -> None:
+    class Alike(Keeper):
+        def __eq__(self, other: object) -> bool:
+            return isinstance(other, Alike)
+
+        __hash__ = None  # type: ignore[assignment]
+
+    tree = grow(BODY)
+    one, other = Alike(), Alike()
+    tree.subscribe(one)
+    tree.subscribe(other)()
+    tree.tick_exactly_once()
+    assert (numbers(one), numbers(other)) == ([1, 2, 3], [])
+
+
+def test_at_a_breakpoint_who_looks_is_told_what_led_there(grow: Grow) -> None:
+    tree = grow(BODY)
+    keeper = Keeper()
+    tree.subscribe(keeper)
+    seen: list[list[int]] = []
+
+    def look(hook: Hook) -> None:
+        tree.hand_over()
+        seen.append(numbers(keeper))
+        threading.Thread(target=tree.hooks.unlock, args=(hook.uid,)).start()
+
+    tree.hooks.insert(Hook(tree.node("b").uid))
+    tree.hooks.listen(look)
+    tree.tick_exactly_once()
+    assert seen == [[1, 2]]
+    assert numbers(keeper) == [1, 2, 3]
+
+
+def test_transitions_are_a_sequence_made_once_and_kept_by_whom_likes(grow: Grow) -> None:
+    tree = grow(BODY)
+    keeper = Keeper()
+    tree.subscribe(keeper)
+    tree.tick_exactly_once()
+    (told,) = keeper.told
+    assert told.made() is told.made()
+    assert (told[-1], list(told), len(told)) == (told[2], told.made(), 3)
+    assert told[0] == Transition(1, 0, 1, 1, Status.IDLE, Status.RUNNING)
+    assert isinstance(told[0], Transition)
+    with pytest.raises(IndexError):
+        told[3]

@@ -12,9 +12,12 @@ from btcore import (
     NodeRaised,
     NodeType,
     Out,
+    RegistrationError,
+    Registry,
     Status,
     Tree,
     TreeError,
+    TreeNode,
 )
 from btcore.nodes.outcome import Inverter
 from btcore.nodes.sequence import Sequence
@@ -116,6 +119,19 @@ def test_the_completed_child_of_a_decorator_is_reset(grow: Grow) -> None:
     assert [tree.tick_once() for _ in range(2)] == [Status.SUCCESS, Status.SUCCESS]
 
 
+def test_nor_does_it_matter_who_took_the_child(grow: Grow) -> None:
+    class Taking(DecoratorNode):
+        def adopt(self, children: list[TreeNode]) -> None:
+            self.child = children[0]
+
+        def tick(self) -> Status:
+            return self.child.execute_tick()
+
+    tree = grow("<Taking><AlwaysSuccess/></Taking>", Taking)
+    assert tree.tick_exactly_once() is Status.SUCCESS
+    assert tree.nodes[1].status is Status.IDLE
+
+
 def test_both_may_be_written_in_the_explicit_form(grow: Grow) -> None:
     tree = grow(
         '<Control ID="Shuffle" done="{d}"><Decorator ID="AtMost" ticks="1" used="{u}">'
@@ -191,6 +207,17 @@ def test_a_built_in_decorator_may_be_derived_from(grow: Grow) -> None:
     assert tree.tick_once() is Status.FAILURE
     tree.blackboard["i"] = False
     assert tree.tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("base", "name"), [(ControlNode, "halt_child"), (DecoratorNode, "child"), (DecoratorNode, "reset_child")]
+)
+def test_no_port_hides_what_a_node_with_children_has(base: type[TreeNode], name: str) -> None:
+    hiding = type("Hiding", (base,), {"__annotations__": {name: In[str]}})
+    with pytest.raises(
+        RegistrationError, match=f"port '{name}' of Hiding would hide what {base.__name__} has"
+    ):
+        Registry.standard().add(hiding)
 
 
 def test_attributes_need_no_call_of_super_init(grow: Grow) -> None:
