@@ -29,9 +29,10 @@ _PAST: Final = 24.0
 _AHEAD: Final = 1.5
 """Seconds of past and future around the time cursor in lanes and curves."""
 _TRAIL_SECONDS: Final = 120.0
-_COLOURS: Final = " · green: the way to its goal · orange: the way it came · cyan: laser"
-_BESIDE: Final = (1.5, -1.6, 1.5)
-"""m; from where the close-up looks at the robot."""
+_COLOURS: Final = " · green: its goal · orange: trail · pink: where it may be · cyan: laser"
+_SPEED: Final = "Speed: orange m/s · cyan rad/s"
+_BESIDE: Final = (1.25, -1.35, 1.95)
+"""m; from where the close-up looks at the robot: high enough to see its foot behind what is cut."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,20 +117,22 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
     """
     counts = rrb.TextDocumentView(origin=pane.at(statistics.STATISTICS), name="Statistics")
     lane_view = rrb.Tabs(lanes(pane), counts)
-    ticks = [_curve(pane, "Tick duration [ms]", "tick"), _curve(pane, "Tick rate [Hz]", "rate")]
+    ticks = [_curve(pane, "Tick duration [ms]", "tick", legend=True), _curve(pane, "Tick rate [Hz]", "rate")]
     if not pane.costed:
         ticks = [rrb.TextDocumentView(origin=pane.at(panels.UNSENT), name="Tick duration and rate")]
     below = lanes_share(len(pane.lanes.entities))
     if pane.eye is not None:
-        curves: list[rrb.View | rrb.Container] = [_curve(pane, "Speed", scene.SPEED), rrb.Tabs(*ticks)]
+        shares = [0.5, 0.5]
+        curves: list[rrb.View | rrb.Container] = [_curve(pane, _SPEED, scene.SPEED), rrb.Tabs(*ticks)]
         if pane.eye.battery:
             curves.insert(0, _curve(pane, "Battery [%]", scene.BATTERY))
+            shares = [0.29, 0.38, 0.33]
         return rrb.Horizontal(
             rrb.Vertical(trees(pane), lane_view, row_shares=[1.0 - below, below]),
             rrb.Vertical(
                 _scene(pane, pane.eye),
                 rrb.Horizontal(_words(pane), log(pane), column_shares=[0.42, 0.58]),
-                rrb.Horizontal(*curves),
+                rrb.Horizontal(*curves, column_shares=shares),
                 row_shares=[0.46, 0.36, 0.18],
             ),
             column_shares=[_LEFT, 1.0 - _LEFT],
@@ -189,12 +192,12 @@ def lanes(pane: Pane) -> rrb.View:
     return rrb.StateTimelineView(origin="/", contents=contents, name=pane.lanes.title, time_view=_axis())
 
 
-def _curve(pane: Pane, name: str, origin: str) -> rrb.View:
+def _curve(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=pane.at(origin),
         name=name,
         axis_x=_axis(),
-        plot_legend=rrb.PlotLegend(corner="LeftTop", visible=True),
+        plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
         background=rrb.archetypes.PlotBackground(color=pane.palette.background, show_grid=True),
     )
 
@@ -205,9 +208,15 @@ def running(pane: Pane) -> rrb.View:
 
 
 def _words(pane: Pane) -> rrb.Container:
+    board: rrb.View | rrb.Container = rrb.TextDocumentView(
+        origin=pane.at(panels.BLACKBOARD), name="Blackboard"
+    )
+    if pane.eye is not None and pane.eye.navigates:
+        colours = rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours")
+        board = rrb.Tabs(board, colours)
     return rrb.Vertical(
         running(pane),
-        rrb.TextDocumentView(origin=pane.at(panels.BLACKBOARD), name="Blackboard"),
+        board,
         row_shares=[0.54, 0.46],
     )
 
@@ -222,7 +231,8 @@ def log(pane: Pane) -> rrb.View:
         TextLogColumn("EntityPath", visible=False),
         TextLogColumn("LogLevel", visible=False),
     ]
-    times = [TimelineColumn(TREE_TIME, visible=False), TimelineColumn(WALL_TIME, visible=False)]
+    # The viewer draws the cursor into the list only where a column has the cursor's time.
+    times = [TimelineColumn(one, visible=one == pane.timeline) for one in (TREE_TIME, WALL_TIME)]
     return rrb.TextLogView(
         origin=pane.at(panels.LOG),
         contents=f"/{pane.at(panels.LOG)}",

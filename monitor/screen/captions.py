@@ -1,6 +1,7 @@
 """What is written in a node's pill: its name, and below it, smaller, what tells it from its namesakes."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,6 +11,8 @@ from .font import elide, width_of
 
 BADGE_ROOM: Final = 2 * style.BADGE_RADIUS + 14.0
 TEXT_GAP: Final = 20.0
+VALUES_AT_MOST: Final = 28
+"""Characters of ports' values that tell namesakes apart where a name stands alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,16 @@ def captions(picture: Picture, whole: Picture, noted: bool) -> Mapping[int, Capt
 def ports(node: PictureNode) -> str:
     """All ports, as the XML has them."""
     return "  ".join(f'{port}="{text}"' for port, text in node.ports.items())
+
+
+def told_apart(nodes: Sequence[PictureNode]) -> list[str]:
+    """Names of *nodes*; namesakes have their ports' values too, where those are short."""
+    count = Counter(node.name for node in nodes)
+    found = []
+    for node in nodes:
+        values = " ".join(node.ports.values()) if count[node.name] > 1 else ""
+        found.append(f"{node.name} {values}" if values and len(values) <= VALUES_AT_MOST else node.name)
+    return found
 
 
 def _note(node: PictureNode, whole: Picture) -> str:

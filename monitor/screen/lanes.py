@@ -1,7 +1,6 @@
 """Lanes over time: one for each leaf, or, where leaves are too many for that, what ran at each depth."""
 
 import re
-from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, Final
 
@@ -9,6 +8,7 @@ import numpy as np
 import rerun as rr
 
 from ..picture import IDLE, RUNNING, STATUS_NAMES, Picture, PictureNode
+from .captions import told_apart
 from .moments import SHOWN_NAMES, Moments
 from .rows import Rows
 from .style import Palette
@@ -20,8 +20,6 @@ SUBTREES_DEEP: Final = 4
 LEAVES_AT_ONCE: Final = 4
 """Lanes of a big tree: how many levels of subtrees, and how many leaves at work side by side."""
 NOTHING: Final = "–"
-VALUES_AT_MOST: Final = 28
-"""Characters of ports' values in a lane's name."""
 
 
 def chosen(picture: Picture, found: Collection[int]) -> list[PictureNode]:
@@ -39,16 +37,6 @@ def lane_entities(names: Sequence[str]) -> list[str]:
         f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name).strip('_')}"
         for at, name in enumerate(names, start=1)
     ]
-
-
-def told_apart(nodes: Sequence[PictureNode]) -> list[str]:
-    """Names of *nodes*; namesakes have their ports' values too, where those are short."""
-    count = Counter(node.name for node in nodes)
-    found = []
-    for node in nodes:
-        values = " ".join(node.ports.values()) if count[node.name] > 1 else ""
-        found.append(f"{node.name} {values}" if values and len(values) <= VALUES_AT_MOST else node.name)
-    return found
 
 
 class Lanes:

@@ -5,23 +5,30 @@ from typing import Any, Final
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
-from ..picture import IDLE, RUNNING, STATUS_NAMES, Gap, Picture, Raised, Ticked, Unseen, Wire
-from .moments import SHOWN_NAMES, Moments
+from ..picture import FAILURE, IDLE, RUNNING, STATUS_NAMES, Gap, Picture, Raised, Ticked, Unseen, Wire
+from .captions import told_apart
+from .moments import SAID, SHOWN_NAMES, Moments
 from .rows import Rows, Series
 from .words import brief, plain
 
 NOW: Final = "now"
 _NAMES_AT_MOST: Final = 4
+_CELL: Final = 28
+"""Characters that surely have room in the table, whose cells aren't wrapped."""
 
 
 class NowPanel:
-    """A few lines: the leaves at work, what the robot says of itself, its contacts, the tick."""
+    """A few lines: the leaves at work, those that failed, what the robot says of itself, its contacts, the
+    tick.
+    """
 
     def __init__(self, rows: Rows, picture: Picture) -> None:
         self._series: Series[str] = rows.series(NOW, documents)
-        self._names = [node.name for node in picture.nodes]
         self._leaf = np.array([not node.children for node in picture.nodes])
+        leaves = [node for node in picture.nodes if not node.children]
+        self._names = dict(zip(np.flatnonzero(self._leaf).tolist(), told_apart(leaves), strict=True))
         self._contacts = ""
         self._notes: dict[str, str] = {}
         self._shown = ""
@@ -66,14 +73,15 @@ class NowPanel:
 
     def _show(self, t: int, wall: int, moments: Moments, root: str) -> None:
         self._root = root
-        at_work = [self._names[at] for at in np.flatnonzero((moments.shown == RUNNING) & self._leaf)]
-        text = ", ".join(f"**{name}**" for name in at_work[:_NAMES_AT_MOST])
-        if len(at_work) > _NAMES_AT_MOST:
-            text += f" and {len(at_work) - _NAMES_AT_MOST} more"
-        # Above the table, whose cells aren't wrapped.
+        runs = moments.shown == RUNNING
+        failed = (moments.shown == FAILURE) | (moments.shown == SAID + FAILURE)
+        short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
+        # Above the table and below it lines are wrapped.
         lines = [self._raised, ""] if self._raised else []
-        lines += [f"| runs | {text or '–'} |", "|:--|:--|"]
-        lines += [f"| {name} | {note} |" for name, note in self._notes.items()]
+        lines += [f"| runs | {self._leaves(runs) or '–'} |", "|:--|:--|"]
+        if (failed & self._leaf).any():
+            lines.append(f"| failed | {self._leaves(failed)} |")
+        lines += [f"| {name} | {note} |" for name, note in short.items()]
         if self._contacts:
             lines.append(f"| robot | {self._contacts} |")
         lines.append(f"| root | {root} |")
@@ -82,10 +90,17 @@ class NowPanel:
             lines.append(f"| lost | {self._lost} transitions |")
         if self._holes:
             lines.append(f"| lost | transitions, {self._holes} times |")
+        for name, note in self._notes.items():
+            lines += [] if name in short else ["", f"{name}: {note}"]
         document = "\n".join(lines)
         if document != self._shown:
             self._shown = document
             self._series.add(t, wall, document)
+
+    def _leaves(self, chosen: NDArray[np.bool_]) -> str:
+        at = np.flatnonzero(chosen & self._leaf).tolist()
+        text = ", ".join(f"**{plain(self._names[one])}**" for one in at[:_NAMES_AT_MOST])
+        return text if len(at) <= _NAMES_AT_MOST else f"{text} and {len(at) - _NAMES_AT_MOST} more"
 
 
 def documents(values: list[str]) -> Iterable[Any]:

@@ -5,12 +5,11 @@ which a robot without internet complains, and of which nobody was asked. So it i
 """
 
 import contextlib
+import http.client
 import re
 import shutil
 import socket
 import threading
-import urllib.error
-import urllib.request
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 
@@ -59,25 +58,25 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        address = f"http://127.0.0.1:{self.server.source}{self.path}"
+        # Not by urllib: that asks a proxy, if the environment names one, for what is on this machine.
+        source = http.client.HTTPConnection("127.0.0.1", self.server.source, timeout=_ANSWER_WITHIN)
         # A browser that leaves in the middle is none of our business.
-        with contextlib.suppress(OSError):
-            try:
-                answer = urllib.request.urlopen(address, timeout=_ANSWER_WITHIN)
-            except urllib.error.HTTPError as fault:
-                self.send_error(fault.code)
+        with contextlib.suppress(OSError, http.client.HTTPException), contextlib.closing(source):
+            source.request("GET", self.path)
+            answer = source.getresponse()
+            if answer.status != http.client.OK:
+                self.send_error(answer.status)
                 return
-            with answer:
-                self.send_response(answer.status)
-                for name in _PASSED_ON:
-                    if name in answer.headers:
-                        self.send_header(name, answer.headers[name])
-                self.end_headers()
-                if answer.headers.get_content_type() == "text/html":
-                    page = _ELSEWHERE.sub(b"", answer.read())
-                    self.wfile.write(page.replace(_HEAD, _HEAD + _STAYS_HERE, 1))
-                else:
-                    shutil.copyfileobj(answer, self.wfile, 1 << 20)
+            self.send_response(answer.status)
+            for name in _PASSED_ON:
+                if name in answer.headers:
+                    self.send_header(name, answer.headers[name])
+            self.end_headers()
+            if answer.headers.get_content_type() == "text/html":
+                page = _ELSEWHERE.sub(b"", answer.read())
+                self.wfile.write(page.replace(_HEAD, _HEAD + _STAYS_HERE, 1))
+            else:
+                shutil.copyfileobj(answer, self.wfile, 1 << 20)
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Say nothing: what people look at is no news."""

@@ -22,6 +22,21 @@ POINTS: Final = f"{ORIGIN}/laser/points"
 FAN: Final = f"{ORIGIN}/laser/fan"
 SPEED: Final = "speed"
 BATTERY: Final = "battery"
+COLOURS: Final = "colours"
+_SAID_OF_COLOURS: Final = """
+| | |
+|:--|:--|
+| green | goal, and the way there |
+| orange | the way it came |
+| cyan dots | laser |
+| white ring | where it believes to be |
+| pink strokes | where else it may be |
+| red ring | where it would be by its wheels alone |
+| magenta | an obstacle in the local costmap |
+| cyan ground | too near to one |
+| blue to red | cost of being there |
+| hatched | to be kept out of |
+"""
 _FAN_STEP: Final = 4
 """Every so many rays have a corner in the fan: a shape needs fewer than the readings do."""
 _FAN_REACH: Final = 6.0
@@ -102,6 +117,8 @@ class SceneView:
         self._marks.footprint = data.get("footprint_radius", self._marks.footprint)
         self._draw_sensors()
         self._floor.static(t, wall, data, self._root)
+        if self.navigates:
+            log(COLOURS, rr.TextDocument(_SAID_OF_COLOURS, media_type="text/markdown"), static=True)
         self._sight.static(data)
         return True
 

@@ -14,6 +14,10 @@ _FOUND: Final = 0xFFD54AFF
 _SIGHT: Final = 0xFFD54A90
 _DEPTH: Final = 0.7
 """m; how long the pyramid of a camera's sight is drawn."""
+_OLD: Final = 1_000_000_000
+"""ns of the tree's clock; a picture that no other has followed within that is drawn faint, and says so."""
+_FAINT: Final = 0.3
+_WORDS: Final = 0xF5F7FAFF
 
 
 class Sight:
@@ -25,6 +29,7 @@ class Sight:
         self.pictured = False
         """Whether there has been a picture."""
         self._series: dict[tuple[str, str], Series[Any]] = {}
+        self._ages: dict[tuple[str, str], _Age] = {}
         self._found: Series[list[Mapping[str, Any]]] = rows.series(f"{CAMERA}/detections", _boxes)
         self._shown: object = None
 
@@ -45,11 +50,55 @@ class Sight:
                 entity = f"{CAMERA}/pictures/{picture['name']}"
                 series = self._rows.series(entity, _jpegs if kind == "jpeg" else _images)
                 self._series[picture["name"], kind] = series
+                self._ages[picture["name"], kind] = _Age(self._rows, picture)
             series.add(t, wall, picture)
+            self._ages[picture["name"], kind].renewed(t, wall)
+        for age in self._ages.values():
+            age.look(t, wall)
         found = data.get("detections")
         if found is not None and found != self._shown:
             self._shown = found
             self._found.add(t, wall, found)
+
+
+class _Age:
+    """Lets a camera's picture, such as *picture*, fade when no other follows it."""
+
+    def __init__(self, rows: Rows, picture: Mapping[str, Any]) -> None:
+        name, drawn = picture["name"], rr.EncodedImage if picture["format"] == "jpeg" else rr.Image
+        self._middle = picture["size"][0] / 2, picture["size"][1] / 2
+        self._opacity: Series[float] = rows.series(
+            f"{CAMERA}/pictures/{name}", lambda values: drawn.columns(opacity=values)
+        )
+        self._words: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._said)
+        self._seen = 0
+        self._faint = False
+
+    def renewed(self, t: int, wall: int) -> None:
+        """There is a new picture."""
+        self._seen = t
+        if self._faint:
+            self._faint = False
+            self._opacity.add(t, wall, 1.0)
+            self._words.add(t, wall, "")
+
+    def look(self, t: int, wall: int) -> None:
+        """Time went on."""
+        if not self._faint and t - self._seen > _OLD:
+            self._faint = True
+            self._opacity.add(t, wall, _FAINT)
+            self._words.add(t, wall, f"as of {self._seen / 1e9:.1f} s")
+
+    def _said(self, values: list[str]) -> Iterable[Any]:
+        words = [one for one in values if one]
+        columns = rr.Points2D.columns(
+            positions=np.array([self._middle] * len(words), dtype=np.float32).reshape(-1, 2),
+            labels=words,
+            show_labels=[True] * len(words),
+            colors=[_WORDS] * len(words),
+            radii=[0.0] * len(words),
+        )
+        return columns.partition([int(one != "") for one in values])
 
 
 def _pyramid(camera: Mapping[str, Any]) -> list[NDArray[np.float64]]:

@@ -230,10 +230,16 @@ class _Shown:
         self.rows.send()
 
     def close(self) -> None:
-        self._end_tick(self._t, self._wall)
+        self._rest()
         self.statistics.show(self._t, self._wall)
         self.send()
         self.stage.end(self.recording)
+
+    def _rest(self) -> None:
+        """Show what changed after the last tick: a tree that was halted runs nothing."""
+        if self.moments.is_open:
+            self._end_tick(self._t, self._wall)
+            self.now.moment(self.moments)
 
     def _end_tick(self, t: int, wall: int) -> None:
         changed = self.moments.close(t, wall)
@@ -301,6 +307,8 @@ class _Shown:
 
     def _link(self, event: Link) -> None:
         self.log.link(event, self._t, self._wall)
+        if event.state == "ended":
+            self._rest()
 
     def _show_blueprint(self) -> None:
         scene = self.scene

@@ -5,10 +5,16 @@ nothing is to come, and lose the answer to the next request. So the envelope is 
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 import zmq
 
 from monitor.serve.ports import Socket
+
+WAITING_AT_MOST: Final = 64
+"""Requests of one client that wait for an answer, and answers that wait for one that doesn't read: further
+requests stay with the client, and further answers are dropped.
+"""
 
 
 class Questions:
@@ -18,6 +24,8 @@ class Questions:
         self.socket: Socket = context.socket(zmq.ROUTER)
         self.socket.setsockopt(zmq.MAXMSGSIZE, at_most)
         self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.setsockopt(zmq.RCVHWM, WAITING_AT_MOST)
+        self.socket.setsockopt(zmq.SNDHWM, WAITING_AT_MOST)
         self._back: list[bytes] = []
 
     def take(self) -> list[bytes] | None:

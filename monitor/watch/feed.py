@@ -132,7 +132,7 @@ class Feed:
     def _gather(self) -> list[Event]:
         events: list[Event] = []
         if self._state is None:
-            self._link(events, "waiting", f"no robot answers at {self.address} yet")
+            self._link(events, "waiting", f"waiting for the robot at {self.address}")
         for message in self._scene.read():
             self._from_scene(message, events)
         if self._scene.fault != self._told:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 import btcore
-from btcore import In, Out, Registry, SimClock, StatefulAction, Status
+from btcore import In, Observer, Out, Registry, SimClock, StatefulAction, Status
+from btcore.observers import Transitions
 
 ENDLESS = """
 <root BTCPP_format="4">
@@ -80,6 +81,23 @@ def sample3() -> btcore.Tree:
 def endless() -> btcore.Tree:
     """A tree that is always RUNNING, with ten transitions or so a tick."""
     return btcore.loads(ENDLESS, resources=[SimClock()])
+
+
+class Changes(Observer):
+    """The *count* of a tree's transitions from now on."""
+
+    def __init__(self, tree: btcore.Tree) -> None:
+        self.count = 0
+        tree.subscribe(self)
+
+    def transitions(self, changes: Transitions) -> None:
+        self.count += len(changes)
+
+
+@pytest.fixture
+def changes() -> type[Changes]:
+    """``changes(tree).count``: how many transitions a tree has had since."""
+    return Changes
 
 
 @pytest.fixture

@@ -104,7 +104,7 @@ def test_waiting_for_a_robot_costs_next_to_nothing_and_ends_when_asked(tmp_path)
         env=environment(),
     )
     try:
-        assert b"no robot answers" in process.stderr.readline()
+        assert b"waiting for the robot" in process.stderr.readline()
         started = _cpu_seconds(process.pid)
         deadline = time.monotonic() + 3.0
         while time.monotonic() < deadline:

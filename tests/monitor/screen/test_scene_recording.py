@@ -186,6 +186,17 @@ def test_boxes_found_in_space_are_there_as_long_as_they_are_told_of(show):
     assert recording.of("/scene/boxes/odom", "Boxes3D:colors")[0][1] == [0x010203FF]
 
 
+@pytest.mark.parametrize(("kind", "archetype"), [("jpeg", "EncodedImage"), ("rgb8", "Image")])
+def test_a_picture_that_no_other_follows_fades_and_says_when_it_was_taken(show, kind, archetype):
+    picture = {"name": "camera", "size": [2, 1], "format": kind, "data": b"\x01\x02\x03\x04\x05\x06"}
+    taken = {0.5: {"pictures": [picture]}, 1.0: {"pictures": [picture]}, 5.0: {"pictures": [picture]}}
+    recording = show({at / 2: {} for at in range(1, 12)} | taken)
+    opacity = recording.of("/camera/pictures/camera", f"{archetype}:opacity")
+    assert [(t, round(values[0], 1)) for t, values in opacity] == [(2.5 * SECOND, 0.3), (5 * SECOND, 1.0)]
+    words = recording.of("/camera/ages/camera", "Points2D:labels")
+    assert [(t, values) for t, values in words] == [(2.5 * SECOND, ["as of 1.0 s"]), (5 * SECOND, [])]
+
+
 def test_pictures_come_with_what_was_found_in_them(show):
     jpeg = {"name": "camera", "size": [32, 24], "format": "jpeg", "data": b"\xff\xd8 and so on"}
     raw = {"name": "camera", "size": [2, 1], "format": "rgb8", "data": b"\x01\x02\x03\x04\x05\x06"}

@@ -370,13 +370,13 @@ def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until,
 # --- a btcore robot without its scene channel
 
 
-def test_our_own_robot_is_followed_through_groot_2_as_well(endless, watch_cpp, until):
+def test_our_own_robot_is_followed_through_groot_2_as_well(endless, watch_cpp, until, changes):
+    told = changes(endless)
     with serve(endless, groot2=0, scene=False) as publisher:
         viewer = watch_cpp(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
         for tick in range(1, 21):
             endless.tick_exactly_once()
-            number = endless.context.observers.number
-            until(lambda number=number: len(viewer.of(StatusChanged)) == number, f"tick {tick}")
+            until(lambda number=told.count: len(viewer.of(StatusChanged)) == number, f"tick {tick}")
         assert not viewer.of(Unseen)
         assert wire(viewer).name == "Groot 2, recorded"

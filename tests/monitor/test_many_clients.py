@@ -1,0 +1,107 @@
+"""Many who ask at once, in odd ways: everybody gets the answers to the own requests, and nobody else's."""
+
+import contextlib
+
+import pytest
+import zmq
+
+from monitor.serve import serve
+from monitor.serve.questions import WAITING_AT_MOST, Questions
+
+
+@pytest.fixture
+def served(endless, no_threads_left):
+    with serve(endless, groot2=0) as publisher:
+        yield publisher
+
+
+@pytest.fixture
+def dealer(served):
+    """``dealer()``: a client that may ask as it likes."""
+    with contextlib.ExitStack() as stack:
+        context = stack.enter_context(zmq.Context())
+
+        def made() -> zmq.Socket:
+            socket = stack.enter_context(context.socket(zmq.DEALER))
+            socket.linger = 0
+            socket.connect(f"tcp://127.0.0.1:{served.port}")
+            return socket
+
+        yield made
+
+
+def request(kind: bytes, number: int) -> bytes:
+    return b"\x02" + kind + number.to_bytes(4, "little")
+
+
+def test_answers_go_to_who_asked(dealer):
+    clients = [dealer() for _ in range(20)]
+    for turn in range(10):
+        for at, client in enumerate(clients):
+            client.send_multipart([b"", request(b"S", 100 * at + turn)])
+    for at, client in enumerate(clients):
+        for turn in range(10):
+            assert client.poll(5_000)
+            empty, header, _ = client.recv_multipart()
+            assert (empty, header[:6]) == (b"", request(b"S", 100 * at + turn))
+        assert not client.poll(0)
+
+
+def test_an_answer_goes_back_through_all_that_passed_the_request_on(dealer):
+    """As a REP socket does it: the envelope ends at the first empty frame, and comes back as it was."""
+    client = dealer()
+    client.send_multipart([b"first", b"second", b"", request(b"B", 7), b""])
+    assert client.poll(5_000)
+    first, second, empty, header, boards = client.recv_multipart()
+    assert (first, second, empty, header[:6]) == (b"first", b"second", b"", request(b"B", 7))
+    assert boards
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [[b""], [b"", b""], [b"", b"", b""], [b"", b"\x02S1234", b"", b"more"], [b"", b"\x02B1234"]],
+    ids=["nothing", "an empty request", "two empty frames", "frames too many", "a frame too few"],
+)
+def test_what_is_no_request_costs_nobody_else_the_answer(dealer, frames):
+    odd, client = dealer(), dealer()
+    odd.send_multipart(frames)
+    client.send_multipart([b"", request(b"S", 1)])
+    odd.send_multipart([b"", request(b"S", 2)])
+    for socket, number in ((client, 1), (odd, 2)):
+        answers = []
+        while not answers or answers[-1][1][:6] != request(b"S", number):
+            assert socket.poll(5_000)
+            answers.append(socket.recv_multipart())
+        assert len(answers) <= (2 if socket is odd else 1)
+
+
+def test_who_asks_and_leaves_is_not_missed(dealer):
+    for _ in range(20):
+        with dealer() as gone:
+            gone.linger = 100
+            gone.send_multipart([b"", request(b"T", 1)])
+    client = dealer()
+    client.send_multipart([b"", request(b"S", 3)])
+    assert client.poll(5_000)
+    assert client.recv_multipart()[1][:6] == request(b"S", 3)
+
+
+def test_big_answers_for_a_client_that_reads_none_fill_no_memory():
+    big, asked = b"x" * 1_000_000, 4 * WAITING_AT_MOST
+    with zmq.Context() as context, context.socket(zmq.DEALER) as deaf:
+        questions = Questions(context, 1000)
+        with questions.socket:
+            port = questions.socket.bind_to_random_port("tcp://127.0.0.1")
+            deaf.linger = 0
+            deaf.rcvhwm = 1
+            deaf.connect(f"tcp://127.0.0.1:{port}")
+            for _ in range(asked):
+                deaf.send_multipart([b"", b"any"])
+                assert questions.socket.poll(5_000)
+                assert questions.take() == [b"any"]
+                questions.answer([big])
+            answers = 0
+            while deaf.poll(500):
+                assert deaf.recv_multipart() == [b"", big]
+                answers += 1
+    assert 0 < answers < 2 * WAITING_AT_MOST
