@@ -165,14 +165,7 @@ def cost(report: Report, port: int, seconds: float) -> None:
                         heard.append(statistics.median(paced(tree, seconds).durations))
                 else:
                     plain.append(statistics.median(paced(tree, seconds).durations))
-    pairs = list(zip(heard, plain, strict=True))
-    figures = {
-        "alone": f"{statistics.median(plain):.3f} ms",
-        "published": f"{statistics.median(heard):.3f} ms",
-        "added": f"{statistics.median(one - other for one, other in pairs):.3f} ms",
-    }
-    ratio = Spread.of([one / other for one, other in pairs])
-    report.add("a tick: published to one client / alone", ratio, None, figures)
+    tell(report, "a tick: published to one client / alone", heard, plain)
 
 
 def lateness(report: Report, port: int, seconds: float, count: int) -> None:
@@ -185,14 +178,18 @@ def lateness(report: Report, port: int, seconds: float, count: int) -> None:
             with clients(listening, port), published(tree, port, listening):
                 late = percentile(paced(tree, seconds).lateness, 0.99)
                 (together if listening else alone).append(late)
-    pairs = list(zip(together, alone, strict=True))
+    tell(report, "lateness, 99th percentile: clients / none", together, alone)
+
+
+def tell(report: Report, what: str, published: list[float], alone: list[float]) -> None:
+    """Report the times (ms) of runs that were *published*, each beside the one that was *alone*."""
+    pairs = list(zip(published, alone, strict=True))
     figures = {
-        "alone": f"{statistics.median(alone):.2f} ms",
-        "published": f"{statistics.median(together):.2f} ms",
-        "added": f"{statistics.median(one - other for one, other in pairs):.2f} ms",
+        "alone": f"{statistics.median(alone):.3f} ms",
+        "published": f"{statistics.median(published):.3f} ms",
+        "added": f"{statistics.median(one - other for one, other in pairs):.3f} ms",
     }
-    ratio = Spread.of([one / other for one, other in pairs])
-    report.add("lateness, 99th percentile: clients / none", ratio, None, figures)
+    report.add(what, Spread.of([one / other for one, other in pairs]), None, figures)
 
 
 def main() -> None:

@@ -196,7 +196,7 @@ class Blackboard:
         """Make *other*'s entries those of this scope; its remappings stay as they are."""
         for key in [key for key in other._entries if key not in self._entries]:
             del other._entries[key]
-        now = other.clock.now()
+        now = other.now()
         for key, entry in self._entries.items():
             known = other._entries.get(key)
             if known is None:

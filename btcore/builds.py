@@ -58,10 +58,10 @@ def choose() -> None:
 
 def why_pure() -> str:
     """Why the source runs, or "" for the compiled build."""
-    if _says("BTCORE_PURE"):
+    if says("BTCORE_PURE"):
         return "BTCORE_PURE is set"
     checkout = all((HERE.parent / file).is_file() for file in ("setup.py", "pyproject.toml"))
-    if checkout and not _says("BTCORE_COMPILED"):
+    if checkout and not says("BTCORE_COMPILED"):
         return "a checkout runs its source, unless BTCORE_COMPILED=1 is set"
     file = next(filter(Path.is_file, (HERE.parent / (LIBRARY + end) for end in EXTENSION_SUFFIXES)), None)
     if file is None:
@@ -110,7 +110,8 @@ def remark() -> str:
     return f"{len(unused)} compiled files in {HERE} are not used: {finder.reason}" if unused else ""
 
 
-def _says(variable: str) -> bool:
+def says(variable: str) -> bool:
+    """Whether the environment's *variable* is set, and not to 0."""
     return os.environ.get(variable, "0") not in ("", "0")
 
 

@@ -16,7 +16,7 @@ from btcore.errors import NodeRaised
 from btcore.status import Status, Transition
 
 _log = logging.getLogger("btcore")
-# What Transition(…) calls in the end, by way of a function in Python.
+# What Transition(…) calls in the end, by way of a function in Python, which takes far longer.
 _new_tuple: Final[Any] = tuple.__new__
 
 
@@ -40,15 +40,9 @@ class Transitions:
         made = self._made
         if made is None:
             noted = self._noted
-            made = [self._transition(noted, at) for at in range(0, len(noted), 4)]
+            made = [_transition(self.first, self.tick, noted, at) for at in range(0, len(noted), 4)]
             self._made = made
         return made
-
-    def _transition(self, noted: list[object], at: int) -> Transition:
-        config = cast(NodeConfig, noted[at + 1])
-        return transition(
-            self.first + at // 4, noted[at], self.tick, config.uid, noted[at + 2], noted[at + 3]
-        )
 
     def __len__(self) -> int:
         return len(self._noted) // 4
@@ -60,11 +54,11 @@ class Transitions:
         return self.made()[index]
 
 
-def transition(
-    number: int, stamp: object, tick: int, uid: int, previous: object, status: object
-) -> Transition:
-    """The same as Transition(…), which is a function in Python and takes far longer."""
-    made: Transition = _new_tuple(Transition, (number, stamp, tick, uid, previous, status))
+def _transition(first: int, tick: int, noted: list[object], at: int) -> Transition:
+    """What was noted from place *at* on, in a list that begins with transition number *first*."""
+    uid = cast(NodeConfig, noted[at + 1]).uid
+    values = (first + at // 4, noted[at], tick, uid, noted[at + 2], noted[at + 3])
+    made: Transition = _new_tuple(Transition, values)
     return made
 
 
@@ -120,11 +114,7 @@ class Observers:
 
     def _tell(self, noted: list[object]) -> None:
         """Tell of the last one."""
-        at = len(noted) - 4
-        config = cast(NodeConfig, noted[at + 1])
-        change = transition(
-            self._first + at // 4, noted[at], self.tick, config.uid, noted[at + 2], noted[at + 3]
-        )
+        change = _transition(self._first, self.tick, noted, len(noted) - 4)
         for listener in self._at_once:
             try:
                 listener.transition(change)

@@ -86,8 +86,13 @@ class Parameter:
         return self.port is None and self.wanted in (int, float, str, bool)
 
 
-def port_of(name: str, annotation: object, types: Types, default: object = UNSET) -> Port | None:
-    """The port that *annotation* declares, or None if it isn't one."""
+def port_of(
+    name: str, annotation: object, kind_of: Callable[[Any], ValueType], default: object = UNSET
+) -> Port | None:
+    """The port that *annotation* declares, or None if it isn't one.
+
+    *kind_of* gives the type of values for what stands in In[…] and the like: a type, or a ValueType.
+    """
     if isinstance(annotation, _Form):
         annotation = annotation[Any]
     if typing.get_origin(annotation) is not Annotated:
@@ -96,15 +101,15 @@ def port_of(name: str, annotation: object, types: Types, default: object = UNSET
     mark = next((one for one in marks if isinstance(one, PortMark)), None)
     if mark is None:
         return None
-    kind = next((one for one in marks if isinstance(one, ValueType)), inner)
+    held = next((one for one in marks if isinstance(one, ValueType)), inner)
     if mark.put:
-        kind = typing.get_args(inner)[0][0]
+        held = typing.get_args(inner)[0][0]
     description = next((one for one in marks if isinstance(one, str)), "")
     text = None
     if default is not UNSET:
         text = _text_of(default)
     value = UNSET if isinstance(default, str) else default
-    return Port(name, mark.direction, types.of(kind), text, description, value)
+    return Port(name, mark.direction, kind_of(held), text, description, value)
 
 
 def _text_of(default: object) -> str:
@@ -138,7 +143,7 @@ def function_parameters(
             )
         annotation = hints[parameter.name]
         default = UNSET if parameter.default is parameter.empty else parameter.default
-        port = port_of(parameter.name, annotation, types, default)
+        port = port_of(parameter.name, annotation, types.of, default)
         keyword = parameter.kind is parameter.KEYWORD_ONLY
         found.append(Parameter(parameter.name, keyword, port, annotation, default))
     return found
@@ -152,7 +157,7 @@ def class_ports(cls: type, types: Types, names: Mapping[str, Any]) -> list[Port]
         for port in provided():
             listed[port.name] = port
     for name, annotation in _resolve(cls, cls.__qualname__, names).items():
-        port = port_of(name, annotation, types, _default_in(cls, name))
+        port = port_of(name, annotation, types.of, _default_in(cls, name))
         if port is not None:
             _refuse_hiding(cls, name)
             listed[name] = port

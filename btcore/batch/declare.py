@@ -278,20 +278,13 @@ def _is_put(annotation: Any) -> bool:
 
 def _port(name: str, annotation: Any, types: Types, default: object) -> Port | None:
     """The port that *annotation* declares, or None if it isn't one."""
-    if typing.get_origin(annotation) is not Annotated:
-        return None
-    inner, *marks = typing.get_args(annotation)
-    mark = next((one for one in marks if isinstance(one, PortMark)), None)
-    if mark is None:
-        return None
-    held = typing.get_args(inner)[0][0] if mark.put else inner
-    kind = next((one for one in marks if isinstance(one, ValueType)), None) or _kind(held, types)
-    texts = [one for one in marks if isinstance(one, str)]
-    return port_of(name, Annotated[(object, kind, PortMark(mark.direction), *texts)], types, default)
+    return port_of(name, annotation, lambda column: _kind(column, types), default)
 
 
 def _kind(annotation: Any, types: Types) -> ValueType:
     """The type of one agent's value in what *annotation* says of the column."""
+    if isinstance(annotation, ValueType):
+        return annotation
     if typing.get_origin(annotation) is Annotated:
         inner, *marks = typing.get_args(annotation)
         return next((one for one in marks if isinstance(one, ValueType)), None) or _kind(inner, types)

@@ -12,6 +12,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import paint
+from btcore.cli.exit_codes import INTERRUPTED
 from btcore.cli.outcome import HOW
 from btcore.cli.pace import Ending, Pace
 from btcore.cli.progress import report
@@ -96,7 +97,7 @@ def perform(
         finally:
             tree.halt()
     brought = joined([one.report() for one in gathered.brought])
-    code = 130 if ending == "interrupted" else 0
+    code = INTERRUPTED if ending == "interrupted" else 0
     return Performed(ending, code, pace.elapsed / NS_PER_S, brought)
 
 

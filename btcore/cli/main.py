@@ -12,6 +12,7 @@ import click
 
 from btcore import builds
 from btcore.cli import extensions, paint
+from btcore.cli.exit_codes import BUG, INTERRUPTED, MISTAKE
 from btcore.errors import BtcoreError
 from btcore.suggest import listing, nearest
 
@@ -19,10 +20,6 @@ COMMANDS = "btcore.commands"
 OWN = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "bench")
 
 _BROUGHT = "btcore.cli.main.brought"
-
-MISTAKE = 2
-INTERRUPTED = 130
-BUG = 70  # EX_SOFTWARE of sysexits.h
 
 
 class CommandLine(click.Group):
@@ -95,7 +92,7 @@ def _leave(error: Exception) -> NoReturn:
         # The reader of our output has gone (`btcore nodes | head`); nothing more can be said there.
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
         sys.exit(0)
-    if os.environ.get("BTCORE_DEBUG", "0") not in ("", "0"):
+    if builds.says("BTCORE_DEBUG"):
         traceback.print_exception(error)
     if isinstance(error, click.Abort):
         sys.exit(INTERRUPTED)

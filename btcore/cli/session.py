@@ -4,11 +4,12 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import click
 
 from btcore.cli import paint
+from btcore.cli.exit_codes import FAILURE, INTERRUPTED, RAISED
 from btcore.cli.logs import Logs
 from btcore.cli.outcome import Outcome
 from btcore.cli.pace import Ending, Pace, Until
@@ -23,10 +24,6 @@ from btcore.reload import successor
 from btcore.status import Status
 from btcore.tree import Tree
 from btcore.xml.check import Examined
-
-FAILURE: Final = 1
-RAISED: Final = 3
-INTERRUPTED: Final = 130
 
 
 class Performed(NamedTuple):

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from btcore.cli import files
+from btcore.cli.exit_codes import FAILURE, INTERRUPTED, RAISED
 from btcore.script.program import Program
 from btcore.sweep import success, table
 from btcore.sweep.definition import Definition
@@ -15,9 +16,6 @@ from btcore.sweep.summary import summary
 from btcore.sweep.table import Row
 
 REPORT: Final = "report.html"
-FAILURE: Final = 1
-RAISED: Final = 3
-INTERRUPTED: Final = 130
 
 
 class Conclusion(NamedTuple):

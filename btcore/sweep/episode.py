@@ -11,14 +11,12 @@ from typing import Any, Final
 
 import click
 
+from btcore.cli.exit_codes import BUG, MISTAKE
 from btcore.cli.library import Library, library
 from btcore.cli.run import run, session
 from btcore.errors import BtcoreError
 from btcore.sweep.blame import Blame
 
-MISTAKE: Final = 2
-RAISED: Final = 3
-BUG: Final = 70
 _MOST_SAID: Final = 20  # warnings that one episode hands on
 
 _ONE_AT_A_TIME: Final = threading.Lock()  # all threads have one standard output, and one folder

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from btcore.cli.exit_codes import MISTAKE
 from btcore.script.program import Program
 from btcore.sweep import success, table
 from btcore.sweep.defining import setting
@@ -20,8 +21,6 @@ from btcore.sweep.progress import Bar
 
 if TYPE_CHECKING:
     from btcore.sweep.cluster import Workers
-
-MISTAKE: Final = 2
 
 
 class Means(NamedTuple):

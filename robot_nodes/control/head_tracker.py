@@ -81,12 +81,11 @@ class HeadTracker(LifecycleComponent):
 
     def on_deactivate(self) -> bool:
         """Stop looking; the head goes back to the middle."""
-        self._release()
-        return True
-
-    def on_shutdown(self) -> bool:
-        """Stop whatever it does."""
-        self._release()
+        if self._end is not None:
+            self._end()
+            self._end = None
+            self.detection = None
+            self.robot.look(0.0, 0.0)
         return True
 
     def step(self, now: int) -> None:
@@ -125,10 +124,3 @@ class HeadTracker(LifecycleComponent):
         if self.detection is not None:
             self.seen += 1
             self._command = command_of(self.detection)
-
-    def _release(self) -> None:
-        if self._end is not None:
-            self._end()
-            self._end = None
-            self.detection = None
-            self.robot.look(0.0, 0.0)

@@ -44,12 +44,10 @@ class ObjectLocator(LifecycleComponent):
 
     def on_deactivate(self) -> bool:
         """Stop looking, and forget what was seen."""
-        self._release()
-        return True
-
-    def on_shutdown(self) -> bool:
-        """Stop whatever it does."""
-        self._release()
+        if self._end is not None:
+            self._end()
+            self._end = None
+            self.boxes = ()
         return True
 
     def step(self, now: int) -> None:
@@ -75,9 +73,3 @@ class ObjectLocator(LifecycleComponent):
             for one in self.boxes
         ]
         return {"boxes": found}
-
-    def _release(self) -> None:
-        if self._end is not None:
-            self._end()
-            self._end = None
-            self.boxes = ()

@@ -89,8 +89,8 @@ class LifecycleComponent:
         return True
 
     def on_shutdown(self) -> bool:
-        """End."""
-        return True
+        """End; unless it is overridden, as `on_deactivate` stops."""
+        return self.on_deactivate()
 
     def _callback(self, asked: Change) -> bool:
         return {

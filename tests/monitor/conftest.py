@@ -1,13 +1,22 @@
-"""The tree that the captures were made with, rebuilt; and waiting for what a real socket will bring."""
+"""The captures' tree, rebuilt; commands in processes; waiting for what a real socket will bring."""
 
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 import btcore
 from btcore import In, Observer, Out, Registry, SimClock, StatefulAction, Status
 from btcore.observers import Transitions
+
+ROOT = Path(__file__).parents[2]
 
 ENDLESS = """
 <root BTCPP_format="4">
@@ -113,10 +122,69 @@ def until() -> Callable[..., None]:
     return until
 
 
+class Command:
+    """``btcore …`` in a process of its own; *said* gathers what it says on stderr."""
+
+    def __init__(self, *arguments: object, folder: Path) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "btcore", *map(str, arguments)],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.said = ""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.said += line
+
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        """What it says that matches *pattern*, once it does."""
+        deadline = time.monotonic() + 60
+        while not (found := re.search(pattern, self.said)):
+            assert self.process.poll() is None, self.said
+            assert time.monotonic() < deadline, self.said
+            time.sleep(0.02)
+        return found
+
+    def end(self, number: signal.Signals | None = None) -> int:
+        """Wait until it has ended, after sending it signal *number*; its exit code."""
+        if number is not None:
+            self.process.send_signal(number)
+        code = self.process.wait(60)
+        self._reader.join()
+        return code
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Iterator[Callable[..., Command]]:
+    """Starts ``btcore …`` in the test's folder."""
+    started: list[Command] = []
+
+    def start(*arguments: object) -> Command:
+        started.append(Command(*arguments, folder=tmp_path))
+        return started[-1]
+
+    yield start
+    for one in started:
+        if one.process.poll() is None:
+            one.process.terminate()
+        try:
+            one.end()
+        except subprocess.TimeoutExpired:
+            one.process.kill()
+            one.end()
+        assert one.process.stderr is not None
+        one.process.stderr.close()
+
+
 @pytest.fixture
 def no_threads_left() -> Iterator[None]:
     """After the test no publisher runs on."""
-    import threading
-
     yield
     assert not [one.name for one in threading.enumerate() if one.name == "btcore-publisher"]

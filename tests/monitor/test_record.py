@@ -1,12 +1,10 @@
 """`btcore record`: a running robot, by the wire, in files that are whole."""
 
-import os
+import functools
 import signal
-import subprocess
-import sys
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,46 +24,10 @@ MS = 1_000_000
 WALL = 1_700_000_000 * 10**9
 
 
-class Recorder:
-    """The command, in a process of its own; *said* gathers what it says."""
-
-    def __init__(self, *arguments: object, folder: Path) -> None:
-        command = [sys.executable, "-m", "btcore", "record", *map(str, arguments)]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(
-            command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
-        )
-        self.said = ""
-        self.thread = threading.Thread(target=self._read)
-        self.thread.start()
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self.said += line
-
-    def finish(self, number: signal.Signals | None = None) -> int:
-        if number is not None:
-            self.process.send_signal(number)
-        code = self.process.wait(60)
-        self.thread.join()
-        return code
-
-
 @pytest.fixture
-def record(tmp_path: Path) -> Iterator[Callable[..., Recorder]]:
-    started: list[Recorder] = []
-
-    def start(*arguments: object) -> Recorder:
-        started.append(Recorder(*arguments, folder=tmp_path))
-        return started[-1]
-
-    yield start
-    for one in started:
-        one.process.kill()
-        one.finish()
-        assert one.process.stderr is not None
-        one.process.stderr.close()
+def record(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Starts ``btcore record …``."""
+    return functools.partial(command, "record")
 
 
 def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: Path) -> None:
@@ -78,7 +40,7 @@ def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: P
             endless.tick_exactly_once()
         endless.halt()
         publisher.finish()
-        assert recorder.finish() == 0, recorder.said
+        assert recorder.end() == 0, recorder.said
     own = read_btlog(tmp_path / "own.btlog")
     assert len(own.changes) > 2_000
     for name in ("run.btlog", "run.db3"):
@@ -107,7 +69,7 @@ def test_ctrl_c_leaves_whole_files(endless, record, tmp_path: Path, until) -> No
         endless.tick_exactly_once()
         until(lambda: "recording 'Endless'" in recorder.said, "the tree")
         until(lambda: len(read_btlog(tmp_path / "run.btlog").changes) > 3, "transitions in the file")
-        assert recorder.finish(signal.SIGINT) == 0, recorder.said
+        assert recorder.end(signal.SIGINT) == 0, recorder.said
     assert (
         "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd" in recorder.said
     )
@@ -125,7 +87,7 @@ def test_a_robot_that_only_speaks_groot_2_is_recorded_and_what_is_missing_is_sai
         until(lambda: "recording 'Main'" in recorder.said, "the tree")
         sample.tick_exactly_once()
         until(lambda: len(read_btlog(path).changes) >= 4, "transitions in the file")
-        assert recorder.finish(signal.SIGTERM) == 0
+        assert recorder.end(signal.SIGTERM) == 0
     recording = read_btlog(path)
     assert recording.statuses() == {node.uid: node.status for node in sample.nodes}
     assert all(f"record: {topic}: " in recorder.said for topic in ("ticks", "exceptions", "blackboard"))
@@ -153,7 +115,7 @@ def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
         told = len(read_btlog(tmp_path / "own.btlog").changes)
         assert told > 300
         until(lambda: len(read_btlog(tmp_path / "run.btlog").changes) >= told, "the transitions")
-        assert recorder.finish(signal.SIGINT) == 0, recorder.said
+        assert recorder.end(signal.SIGINT) == 0, recorder.said
     own = read_btlog(tmp_path / "own.btlog")
     for name in names[:2]:
         recording = read_log(tmp_path / name)
@@ -178,7 +140,7 @@ def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp
         running = {node.uid: node.status for node in sample.nodes}
         until(lambda: read_btlog(tmp_path / "run.btlog").statuses() == running, "how the nodes stand")
         assert len(owner.transitions()) == 5
-        assert recorder.finish(signal.SIGINT) == 0, recorder.said
+        assert recorder.end(signal.SIGINT) == 0, recorder.said
     assert "asked for 20 times a second (--no-record): changes between are unseen" in recorder.said
     assert "blackboard: not asked for" in recorder.said
     (gap,) = read_btlog(tmp_path / "run.btlog").gaps
@@ -193,7 +155,7 @@ def test_a_recording_for_the_viewer_looks_as_asked_for(endless, record, tmp_path
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
         publisher.finish()
-        assert recorder.finish() == 0, recorder.said
+        assert recorder.end() == 0, recorder.said
     assert any("no node's name or path is like 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
 
 
@@ -222,7 +184,7 @@ def _lines(path: Path) -> Iterator[str]:
 )
 def test_a_mistake_is_a_sentence_and_exit_code_2(record, tmp_path: Path, arguments, said: str) -> None:
     recorder = record(*arguments)
-    assert recorder.finish() == 2
+    assert recorder.end() == 2
     assert said.casefold() in recorder.said.casefold()
     assert "Traceback" not in recorder.said
     assert list(tmp_path.iterdir()) == []

@@ -1,17 +1,13 @@
 """``--serve-web``: the viewer in a browser, which needs nothing from elsewhere; seen in headless Chromium."""
 
 import io
-import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
-import threading
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,73 +32,16 @@ WITHIN = 100
 """s; software drawing on a busy machine takes its time."""
 
 
-class Command:
-    """``btcore …`` in a process of its own; *said* gathers what it says on stderr."""
-
-    def __init__(self, *arguments: str) -> None:
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "btcore", *arguments],
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.said = ""
-        self.thread = threading.Thread(target=self._read)
-        self.thread.start()
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self.said += line
-
-    def page(self) -> str:
-        """The address that it names, once it has."""
-        deadline = time.monotonic() + 60
-        while not (found := re.search(r"look at (http://\S+?);?\s", self.said)):
-            assert self.process.poll() is None, self.said
-            assert time.monotonic() < deadline, self.said
-            time.sleep(0.02)
-        return found[1]
-
-    def wait_for(self, said: str) -> None:
-        deadline = time.monotonic() + 60
-        while said not in self.said:
-            assert self.process.poll() is None, self.said
-            assert time.monotonic() < deadline, self.said
-            time.sleep(0.02)
-
-    def end(self, number: signal.Signals | None = None) -> int:
-        if number is not None:
-            self.process.send_signal(number)
-        code = self.process.wait(60)
-        self.thread.join()
-        return code
-
-
-@pytest.fixture
-def command() -> Iterator[Callable[..., Command]]:
-    started: list[Command] = []
-
-    def start(*arguments: object) -> Command:
-        started.append(Command(*map(str, arguments)))
-        return started[-1]
-
-    yield start
-    for one in started:
-        if one.process.poll() is None:
-            one.process.terminate()
-        one.end()
-        assert one.process.stderr is not None
-        one.process.stderr.close()
-
-
 @pytest.fixture
 def tree_file(tmp_path: Path) -> Path:
     path = tmp_path / "tree.xml"
     path.write_text(TREE)
     return path
+
+
+def address_of(command: Any) -> str:
+    """The address that *command* names, once it has."""
+    return str(command.wait_for(r"look at (http://\S+?);?\s")[1])
 
 
 def fetched(url: str) -> bytes:
@@ -113,7 +52,7 @@ def fetched(url: str) -> bytes:
 def test_the_page_is_served_with_all_that_it_needs_and_names_nothing_elsewhere(command):
     port = free_port()
     replay = command("replay", LOG, "--serve-web", port)
-    url = replay.page()
+    url = address_of(replay)
     assert url.startswith(
         f"http://127.0.0.1:{port}/?hide_welcome_screen&url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A"
     )
@@ -129,7 +68,7 @@ def test_the_page_is_served_with_all_that_it_needs_and_names_nothing_elsewhere(c
 def test_a_taken_port_is_named(command):
     port = free_port()
     first = command("replay", LOG, "--serve-web", port)
-    first.page()
+    address_of(first)
     second = command("replay", LOG, "--serve-web", port)
     assert second.end() == 2
     assert f"the web viewer can't be served on port {port}: " in second.said
@@ -137,14 +76,14 @@ def test_a_taken_port_is_named(command):
 
 
 def test_two_viewers_have_a_relay_each(command):
-    pages = [command("replay", LOG, "--serve-web", free_port()).page() for _ in range(2)]
+    pages = [address_of(command("replay", LOG, "--serve-web", free_port())) for _ in range(2)]
     assert len({page.rpartition("%3A")[2] for page in pages}) == 2
 
 
 def test_a_run_that_is_over_stays_in_the_browser_until_ctrl_c(command, tree_file):
     run = command("run", tree_file, "--fast", "--duration", "1", "--serve-web", free_port())
     run.wait_for("the run is over, and the viewer for browsers stays: Ctrl-C ends it")
-    assert b"<canvas" in fetched(run.page())
+    assert b"<canvas" in fetched(address_of(run))
     assert run.end(signal.SIGINT) == 0, run.said
     assert "Traceback" not in run.said
 
@@ -153,7 +92,7 @@ def test_a_run_that_is_over_stays_in_the_browser_until_ctrl_c(command, tree_file
 def test_a_run_that_is_interrupted_takes_the_viewer_with_it(command, tree_file, number):
     run = command("run", tree_file, "--serve-web", free_port())
     run.wait_for("by btcore's scene channel")
-    page = run.page()
+    page = address_of(run)
     assert run.end(number) == 130, run.said
     with pytest.raises(OSError, match="refused"):
         fetched(page)
@@ -176,7 +115,7 @@ def browser():
 
 def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(command, tree_file, browser):
     run = command("run", tree_file, "--serve-web", free_port())
-    url = run.page()
+    url = address_of(run)
     context = browser.new_context(viewport={"width": 900, "height": 600}, color_scheme="dark")
     page = context.new_page()
     errors: list[str] = []

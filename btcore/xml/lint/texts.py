@@ -30,10 +30,12 @@ def check_texts(plan: TreePlan, format: int, advice: Advice) -> None:
                 continue
             if cls is not None and SCRIPT_PORTS.get(cls) == port.name:
                 continue
-            if refused(port.type, text, format):
+            fault = _refusal(port.type, text, format)
+            if fault is not None:
+                # The loader of format 4 says it itself; that of format 3 takes every literal.
                 if format == 3 and port.reads and node.manifest and not is_stand_in(node.manifest):
-                    _unreadable(plan, node, port, text, advice)
-                continue  # in format 4 it is said already
+                    _unreadable(plan, node, port, text, fault, advice)
+                continue
             meant = half_a_pointer(text)
             if meant:
                 said = f"the port '{port.name}' of {tag(node)} is given the text '{text}', not an entry"
@@ -60,24 +62,23 @@ def _no_entry(plan: TreePlan, node: NodePlan, port: Port, text: str, advice: Adv
     advice.warn("W211", said, plan.definition.document, node, port.name, hint)
 
 
-def _unreadable(plan: TreePlan, node: NodePlan, port: Port, text: str, advice: Advice) -> None:
-    """The loader of format 3 takes every literal; the node raises when it reads this one."""
-    try:
-        port.type.from_text(text, 3)
-    except ConversionFault as fault:
-        said = f"the port '{port.name}' of {tag(node)} takes {port.type.name}: {fault}"
-        meant = half_a_pointer(text) or (text if is_port_name(text) else "")
-        hint = f"for the blackboard's entry write {{{meant}}}" if meant else ""
-        advice.warn("E202", said, plan.definition.document, node, port.name, hint)
+def _unreadable(
+    plan: TreePlan, node: NodePlan, port: Port, text: str, fault: ConversionFault, advice: Advice
+) -> None:
+    """Say that *node* will raise when it reads its port."""
+    said = f"the port '{port.name}' of {tag(node)} takes {port.type.name}: {fault}"
+    meant = half_a_pointer(text) or (text if is_port_name(text) else "")
+    hint = f"for the blackboard's entry write {{{meant}}}" if meant else ""
+    advice.warn("E202", said, plan.definition.document, node, port.name, hint)
 
 
-def refused(kind: ValueType, text: str, format: int = 4) -> bool:
-    """Whether the literal *text* can't be read as a *kind*: format 4's loader refuses it."""
+def _refusal(kind: ValueType, text: str, format: int) -> ConversionFault | None:
+    """Why the literal *text* can't be read as a *kind*; None if it can, or anything goes."""
     try:
         kind.from_text(text, format)
-    except ConversionFault:
-        return kind.strong and kind.converts
-    return False
+    except ConversionFault as fault:
+        return fault if kind.strong and kind.converts else None
+    return None
 
 
 def half_a_pointer(text: str) -> str:
