@@ -1,12 +1,15 @@
 """Inner nodes, which have children: control nodes and decorators."""
 
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import NodeFault, NodeRaised
 from btcore.node import DECORATING, TreeNode, halt_node, reset_status
-from btcore.status import IDLE, RUNNING, NodeType
+from btcore.status import IDLE, RUNNING, NodeType, Status
+
+MANY: Final = 6
+"""From so many children on, one note of all is made sooner than one for each."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -34,8 +37,17 @@ class ControlNode(TreeNode):
 
     def reset_children(self) -> None:
         """Halt the children that run, and reset all. If one raises, the others are halted first."""
-        first: NodeRaised | None = None
         observers = self._context.observers
+        if observers is not None and len(self._children) >= MANY and not observers.at_once:
+            before = [child._status for child in self._children]
+            count = _done(before)
+            if count > 0:
+                observers.note_reset([child.config for child in self._children], before, count)
+                for child in self._children:
+                    child._status = IDLE
+            if count >= 0:
+                return
+        first: NodeRaised | None = None
         moment: object = None
         for child in self._children:
             status = child._status
@@ -67,6 +79,17 @@ class ControlNode(TreeNode):
     def idle_child(self, index: int) -> NodeFault:
         """The fault of a child that returned IDLE."""
         return NodeFault(f"child {index + 1} returned IDLE")
+
+
+def _done(statuses: list[Status]) -> int:
+    """How many of *statuses* are not IDLE; -1 if one is RUNNING."""
+    count = 0
+    for status in statuses:
+        if status is RUNNING:
+            return -1
+        if status is not IDLE:
+            count += 1
+    return count
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -13,7 +13,7 @@ from mypy_extensions import mypyc_attr
 from btcore.clock import Clock, reader
 from btcore.config import NodeConfig
 from btcore.errors import NodeRaised
-from btcore.status import Status, Transition
+from btcore.status import IDLE, Status, Transition
 
 _log = logging.getLogger("btcore")
 # What Transition(…) calls in the end, by way of a function in Python, which takes far longer.
@@ -27,25 +27,40 @@ class Transitions:
     whenever it suits, on whatever thread.
     """
 
-    def __init__(self, first: int, tick: int, noted: list[object]) -> None:
+    def __init__(self, first: int, tick: int, noted: list[object], count: int) -> None:
         self.first = first
         """The number of the first one."""
         self.tick = tick
-        # For each: the moment (ns), the node's config, its previous and its new status.
+        # For each: the moment (ns), the node's config, its previous and its new status. Of nodes that were
+        # reset together: the moment, a list of their configs, one of their previous statuses, and IDLE.
         self._noted = noted
+        self._count = count
         self._made: list[Transition] | None = None
 
     def made(self) -> list[Transition]:
         """All of them."""
         made = self._made
         if made is None:
+            made = []
             noted = self._noted
-            made = [_transition(self.first, self.tick, noted, at) for at in range(0, len(noted), 4)]
+            number = self.first
+            for at in range(0, len(noted), 4):
+                config = noted[at + 1]
+                if isinstance(config, list):
+                    for one, previous in zip(config, cast(list[Status], noted[at + 2]), strict=True):
+                        if previous is not IDLE:
+                            made.append(_transition(number, noted[at], self.tick, one, previous, IDLE))
+                            number += 1
+                else:
+                    made.append(
+                        _transition(number, noted[at], self.tick, config, noted[at + 2], noted[at + 3])
+                    )
+                    number += 1
             self._made = made
         return made
 
     def __len__(self) -> int:
-        return len(self._noted) // 4
+        return self._count
 
     def __iter__(self) -> Iterator[Transition]:
         return iter(self.made())
@@ -54,10 +69,10 @@ class Transitions:
         return self.made()[index]
 
 
-def _transition(first: int, tick: int, noted: list[object], at: int) -> Transition:
-    """What was noted from place *at* on, in a list that begins with transition number *first*."""
-    uid = cast(NodeConfig, noted[at + 1]).uid
-    values = (first + at // 4, noted[at], tick, uid, noted[at + 2], noted[at + 3])
+def _transition(
+    number: int, moment: object, tick: int, config: object, previous: object, status: object
+) -> Transition:
+    values = (number, moment, tick, cast(NodeConfig, config).uid, previous, status)
     made: Transition = _new_tuple(Transition, values)
     return made
 
@@ -96,10 +111,13 @@ class Observers:
         self.now: Callable[[], Any] = reader(clock)
         self.tick = 0
         self.listeners: list[Observer] = []
-        self._at_once: list[Observer] = []
+        self.at_once: list[Observer] = []
+        """Those who hear of each transition this very moment."""
         self._later: list[Observer] = []
         self._first = 1
         self._noted: list[object] = []
+        # How many transitions these are more than notes, of which each has four places in the list.
+        self._more = 0
         self._telling = False
 
     def note(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
@@ -109,13 +127,21 @@ class Observers:
         noted.append(config)
         noted.append(previous)
         noted.append(status)
-        if self._at_once:
-            self._tell(noted)
+        if self.at_once:
+            number = self._first + len(noted) // 4 - 1 + self._more
+            self._tell(_transition(number, moment, self.tick, config, previous, status))
 
-    def _tell(self, noted: list[object]) -> None:
-        """Tell of the last one."""
-        change = _transition(self._first, self.tick, noted, len(noted) - 4)
-        for listener in self._at_once:
+    def note_reset(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
+        """Note that nodes are reset to IDLE, *count* of which were not *before*; nobody hears it at once."""
+        noted = self._noted
+        noted.append(self.now())
+        noted.append(configs)
+        noted.append(before)
+        noted.append(IDLE)
+        self._more += count - 1
+
+    def _tell(self, change: Transition) -> None:
+        for listener in self.at_once:
             try:
                 listener.transition(change)
             except Exception as fault:
@@ -130,9 +156,11 @@ class Observers:
             # Again, if a listener made something change: everybody hears all in order.
             while self._noted:
                 noted = self._noted
-                changes = Transitions(self._first, self.tick, noted)
-                self._first += len(noted) // 4
+                count = len(noted) // 4 + self._more
+                changes = Transitions(self._first, self.tick, noted, count)
+                self._first += count
                 self._noted = []
+                self._more = 0
                 for listener in self._later:
                     try:
                         listener.transitions(changes)
@@ -181,7 +209,7 @@ class Observers:
     def _are(self, listeners: list[Observer]) -> None:
         # New lists, so that a telling under way goes on undisturbed.
         self.listeners = listeners
-        self._at_once = [one for one in listeners if type(one).transition is not Observer.transition]
+        self.at_once = [one for one in listeners if type(one).transition is not Observer.transition]
         self._later = [one for one in listeners if type(one).transitions is not Observer.transitions]
 
     def _drop(self, listener: Observer, fault: Exception) -> None:
