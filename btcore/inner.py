@@ -4,9 +4,11 @@ from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
 
+from btcore.config import NodeConfig
 from btcore.errors import NodeFault, NodeRaised
 from btcore.node import DECORATING, TreeNode, halt_node, reset_status
-from btcore.status import IDLE, RUNNING, NodeType, Status
+from btcore.observers import Observers
+from btcore.status import IDLE, RUNNING, NodeType
 
 MANY: Final = 6
 """From so many children on, one note of all is made sooner than one for each."""
@@ -19,9 +21,13 @@ class ControlNode(TreeNode):
     node_type: ClassVar[NodeType] = NodeType.CONTROL
     _children: list[TreeNode]
 
+    # Those of the children, once somebody observed a reset.
+    _configs: list[NodeConfig]
+
     def adopt(self, children: list[TreeNode]) -> None:
         """Take *children*. Called by the builder, once."""
         self._children = children
+        self._configs = []
 
     @property
     def children(self) -> list[TreeNode]:
@@ -38,15 +44,8 @@ class ControlNode(TreeNode):
     def reset_children(self) -> None:
         """Halt the children that run, and reset all. If one raises, the others are halted first."""
         observers = self._context.observers
-        if observers is not None and len(self._children) >= MANY and not observers.at_once:
-            before = [child._status for child in self._children]
-            count = _done(before)
-            if count > 0:
-                observers.note_reset([child.config for child in self._children], before, count)
-                for child in self._children:
-                    child._status = IDLE
-            if count >= 0:
-                return
+        if observers is not None and self._reset_done(observers):
+            return
         first: NodeRaised | None = None
         moment: object = None
         for child in self._children:
@@ -71,6 +70,29 @@ class ControlNode(TreeNode):
         if first is not None:
             raise first
 
+    def _reset_done(self, observers: Observers) -> bool:
+        """Reset many children, up to one that runs, with one note of all. Returns whether that is all."""
+        children = self._children
+        if len(children) < MANY or observers.at_once:
+            return False
+        before = [IDLE] * len(children)
+        count = 0
+        none_runs = True
+        for index, child in enumerate(children):
+            status = child._status
+            if status is RUNNING:
+                none_runs = False
+                break
+            if status is not IDLE:
+                before[index] = status
+                child._status = IDLE
+                count += 1
+        if count:
+            if len(self._configs) != len(children):
+                self._configs = [child.config for child in children]
+            observers.note_reset(self._configs, before, count)
+        return none_runs
+
     def halt(self) -> None:
         """Halt the children, and be IDLE afterwards."""
         self.reset_children()
@@ -79,17 +101,6 @@ class ControlNode(TreeNode):
     def idle_child(self, index: int) -> NodeFault:
         """The fault of a child that returned IDLE."""
         return NodeFault(f"child {index + 1} returned IDLE")
-
-
-def _done(statuses: list[Status]) -> int:
-    """How many of *statuses* are not IDLE; -1 if one is RUNNING."""
-    count = 0
-    for status in statuses:
-        if status is RUNNING:
-            return -1
-        if status is not IDLE:
-            count += 1
-    return count
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

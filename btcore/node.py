@@ -252,7 +252,10 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
                 node._status = status
                 observers = node._context.observers
                 if observers is not None:
-                    observers.note(observers.now(), node.config, previous, status)
+                    if previous is IDLE and status is SUCCESS:
+                        observers.note_success(node.config)
+                    else:
+                        observers.note(observers.now(), node.config, previous, status)
         if follows & SYNCHRONOUS and status is RUNNING:
             raise NodeFault(_STILL_RUNNING)
     except NodeRaised as error:

@@ -13,7 +13,7 @@ from mypy_extensions import mypyc_attr
 from btcore.clock import Clock, reader
 from btcore.config import NodeConfig
 from btcore.errors import NodeRaised
-from btcore.status import IDLE, Status, Transition
+from btcore.status import IDLE, SUCCESS, Status, Transition
 
 _log = logging.getLogger("btcore")
 # What Transition(…) calls in the end, by way of a function in Python, which takes far longer.
@@ -31,8 +31,9 @@ class Transitions:
         self.first = first
         """The number of the first one."""
         self.tick = tick
-        # For each: the moment (ns), the node's config, its previous and its new status. Of nodes that were
-        # reset together: the moment, a list of their configs, one of their previous statuses, and IDLE.
+        # For each: the moment (ns), the node's config, its previous and its new status; these two are left
+        # out where a node was IDLE and is SUCCESS. Of nodes that were reset together: the moment, a list of
+        # their configs, one of the previous statuses of the first of them, and IDLE.
         self._noted = noted
         self._count = count
         self._made: list[Transition] | None = None
@@ -41,21 +42,7 @@ class Transitions:
         """All of them."""
         made = self._made
         if made is None:
-            made = []
-            noted = self._noted
-            number = self.first
-            for at in range(0, len(noted), 4):
-                config = noted[at + 1]
-                if isinstance(config, list):
-                    for one, previous in zip(config, cast(list[Status], noted[at + 2]), strict=True):
-                        if previous is not IDLE:
-                            made.append(_transition(number, noted[at], self.tick, one, previous, IDLE))
-                            number += 1
-                else:
-                    made.append(
-                        _transition(number, noted[at], self.tick, config, noted[at + 2], noted[at + 3])
-                    )
-                    number += 1
+            made = _made(self.first, self.tick, self._noted)
             self._made = made
         return made
 
@@ -67,6 +54,27 @@ class Transitions:
 
     def __getitem__(self, index: int) -> Transition:
         return self.made()[index]
+
+
+def _made(number: int, tick: int, noted: list[object]) -> list[Transition]:
+    """What is *noted*, in full; the first has this *number*."""
+    made: list[Transition] = []
+    at = 0
+    while at < len(noted):
+        moment, config = noted[at], noted[at + 1]
+        previous = noted[at + 2] if at + 2 < len(noted) else None
+        if isinstance(previous, Status):
+            made.append(_transition(number + len(made), moment, tick, config, previous, noted[at + 3]))
+            at += 4
+        elif isinstance(previous, list):
+            for one, status in zip(cast(list[object], config), cast(list[object], previous), strict=False):
+                if status is not IDLE:
+                    made.append(_transition(number + len(made), moment, tick, one, status, IDLE))
+            at += 4
+        else:
+            made.append(_transition(number + len(made), moment, tick, config, IDLE, SUCCESS))
+            at += 2
+    return made
 
 
 def _transition(
@@ -116,31 +124,43 @@ class Observers:
         self._later: list[Observer] = []
         self._first = 1
         self._noted: list[object] = []
-        # How many transitions these are more than notes, of which each has four places in the list.
+        # How many transitions these are more than one for every two places in the list.
         self._more = 0
         self._telling = False
 
+    def note_success(self, config: NodeConfig) -> None:
+        """Note that the node with *config* was IDLE and is SUCCESS, and tell it to who hears it at once."""
+        moment = self.now()
+        noted = self._noted
+        noted.append(moment)
+        noted.append(config)
+        if self.at_once:
+            self._tell(moment, config, IDLE, SUCCESS)
+
     def note(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
-        """Note a transition of the node with *config* at *moment*, and tell it to who hears it at once."""
+        """Note another transition at *moment* of the node with *config*, and tell it in the same way."""
         noted = self._noted
         noted.append(moment)
         noted.append(config)
         noted.append(previous)
         noted.append(status)
+        self._more -= 1
         if self.at_once:
-            number = self._first + len(noted) // 4 - 1 + self._more
-            self._tell(_transition(number, moment, self.tick, config, previous, status))
+            self._tell(moment, config, previous, status)
 
     def note_reset(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
-        """Note that nodes are reset to IDLE, *count* of which were not *before*; nobody hears it at once."""
+        """Note that nodes are IDLE, of which *count* were not *before*; nobody is to hear it at once."""
         noted = self._noted
         noted.append(self.now())
         noted.append(configs)
         noted.append(before)
         noted.append(IDLE)
-        self._more += count - 1
+        self._more += count - 2
 
-    def _tell(self, change: Transition) -> None:
+    def _tell(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
+        """Tell of the last one."""
+        number = self._first + len(self._noted) // 2 + self._more - 1
+        change = _transition(number, moment, self.tick, config, previous, status)
         for listener in self.at_once:
             try:
                 listener.transition(change)
@@ -156,7 +176,7 @@ class Observers:
             # Again, if a listener made something change: everybody hears all in order.
             while self._noted:
                 noted = self._noted
-                count = len(noted) // 4 + self._more
+                count = len(noted) // 2 + self._more
                 changes = Transitions(self._first, self.tick, noted, count)
                 self._first += count
                 self._noted = []

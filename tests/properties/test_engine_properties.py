@@ -9,10 +9,11 @@ from hypothesis import assume, event, given, reject
 from hypothesis import strategies as st
 
 import btcore
-from btcore import NodeRaised, NodeType, Observer, SimClock, Status, Transition, Tree
+from btcore import NodeRaised, NodeType, Observer, SimClock, Status, Transition, Transitions, Tree
+from btcore.inner import MANY
 from btcore.testing.planned import Journal, PlanFault
 from btcore.testing.recorded_trees import planned_registry
-from btcore.testing.strategies import documents
+from btcore.testing.strategies import documents, plans
 
 NODES = planned_registry()
 LEAVES = (NodeType.ACTION, NodeType.CONDITION)
@@ -157,6 +158,59 @@ def test_transitions_have_no_holes_and_add_up_to_what_the_nodes_say(xml: str, ti
         assert status is not previous
         known[uid] = status
     assert [known[node.uid] for node in tree] == statuses(tree)
+
+
+class Afterwards(Everything):
+    """The same, told at the end of each tick."""
+
+    transition = Observer.transition
+
+    def transitions(self, changes: Transitions) -> None:
+        assert len(changes) == len(list(changes))
+        for change in changes:
+            super().transition(change)
+
+
+def broad(control: str, plans: list[str]) -> str:
+    """A *control* with a leaf for each of *plans*, beside one that ends it now and then."""
+    leaves = "".join(f'<PlanAction name="n{place}" plan="{plan}"/>' for place, plan in enumerate(plans))
+    many = f"<{control}>{leaves}</{control.split()[0]}>"
+    both = f'<Parallel success_count="1" failure_count="1">{many}<PlanAction plan="RS|RRF|RRRS"/></Parallel>'
+    return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{both}</BehaviorTree></root>'
+
+
+BROAD = st.builds(
+    broad,
+    st.sampled_from(
+        [
+            "Sequence",
+            "AsyncFallback",
+            "ReactiveSequence",
+            "ReactiveFallback",
+            'Parallel success_count="3" failure_count="5"',
+            'Parallel success_count="-1" failure_count="-1"',
+            'ParallelAll max_failures="4"',
+        ]
+    ),
+    st.lists(plans(), min_size=MANY, max_size=2 * MANY),
+)
+
+
+@given(st.one_of(documents(timed=True), BROAD, BROAD), st.integers(1, 12))
+def test_who_hears_of_transitions_after_the_tick_hears_the_same_as_who_does_at_once(
+    xml: str, ticks: int
+) -> None:
+    seen = []
+    for kind in (Everything, Afterwards):
+        tree, _ = planted(xml)
+        observer = kind()
+        tree.subscribe(observer)
+        for _ in range(ticks):
+            tree.tick_exactly_once()
+            tree.sleep(0.01)
+        tree.halt()
+        seen.append(observer.seen)
+    assert seen[0] == seen[1]
 
 
 @given(documents(max_nodes=40, timed=True), st.integers(1, 12))
