@@ -3,9 +3,10 @@
 What is drawn first is the simplest, so that hypothesis shrinks a tree towards a single leaf.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from functools import cache
+from typing import Any, Final, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from hypothesis import strategies as st
@@ -36,6 +37,7 @@ GROWN: Final = frozenset(
 KEYS: Final = ("a", "b", "c")
 """The entries of the root's blackboard that random scripts use; all begin as 0."""
 
+_EITHER: Final = st.booleans()
 _QUESTIONS: Final = ("@a == 0", "@a > @b", "@b != @c", "@c < 2 && @a >= 0", "true", "false")
 _STATEMENTS: Final = ("@a := 1", "@a := @a + 1", "@b = @c + 1", "@c = @a == 0 ? 2 : 0", "@b := 0; @c := @b")
 _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
@@ -118,7 +120,8 @@ class Grower:
 
     def pick(self, tags: Collection[str]) -> str:
         """One of *tags*."""
-        return self.draw(st.sampled_from(list(tags)))
+        tag: str = self.draw(_one_of(tuple(tags)))
+        return tag
 
     def element(self, top: bool = False, depth: int = 1) -> Element:
         """An element with its children; a tree whose *top* is a leaf has no other node."""
@@ -133,7 +136,8 @@ class Grower:
             kinds += [self.branch] * bool(self.branches)
         if not (top and kinds):
             kinds.insert(0, self.leaf)
-        return self.guarded(self.draw(st.sampled_from(kinds))(depth))
+        kind = kinds[self.draw(between(0, len(kinds) - 1))]
+        return self.guarded(kind(depth))
 
     def leaf(self, depth: int) -> Element:
         """A node without children."""
@@ -153,7 +157,7 @@ class Grower:
     def control(self, depth: int) -> Element:
         """A node with any number of children."""
         children = [self.element(depth=depth + 1)]
-        while self.budget > 0 and len(children) < 4 and self.draw(st.booleans()):
+        while self.budget > 0 and len(children) < 4 and self.draw(_EITHER):
             children.append(self.element(depth=depth + 1))
         tag = self.pick([*self.controls, *(self.try_catch if len(children) > 1 else ())])
         if tag == "ReactiveSequence":
@@ -168,9 +172,9 @@ class Grower:
         tag = self.pick(self.branches)
         asked = self.pick(self.instant)
         plan = self.wishes.planned[asked]
-        ports = {} if plan is None else {"plan": self.draw(plan.map(_unskipped))}
+        ports = {} if plan is None else {"plan": self.draw(_never_skipped(plan))}
         exactly = tag == "WhileDoElse" and self.wishes.format == 3
-        count = 2 if exactly else self.draw(st.integers(1, 2))
+        count = 2 if exactly else self.draw(between(1, 2))
         below = [self.element(depth=depth + 1) for _ in range(count) if exactly or self.budget > 0]
         return Element(tag, {}, [Element(asked, ports, []), *below])
 
@@ -182,9 +186,9 @@ class Grower:
         after = ["_onSuccess", "_onFailure", "_post", "_onHalted"]
         scripts: dict[str, str] = {}
         for keys, texts in ((before, _QUESTIONS), (after, _STATEMENTS)):
-            key = self.draw(st.sampled_from([None, None, *keys]))
+            key = self.draw(_one_of((None, None, *keys)))
             if key is not None:
-                scripts[key] = self.draw(st.sampled_from(texts))
+                scripts[key] = self.draw(_one_of(texts))
         return element._replace(ports={**element.ports, **scripts})
 
     def ports(self, tag: str, count: int) -> dict[str, str]:
@@ -195,18 +199,18 @@ class Grower:
         }
         if tag in numbers:
             key = {**COUNTED, **TIMED, "Sleep": "msec"}[tag]
-            return {key: str(self.draw(st.integers(*numbers[tag])))}
+            return {key: str(self.draw(between(*numbers[tag])))}
         truth = {"RunOnce": "then_skip", "TryCatch": "catch_on_halt", "Precondition": "if"}
         if tag in truth:
             return {truth[tag]: self.pick(["true", "false"])}
         if tag == "Parallel":
             word, least = ("count", -1) if self.wishes.format == 4 else ("threshold", 1)
             return {
-                f"success_{word}": str(self.draw(st.integers(least, count))),
-                f"failure_{word}": str(self.draw(st.integers(1, count))),
+                f"success_{word}": str(self.draw(between(least, count))),
+                f"failure_{word}": str(self.draw(between(1, count))),
             }
         if tag == "ParallelAll":
-            return {"max_failures": str(self.draw(st.integers(0, count)))}
+            return {"max_failures": str(self.draw(between(0, count)))}
         if tag in ("Script", "ScriptCondition"):
             return {"code": self.pick(_STATEMENTS if tag == "Script" else _QUESTIONS)}
         if tag not in self.wishes.own:
@@ -232,8 +236,23 @@ class Grower:
         return _TEXTS[port.type]
 
 
-def _unskipped(plan: str) -> str:
-    return plan.replace("K", "S")
+# A strategy is checked when it is first drawn from, which takes longer than a draw: each is made once.
+
+
+@cache
+def _one_of(things: Sequence[Any]) -> SearchStrategy[Any]:
+    return st.sampled_from(things)
+
+
+@cache
+def between(least: int, most: int) -> SearchStrategy[int]:
+    """The integers from *least* to *most*."""
+    return st.integers(least, most)
+
+
+@cache
+def _never_skipped(plan: SearchStrategy[str]) -> SearchStrategy[str]:
+    return plan.map(lambda text: text.replace("K", "S"))
 
 
 def written(element: Element, number: Iterator[int], indent: str, compact: bool) -> str:

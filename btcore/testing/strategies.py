@@ -11,6 +11,7 @@ the only ones that import hypothesis (``pip install hypothesis``).
 """
 
 from collections.abc import Collection, Mapping
+from functools import cache
 from itertools import count
 from typing import Any, Final, TypeAlias
 
@@ -26,7 +27,7 @@ from btcore.loading import loads
 from btcore.manifest import Manifest
 from btcore.registry import Registry
 from btcore.suggest import nearest
-from btcore.testing.growth import GROWN, KEYS, Element, Grower, Wishes, written
+from btcore.testing.growth import GROWN, KEYS, Element, Grower, Wishes, between, written
 from btcore.testing.leaf_plans import Outcomes, with_planned_leaves
 from btcore.tree import Tree
 
@@ -59,6 +60,12 @@ def outcomes(skipped: bool = False, raising: bool = False, max_starts: int = 12)
 def _starts(skipped: bool, raising: bool) -> SearchStrategy[str]:
     ends = "SF" + "K" * skipped + "XXXX" * raising
     return st.builds(lambda waits, end: "R" * waits + end, st.integers(0, 5), st.sampled_from(ends))
+
+
+@cache  # drawing from strategies made anew takes twice as long
+def _with_plans(skipped: bool, raising: bool) -> dict[str, SearchStrategy[str] | None]:
+    quick = letters(skipped)
+    return {"PlanAction": plans(skipped, raising), "PlanCondition": quick, "PlanSync": quick}
 
 
 @st.composite
@@ -96,12 +103,8 @@ def documents(
     in waking the tree keeps ``tick_once`` busy for ever.
     """
     skipped = skipped and format == 4
-    leaves: dict[str, SearchStrategy[str] | None] = {"Act": None, "Ask": None}
-    if own_plans:
-        action = plans(skipped, raising)
-        leaves = {"PlanAction": action, "PlanCondition": letters(skipped), "PlanSync": letters(skipped)}
     wishes = Wishes(
-        leaves,
+        _with_plans(skipped, raising) if own_plans else {"Act": None, "Ask": None},
         format=format,
         skipped=skipped,
         timed=timed,
@@ -112,8 +115,8 @@ def documents(
         own=_own_nodes(nodes, registry, format),
         texts=ports or {},
     )
-    left = draw(st.integers(1, max_nodes))
-    ids = ["Main", *(f"Sub{number}" for number in range(1, 1 + draw(st.integers(0, subtrees))))]
+    left = draw(between(1, max_nodes))
+    ids = ["Main", *(f"Sub{number}" for number in range(1, 1 + draw(between(0, subtrees))))]
     tops = []
     for place, id in enumerate(ids):
         grower = Grower(draw, wishes, max(1, left), ids[place + 1 :])
