@@ -32,6 +32,8 @@ _CONFIGURATION: Final = {
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
+    # It looks at each worker a hundred times a second, for a dashboard that isn't served.
+    "distributed.worker.profile.enabled": False,
 }
 
 
