@@ -36,6 +36,15 @@ COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py"
 }
 # What every node of a document passes through while it is loaded.
 HOT_FILES = {f"btcore/xml/{name}.py" for name in ("element", "node_plan", "shape", "plan", "build")}
+# What every tick of a batch passes through.
+HOT_FILES |= {
+    f"btcore/batch/{name}.py"
+    for name in (
+        "node", "ordered", "outcome", "parallel", "branch", "data", "timing", "leaf", "guard",
+        "context", "counters", "crowd", "schema", "ports", "column", "timer", "conversion", "script",
+        "expressions", "assignment",
+    )
+}  # fmt: skip
 
 
 def says(variable: str) -> bool:

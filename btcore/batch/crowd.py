@@ -21,18 +21,18 @@ Indices: TypeAlias = NDArray[np.intp]
 class Crowd:
     """How many agents there are. *everyone* is the set of all."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: object) -> None:
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)):
             raise BtcoreError(f"how many agents a batch has is a whole number, not {count!r}")
         if count < 1:
             raise BtcoreError(f"a batch needs at least one agent, not {count}")
-        self.count = count = int(count)
-        self.everyone = (1 << count) - 1
-        self._bytes = (count + 7) // 8
-        self._full = np.ones(count, dtype=np.bool_)
+        self.count = int(count)
+        self.everyone = (1 << self.count) - 1
+        self._bytes = (self.count + 7) // 8
+        self._full = np.ones(self.count, dtype=np.bool_)
         self._full.flags.writeable = False
         self._last = 0
-        self._last_mask: Mask = np.zeros(count, dtype=np.bool_)
+        self._last_mask: Mask = np.zeros(self.count, dtype=np.bool_)
         self._last_mask.flags.writeable = False
 
     def mask(self, agents: int) -> Mask:
