@@ -98,11 +98,11 @@ lint: .venv/ready
 
 pure: .venv/ready vulkan
 	@echo '· every test, on the pure build'
-	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(CORES) --dist loadscope
+	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(CORES) --dist worksteal
 
 compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
-	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist loadscope $(ENGINE_TESTS)
+	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist worksteal $(ENGINE_TESTS)
 
 accept: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
