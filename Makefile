@@ -5,6 +5,8 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules
+# The tests start Python some hundred times: it compiles the sources once, not every time.
+unexport PYTHONDONTWRITEBYTECODE
 
 PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11 python; do \
 	if $$name -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$name; break; fi; done)
@@ -96,11 +98,11 @@ lint: .venv/ready
 
 pure: .venv/ready vulkan
 	@echo '· every test, on the pure build'
-	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(CORES) --dist loadscope
+	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(CORES) --dist worksteal
 
 compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
-	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist loadscope $(ENGINE_TESTS)
+	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist worksteal $(ENGINE_TESTS)
 
 accept: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)

@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,7 @@ def module_name(path: Path) -> str:
 SOURCES = {module_name(path): path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))}
 
 
+@cache
 def imports(module: str) -> set[str]:
     """The modules that *module* imports anywhere in its text, but for types alone."""
     found: set[str] = set()
@@ -65,16 +67,13 @@ def origin(module: str, statement: ast.ImportFrom) -> str:
     return ".".join([*here, statement.module] if statement.module else here)
 
 
-EDGES = {module: imports(module) for module in SOURCES}
-
-
 def offenders(importer: str, imported: str, *, but: tuple[str, ...] = ()) -> list[str]:
     """``importer → imported`` for every edge between two packages, *but* for importers below these."""
     return [
         f"{module} → {name}"
-        for module, names in EDGES.items()
+        for module in SOURCES
         if inside(module, importer) and not any(inside(module, one) for one in but)
-        for name in names
+        for name in imports(module)
         if inside(name, imported)
     ]
 
@@ -109,13 +108,13 @@ def test_the_body_knows_of_the_mind_only_the_robot_protocol_and_maps() -> None:
     assert {edge.split(" → ")[1] for edge in offenders("sim", "robot_nodes")} <= {"robot_nodes.robot", MAP}
     assert strangers("robot_nodes.robot") <= {"numpy", "numpy.typing"}
     assert strangers(MAP) <= {"numpy", "numpy.typing", "cv2", "yaml"}
-    assert EDGES["robot_nodes"] == EDGES["robot_nodes.navigation"] == set()
+    assert imports("robot_nodes") == imports("robot_nodes.navigation") == set()
 
 
 def strangers(module: str) -> set[str]:
     """What *module* imports, itself or by what it imports, that is neither ours nor Python's."""
     found: set[str] = set()
-    for name in EDGES[module]:
+    for name in imports(module):
         if name in SOURCES:
             found |= strangers(name)
         elif name.split(".")[0] not in sys.stdlib_module_names:
@@ -124,7 +123,7 @@ def strangers(module: str) -> set[str]:
 
 
 def test_navigation_reaches_the_robot_by_its_protocol_alone() -> None:
-    reached = {name for module in EDGES if inside(module, "robot_nodes") for name in EDGES[module]}
+    reached = {name for module in SOURCES if inside(module, "robot_nodes") for name in imports(module)}
     assert not any(inside(name, guest) for name in reached for guest in ("sim", "pybullet", "monitor"))
     promised = {name for name in vars(Robot) if not name.startswith("_")}
     assert not any("true" in name or name in {"place", "world", "contacts"} for name in promised)
@@ -148,7 +147,7 @@ def test_inside_the_engine_imports_go_down_the_layers_only() -> None:
         f"{module} → {name}"
         for module in SOURCES
         if inside(module, "btcore")
-        for name in EDGES[module]
+        for name in imports(module)
         if inside(name, "btcore") and layer(name) > layer(module)
     ]
     assert upward == []
@@ -160,7 +159,7 @@ def test_no_module_imports_itself_by_a_detour() -> None:
     def visit(module: str, trail: tuple[str, ...]) -> None:
         assert module not in trail, " → ".join([*trail[trail.index(module) :], module])
         if module not in done:
-            for name in EDGES[module] & SOURCES.keys():
+            for name in imports(module) & SOURCES.keys():
                 visit(name, (*trail, module))
             done.add(module)
 
@@ -169,10 +168,10 @@ def test_no_module_imports_itself_by_a_detour() -> None:
 
 
 def test_a_built_in_node_imports_only_what_a_users_node_may() -> None:
-    public = EDGES["btcore"]
+    public = imports("btcore")
     for module in SOURCES:
         if inside(module, "btcore.nodes"):
-            own = {name for name in EDGES[module] if inside(name, "btcore")}
+            own = {name for name in imports(module) if inside(name, "btcore")}
             private = {name for name in own - public if not inside(name, "btcore.nodes")}
             assert private == set(), f"{module} imports what btcore/__init__.py doesn't offer"
 

@@ -141,7 +141,9 @@ def local(count: int | None, attempts: int, folder: Path) -> Iterator[Workers]:
             n_workers=count if count is not None else CPU_COUNT,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            # Without an address the scheduler's HTTP server takes port 8787, on every interface.
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
             worker_dashboard_address=None,
             silence_logs=logging.CRITICAL,
             host="127.0.0.1",

@@ -13,7 +13,6 @@ from typing import Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from robot_nodes.navigation.grid import FACTOR, NEUTRAL, Cell
 from robot_nodes.navigation.layers import INSCRIBED
@@ -126,6 +125,9 @@ def _line_prices(
 
 def _relaxed(costs: NDArray[np.float64], way: NDArray[np.float64], stiffness: float) -> NDArray[np.float64]:
     """*way*, its points a cell apart, after some rounds as a rubber band."""
+    # Every `btcore` that knows the navigation's nodes would wait for this import; few smooth a way.
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
     count = len(way)
     if count < 3:
         return way

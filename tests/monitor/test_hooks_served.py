@@ -5,6 +5,7 @@ import os
 import struct
 import threading
 from collections.abc import Callable, Iterator
+from itertools import combinations, product
 from pathlib import Path
 
 import pytest
@@ -397,26 +398,34 @@ def test_a_tree_that_is_exchanged_takes_its_hooks_with_it(sample, endless, contr
 
 # --- noise
 
-PIECES = st.fixed_dictionaries(
-    {},
-    optional={
-        "enabled": st.booleans() | st.none(),
-        "uid": st.integers(0, 8) | st.text(max_size=3) | st.floats(),
-        "mode": st.integers(-1, 2),
-        "once": st.booleans(),
-        "desired_status": st.sampled_from(["SUCCESS", "FAILURE", "SKIPPED", "RUNNING", "IDLE", "?"]),
-        "position": st.integers(-1, 2),
-        "remove_when_done": st.booleans(),
-    },
-)
-HOOKS = st.builds(
-    lambda uid, position, **rest: {"uid": uid, "position": position, "enabled": True, **rest},
-    st.integers(1, 8),
-    st.integers(0, 1),
-    mode=st.integers(0, 1),
-    once=st.booleans(),
-    desired_status=st.sampled_from(["SUCCESS", "FAILURE", "SKIPPED"]),
-    remove_when_done=st.booleans(),
+GOOD = {
+    "enabled": (True,),
+    "uid": range(1, 9),
+    "mode": (0, 1),
+    "once": (False, True),
+    "desired_status": ("SUCCESS", "FAILURE", "SKIPPED"),
+    "position": (0, 1),
+    "remove_when_done": (False, True),
+}
+BAD = {
+    "enabled": (False, None),
+    "uid": (0, None),
+    "mode": (-1, 2),
+    "once": (1,),
+    "desired_status": ("RUNNING", "IDLE", "?"),
+    "position": (-1, 2),
+    "remove_when_done": ("no",),
+}
+# Hooks and fields are picked whole: to draw each value takes longer than the request.
+HOOKS = st.sampled_from([dict(zip(GOOD, values, strict=True)) for values in product(*GOOD.values())])
+FEWER = st.sampled_from([(), *combinations(GOOD, 1), *combinations(GOOD, 3), tuple(GOOD)])
+CHANGES = st.sampled_from([{}, *({key: value} for key, values in BAD.items() for value in values)])
+UIDS = st.builds(lambda uid: {"uid": uid}, st.text(max_size=3) | st.floats())
+PIECES = st.builds(
+    lambda hook, fewer, change: {key: value for key, value in hook.items() if key not in fewer} | change,
+    HOOKS,
+    FEWER,
+    CHANGES | UIDS,
 )
 BODIES = st.builds(lambda one: json.dumps(one).encode(), PIECES | HOOKS | st.lists(HOOKS, max_size=3))
 KINDS = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00IRU"))

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
+from btcore.cli.main import main
 from monitor.picture import Gap, Link, SceneMoving, SceneStatic, StatusChanged, Ticked, TreeSeen
 from monitor.screen.style import COLOUR_BLIND
 from monitor.serve import serve
@@ -228,8 +230,9 @@ def test_a_mistake_ends_the_run_before_it_begins_with_one_sentence(
 ):
     options, said = mistakes(free_port, tree_file)[name]
     with serve(sample, groot2=free_port):
-        done = run(tree_file, "--fast", "--duration", "1", *options)
-    assert done.returncode == 2
+        arguments = ["run", tree_file, "--fast", "--duration", "1", *options]
+        done = CliRunner().invoke(main, arguments, prog_name="btcore")
+    assert done.exit_code == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout == ""

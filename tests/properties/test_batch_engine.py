@@ -1,6 +1,7 @@
 """The batch engine does for each of many agents what the ordinary engine does for one."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 import btcore
 from btcore import Blackboard, NodeRaised, Registry, SimClock, Status
 from btcore.testing import Outcomes, documents, outcomes
-from btcore.testing.growth import KEYS
+from btcore.testing.growth import KEYS, between
 from btcore.testing.leaf_plans import PlannedAction, PlannedCondition
 
 np = pytest.importorskip("numpy")
@@ -329,57 +330,58 @@ def give_floats(port: btcore.In[batch.Floats], out: btcore.Put[batch.Floats]) ->
     return True
 
 
+@cache
+def one_of(*texts: str) -> st.SearchStrategy[str]:
+    """One of *texts*; made once, as a strategy's first draw takes longer than the others."""
+    return st.sampled_from(texts)
+
+
 @st.composite
 def typed_documents(draw: st.DrawFn) -> str:
     """Trees whose nodes read and write entries of several types."""
 
     def leaf() -> str:
-        kind = draw(st.integers(0, 6))
+        kind = draw(between(0, 6))
         key, other = draw(ENTRIES), draw(ENTRIES)
         if kind <= 1:
-            return f'<Script code="{draw(st.sampled_from(SCRIPTS))}"/>'
+            return f'<Script code="{draw(one_of(*SCRIPTS))}"/>'
         if kind == 2:
-            return f'<ScriptCondition code="{draw(st.sampled_from(QUESTIONS))}"/>'
+            return f'<ScriptCondition code="{draw(one_of(*QUESTIONS))}"/>'
         if kind == 3:
             return f'<SetBlackboard value="{draw(OTHERS)}" output_key="{key}"/>'
         if kind == 4:
-            taker = draw(st.sampled_from(["TakeInt", "TakeFloat", "TakeBool", "TakeText"]))
+            taker = draw(one_of("TakeInt", "TakeFloat", "TakeBool", "TakeText"))
             return f'<{taker} port="{{{key}}}"/>'
         if kind == 5:
-            return f'<{draw(st.sampled_from(["GiveInt", "GiveFloat"]))} port="{{{key}}}" out="{{{other}}}"/>'
+            return f'<{draw(one_of("GiveInt", "GiveFloat"))} port="{{{key}}}" out="{{{other}}}"/>'
         return f'<Sleep msec="{{{key}}}"/>'
 
     def tree(depth: int) -> str:
-        kind = draw(st.integers(0, 9)) if depth else 0
+        kind = draw(between(0, 9)) if depth else 0
         if kind <= 2:
             return leaf()
         if kind <= 5:
-            tag = draw(st.sampled_from(["Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback"]))
-            return f"<{tag}>{''.join(tree(depth - 1) for _ in range(draw(st.integers(1, 4))))}</{tag}>"
+            tag = draw(one_of("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback"))
+            return f"<{tag}>{''.join(tree(depth - 1) for _ in range(draw(between(1, 4))))}</{tag}>"
         key, below = draw(ENTRIES), tree(depth - 1)
         if kind == 6:
             cases = "".join(f'case_{number}="{draw(OTHERS)}" ' for number in (1, 2))
             more = f"{tree(depth - 1)}{tree(depth - 1)}"
             return f'<Switch2 variable="{{{key}}}" {cases}>{below}{more}</Switch2>'
         if kind == 7:
-            return draw(
-                st.sampled_from(
-                    [
-                        f'<Repeat num_cycles="{{{key}}}">{below}</Repeat>',
-                        f'<RetryUntilSuccessful num_attempts="{{{key}}}">{below}</RetryUntilSuccessful>',
-                        f'<Timeout msec="{{{key}}}">{below}</Timeout>',
-                        f'<Delay delay_msec="{{{key}}}">{below}</Delay>',
-                        f'<Parallel success_count="{{{key}}}">{below}<Sleep msec="10"/></Parallel>',
-                        f'<RunOnce then_skip="{{{key}}}">{below}</RunOnce>',
-                    ]
-                )
+            decorated = (
+                f'<Repeat num_cycles="{{{key}}}">{below}</Repeat>',
+                f'<RetryUntilSuccessful num_attempts="{{{key}}}">{below}</RetryUntilSuccessful>',
+                f'<Timeout msec="{{{key}}}">{below}</Timeout>',
+                f'<Delay delay_msec="{{{key}}}">{below}</Delay>',
+                f'<Parallel success_count="{{{key}}}">{below}<Sleep msec="10"/></Parallel>',
+                f'<RunOnce then_skip="{{{key}}}">{below}</RunOnce>',
             )
+            return decorated[draw(between(0, len(decorated) - 1))]
         if kind == 8:
-            code = draw(st.sampled_from(QUESTIONS))
+            code = draw(one_of(*QUESTIONS))
             return f'<Precondition if="{code}" else="RUNNING">{below}</Precondition>'
-        remapped = draw(
-            st.sampled_from(['_autoremap="true"', 'n="{m}" t="{t}"', 'n="3" x="{y}"', 'n="{@m}"'])
-        )
+        remapped = draw(one_of('_autoremap="true"', 'n="{m}" t="{t}"', 'n="3" x="{y}"', 'n="{@m}"'))
         return f'<SubTree ID="Inner" {remapped}/>'
 
     main, inner = tree(3), leaf()

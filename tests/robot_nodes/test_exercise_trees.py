@@ -2,14 +2,14 @@
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from btcore import Registry, Status, Tree, load, loads
+from btcore.cli.main import main
 from robot_nodes.leaves import LocateObjects, TurnToFree, register
 from robot_nodes.leaves.drive import TURN_SPEED
 from robot_nodes.perception.boxes import Box
@@ -116,14 +116,9 @@ def test_locate_objects_writes_what_is_new_and_deactivates_on_halt(robot):
 
 
 def run(*arguments: str | Path) -> dict:
-    done = subprocess.run(
-        [sys.executable, "-m", "btcore", "run", *map(str, arguments), "--fast", "--json"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
-    assert done.returncode == 0, done.stderr
+    told = ["run", *map(str, arguments), "--fast", "--json"]
+    done = CliRunner().invoke(main, told, prog_name="btcore")
+    assert done.exit_code == 0, done.stderr
     return json.loads(done.stdout)
 
 

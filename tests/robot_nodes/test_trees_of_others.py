@@ -5,35 +5,30 @@ the tree that Nav2 came with in 2020.
 """
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner, Result
 
 from btcore import Registry
+from btcore.cli.main import main
 from btcore.xml.validate import validate
 
-ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).parent / "trees_of_others"
 GIVEN = ("goal", "goals", "low")
 
 
-def run(name: str, *options: str) -> dict[str, Any]:
-    command = [
-        sys.executable,
-        "-m",
-        "btcore",
-        "run",
-        str(FOLDER / name),
-        "--camera",
-        "off",
-        "--fast",
-        "--json",
-    ]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, cwd=ROOT)
+def btcore_run(name: str, *options: str) -> Result:
+    arguments = ["run", name, "--camera", "off", "--fast", *options]
+    done = CliRunner().invoke(main, arguments, prog_name="btcore")
     assert "Traceback" not in done.stderr
+    assert "btcore itself failed" not in done.stderr
+    return done
+
+
+def run(name: str, *options: str) -> dict[str, Any]:
+    done = btcore_run(str(FOLDER / name), "--json", *options)
     result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     assert result["robot"]["collisions"] == 0
     return result
@@ -114,8 +109,5 @@ def test_the_navigator_takes_a_tree_and_nodes_of_others(tmp_path: Path) -> None:
 def test_what_the_parameters_name_and_is_not_there_is_told(tmp_path: Path, line: str, said: str) -> None:
     parameters = tmp_path / "nav.yaml"
     parameters.write_text(f"bt_navigator:\n  ros__parameters:\n    {line}\n")
-    command = [sys.executable, "-m", "btcore", "run", "patrolling", "--world", "house", "--fast"]
-    options = ["--duration", "0.2", "--camera", "off", "--nav-params", str(parameters)]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, cwd=ROOT)
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
+    options = ["--world", "house", "--duration", "0.2", "--nav-params", str(parameters)]
+    assert said in btcore_run("patrolling", *options).stderr

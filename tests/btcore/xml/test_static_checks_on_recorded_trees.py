@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,12 @@ def checked(case: Case) -> list[Diagnostic]:
     )
 
 
+@cache
+def validated(name: str) -> list[tuple[Case, list[Diagnostic]]]:
+    """The cases in the file *name*, with what the validator says of each."""
+    return [(case, checked(case)) for case in cases(DATA / f"{name}.jsonl.gz")]
+
+
 def names_of(xml: str, found: list[Diagnostic], code: str) -> Iterator[str]:
     """The names of the nodes that the diagnostics of *code* point at; the documents are one line each."""
     for one in found:
@@ -44,8 +51,8 @@ def names_of(xml: str, found: list[Diagnostic], code: str) -> Iterator[str]:
 @pytest.mark.parametrize(("name", "least"), [("v4_control", 40), ("v4_full", 50), ("v3_full", 100)])
 def test_what_is_never_ticked_never_was(name: str, least: int) -> None:
     told = 0
-    for case in cases(DATA / f"{name}.jsonl.gz"):
-        for node in names_of(case["xml"], checked(case), "W105"):
+    for case, found in validated(name):
+        for node in names_of(case["xml"], found, "W105"):
             told += 1
             for tick in case["expect"].get("ticks", ()):
                 assert node not in [event[0] for event in tick.get("events", ())], case["id"]
@@ -55,9 +62,9 @@ def test_what_is_never_ticked_never_was(name: str, least: int) -> None:
 
 @pytest.mark.parametrize("name", WHOLE)
 def test_what_can_be_run_has_no_errors(name: str) -> None:
-    for case in cases(DATA / f"{name}.jsonl.gz"):
+    for case, found in validated(name):
         if "load_error" not in case["expect"]:
-            assert [one for one in checked(case) if one.is_error] == [], case["id"]
+            assert [one for one in found if one.is_error] == [], case["id"]
 
 
 @pytest.mark.parametrize("name", MUTATED)

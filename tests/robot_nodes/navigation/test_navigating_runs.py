@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner, Result
 
+from btcore.cli.main import main
 from robot_nodes.navigation.map import OccupancyMap, save_map
 
 ROOT = Path(__file__).parents[3]
@@ -19,22 +21,32 @@ def room(floor: int, wall: int, origin: tuple[float, float] = (-1.0, -1.0)) -> O
     return OccupancyMap(cells, 0.05, origin)
 
 
-def run(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "btcore", "run", *arguments, "--camera", "off", "--fast", "--json"]
+QUICKLY = ("--camera", "off", "--fast", "--json")
+
+
+def run(*arguments: str) -> Result:
+    done = CliRunner().invoke(main, ["run", *arguments, *QUICKLY], prog_name="btcore")
+    assert "Traceback" not in done.stderr
+    assert "btcore itself failed" not in done.stderr
+    return done
+
+
+def started(*arguments: str) -> subprocess.Popen[str]:
+    """A run in a process of its own, whose log pytest doesn't catch."""
+    command = [sys.executable, "-m", "btcore", "run", *arguments, *QUICKLY]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
 
 
 def test_the_same_seed_gives_the_same_bytes_in_two_processes():
     arguments = ("patrolling", "--world", "aws_house", "--duration", "20", "--seed", "3")
-    said = [one.communicate()[0] for one in [run(*arguments), run(*arguments)]]
+    said = [one.communicate()[0] for one in [started(*arguments), started(*arguments)]]
     one, other = ({**json.loads(text), "real_time_factor": 0.0} for text in said)
     assert one["robot"]["distance_m"] > 1.0
     assert json.dumps(one) == json.dumps(other)
 
 
 def test_goal_or_home_goes_home_and_says_why():
-    process = run("tutorials/goal_or_home", "--world", "house", "--duration", "30")
-    said, logged = process.communicate()
+    said, logged = started("tutorials/goal_or_home", "--world", "house", "--duration", "30").communicate()
     result = json.loads(said)
     assert result["status"] == "SUCCESS"
     assert result["nodes"]["Goal"]["failure"] == 1
@@ -56,26 +68,23 @@ def test_a_file_that_is_no_good_ends_the_run_before_it_begins(tmp_path, option, 
     file = tmp_path / "file.yaml"
     if text is not None:
         file.write_text(text)
-    process = run("patrolling", "--world", "house", "--duration", "1", option, str(file))
-    logged = process.communicate()[1]
-    assert process.returncode == 2
-    assert "file.yaml" in logged
-    assert said in logged
-    assert "Traceback" not in logged
+    done = run("patrolling", "--world", "house", "--duration", "1", option, str(file))
+    assert done.exit_code == 2
+    assert "file.yaml" in done.stderr
+    assert said in done.stderr
 
 
 def test_a_patrol_of_a_world_without_waypoints_ends_before_it_begins():
-    process = run("patrolling", "--world", "arena", "--duration", "1")
-    said, logged = process.communicate()
-    assert process.returncode == 2
-    assert said == ""
-    assert "this world has no waypoints, and GetWaypoint::6 sends the robot to one" in logged
+    done = run("patrolling", "--world", "arena", "--duration", "1")
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert "this world has no waypoints, and GetWaypoint::6 sends the robot to one" in done.stderr
 
 
 def test_on_a_map_that_the_robot_is_not_on_it_looks_around_and_drives_nowhere(tmp_path):
     save_map(room(0, 100, origin=(20.0, 20.0)), tmp_path / "far.yaml")
-    process = run("patrolling", "--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
-    said, logged = process.communicate()
+    options = ("--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
+    said, logged = started("patrolling", *options).communicate()
     assert "the robot doesn't know where it is" in logged
     assert json.loads(said)["robot"]["distance_m"] < 0.02
 
@@ -85,7 +94,6 @@ def test_on_a_map_that_the_robot_is_not_on_it_looks_around_and_drives_nowhere(tm
 )
 def test_a_map_without_floor_or_walls_is_refused(tmp_path, floor, wall, missing):
     save_map(room(floor, wall), tmp_path / "map.yaml")
-    process = run("patrolling", "--world", "house", "--duration", "2", "--map", str(tmp_path / "map.yaml"))
-    logged = process.communicate()[1]
-    assert process.returncode == 2
-    assert f"there is no {missing} on the map" in logged
+    done = run("patrolling", "--world", "house", "--duration", "2", "--map", str(tmp_path / "map.yaml"))
+    assert done.exit_code == 2
+    assert f"there is no {missing} on the map" in done.stderr
