@@ -112,6 +112,16 @@ def port_of(
     return Port(name, mark.direction, kind_of(held), text, description, value)
 
 
+def refuse_unwritable(name: str, called: str, port: Port | None, annotation: object) -> None:
+    """Raise RegistrationError for a *port* that the parameter *name* of the function *called* can't write."""
+    is_put = any(isinstance(mark, PortMark) and mark.put for mark in typing.get_args(annotation))
+    if port is not None and port.writes and not is_put:
+        raise RegistrationError(
+            f"parameter '{name}' of {called} can't be assigned: mark it Put[…], which is called with what it "
+            "writes, and what it reads In[…]"
+        )
+
+
 def _text_of(default: object) -> str:
     if default is None or isinstance(default, str):
         return default or ""
@@ -144,6 +154,8 @@ def function_parameters(
         annotation = hints[parameter.name]
         default = UNSET if parameter.default is parameter.empty else parameter.default
         port = port_of(parameter.name, annotation, types.of, default)
+        if not skip_first:  # a dataclass sets its ports in __init__
+            refuse_unwritable(parameter.name, called, port, annotation)
         keyword = parameter.kind is parameter.KEYWORD_ONLY
         found.append(Parameter(parameter.name, keyword, port, annotation, default))
     return found

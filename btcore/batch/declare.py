@@ -20,7 +20,7 @@ from btcore.leaf import StatefulAction as OrdinaryAction
 from btcore.node import TreeNode
 from btcore.ports import UNSET, Port
 from btcore.registry import Registry
-from btcore.signature import PortMark, port_of
+from btcore.signature import port_of, refuse_unwritable
 from btcore.status import Status
 from btcore.values import ANY, BOOL, DOUBLE, FLOAT, INT, INT64, Types, ValueType
 
@@ -263,17 +263,9 @@ def _wishes(function: Callable[..., Any], types: Types, skip_first: bool = False
             )
         default = UNSET if one.default is one.empty else one.default
         port = _port(one.name, hints[one.name], types, default)
-        if port is not None and port.writes and not _is_put(hints[one.name]):
-            raise RegistrationError(
-                f"parameter '{one.name}' of {function.__qualname__} can't be assigned: mark it Put[…], "
-                "which is called with what it writes, and what it reads In[…]"
-            )
+        refuse_unwritable(one.name, function.__qualname__, port, hints[one.name])
         found.append(Wish(one.name, port, hints[one.name], default, one.kind is one.KEYWORD_ONLY))
     return found
-
-
-def _is_put(annotation: Any) -> bool:
-    return any(isinstance(one, PortMark) and one.put for one in typing.get_args(annotation))
 
 
 def _port(name: str, annotation: Any, types: Types, default: object) -> Port | None:

@@ -595,6 +595,15 @@ def test_a_parameter_without_an_annotation_is_refused() -> None:
     assert "mark a port with In[…] or Put[…]" in refused(drive)
 
 
+@pytest.mark.parametrize("form", [Out, InOut])
+def test_a_function_is_not_given_a_port_that_it_could_not_write(form: Any) -> None:
+    def count(n):  # type: ignore[no-untyped-def]
+        return True
+
+    count.__annotations__["n"] = form[int]
+    assert "count can't be assigned: mark it Put[…]" in refused(count)
+
+
 def test_what_takes_any_number_of_arguments_is_refused() -> None:
     def drive(*speeds: float) -> bool:
         return True
