@@ -88,7 +88,10 @@ demo: .venv/ready vulkan
 		if [ -e out/bumpgo.png ]; then echo '  the picture    out/bumpgo.png'; fi; \
 	fi
 
-test: lint pure compiled
+test: .venv/ready
+	@$(MAKE) -s -j 2 --output-sync=target lint .venv-compiled/ready
+	@$(MAKE) -s pure
+	@$(MAKE) -s compiled
 
 lint: .venv/ready
 	@echo '· style and types'

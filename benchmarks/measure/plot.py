@@ -21,8 +21,6 @@ COLOURS = {"pure": "#7f9bab", "compiled": "#1f5f8b"}
 TARGET = "#c8553d"
 FASTER = ("py_trees / btcore", "ordinary / batch")
 """What the ratios end with whose dividend is the other engine."""
-LEAST = 0.05
-"""Where the axis begins at least: what costs next to nothing may measure as less than nothing."""
 BAR = 0.36
 
 Row = Mapping[str, Any]
@@ -74,7 +72,7 @@ def draw(axis: Axes, title: str, lines: Mapping[str, Mapping[str, Row]]) -> None
     axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
     ratios = [row["median"] for rows in lines.values() for row in rows.values()]
-    axis.set_xlim(max(LEAST, 0.8 * min(1.0, *ratios)), 1.6 * max(ratios))
+    axis.set_xlim(0.8 * min(1.0, *ratios), 1.6 * max(ratios))
     axis.set_title(title, loc="right", fontsize=9, fontweight="bold")
     axis.grid(axis="x", color="#e4e4e4")
     axis.set_axisbelow(True)
