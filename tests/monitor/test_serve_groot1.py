@@ -175,16 +175,18 @@ def nested() -> btcore.Tree:
     """With nodes that Groot 1 doesn't know, ports of all directions, an empty name and texts beyond ASCII."""
     nodes = Registry.standard()
 
-    @btcore.condition
-    def look(far: btcore.InOut[float]) -> bool:
-        return far < 5
+    class Look(btcore.Condition):
+        far: btcore.InOut[float]
+
+        def tick(self) -> bool:
+            return self.far < 5
 
     @btcore.action
     def greet(text: btcore.In[str], answer: btcore.Put[str]) -> bool:
         answer("hello")
         return True
 
-    nodes.add(look, greet)
+    nodes.add(Look, greet)
     tree = btcore.loads(NESTED, nodes=nodes, resources=[SimClock()])
     tree.blackboard["distance"] = 2.0
     return tree
