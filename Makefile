@@ -27,7 +27,7 @@ INPUTS ?= 100000
 EPISODES ?= 1000
 RECORDED ?= 600
 
-.PHONY: help setup demo test lint pure compiled vulkan accept bench clean
+.PHONY: help setup demo test lint lint-and-pure pure compiled vulkan accept bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
@@ -89,9 +89,13 @@ demo: .venv/ready vulkan
 	fi
 
 test: .venv/ready
-	@$(MAKE) -s -j 2 --output-sync=target lint .venv-compiled/ready
-	@$(MAKE) -s pure
+	@$(MAKE) -s -j 2 .venv-compiled/ready lint-and-pure
 	@$(MAKE) -s compiled
+
+# The wheel is built meanwhile.
+lint-and-pure:
+	@$(MAKE) -s lint
+	@$(MAKE) -s pure
 
 lint: .venv/ready
 	@echo '· style and types'
