@@ -169,7 +169,7 @@ def cost(report: Report, port: int, seconds: float) -> None:
                         heard.append(statistics.median(paced(tree, seconds).durations))
                 else:
                     plain.append(statistics.median(paced(tree, seconds).durations))
-    tell(report, f"a tick: published to one client / alone and {BUDGET:g} ms more", heard, plain, BUDGET)
+    tell(report, f"a tick: published / alone + {BUDGET:g} ms", heard, plain, BUDGET)
 
 
 def lateness(report: Report, port: int, seconds: float, count: int) -> None:
@@ -182,7 +182,7 @@ def lateness(report: Report, port: int, seconds: float, count: int) -> None:
             with clients(listening, port), published(tree, port, listening):
                 late = percentile(paced(tree, seconds).lateness, 0.99)
                 (together if listening else alone).append(late)
-    what = f"lateness, 99th percentile: {count} client{'s' * (count > 1)} / none and a period more"
+    what = f"lateness, 99th percentile: {count} client{'s' * (count > 1)} / none + a period"
     tell(report, what, together, alone, 1e3 * PERIOD)
 
 
