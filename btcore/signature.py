@@ -6,7 +6,7 @@ type checker sees the true types.
 
 import inspect
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING
 from numbers import Number
 from types import MemberDescriptorType
@@ -93,12 +93,8 @@ def port_of(
 
     *kind_of* gives the type of values for what stands in In[…] and the like: a type, or a ValueType.
     """
-    if isinstance(annotation, _Form):
-        annotation = annotation[Any]
-    if typing.get_origin(annotation) is not Annotated:
-        return None
-    inner, *marks = typing.get_args(annotation)
-    mark = next((one for one in marks if isinstance(one, PortMark)), None)
+    inner, *marks = _taken_apart(annotation)
+    mark = _mark_in(marks)
     if mark is None:
         return None
     held = next((one for one in marks if isinstance(one, ValueType)), inner)
@@ -112,14 +108,25 @@ def port_of(
     return Port(name, mark.direction, kind_of(held), text, description, value)
 
 
-def refuse_unwritable(name: str, called: str, port: Port | None, annotation: object) -> None:
-    """Raise RegistrationError for a *port* that the parameter *name* of the function *called* can't write."""
-    is_put = any(isinstance(mark, PortMark) and mark.put for mark in typing.get_args(annotation))
-    if port is not None and port.writes and not is_put:
+def refuse_unwritable(name: str, called: str, annotation: object) -> None:
+    """Raise RegistrationError for a port that the parameter *name* of the function *called* can't write."""
+    mark = _mark_in(_taken_apart(annotation))
+    if mark is not None and mark.direction is not Direction.IN and not mark.put:
         raise RegistrationError(
             f"parameter '{name}' of {called} can't be assigned: mark it Put[…], which is called with what it "
             "writes, and what it reads In[…]"
         )
+
+
+def _taken_apart(annotation: object) -> tuple[Any, ...]:
+    """The type and the marks of *annotation*; In alone is In[Any]."""
+    if isinstance(annotation, _Form):
+        annotation = annotation[Any]
+    return typing.get_args(annotation) if typing.get_origin(annotation) is Annotated else (annotation,)
+
+
+def _mark_in(marks: Iterable[object]) -> PortMark | None:
+    return next((one for one in marks if isinstance(one, PortMark)), None)
 
 
 def _text_of(default: object) -> str:
@@ -155,7 +162,7 @@ def function_parameters(
         default = UNSET if parameter.default is parameter.empty else parameter.default
         port = port_of(parameter.name, annotation, types.of, default)
         if not skip_first:  # a dataclass sets its ports in __init__
-            refuse_unwritable(parameter.name, called, port, annotation)
+            refuse_unwritable(parameter.name, called, annotation)
         keyword = parameter.kind is parameter.KEYWORD_ONLY
         found.append(Parameter(parameter.name, keyword, port, annotation, default))
     return found

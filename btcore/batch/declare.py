@@ -263,7 +263,7 @@ def _wishes(function: Callable[..., Any], types: Types, skip_first: bool = False
             )
         default = UNSET if one.default is one.empty else one.default
         port = _port(one.name, hints[one.name], types, default)
-        refuse_unwritable(one.name, function.__qualname__, port, hints[one.name])
+        refuse_unwritable(one.name, function.__qualname__, hints[one.name])
         found.append(Wish(one.name, port, hints[one.name], default, one.kind is one.KEYWORD_ONLY))
     return found
 

@@ -604,6 +604,17 @@ def test_a_function_is_not_given_a_port_that_it_could_not_write(form: Any) -> No
     assert "count can't be assigned: mark it Put[…]" in refused(count)
 
 
+def test_a_port_of_a_function_may_be_of_any_type(grow: Grow) -> None:
+    def copy(source: In, target: Put) -> bool:
+        target(source)
+        return True
+
+    tree = grow('<Copy source="{a}" target="{b}"/>', copy)
+    tree.blackboard["a"] = [1, 2]
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.blackboard["b"] == [1, 2]
+
+
 def test_what_takes_any_number_of_arguments_is_refused() -> None:
     def drive(*speeds: float) -> bool:
         return True
