@@ -24,7 +24,7 @@ HERE = Path(__file__).parent
 GROUP = "btcore"
 
 # The cold part stays interpreted: what runs once, talks to people, or is the place where builds are chosen.
-COLD_FOLDERS = {"batch", "cli", "logs", "sweep", "testing", "xml"}
+COLD_FOLDERS = {"cli", "logs", "sweep", "testing", "xml"}
 COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py", "suggest.py"} | {
     "aside.py",
     "hooks.py",
@@ -34,17 +34,10 @@ COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py"
     "registry.py",
     "manual.py",  # it has an __init__, whose parameters compiled code does not tell
 }
+# Of a batch, what users call and derive from.
+COLD_FILES |= {f"btcore/batch/{name}.py" for name in ("blackboard", "declare", "plant", "tree")}
 # What every node of a document passes through while it is loaded.
 HOT_FILES = {f"btcore/xml/{name}.py" for name in ("element", "node_plan", "shape", "plan", "build")}
-# What every tick of a batch passes through.
-HOT_FILES |= {
-    f"btcore/batch/{name}.py"
-    for name in (
-        "node", "ordered", "outcome", "parallel", "branch", "data", "timing", "leaf", "guard",
-        "context", "counters", "crowd", "schema", "ports", "column", "timer", "conversion", "script",
-        "expressions", "assignment",
-    )
-}  # fmt: skip
 
 
 def says(variable: str) -> bool:
@@ -74,7 +67,7 @@ def hot_modules() -> list[str]:
         str(file)
         for file in files
         if file.as_posix() in HOT_FILES
-        or (file.name not in COLD_FILES and not COLD_FOLDERS & set(file.parts))
+        or not (COLD_FILES & {file.name, file.as_posix()} or COLD_FOLDERS & set(file.parts))
     ]
 
 

@@ -120,7 +120,7 @@ class Grower:
 
     def pick(self, tags: Collection[str]) -> str:
         """One of *tags*."""
-        tag: str = self.draw(_one_of(tuple(tags)))
+        tag: str = self.draw(one_of(tuple(tags)))
         return tag
 
     def element(self, top: bool = False, depth: int = 1) -> Element:
@@ -186,9 +186,9 @@ class Grower:
         after = ["_onSuccess", "_onFailure", "_post", "_onHalted"]
         scripts: dict[str, str] = {}
         for keys, texts in ((before, _QUESTIONS), (after, _STATEMENTS)):
-            key = self.draw(_one_of((None, None, *keys)))
+            key = self.draw(one_of((None, None, *keys)))
             if key is not None:
-                scripts[key] = self.draw(_one_of(texts))
+                scripts[key] = self.draw(one_of(texts))
         return element._replace(ports={**element.ports, **scripts})
 
     def ports(self, tag: str, count: int) -> dict[str, str]:
@@ -240,7 +240,8 @@ class Grower:
 
 
 @cache
-def _one_of(things: Sequence[Any]) -> SearchStrategy[Any]:
+def one_of(things: Sequence[Any]) -> SearchStrategy[Any]:
+    """One of *things*, which are hashable, in a tuple."""
     return st.sampled_from(things)
 
 

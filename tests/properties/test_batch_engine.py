@@ -1,7 +1,6 @@
 """The batch engine does for each of many agents what the ordinary engine does for one."""
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any
 
 import pytest
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 import btcore
 from btcore import Blackboard, NodeRaised, Registry, SimClock, Status
 from btcore.testing import Outcomes, documents, outcomes
-from btcore.testing.growth import KEYS, between
+from btcore.testing.growth import KEYS, between, one_of
 from btcore.testing.leaf_plans import PlannedAction, PlannedCondition
 
 np = pytest.importorskip("numpy")
@@ -330,12 +329,6 @@ def give_floats(port: btcore.In[batch.Floats], out: btcore.Put[batch.Floats]) ->
     return True
 
 
-@cache
-def one_of(*texts: str) -> st.SearchStrategy[str]:
-    """One of *texts*; made once, as a strategy's first draw takes longer than the others."""
-    return st.sampled_from(texts)
-
-
 @st.composite
 def typed_documents(draw: st.DrawFn) -> str:
     """Trees whose nodes read and write entries of several types."""
@@ -344,16 +337,16 @@ def typed_documents(draw: st.DrawFn) -> str:
         kind = draw(between(0, 6))
         key, other = draw(ENTRIES), draw(ENTRIES)
         if kind <= 1:
-            return f'<Script code="{draw(one_of(*SCRIPTS))}"/>'
+            return f'<Script code="{draw(one_of(SCRIPTS))}"/>'
         if kind == 2:
-            return f'<ScriptCondition code="{draw(one_of(*QUESTIONS))}"/>'
+            return f'<ScriptCondition code="{draw(one_of(QUESTIONS))}"/>'
         if kind == 3:
             return f'<SetBlackboard value="{draw(OTHERS)}" output_key="{key}"/>'
         if kind == 4:
-            taker = draw(one_of("TakeInt", "TakeFloat", "TakeBool", "TakeText"))
+            taker = draw(one_of(("TakeInt", "TakeFloat", "TakeBool", "TakeText")))
             return f'<{taker} port="{{{key}}}"/>'
         if kind == 5:
-            return f'<{draw(one_of("GiveInt", "GiveFloat"))} port="{{{key}}}" out="{{{other}}}"/>'
+            return f'<{draw(one_of(("GiveInt", "GiveFloat")))} port="{{{key}}}" out="{{{other}}}"/>'
         return f'<Sleep msec="{{{key}}}"/>'
 
     def tree(depth: int) -> str:
@@ -361,7 +354,7 @@ def typed_documents(draw: st.DrawFn) -> str:
         if kind <= 2:
             return leaf()
         if kind <= 5:
-            tag = draw(one_of("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback"))
+            tag = draw(one_of(("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback")))
             return f"<{tag}>{''.join(tree(depth - 1) for _ in range(draw(between(1, 4))))}</{tag}>"
         key, below = draw(ENTRIES), tree(depth - 1)
         if kind == 6:
@@ -379,9 +372,9 @@ def typed_documents(draw: st.DrawFn) -> str:
             )
             return decorated[draw(between(0, len(decorated) - 1))]
         if kind == 8:
-            code = draw(one_of(*QUESTIONS))
+            code = draw(one_of(QUESTIONS))
             return f'<Precondition if="{code}" else="RUNNING">{below}</Precondition>'
-        remapped = draw(one_of('_autoremap="true"', 'n="{m}" t="{t}"', 'n="3" x="{y}"', 'n="{@m}"'))
+        remapped = draw(one_of(('_autoremap="true"', 'n="{m}" t="{t}"', 'n="3" x="{y}"', 'n="{@m}"')))
         return f'<SubTree ID="Inner" {remapped}/>'
 
     main, inner = tree(3), leaf()
