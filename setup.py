@@ -19,25 +19,47 @@ from setuptools import Extension, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build import build
 from setuptools.command.build_ext import build_ext
+from setuptools.command.build_py import build_py
+from setuptools.command.editable_wheel import editable_wheel
 
 HERE = Path(__file__).parent
 GROUP = "btcore"
 
-# The cold part stays interpreted: what runs once, talks to people, or is the place where builds are chosen.
-COLD_FOLDERS = {"cli", "logs", "sweep", "testing", "xml"}
-COLD_FILES = {"__init__.py", "__main__.py", "builds.py", "errors.py", "names.py", "suggest.py"} | {
-    "aside.py",
-    "hooks.py",
-    "declaration.py",
-    "signature.py",
-    "manifest.py",
-    "registry.py",
-    "manual.py",  # it has an __init__, whose parameters compiled code does not tell
+# The import packages' parent folders; pyproject.toml names the same.
+ROOTS = (".", "monitor", "robot_nodes", "sim")
+# Folders of data that belong to btcore: beside it in a checkout, inside it where it is installed.
+DATA = ("benchmarks", "trees")
+
+# Modules that run once, or only talk to people, stay interpreted. So does every __init__.py, and
+# btcore/builds.py,
+# which chooses the build.
+COLD_FOLDERS = {"cli", "loading", "logs", "registry", "sweep", "testing", "xml"}
+COLD_FILES = {
+    "__init__.py",
+    "btcore/__main__.py",
+    "btcore/builds.py",
+    "btcore/errors.py",
+    "btcore/names.py",
+    "btcore/suggestions.py",
+    "btcore/tree/hooks.py",
+    "btcore/tree/tick_thread.py",
+    "btcore/engine/signature.py",
+    "btcore/nodes/manual_selector.py",  # it has an __init__, whose parameters compiled code does not tell
+    # Of a batch, what users call and derive from.
+    "btcore/batch/blackboard.py",
+    "btcore/batch/leaf_declaration.py",
+    "btcore/batch/compile.py",
+    "btcore/batch/tree.py",
 }
-# Of a batch, what users call and derive from.
-COLD_FILES |= {f"btcore/batch/{name}.py" for name in ("blackboard", "declare", "plant", "tree")}
-# What every node of a document passes through while it is loaded.
-HOT_FILES = {f"btcore/xml/{name}.py" for name in ("element", "node_plan", "shape", "plan", "build")}
+# Compiled all the same: what every node of a document passes through while it is loaded.
+HOT_FILES = {
+    "btcore/registry/substitution.py",
+    "btcore/xml/read/element.py",
+    "btcore/xml/plan/node_plan.py",
+    "btcore/xml/plan/structure_checks.py",
+    "btcore/xml/plan/plan.py",
+    "btcore/xml/build.py",
+}
 
 
 def says(variable: str) -> bool:
@@ -184,6 +206,51 @@ class Build(build):
                     file.unlink()
 
 
+class BuildWithData(build_py):
+    """Copies the folders of data into the package."""
+
+    def run(self) -> None:
+        """Build the packages, then copy the data; an editable install finds them beside the package."""
+        super().run()
+        if not self.editable_mode:
+            for source, target in self._data():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                self.copy_file(str(source), str(target))
+
+    def get_outputs(self, include_bytecode: bool = True) -> list[str]:
+        """Return the paths of everything that this command makes, the data included."""
+        return [*super().get_outputs(include_bytecode), *(str(target) for _, target in self._data())]
+
+    def _data(self) -> list[tuple[Path, Path]]:
+        into = Path(self.build_lib, "btcore")
+        files = [path for folder in DATA for path in sorted((HERE / folder).rglob("*"))]
+        return [(path, into / path.relative_to(HERE)) for path in files if path.suffix in {".py", ".xml"}]
+
+
+class EditableRoots:
+    """Makes an editable install of a plain ``.pth`` file that lists the parent folders of the packages.
+
+    setuptools' own import hook for several folders comes too late in sys.meta_path where a folder beside
+    the script is called btcore, and type checkers do not follow it.
+    """
+
+    def __enter__(self) -> "EditableRoots":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def __call__(self, wheel: Any, files: list[str], mapping: dict[str, str]) -> None:
+        """Write the ``.pth`` file into *wheel*."""
+        wheel.writestr("__editable__.btcore.pth", "".join(f"{(HERE / root).resolve()}\n" for root in ROOTS))
+
+
+class Editable(editable_wheel):
+    """Installs by :class:`EditableRoots` in every mode."""
+
+    def _select_strategy(self, *_: object) -> Any:
+        return EditableRoots()
+
+
 class AllOrNothing(build_ext):
     """Removes what was built when a part failed: a module's shim without its group can't be imported."""
 
@@ -215,5 +282,11 @@ if __name__ == "__main__":
         sys.exit("BTCORE_PURE=1 and BTCORE_COMPILED=1 contradict each other: set one of them")
     setup(
         ext_modules=extensions(),
-        cmdclass={"build": Build, "build_ext": AllOrNothing, "bdist_wheel": Wheel},
+        cmdclass={
+            "build": Build,
+            "build_py": BuildWithData,
+            "build_ext": AllOrNothing,
+            "bdist_wheel": Wheel,
+            "editable_wheel": Editable,
+        },
     )

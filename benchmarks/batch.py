@@ -21,9 +21,17 @@ import time
 import numpy as np
 
 import btcore
-from btcore import In, Put, Registry, SimClock, action, batch, condition
+from btcore import (
+    In,
+    Put,
+    Registry,
+    SimClock,
+    action,
+    batch,
+    condition,
+)
 from btcore.batch import BatchTree, Bools, Floats
-from measure.pairs import Spread
+from measure.paired_timing import Spread
 from measure.report import Report, arguments, at_least
 
 MOST_TREES = 1_000
@@ -151,7 +159,7 @@ def batched(given: list[dict[str, float]]) -> BatchTree:
     return BatchTree.loads(DOCUMENT, len(given), LEAVES, blackboard=columns, clock=SimClock())
 
 
-def same(agents: int) -> None:
+def check_same_results(agents: int) -> None:
     """See that both engines do the same with *agents* agents."""
     given = beginnings(agents)
     trees, swarm = ordinary(given), batched(given)
@@ -210,13 +218,13 @@ def main() -> None:
     parser = arguments(__doc__ or "")
     parser.add_argument("--agents", type=int, nargs="+", default=[100, 1_000, 10_000, 100_000])
     given = parser.parse_args()
-    same(50)
+    check_same_results(50)
     nodes = len(ordinary(beginnings(1))[0].nodes)
     question = f"How much faster one batch is than a tree of {nodes} nodes for each agent"
     report = Report("batch", question, given.pairs)
     for agents in [100] if given.quick else given.agents:
         compare(report, agents)
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

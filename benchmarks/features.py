@@ -11,14 +11,21 @@ its blackboard by a client. A script's peer is Python's own ``eval`` of the comp
 from collections.abc import Callable
 
 import btcore
-from btcore import In, Out, Registry, Status, SyncAction, action
-from btcore.tree import Tree
-from measure.forest import SUCCESS, Succeed
-from measure.pairs import SLICE, Spread, Work, measure
+from btcore import (
+    In,
+    Out,
+    Registry,
+    Status,
+    SyncAction,
+    action,
+)
+from btcore.tree.tree import Tree
+from measure.benchmark_trees import SUCCESS, Succeed
+from measure.paired_timing import SLICE, Spread, Work, measure
 from measure.report import Report, arguments, in_short
 
 try:
-    from measure import other_leaves
+    from measure import py_trees_leaves
 except ModuleNotFoundError as missing:
     if missing.name != "py_trees":
         raise
@@ -101,7 +108,7 @@ TREES = {
 SUBTREES = """<BehaviorTree ID="Plain"><Succeed/></BehaviorTree>
 <BehaviorTree ID="Outer"><SubTree ID="Inner" pace="{speed}"/></BehaviorTree>
 <BehaviorTree ID="Inner"><HasInput speed="{pace}"/></BehaviorTree>"""
-ASKED = [
+COMPARISONS = [
     ("an input port, a literal / an attribute", "port, a literal", "attribute read"),
     ("an input port, an entry / an attribute", "port, an entry", "attribute read"),
     ("an output port / an attribute", "port written", "attribute written"),
@@ -156,15 +163,15 @@ def main() -> None:
     if other_leaves is None:
         report.remarks.append("py_trees isn't installed; you can have it: pip install 'btcore[bench]'")
     else:
-        works["py_trees reads"] = other_leaves.grow(other_leaves.Reads, WIDTH).tick_once
-        works["py_trees writes"] = other_leaves.grow(other_leaves.Writes, WIDTH).tick_once
+        works["py_trees reads"] = py_trees_leaves.grow(py_trees_leaves.Reads, WIDTH).tick_once
+        works["py_trees writes"] = py_trees_leaves.grow(py_trees_leaves.Writes, WIDTH).tick_once
     taken = measure(works, report.pairs, slice_ns=1 if given.quick else SLICE)
-    for what, dividend, divisor in ASKED:
+    for what, dividend, divisor in COMPARISONS:
         if dividend in works and divisor in works:
             ratio: Spread = taken.ratio(dividend, divisor)
             one, other = (taken.time(name).median / WIDTH for name in (dividend, divisor))
             report.add(what, ratio, figures={"ns": in_short(one), "beside": in_short(other)})
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

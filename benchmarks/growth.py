@@ -21,11 +21,16 @@ from itertools import cycle
 from random import Random
 
 import btcore
-from btcore import Blackboard, Builder, Registry, Tree
-from btcore.xml.check import MOST_NODES
-from measure.forest import Succeed
+from btcore import (
+    Blackboard,
+    Builder,
+    Registry,
+    Tree,
+)
+from btcore.xml.plan.document_checks import MAX_NODES
+from measure.benchmark_trees import Succeed
 from measure.memory import bytes_kept
-from measure.pairs import SLICE, Measured, Spread, Work, measure
+from measure.paired_timing import SLICE, Measured, Spread, Work, measure
 from measure.report import Report, arguments, in_short
 
 NODES = (10, 100, 1_000, 10_000, 100_000)
@@ -123,11 +128,11 @@ def loading_time(load: Callable[[], object]) -> int:
     return taken
 
 
-class Grove:
+class TreeGroup:
     """So many nodes, in the fewest trees: a tree has 65,535 at most, since their numbers have 16 bits."""
 
     def __init__(self, size: int) -> None:
-        trees = -(-size // MOST_NODES)
+        trees = -(-size // MAX_NODES)
         share, more = divmod(size, trees)
         self.size = size
         self.texts = [bushy(share + (number < more)) for number in range(trees)]
@@ -158,7 +163,7 @@ class Grove:
 def with_nodes(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
     """Ticking, loading and memory of a node, by how many there are."""
     nodes = registry()
-    groves = [Grove(size) for size in sizes]
+    groves = [TreeGroup(size) for size in sizes]
     ticking = measure({str(grove.size): grove.ticked(nodes) for grove in groves}, report.pairs, 4, slice_ns)
     large = [grove for grove in groves if grove.size >= LOADED_AT_LEAST] or groves[-1:]
     rounds: dict[str, list[float]] = {str(grove.size): [] for grove in large}
@@ -220,7 +225,7 @@ def main() -> None:
     with_depth(report, "nested subtrees", given.depths, nested, slice_ns)
     with_depth(report, "Inverters built in code", given.depths, built, slice_ns)
     with_entries(report, given.entries, slice_ns)
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

@@ -17,14 +17,14 @@ from functools import partial
 
 import numpy as np
 
-from measure.pairs import Spread
+from btcore_sim.laser import Laser, MovableObstacles
+from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.ray_casting import Floats, RayCaster
+from btcore_sim.robot_description import load_description
+from btcore_sim.scene import load_scene
+from btcore_sim.world import World
+from measure.paired_timing import Spread
 from measure.report import Report, arguments
-from sim.description import load_description
-from sim.engine import pybullet
-from sim.laser import Laser, Moved
-from sim.outlines import Floats, Outlines
-from sim.scene import load_scene
-from sim.world import World
 
 MILLISECOND = 1e6
 HEIGHT = 0.095  # m, of Tiago's laser above the floor
@@ -65,8 +65,8 @@ class Rays:
 def scans(world: World, count: int) -> list[tuple[int, int]]:
     """*count* times the time (ns) of the engine's rays, and that of a scan."""
     facts = load_description().laser.facts
-    still = Outlines.of([thing for thing in world.scene.things if thing.still])
-    moved = Moved(world.client, {body: world.bodies[body] for body in world.movable})
+    still = RayCaster.of([thing for thing in world.scene.things if thing.still])
+    moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
     laser = Laser(facts, still, np.random.default_rng(0), moved)
     angles = facts.angle_min + facts.angle_increment * np.arange(facts.rays, dtype=np.float64)
     places = list(world.scene.waypoints.values())
@@ -107,7 +107,7 @@ def main() -> None:
         ratio = Spread.of([one / other for other, one in measured])
         report.add(f"{name}: scan / rayTestBatch", ratio, None, figures)
         world.close()
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

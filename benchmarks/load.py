@@ -19,9 +19,14 @@ from pathlib import Path
 from lxml import etree
 
 import btcore
-from btcore import In, Out, Registry, condition
+from btcore import (
+    In,
+    Out,
+    Registry,
+    condition,
+)
 from measure.memory import bytes_kept
-from measure.pairs import Spread
+from measure.paired_timing import Spread
 from measure.report import Report, arguments, at_most, in_short
 
 LEAVES_A_CONTROL = 4
@@ -154,7 +159,7 @@ def main() -> None:
             }
             ratio = Spread.of([loading / parsing for parsing, loading in measured])
             report.add(f"{wanted:,} nodes: load / parse", ratio, TARGETS.get(wanted), figures)
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

@@ -18,18 +18,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from measure.pairs import Spread
+from btcore_robot.navigation.distance_field import SignedDistanceField
+from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
+from btcore_robot.navigation.likelihood import LikelihoodField, distances
+from btcore_robot.navigation.motion_model import sample_motion_model
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.particles import best_cluster, cloud, resampled
+from btcore_robot.navigation.relocalisation import HEADINGS_A_STEP
+from btcore_robot.robot import Pose2D
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import load_scene
+from measure.paired_timing import Spread
 from measure.report import Report, arguments
-from robot_nodes.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
-from robot_nodes.navigation.likelihood import LikelihoodField, distances
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.motion import moved
-from robot_nodes.navigation.particles import best_cluster, cloud, resampled
-from robot_nodes.navigation.relocation import HEADINGS_A_STEP
-from robot_nodes.navigation.scan_match import Faces
-from robot_nodes.robot import Pose2D
-from sim.rasterise import rasterise
-from sim.scene import load_scene
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def ends(field_map: OccupancyMap, beams: int) -> Floats:
 def update(field: LikelihoodField | NaiveField, particles: Floats, points: Floats) -> Floats:
     """Move, weigh, find the pose, resample."""
     random = np.random.default_rng(1)
-    ahead = moved(particles, POSE, AHEAD, ALPHAS, random)
+    ahead = sample_motion_model(particles, POSE, AHEAD, ALPHAS, random)
     weights = field.weights(ahead, points)
     weights /= weights.sum()
     best_cluster(ahead, weights)
@@ -132,7 +132,7 @@ def main() -> None:
         }
         ratio = Spread.of([one / other for one, other in measured])
         report.add(f"{count:,} particles: update / naive update", ratio, None, figures)
-    faces, space = Faces(field_map), SearchSpace(field_map)
+    faces, space = SignedDistanceField(field_map), SearchSpace(field_map)
     dense = ends(field_map, 2 * given.beams)
     for what, work in (
         ("how well a scan fits", lambda: faces.fit(POSE, points)),
@@ -144,7 +144,7 @@ def main() -> None:
     ):
         taken = median(work, given.pairs)
         report.remarks.append(f"{what}: {taken:.2f} ms, {100 * taken / PERIOD:.1f} % of 100 ms")
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

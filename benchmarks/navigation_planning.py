@@ -22,15 +22,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from skimage.graph import route_through_array
 
-from measure.pairs import Spread
+from btcore_robot.navigation.costmap import (
+    LETHAL,
+    Costmap,
+    GlobalCostmap,
+    LocalCostmap,
+)
+from btcore_robot.navigation.grid_search import grid_costs
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.planner import Planner
+from btcore_robot.robot import LaserScan, Pose2D
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import load_scene
+from measure.paired_timing import Spread
 from measure.report import Report, arguments
-from robot_nodes.navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
-from robot_nodes.navigation.grid import grid_costs
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.planner import Planner
-from robot_nodes.robot import LaserScan, Pose2D
-from sim.rasterise import rasterise
-from sim.scene import load_scene
 
 MILLISECOND = 1e6
 RAYS, HALF_VIEW, NOISE = 666, math.radians(110), 0.06  # Tiago's laser
@@ -147,7 +152,7 @@ def main() -> None:
     add(report, "global costmap", list(updates(map, GlobalCostmap(map), given.pairs, random)), 1.0)
     local = LocalCostmap(keepout=map.keepout)
     add(report, "local costmap", list(updates(map, local, given.pairs, random)), 5.0)
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

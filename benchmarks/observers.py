@@ -12,9 +12,15 @@ mostly what making and telling a transition takes.
 """
 
 import btcore
-from btcore import Observer, Registry, Transition, Transitions, Tree
-from measure.forest import Forward, Succeed, succeed
-from measure.pairs import SLICE, Work, measure
+from btcore import (
+    Observer,
+    Registry,
+    Transition,
+    Transitions,
+    Tree,
+)
+from measure.benchmark_trees import Forward, Succeed, succeed
+from measure.paired_timing import SLICE, Work, measure
 from measure.report import Report, Target, arguments, at_most, in_short
 
 WIDTH = 100
@@ -87,7 +93,7 @@ def main() -> None:
         taken = measure(works, given.pairs, slice_ns=1 if given.quick else SLICE)
         figures = {f"{name}, ns a node": in_short(taken.time(name).median / (WIDTH + 1)) for name in works}
         report.add(f"{what}: observed / alone", taken.ratio("observed", "alone"), target, figures)
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from multiprocessing.synchronize import Event
 
 import btcore
-from btcore.tree import Tree
-from measure.pairs import Spread
+from btcore.tree.tree import Tree
+from btcore_monitor.serve import Publisher, serve
+from measure.paired_timing import Spread
 from measure.report import Report, arguments, at_most
-from monitor.serve import Publisher, serve
 
 NODES = 1_000
 CHANGING = 100
@@ -90,8 +90,8 @@ def listen(port: int, asks_status: bool, stop: Event) -> None:
     """What a client's process does until *stop*."""
     import zmq
 
-    from monitor.watch.feed import Feed
-    from monitor.wire.groot2 import Request, encode_request
+    from btcore_monitor.watch.feed import Feed
+    from btcore_monitor.wire.groot2 import Request, encode_request
 
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     question = None
@@ -214,7 +214,7 @@ def main() -> None:
     port = free_port()
     cost(report, port, given.seconds)
     lateness(report, port, given.seconds, given.clients)
-    report.tell(given.json)
+    report.output(given.json)
 
 
 if __name__ == "__main__":

@@ -16,13 +16,13 @@ in every tick. py_trees is ticked by ``root.tick_once()``, the quickest way that
 
 import btcore
 from btcore import Tree
-from measure import forest
-from measure.forest import RUNNING, SUCCESS, Shape
-from measure.pairs import SLICE, Spread, Work, measure
+from measure import benchmark_trees
+from measure.benchmark_trees import RUNNING, SUCCESS, Shape
+from measure.paired_timing import SLICE, Spread, Work, measure
 from measure.report import Report, Target, arguments, at_least, at_most, in_short
 
 try:
-    from measure import other_trees
+    from measure import py_trees_trees
 except ModuleNotFoundError as missing:
     if missing.name != "py_trees":
         raise
@@ -42,14 +42,14 @@ OVER_THE_LOOP = at_most(compiled=5)
 
 def grow(shape: Shape, kind: str) -> Tree:
     """*shape* as a tree of btcore."""
-    return btcore.loads(forest.document(shape, kind), nodes=forest.registry(kind))
+    return btcore.loads(benchmark_trees.document(shape, kind), nodes=benchmark_trees.registry(kind))
 
 
 def executed(shape: Shape, kind: str, ticks: int) -> float:
     """How many nodes a tick executes, on average over *ticks*; the same in both engines, tick by tick."""
     tree = grow(shape, kind)
-    tallies = tree.count().values()
-    root = other_trees.grow(shape, kind) if other_trees else None
+    tallies = tree.count_ticks().values()
+    root = py_trees_trees.grow(shape, kind) if other_trees else None
     before = 0
     for _ in range(ticks):
         tree.tick_once()
@@ -66,7 +66,7 @@ def bare_loop(tree: Tree, kind: str) -> Work:
 
     For leaves of a class it calls their methods, for functions these themselves.
     """
-    by_id = {"Succeed": forest.succeed, "Fail": forest.fail}
+    by_id = {"Succeed": benchmark_trees.succeed, "Fail": benchmark_trees.fail}
     leaves = [node for node in tree if not node.children]
     calls = [by_id[leaf.id] if kind == "function" else leaf.tick for leaf in leaves]
 
@@ -82,18 +82,20 @@ def bare_loop(tree: Tree, kind: str) -> Work:
 def main() -> None:
     """Measure and print."""
     parser = arguments(__doc__ or "")
-    parser.add_argument("--tree", choices=list(forest.TREES), action="append", help="default: all of them")
-    parser.add_argument("--leaves", choices=forest.KINDS, action="append", help="default: all kinds")
+    parser.add_argument(
+        "--tree", choices=list(benchmark_trees.TREES), action="append", help="default: all of them"
+    )
+    parser.add_argument("--leaves", choices=benchmark_trees.KINDS, action="append", help="default: all kinds")
     given = parser.parse_args()
     report = Report("ticking", "What a tick costs, in ns for each node that it executes", given.pairs)
     if other_trees is None:
         report.remarks.append("py_trees isn't installed; you can have it: pip install 'btcore[bench]'")
-    for name in given.tree or forest.TREES:
-        shape = forest.TREES[name]()
-        for kind in forest.kinds_of(shape):
-            if kind in (given.leaves or forest.KINDS):
+    for name in given.tree or benchmark_trees.TREES:
+        shape = benchmark_trees.TREES[name]()
+        for kind in benchmark_trees.kinds_of(shape):
+            if kind in (given.leaves or benchmark_trees.KINDS):
                 beside(report, name, shape, kind, quick=given.quick)
-    report.tell(given.json)
+    report.output(given.json)
 
 
 def beside(report: Report, name: str, shape: Shape, kind: str, quick: bool) -> None:
@@ -102,7 +104,7 @@ def beside(report: Report, name: str, shape: Shape, kind: str, quick: bool) -> N
     tree = grow(shape, kind)
     works: dict[str, Work] = {"btcore": tree.tick_once}
     if other_trees is not None:
-        works["py_trees"] = other_trees.grow(shape, kind).tick_once
+        works["py_trees"] = py_trees_trees.grow(shape, kind).tick_once
     if name == "wide":
         works["a loop"] = bare_loop(tree, kind)
     taken = measure(works, report.pairs, slice_ns=1 if quick else SLICE)

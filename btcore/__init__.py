@@ -3,76 +3,80 @@
 # ruff: noqa: E402 - which build the other modules come from has to be chosen first
 from btcore import builds
 
-builds.choose()
+builds.select_build()
 
 from btcore import values
-from btcore.blackboard import Blackboard, Entry
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.blackboard.ports import Direction, Port
 from btcore.clock import Clock, SimClock, SystemClock
-from btcore.context import TreeState
-from btcore.coroutine import running, sleep
-from btcore.errors import (
-    BlackboardFault,
-    BtcoreError,
-    ConversionFault,
-    Diagnostic,
-    NodeFault,
-    NodeRaised,
-    PortFault,
-    RegistrationError,
-    ScriptFault,
-    SyntaxFault,
-    TreeError,
-    UnknownNode,
+from btcore.engine.context import TreeState
+from btcore.engine.control import ControlNode, DecoratorNode
+from btcore.engine.coroutine import running, sleep
+from btcore.engine.functions import action, condition
+from btcore.engine.leaf import Condition, StatefulAction, SyncAction
+from btcore.engine.node import TreeNode
+from btcore.engine.observers import Observer, Transitions
+from btcore.engine.signature import (
+    In,
+    InOut,
+    Out,
+    Put,
 )
-from btcore.functions import action, condition
-from btcore.inner import ControlNode, DecoratorNode
-from btcore.leaf import Condition, StatefulAction, SyncAction
-from btcore.loading import load, loads, wanted
-from btcore.node import TreeNode
-from btcore.observers import Observer, Transitions
-from btcore.ports import Direction, Port
-from btcore.registry import Registry
+from btcore.engine.threaded import ThreadedAction
+from btcore.errors import (
+    BlackboardError,
+    BtcoreError,
+    ConversionError,
+    Diagnostic,
+    NodeError,
+    NodeExecutionError,
+    PortError,
+    RegistrationError,
+    ScriptError,
+    TreeError,
+    UnknownNodeError,
+    XmlSyntaxError,
+)
+from btcore.loading.load import load, loads, required_resources
+from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
-from btcore.signature import In, InOut, Out, Put
 from btcore.status import NodeType, Status, Transition
-from btcore.threaded import ThreadedAction
-from btcore.tree import Subtree, Tree
-from btcore.xml.compose import Builder, key
+from btcore.tree.tree import Subtree, Tree
+from btcore.xml.builder import Builder, blackboard_key
 
 builds.describe(Direction, NodeType, Status, Transition)
 
 __all__ = [
     "Blackboard",
-    "BlackboardFault",
+    "BlackboardError",
     "BtcoreError",
     "Builder",
     "Clock",
     "Condition",
     "ControlNode",
-    "ConversionFault",
+    "ConversionError",
     "DecoratorNode",
     "Diagnostic",
     "Direction",
     "Entry",
     "In",
     "InOut",
-    "NodeFault",
-    "NodeRaised",
+    "NodeError",
+    "NodeExecutionError",
     "NodeType",
     "Observer",
     "Out",
     "Port",
-    "PortFault",
+    "PortError",
     "Put",
     "RegistrationError",
     "Registry",
-    "ScriptFault",
+    "ScriptError",
     "SimClock",
     "StatefulAction",
     "Status",
     "Subtree",
     "SyncAction",
-    "SyntaxFault",
     "SystemClock",
     "ThreadedAction",
     "Transition",
@@ -81,16 +85,17 @@ __all__ = [
     "TreeError",
     "TreeNode",
     "TreeState",
-    "UnknownNode",
+    "UnknownNodeError",
+    "XmlSyntaxError",
     "action",
+    "blackboard_key",
     "builds",
     "compile_script",
     "condition",
-    "key",
     "load",
     "loads",
+    "required_resources",
     "running",
     "sleep",
     "values",
-    "wanted",
 ]

@@ -49,7 +49,7 @@ class SourceOnly:
         self._folders.clear()
 
 
-def choose() -> None:
+def select_build() -> None:
     """Put :class:`SourceOnly` first, unless the compiled build is to run."""
     reason = why_pure()
     if reason and _source_only() is None:
@@ -58,10 +58,10 @@ def choose() -> None:
 
 def why_pure() -> str:
     """Why the source runs, or "" for the compiled build."""
-    if says("BTCORE_PURE"):
+    if env_flag("BTCORE_PURE"):
         return "BTCORE_PURE is set"
     checkout = all((HERE.parent / file).is_file() for file in ("setup.py", "pyproject.toml"))
-    if checkout and not says("BTCORE_COMPILED"):
+    if checkout and not env_flag("BTCORE_COMPILED"):
         return "a checkout runs its source, unless BTCORE_COMPILED=1 is set"
     file = next(filter(Path.is_file, (HERE.parent / (LIBRARY + end) for end in EXTENSION_SUFFIXES)), None)
     if file is None:
@@ -93,7 +93,7 @@ def compiled_modules() -> list[str]:
     return [mark.removeprefix("init_").replace("___", ".") for mark in marks]
 
 
-def running() -> str:
+def active_build() -> str:
     """``"compiled"`` or ``"pure"``, by the file that the engine's status words came from."""
     from btcore import status
 
@@ -101,7 +101,7 @@ def running() -> str:
     return "pure" if source.endswith(tuple(SOURCE_SUFFIXES)) else "compiled"
 
 
-def remark() -> str:
+def unused_build_message() -> str:
     """What to tell of compiled files that are there and not used, or ""."""
     finder = _source_only()
     if finder is None:
@@ -110,7 +110,7 @@ def remark() -> str:
     return f"{len(unused)} compiled files in {HERE} are not used: {finder.reason}" if unused else ""
 
 
-def says(variable: str) -> bool:
+def env_flag(variable: str) -> bool:
     """Whether the environment's *variable* is set, and not to 0."""
     return os.environ.get(variable, "0") not in ("", "0")
 
@@ -131,7 +131,7 @@ class Written:
 
 def describe(*classes: type) -> None:
     """Give *classes* the docstrings of their source, if they are compiled; enums and tuples need it."""
-    if running() == "compiled":
+    if active_build() == "compiled":
         for cls in classes:
             cls.__doc__ = Written()  # type: ignore[assignment]
 

@@ -70,6 +70,23 @@ class SimClock:
         self._now += round(seconds * NS_PER_S)
 
 
-def reader(clock: Clock) -> Callable[[], int]:
+def now_function(clock: Clock) -> Callable[[], int]:
     """The shortest way to the time (ns) of *clock*: Python's own function, where it does nothing else."""
     return time.monotonic_ns if type(clock) is SystemClock else clock.now
+
+
+class TickSchedule:
+    """Ticks are due at multiples of *period* seconds after *now* (ns).
+
+    One that comes late moves the next ones, and none is made up for.
+    """
+
+    def __init__(self, period: float, now: int) -> None:
+        self.step = round(period * NS_PER_S)
+        self.due = now
+
+    def next(self, now: int) -> int:
+        """The time (ns) of the next tick, it being *now*; an early tick doesn't move it."""
+        if now >= self.due:
+            self.due = max(self.due + self.step, now)
+        return self.due

@@ -75,15 +75,15 @@ class TreeError(BtcoreError):
         super().__init__("\n".join(str(one) for one in self.diagnostics))
 
 
-class SyntaxFault(TreeError):
+class XmlSyntaxError(TreeError):
     """The document is not XML, or not XML that a tree can be read from."""
 
 
-class UnknownNode(TreeError):
+class UnknownNodeError(TreeError):
     """A tag that no registered node answers to. Common causes: a typing mistake, or a plugin not loaded."""
 
 
-class PortFault(TreeError):
+class PortError(TreeError):
     """A port that the node doesn't have, or a value that doesn't fit its type."""
 
 
@@ -95,7 +95,7 @@ MOST_SHOWN: Final = 9
 """How many errors a sentence tells of that came after the first."""
 
 
-class NodeRaised(BtcoreError):
+class NodeExecutionError(BtcoreError):
     """A node raised while it was ticked or halted; the original is the ``__cause__``.
 
     *path* is the failing node's full path, *node_id* its registration ID, *where* its place in
@@ -112,7 +112,7 @@ class NodeRaised(BtcoreError):
         self.doing = doing
         self.where = where
         self.backtrace: list[str] = []
-        self.also: list[NodeRaised] = []
+        self.later_errors: list[NodeExecutionError] = []
         super().__init__(path, node_id, str(cause))
 
     def __str__(self) -> str:
@@ -126,26 +126,26 @@ class NodeRaised(BtcoreError):
         for depth, step in enumerate(self.backtrace):
             mark = "→" if depth == len(self.backtrace) - 1 else " "
             text += f"\n    {mark} {'  ' * depth}{step}"
-        for other in self.also[:MOST_SHOWN]:
+        for other in self.later_errors[:MOST_SHOWN]:
             text += f"\nand {other}"
-        if len(self.also) > MOST_SHOWN:
-            text += f"\nand {len(self.also) - MOST_SHOWN} more"
+        if len(self.later_errors) > MOST_SHOWN:
+            text += f"\nand {len(self.later_errors) - MOST_SHOWN} more"
         return text
 
 
-class NodeFault(BtcoreError):
+class NodeError(BtcoreError):
     """A node was used in a way that its rules forbid (say, too few children, a missing port)."""
 
 
-class BlackboardFault(BtcoreError):
+class BlackboardError(BtcoreError):
     """An entry is missing, empty, or of another type than asked for."""
 
 
-class ConversionFault(BtcoreError, ValueError):
+class ConversionError(BtcoreError, ValueError):
     """A text, or a value, can't become the type that is wanted."""
 
 
-class ScriptFault(BtcoreError):
+class ScriptError(BtcoreError):
     """A script can't be parsed or run; *column* counts from 1 in *text* (0 = the whole)."""
 
     def __init__(self, message: str, text: str = "", column: int = 0, width: int = 1) -> None:

@@ -23,7 +23,7 @@ def is_reserved(ID: str) -> bool:
     return ID in _RESERVED_IDS
 
 
-def fault_of_port(name: str, format: int = 4) -> str:
+def port_name_error(name: str, format: int = 4) -> str:
     """Why no port of a node may be called *name*, or "" if one may.
 
     Format 3 takes any name that doesn't say something else in the XML.
@@ -43,7 +43,7 @@ def fault_of_port(name: str, format: int = 4) -> str:
     return ""
 
 
-def fault_of_model_port(name: str) -> str:
+def model_port_name_error(name: str) -> str:
     """Why format 4 takes no port *name* in the model of a subtree, or "" if it does."""
     if not name:
         return "it has no name"
@@ -57,4 +57,4 @@ def fault_of_model_port(name: str) -> str:
 
 def is_port_name(name: str) -> bool:
     """Whether format 4 takes the attribute *name* as a port (nodes.md §9.1)."""
-    return not fault_of_port(name)
+    return not port_name_error(name)

@@ -1,13 +1,13 @@
 """The simulated Tiago, driven by a tree from Python: no command line, no screen."""
 
 import btcore
-from robot_nodes import leaves
-from sim.body import Body
-from sim.scene import load_scene
-from sim.world import World
+from btcore_robot import leaves
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 world = World(load_scene("arena"), seed=3)
-robot = Body(world)
+robot = SimulatedRobot(world)
 
 nodes = btcore.Registry.standard()
 nodes.add_plugin(leaves)

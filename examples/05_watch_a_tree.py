@@ -1,9 +1,9 @@
 """Publish a tree, and be its monitor: what `btcore monitor` and Groot 2 see."""
 
 from btcore import Registry, SimClock, loads
-from monitor.picture import Link, StatusChanged, TreeSeen
-from monitor.serve import serve
-from monitor.watch.feed import Feed
+from btcore_monitor.events import ConnectionChanged, StatusChanged, TreeSeen
+from btcore_monitor.serve import serve
+from btcore_monitor.watch.feed import Feed
 
 tree = loads(
     """
@@ -22,10 +22,10 @@ with serve(tree, groot2=0) as publisher:
     changes = 0
     for event in feed.events(until_end=True):
         if isinstance(event, TreeSeen):
-            print("the tree:", ", ".join(node.name for node in event.picture.nodes))
+            print("the tree:", ", ".join(node.name for node in event.tree.nodes))
         elif isinstance(event, StatusChanged):
             changes += 1
-        elif isinstance(event, Link) and event.state == "ended":
+        elif isinstance(event, ConnectionChanged) and event.state == "ended":
             break
     print(changes, "changes of status")
     feed.close()

@@ -9,15 +9,15 @@ import pytest
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SAYS = {
     "01_first_tree.py": ["battery 90%: SUCCESS, alarm off", "battery 10%: SUCCESS, alarm on"],
-    "02_an_action_that_lasts.py": [
+    "02_stateful_action.py": [
         "  gripper at rest",
         "  gripper at rest",
         "SUCCESS after 8.0 s, 2.5 m",
     ],
-    "03_control_node.py": ["working", "resting"],
+    "03_custom_control_node.py": ["working", "resting"],
     "04_bump_and_go.py": [" m, 0 collisions"],
     "05_watch_a_tree.py": ["the tree: Repeat, Sleep", "changes of status"],
-    "06_a_swarm.py": [" trips, 0 empty batteries"],
+    "06_batch_swarm.py": [" trips, 0 empty batteries"],
 }
 
 

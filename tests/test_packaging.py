@@ -5,17 +5,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-TREES = {"btcore.trees", "btcore.trees.navigation", "btcore.trees.tutorials"}
-DATA_FOLDERS = TREES | {"sim.scenes", "btcore.benchmarks"}
+PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
+PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_sim"}
 
 
-def test_every_package_of_the_checkout_is_installed() -> None:
-    found = {
-        ".".join(path.parent.relative_to(ROOT).parts).replace("benchmarks.", "btcore.benchmarks.")
-        for name in ("btcore", "monitor", "robot_nodes", "sim", "benchmarks")
-        for path in (ROOT / name).rglob("__init__.py")
-    }
-    assert found | DATA_FOLDERS == set(PROJECT["tool"]["setuptools"]["packages"])
+def test_every_package_of_the_checkout_is_installed_and_named_btcore() -> None:
+    found = {path.parent.name for parent in PARENTS for path in (ROOT / parent).glob("*/__init__.py")}
+    assert found == PACKAGES
+    for parent in PARENTS:
+        for path in (ROOT / parent).glob("btcore*/**/*.py"):
+            assert (path.parent / "__init__.py").exists(), f"{path.parent} has no __init__.py"
 
 
 def test_the_engine_alone_asks_for_no_screen_and_no_robot() -> None:
@@ -25,17 +24,12 @@ def test_the_engine_alone_asks_for_no_screen_and_no_robot() -> None:
 
 def test_every_file_that_a_package_reads_is_installed_with_it() -> None:
     listed = PROJECT["tool"]["setuptools"]["package-data"]
-    folders = {name: ROOT.joinpath(*name.split(".")[1:]) for name in TREES}
-    installed = {
-        path
-        for package, patterns in listed.items()
-        for pattern in patterns
-        for path in folders.get(package, ROOT.joinpath(*package.split("."))).glob(pattern)
-    }
+    packages = [path for parent in PARENTS for name in PACKAGES if (path := ROOT / parent / name).is_dir()]
+    installed = {path for package in packages for one in listed[package.name] for path in package.glob(one)}
     there = {
         path
-        for name in ("btcore", "monitor", "robot_nodes", "sim", "trees")
-        for path in (ROOT / name).rglob("*")
+        for package in packages
+        for path in package.rglob("*")
         if path.is_file() and path.suffix in {".xml", ".json", ".urdf", ".yaml", ".typed"}
     }
     assert there <= installed

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from btcore import builds
-from measure.pairs import Spread
+from measure.paired_timing import Spread
 
 PAIRS = 9
 
@@ -86,7 +86,7 @@ class Report:
         """Add one row."""
         self.rows.append(Row(what, ratio, target, figures or {}))
 
-    def tell(self, json_file: str | None = None) -> None:
+    def output(self, json_file: str | None = None) -> None:
         """Print the rows; *json_file* gets them too, or has them printed as JSON instead if it is ``-``."""
         text = json.dumps(self.as_data(), ensure_ascii=False, indent=1)
         if json_file == "-":
@@ -98,7 +98,7 @@ class Report:
 
     def as_data(self) -> dict[str, object]:
         """Everything, as JSON has it."""
-        build = builds.running()
+        build = builds.active_build()
         rows = []
         for row in self.rows:
             told = {"what": row.what, **asdict(row.ratio), "figures": dict(row.figures)}
@@ -121,7 +121,7 @@ class Report:
 
     def _print(self) -> None:
         data = self.as_data()
-        build = builds.running()
+        build = builds.active_build()
         console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
         console.print(f"[bold]{self.question}[/]")
         console.print(

@@ -15,9 +15,9 @@ try:
 except ModuleNotFoundError as fault:
     raise ModuleNotFoundError("btcore.batch needs numpy: pip install btcore[batch]", name="numpy") from fault
 
+from btcore.batch.agent_sets import Indices, Mask
 from btcore.batch.blackboard import BatchBlackboard
-from btcore.batch.crowd import Indices, Mask
-from btcore.batch.declare import (
+from btcore.batch.leaf_declaration import (
     Bools,
     Floats,
     Ints,
@@ -30,12 +30,12 @@ from btcore.batch.declare import (
     condition,
 )
 from btcore.batch.node import BatchNode
-from btcore.batch.tree import AgentsRaised, BatchTree
+from btcore.batch.tree import BatchNodeError, BatchTree
 
 __all__ = [
-    "AgentsRaised",
     "BatchBlackboard",
     "BatchNode",
+    "BatchNodeError",
     "BatchTree",
     "Bools",
     "Floats",

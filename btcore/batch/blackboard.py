@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from typing import Any
 
+from btcore.batch.agent_sets import Mask
 from btcore.batch.column import Column, Values
-from btcore.batch.conversion import described
-from btcore.batch.crowd import Mask
+from btcore.batch.column_table import ColumnTable, Slot
+from btcore.batch.conversion import normalise_values
 from btcore.batch.ports import store
-from btcore.batch.schema import Schema, Slot
-from btcore.blackboard import Blackboard
-from btcore.errors import BlackboardFault, BtcoreError, ConversionFault
+from btcore.blackboard.blackboard import Blackboard
+from btcore.errors import BlackboardError, BtcoreError, ConversionError
 
 
 class BatchBlackboard:
@@ -20,7 +20,7 @@ class BatchBlackboard:
     ``board["battery"] = …`` takes such an array, or one value for all.
     """
 
-    def __init__(self, schema: Schema, scope: Blackboard) -> None:
+    def __init__(self, schema: ColumnTable, scope: Blackboard) -> None:
         self.schema = schema
         self.scope = scope
 
@@ -28,8 +28,8 @@ class BatchBlackboard:
         column = self._column(key)
         if column is None or column.values is None:
             what = "was never written" if column is not None else f"is not there{self.scope.hint(key)}"
-            raise BlackboardFault(f"the entry '{key}' of the blackboard {what}")
-        return column.held()
+            raise BlackboardError(f"the entry '{key}' of the blackboard {what}")
+        return column.shared_array()
 
     def __setitem__(self, key: str, values: Any) -> None:
         self.set(key, values)
@@ -37,27 +37,27 @@ class BatchBlackboard:
     def set(self, key: str, values: Any, mask: Mask | None = None) -> None:
         """Write *values* for the agents of *mask* (None: all).
 
-        An array of shape (agents,) or (agents, …), or one value for all of them. Raises BlackboardFault
+        An array of shape (agents,) or (agents, …), or one value for all of them. Raises BlackboardError
         when the entry has another type, or the array another shape.
         """
         self._set(key, values, mask, True)
 
-    def begin(self, key: str, values: Any) -> None:
+    def initialise(self, key: str, values: Any) -> None:
         """Write what *key* holds at the beginning, of the plan's type. Raises as :meth:`set`."""
         self._set(key, values, None, False)
 
     def _set(self, key: str, values: Any, mask: Mask | None, types: bool) -> None:
         crowd = self.schema.crowd
-        agents = crowd.chosen(mask)
+        agents = crowd.from_user_mask(mask)
         faults: list[BtcoreError] = []
         try:
-            data, form, whole = described(values, crowd)
+            data, form, whole = normalise_values(values, crowd)
             slot = Slot(self.schema, self.scope, key)
             store(slot, agents, data, form, whole, lambda _, fault: faults.append(fault), types)
-        except ConversionFault as fault:
+        except ConversionError as fault:
             faults.append(fault)
         if faults:
-            raise BlackboardFault(f"the entry '{key}' can't take the values: {faults[0]}") from faults[0]
+            raise BlackboardError(f"the entry '{key}' can't take the values: {faults[0]}") from faults[0]
 
     def has(self, key: str) -> Mask:
         """For whom *key* holds a value."""
@@ -69,7 +69,7 @@ class BatchBlackboard:
         return column is not None and column.written != 0
 
     def __iter__(self) -> Iterator[str]:
-        return iter([key for key in self.scope.local() if key in self])
+        return iter([key for key in self.scope.local_entries() if key in self])
 
     def _column(self, key: str) -> Column | None:
         return self.schema.column(self.scope, key)

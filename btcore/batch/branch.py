@@ -1,11 +1,16 @@
 """Branches and switches for a batch."""
 
 from btcore.batch.context import BatchContext
-from btcore.batch.node import NOBODY, BatchNode, Results, both
-from btcore.batch.ports import Reader
-from btcore.errors import NodeFault
-from btcore.node import TreeNode
-from btcore.nodes.switch import same
+from btcore.batch.node import (
+    NO_RESULTS,
+    BatchNode,
+    Results,
+    merge_results,
+)
+from btcore.batch.ports import BatchInput
+from btcore.engine.node import TreeNode
+from btcore.errors import NodeError
+from btcore.nodes.switch import values_equal
 
 
 class BranchNode(BatchNode):
@@ -17,7 +22,7 @@ class BranchNode(BatchNode):
         if count in (2, 3):
             return True
         said = f"<{self.id}> takes a condition and one or two branches, not {count} children"
-        self.context.fail(self, agents, NodeFault(said))
+        self.context.fail(self, agents, NodeError(said))
         return False
 
 
@@ -31,15 +36,15 @@ class IfThenElse(BranchNode):
     def tick(self, agents: int) -> Results:
         """Choose a branch for whom none is chosen, and tick it."""
         if not self.are_enough(agents):
-            return NOBODY
-        results = NOBODY
+            return NO_RESULTS
+        results = NO_RESULTS
         self.set_running(agents)
         chosen = self._chosen
         asking = agents ^ (agents & (chosen[1] | chosen[2]))
         if asking:
             true, false, running, none = self.children[0].execute(asking)
             if none:
-                fault = NodeFault("the condition was skipped, so that no branch can be chosen")
+                fault = NodeError("the condition was skipped, so that no branch can be chosen")
                 self.context.fail(self, none, fault)
             chosen[1] |= true
             if len(self.children) == 3:
@@ -53,7 +58,7 @@ class IfThenElse(BranchNode):
                 ended = found[0] | found[1] | found[3]
                 chosen[branch] ^= chosen[branch] & ended
                 self.reset_children(ended)
-                results = both(results, found)
+                results = merge_results(results, found)
         return results
 
     def halt(self, agents: int) -> None:
@@ -70,7 +75,7 @@ class WhileDoElse(BranchNode):
     def tick(self, agents: int) -> Results:
         """Tick the condition, and the branch that it asks for."""
         if not self.are_enough(agents):
-            return NOBODY
+            return NO_RESULTS
         self.set_running(agents)
         children = self.children
         three = len(children) == 3
@@ -78,17 +83,17 @@ class WhileDoElse(BranchNode):
         success = failure = skipped = 0
         if none:
             self.reset_children(none)
-            fault = NodeFault("the condition was skipped, so that no branch can be ticked")
+            fault = NodeError("the condition was skipped, so that no branch can be ticked")
             self.context.fail(self, none, fault)
         if true:
             if three:
                 children[2].reset_by_parent(true)
-                true = self.alive(true)
+                true = self.drop_failed(true)
             success, failure, runs, skipped = children[1].execute(true)
             running |= runs
         if false and three:
             children[1].reset_by_parent(false)
-            succeeded, failed, runs, more = children[2].execute(self.alive(false))
+            succeeded, failed, runs, more = children[2].execute(self.drop_failed(false))
             success |= succeeded
             failure |= failed
             running |= runs
@@ -104,8 +109,8 @@ class WhileDoElse(BranchNode):
 class Switch(BatchNode):
     """Ticks the child whose case equals the variable, else the last child."""
 
-    variable: Reader
-    cases: list[Reader]
+    variable: BatchInput
+    cases: list[BatchInput]
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
@@ -117,9 +122,9 @@ class Switch(BatchNode):
         children = self.children
         if len(children) != len(self.cases) + 1:
             said = f"<{self.id}> takes {len(self.cases)} cases and a default, not {len(children)} children"
-            self.context.fail(self, agents, NodeFault(said))
-            return NOBODY
-        results = NOBODY
+            self.context.fail(self, agents, NodeError(said))
+            return NO_RESULTS
+        results = NO_RESULTS
         for index, due in enumerate(self._chosen(agents)):
             if not due:
                 continue
@@ -128,11 +133,11 @@ class Switch(BatchNode):
                 if stopped and other != index:
                     children[other].reset_by_parent(stopped)
                     self._running[other] ^= stopped
-            due = self.alive(due)
+            due = self.drop_failed(due)
             found = children[index].execute(due)
             self._running[index] = self._running[index] ^ (self._running[index] & due) | found[2]
             self.reset_children(found[0] | found[1])
-            results = both(results, found)
+            results = merge_results(results, found)
         return results
 
     def _chosen(self, agents: int) -> list[int]:
@@ -158,7 +163,7 @@ class Switch(BatchNode):
         variable, *cases = texts
         if variable is not None:
             for index, case in enumerate(cases):
-                if case is not None and same(variable, case, self.config.enums):
+                if case is not None and values_equal(variable, case, self.config.enums):
                     return index
         return len(cases)
 

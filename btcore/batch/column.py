@@ -6,10 +6,11 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore.batch.crowd import Crowd
-from btcore.blackboard import Entry
-from btcore.enum_types import EnumType
-from btcore.value_types import (
+from btcore.batch.agent_sets import AgentSets
+from btcore.blackboard.blackboard import Entry
+from btcore.values import to_builtin_number, type_of
+from btcore.values.enums import EnumType
+from btcore.values.types import (
     BOOL,
     DOUBLE,
     INT,
@@ -21,7 +22,6 @@ from btcore.value_types import (
     RealType,
     ValueType,
 )
-from btcore.values import plain, type_of
 
 Values: TypeAlias = NDArray[Any]
 
@@ -65,12 +65,12 @@ def form_of(values: Values) -> Form:
     return NUMBER
 
 
-def kind_of(values: Values) -> ValueType:
+def infer_type(values: Values) -> ValueType:
     """The type that an entry takes from its first values; that of each for Python's objects."""
     if values.ndim > 1:
         return type_of(values)
     if values.dtype == object:
-        return type_of(plain(values[0]))
+        return type_of(to_builtin_number(values[0]))
     if values.dtype == np.bool_:
         return BOOL
     if values.dtype.kind == "f":
@@ -91,19 +91,28 @@ class Column:
     """
 
     __slots__ = (
-        "_shown", "crowd", "entry", "exists", "form", "is_held", "name", "values", "whole", "written",
+        "_shown",
+        "crowd",
+        "entry",
+        "exists",
+        "form",
+        "integer_agents",
+        "is_shared",
+        "name",
+        "values",
+        "written",
     )  # fmt: skip
 
-    def __init__(self, name: str, entry: Entry, crowd: Crowd, exists: int) -> None:
+    def __init__(self, name: str, entry: Entry, crowd: AgentSets, exists: int) -> None:
         self.name = name
         self.entry = entry
         self.crowd = crowd
         self.exists = exists
         self.written = 0
-        self.whole = 0
+        self.integer_agents = 0
         self.form: Form = NUMBER
         self.values: Values | None = None
-        self.is_held = False
+        self.is_shared = False
         self._shown: Values | None = None
 
     @property
@@ -111,30 +120,30 @@ class Column:
         """The declared type."""
         return self.entry.declared
 
-    def whole_among(self, agents: int) -> int:
+    def integers_among(self, agents: int) -> int:
         """Those of *agents* whose number is an integer."""
         if self.values is not None and self.values.dtype == np.int64:
             return agents
-        return self.whole & agents
+        return self.integer_agents & agents
 
-    def shown(self) -> Values:
+    def readonly_view(self) -> Values:
         """The values as leaves see them: not to be written, and what is written later doesn't change them."""
         if self._shown is None:
             assert self.values is not None
-            self._shown = self.values.copy() if self.is_held else self.values.view()
+            self._shown = self.values.copy() if self.is_shared else self.values.view()
             self._shown.setflags(write=False)
         return self._shown
 
-    def held(self) -> Values:
+    def shared_array(self) -> Values:
         """The array itself, for a user who may keep it, and write into it between two ticks."""
         self._give_away()
         assert self.values is not None
-        self.is_held = True
+        self.is_shared = True
         return self.values
 
     def refresh(self) -> None:
         """Show anew what the array holds, since its user may have written into it."""
-        if self.is_held:
+        if self.is_shared:
             self._shown = None
 
     def put(self, agents: int, values: Any, form: Form, whole: int = 0) -> None:
@@ -151,15 +160,15 @@ class Column:
         if self.form is NUMBER:
             if whole & agents != agents and stored.dtype == np.int64:
                 # Reals come in: the integers that are there already are kept in mind.
-                self.whole = self.written
+                self.integer_agents = self.written
                 self.values = stored = stored.astype(np.float64)
             if stored.dtype == np.float64:
-                self.whole = self.whole ^ (self.whole & agents) | whole & agents
+                self.integer_agents = self.integer_agents ^ (self.integer_agents & agents) | whole & agents
         elif self.form is OBJECT and form is not OBJECT:
-            values = objects(values, form, self.crowd, agents, whole)
+            values = to_objects(values, form, self.crowd, agents, whole)
         if self.form is ROWS and np.shape(values)[1:] != stored.shape[1:]:
             stored = self._reshaped(values)
-        mask: Any = True if agents == self.crowd.everyone else self.crowd.mask(agents)
+        mask: Any = True if agents == self.crowd.all_agents else self.crowd.mask(agents)
         if self.form is ROWS and mask is not True:
             mask = mask.reshape((-1,) + (1,) * (stored.ndim - 1))
         np.copyto(stored, values, where=mask, casting="unsafe")
@@ -168,7 +177,7 @@ class Column:
 
     def _give_away(self) -> None:
         """Leave the array to those whom it was shown to, if it is not a copy."""
-        if self._shown is not None and not self.is_held and self.values is not None:
+        if self._shown is not None and not self.is_shared and self.values is not None:
             self.values = self.values.copy()
         self._shown = None
 
@@ -182,7 +191,7 @@ class Column:
             data = np.zeros(self.crowd.count, np.float64 if float in kinds else np.int64)
             data[self.crowd.mask(agents)] = held
             integers = np.array([type(one) is int for one in found])
-            self.put(agents, data, NUMBER, self.crowd.of(integers) & agents)
+            self.put(agents, data, NUMBER, self.crowd.from_mask(integers) & agents)
         elif kinds == {bool}:
             self.put(agents, np.equal(found, True).astype(np.bool_), TRUTH)
         else:
@@ -191,7 +200,7 @@ class Column:
     def forget(self, agents: int) -> None:
         """Hold no value for *agents*."""
         self.written ^= self.written & agents
-        self.whole ^= self.whole & agents
+        self.integer_agents ^= self.integer_agents & agents
 
     def _begin(self, agents: int, values: Any, form: Form, whole: int) -> None:
         """Make room for the first values, or for those that replace all."""
@@ -209,13 +218,15 @@ class Column:
                 if dtype.kind == "O":
                     self.values[...] = None
         self.form = form
-        self.whole = 0
+        self.integer_agents = 0
 
     def _as_objects(self) -> None:
         """Hold Python's own objects from now on, since numbers alone don't tell them any more."""
         assert self.values is not None
         if self.values.dtype != object:
-            self.values = objects(self.values, self.form, self.crowd, self.written, self.whole_among(-1))
+            self.values = to_objects(
+                self.values, self.form, self.crowd, self.written, self.integers_among(-1)
+            )
         self.form = OBJECT
 
     def _reshaped(self, values: Any) -> Values:
@@ -227,12 +238,12 @@ class Column:
         found = np.full(self.crowd.count, None, dtype=object)
         agents &= self.written
         if self.values is not None and agents:
-            held = objects(self.values, self.form, self.crowd, agents, self.whole_among(agents))
+            held = to_objects(self.values, self.form, self.crowd, agents, self.integers_among(agents))
             np.copyto(found, held, where=self.crowd.mask(agents))
         return found
 
 
-def objects(values: Any, form: Form, crowd: Crowd, agents: int, whole: int) -> Values:
+def to_objects(values: Any, form: Form, crowd: AgentSets, agents: int, whole: int) -> Values:
     """*values* (one, or one an agent) as an array of Python's objects: those of *agents*."""
     found = np.full(crowd.count, None, dtype=object)
     if np.ndim(values) == 0:
@@ -253,7 +264,7 @@ def objects(values: Any, form: Form, crowd: Crowd, agents: int, whole: int) -> V
         return found
     if values.dtype == np.float64:
         found[...] = values.tolist()
-        for at in crowd.indices(whole & agents & crowd.everyone):
+        for at in crowd.indices(whole & agents & crowd.all_agents):
             found[at] = int(found[at])
         return found
     found[...] = values.tolist()

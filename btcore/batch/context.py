@@ -2,10 +2,10 @@
 
 from typing import Protocol
 
-from btcore.batch.crowd import Crowd
+from btcore.batch.agent_sets import AgentSets
 from btcore.batch.timer import Timer
 from btcore.clock import Clock
-from btcore.errors import NodeRaised
+from btcore.errors import NodeExecutionError
 
 
 class Located(Protocol):
@@ -25,17 +25,17 @@ class BatchContext:
     the same words. *woken* asked for another tick.
     """
 
-    def __init__(self, crowd: Crowd, clock: Clock) -> None:
-        self.crowd = crowd
+    def __init__(self, crowd: AgentSets, clock: Clock) -> None:
+        self.agent_sets = crowd
         self.clock = clock
         self.raised = 0
-        self.errors: dict[tuple[str, str, type, str], tuple[NodeRaised, int]] = {}
+        self.errors: dict[tuple[str, str, type, str], tuple[NodeExecutionError, int]] = {}
         self.woken = 0
         self.timers: list[Timer] = []
 
     def timer(self) -> Timer:
         """A new timer, whose wishes count when it is asked who was woken."""
-        made = Timer(self.crowd)
+        made = Timer(self.agent_sets)
         self.timers.append(made)
         return made
 
@@ -50,7 +50,7 @@ class BatchContext:
         if known is not None:
             self.errors[same] = known[0], known[1] | agents
             return
-        error = NodeRaised(node.path, node.id, fault, doing, node.where)
+        error = NodeExecutionError(node.path, node.id, fault, doing, node.where)
         error.__cause__ = fault
         place: Located | None = node
         while place is not None:
@@ -62,8 +62,8 @@ class BatchContext:
         """Those of *agents* who were woken, by a node or by a moment that has come; it is taken."""
         now = self.clock.now()
         for timer in self.timers:
-            if timer.wishes:
-                self.woken |= timer.woken(self.crowd.everyone, now)
+            if timer.wake_ups:
+                self.woken |= timer.take_due_wake_ups(self.agent_sets.all_agents, now)
         woken = self.woken & agents
         self.woken ^= woken
         return woken

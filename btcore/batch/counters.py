@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore.batch.crowd import Crowd
+from btcore.batch.agent_sets import AgentSets
 
 
 class Counters:
@@ -56,7 +56,7 @@ class Counters:
             agents = agents & plane if number >> at & 1 else agents ^ (agents & plane)
         return agents
 
-    def numbers(self, crowd: Crowd) -> NDArray[np.int64]:
+    def numbers(self, crowd: AgentSets) -> NDArray[np.int64]:
         """Every agent's count."""
         counts = np.zeros(crowd.count, dtype=np.int64)
         for at, plane in enumerate(self.planes):

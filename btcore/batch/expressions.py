@@ -4,38 +4,50 @@ from typing import Any, Final
 
 import numpy as np
 
-from btcore.batch.assignment import AssignmentPart
-from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, objects
-from btcore.batch.context import BatchContext, Located
-from btcore.batch.schema import Slot
-from btcore.batch.script import (
-    NOTHING,
-    BatchProgram,
-    Part,
-    Run,
-    Scope,
-    Value,
-    is_number,
-    of_objects,
-    one_by_one,
-    reals,
-    value_of,
+from btcore.batch.assignment import BatchAssignment
+from btcore.batch.column import (
+    NUMBER,
+    OBJECT,
+    TEXT,
+    TRUTH,
+    to_objects,
 )
-from btcore.errors import ConversionFault, ScriptFault
-from btcore.numerals import leading_float
+from btcore.batch.column_table import Slot
+from btcore.batch.context import BatchContext, Located
+from btcore.batch.script import (
+    NO_VALUE,
+    BatchExpression,
+    BatchProgram,
+    Scope,
+    ScriptRun,
+    ScriptValue,
+    apply_each,
+    column_value,
+    is_number,
+    to_doubles,
+    value_from_objects,
+)
+from btcore.errors import ConversionError, ScriptError
 from btcore.script.expressions import (
     Assignment,
-    Chain,
-    Choice,
     Comparison,
+    ConditionalExpression,
     Expression,
     Literal,
     Name,
-    Prefixed,
+    OperatorChain,
+    UnaryOperation,
 )
-from btcore.script.operators import EPSILON, OPERATORS, compare, negated, operate
+from btcore.script.operators import (
+    EPSILON,
+    OPERATORS,
+    compare,
+    negated,
+    operate,
+)
 from btcore.script.parser import Parser
-from btcore.value_types import as_double, number_of
+from btcore.values.numbers import leading_float
+from btcore.values.types import as_double, number_of
 
 _AND: Final = OPERATORS["&&"]
 _OR: Final = OPERATORS["||"]
@@ -54,25 +66,25 @@ _NOT: Final[dict[str, Any]] = {
 }
 
 
-class LiteralPart(Part):
+class BatchLiteral(BatchExpression):
     """A number or a text."""
 
     __slots__ = ("value",)
 
     def __init__(self, value: object) -> None:
         if isinstance(value, str):
-            self.value = Value(value, TEXT, 0)
+            self.value = ScriptValue(value, TEXT, 0)
         elif isinstance(value, int) and abs(value) >= 2**53:
-            self.value = Value(value, OBJECT, 0)
+            self.value = ScriptValue(value, OBJECT, 0)
         else:
-            self.value = Value(value, NUMBER, -1 if isinstance(value, int) else 0)
+            self.value = ScriptValue(value, NUMBER, -1 if isinstance(value, int) else 0)
 
-    def evaluate(self, run: Run, agents: int) -> Value:
+    def evaluate(self, run: ScriptRun, agents: int) -> ScriptValue:
         """The value itself."""
         return self.value
 
 
-class NamePart(Part):
+class BatchName(BatchExpression):
     """The name of an entry."""
 
     __slots__ = ("copies", "name", "slot")
@@ -82,7 +94,7 @@ class NamePart(Part):
         self.copies = copies
         self.slot = slot
 
-    def evaluate(self, run: Run, agents: int) -> Value:
+    def evaluate(self, run: ScriptRun, agents: int) -> ScriptValue:
         """What the entry holds."""
         column = self.slot.column
         if column is None or column.exists & agents != agents:
@@ -90,78 +102,80 @@ class NamePart(Part):
             run.fail(missing, self.name.fault(f"there is no variable '{self.name.name}' on the blackboard"))
             agents ^= missing
         if column is None or not agents:
-            return NOTHING
-        return value_of(column, agents, self.copies)
+            return NO_VALUE
+        return column_value(column, agents, self.copies)
 
 
-class PrefixedPart(Part):
+class BatchUnaryOperation(BatchExpression):
     """``-``, ``~`` or ``!``, one or more, before a value."""
 
     __slots__ = ("operand", "prefixed")
 
-    def __init__(self, prefixed: Prefixed, operand: Part) -> None:
+    def __init__(self, prefixed: UnaryOperation, operand: BatchExpression) -> None:
         self.prefixed = prefixed
         self.operand = operand
 
-    def evaluate(self, run: Run, agents: int) -> Value:
+    def evaluate(self, run: ScriptRun, agents: int) -> ScriptValue:
         """A real."""
         value = self.operand.evaluate(run, agents)
-        agents = run.alive(agents)
+        agents = run.drop_failed(agents)
         for sign in reversed(self.prefixed.signs):
             if is_number(value) and sign != "~":
-                data = reals(value)
-                value = Value(-data if sign == "-" else data == 0.0, NUMBER, 0)
+                data = to_doubles(value)
+                value = ScriptValue(-data if sign == "-" else data == 0.0, NUMBER, 0)
             else:
-                found, agents = one_by_one(
+                found, agents = apply_each(
                     run, agents, lambda one, sign=sign: negated(sign, one), (value,), self.prefixed.fault
                 )
-                value = of_objects(run, found, agents)
+                value = value_from_objects(run, found, agents)
         return value
 
 
-class ChainPart(Part):
+class BatchBinaryOperations(BatchExpression):
     """A value and what is done to it, from left to right."""
 
     __slots__ = ("chain", "first", "operands")
 
-    def __init__(self, chain: Chain, first: Part, operands: list[Part]) -> None:
+    def __init__(self, chain: OperatorChain, first: BatchExpression, operands: list[BatchExpression]) -> None:
         self.chain = chain
         self.first = first
         self.operands = operands
 
-    def evaluate(self, run: Run, agents: int) -> Value:
+    def evaluate(self, run: ScriptRun, agents: int) -> ScriptValue:
         """The value after the last operator."""
         left = self.first.evaluate(run, agents)
         for index, operand in enumerate(self.operands):
-            agents = run.alive(agents)
+            agents = run.drop_failed(agents)
             if not agents:
-                return NOTHING
+                return NO_VALUE
             right = operand.evaluate(run, agents)
-            agents = run.alive(agents)
+            agents = run.drop_failed(agents)
             left = self._operated(run, agents, index, left, right)
         return left
 
-    def _operated(self, run: Run, agents: int, index: int, left: Value, right: Value) -> Value:
+    def _operated(
+        self, run: ScriptRun, agents: int, index: int, left: ScriptValue, right: ScriptValue
+    ) -> ScriptValue:
         operator = self.chain.operators[index]
         if is_number(left) and is_number(right):
             function = _ARITHMETIC.get(operator)
             if function is not None:
-                return Value(function(reals(left), reals(right)), NUMBER, 0)
+                return ScriptValue(function(to_doubles(left), to_doubles(right)), NUMBER, 0)
             if operator in (_AND, _OR):
                 one, other = self._truths(left, agents), self._truths(right, agents)
                 if one is not None and other is not None:
-                    return Value(one & other if operator == _AND else one | other, NUMBER, 0)
+                    return ScriptValue(one & other if operator == _AND else one | other, NUMBER, 0)
         token = self.chain.tokens[index]
-        found, agents = one_by_one(
+        found, agents = apply_each(
             run,
             agents,
             lambda one, other: operate(operator, one, other),
             (left, right),
-            lambda said: ScriptFault(said, self.chain.text, token.start + 1, token.width),
+            lambda said: ScriptError(said, self.chain.text, token.start + 1, token.width),
         )
-        return of_objects(run, found, agents)
+        return value_from_objects(run, found, agents)
 
-    def _truths(self, value: Value, agents: int) -> Any:
+    def _truths(self, value: ScriptValue, agents: int) -> Any:
         """The numbers as bools; None where some may be none."""
         data = value.data
         if not isinstance(data, np.ndarray):
@@ -169,45 +183,49 @@ class ChainPart(Part):
         if data.dtype == np.bool_:
             return data
         bad = data < 0
-        if value.whole & agents:
+        if value.integer_agents & agents:
             bad |= data > 1
         return None if bad.any() else data != 0
 
 
-class ComparisonPart(Part):
+class BatchComparison(BatchExpression):
     """``a < b <= c``; what follows a false pair is skipped."""
 
     __slots__ = ("comparison", "first", "operands")
 
-    def __init__(self, comparison: Comparison, first: Part, operands: list[Part]) -> None:
+    def __init__(
+        self, comparison: Comparison, first: BatchExpression, operands: list[BatchExpression]
+    ) -> None:
         self.comparison = comparison
         self.first = first
         self.operands = operands
 
-    def evaluate(self, run: Run, agents: int) -> Value:
+    def evaluate(self, run: ScriptRun, agents: int) -> ScriptValue:
         """For whom all pairs hold."""
         left = self.first.evaluate(run, agents)
-        agents = run.alive(agents)
+        agents = run.drop_failed(agents)
         found: Any = True
-        crowd = run.context.crowd
+        crowd = run.context.agent_sets
         last = len(self.operands) - 1
         for index, operand in enumerate(self.operands):
             if not agents:
                 break
             right = operand.evaluate(run, agents)
-            agents = run.alive(agents)
+            agents = run.drop_failed(agents)
             holds = self._compared(run, agents, index, left, right)
             found = holds if index == 0 else found & holds
             if index < last:
-                agents = run.alive(agents)
+                agents = run.drop_failed(agents)
                 if isinstance(holds, np.ndarray):
-                    agents &= crowd.of(holds)
+                    agents &= crowd.from_mask(holds)
                 elif not holds:
                     agents = 0
             left = right
-        return Value(found if isinstance(found, np.ndarray) else float(found), NUMBER, 0)
+        return ScriptValue(found if isinstance(found, np.ndarray) else float(found), NUMBER, 0)
 
-    def _compared(self, run: Run, agents: int, index: int, left: Value, right: Value) -> Any:
+    def _compared(
+        self, run: ScriptRun, agents: int, index: int, left: ScriptValue, right: ScriptValue
+    ) -> Any:
         token = self.comparison.tokens[index]
         sign = token.kind
         one, other = left.data, right.data
@@ -215,10 +233,10 @@ class ComparisonPart(Part):
             if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
                 if sign in _NOT:
                     return ~_NOT[sign](one, other)
-                if left.whole & right.whole & agents == agents:
+                if left.integer_agents & right.integer_agents & agents == agents:
                     same = one == other
                 else:
-                    same = np.abs(reals(left) - reals(right)) <= EPSILON
+                    same = np.abs(to_doubles(left) - to_doubles(right)) <= EPSILON
                 return same if sign == "==" else ~same
             return compare(sign, float(one), float(other), self.comparison.enums)
         if left.form is TEXT and right.form is TEXT and sign in ("==", "!="):
@@ -228,55 +246,67 @@ class ComparisonPart(Part):
                 return same if sign == "==" else ~same
             return same if sign == "==" else not same
         enums = self.comparison.enums
-        found, _ = one_by_one(
+        found, _ = apply_each(
             run,
             agents,
             lambda a, b: compare(sign, a, b, enums),
             (left, right),
-            lambda said: ScriptFault(said, self.comparison.text, token.start + 1, token.width),
+            lambda said: ScriptError(said, self.comparison.text, token.start + 1, token.width),
         )
         return found.astype(np.bool_)
 
 
-class ChoicePart(Part):
+class BatchConditional(BatchExpression):
     """``condition ? a : b``; each side is evaluated for those alone who want it."""
 
     __slots__ = ("choice", "condition", "other", "then")
 
-    def __init__(self, choice: Choice, condition: Part, then: Part, other: Part) -> None:
+    def __init__(
+        self,
+        choice: ConditionalExpression,
+        condition: BatchExpression,
+        then: BatchExpression,
+        other: BatchExpression,
+    ) -> None:
         self.choice = choice
         self.condition = condition
         self.then = then
         self.other = other
 
-    def evaluate(self, run: Run, agents: int) -> Value:
+    def evaluate(self, run: ScriptRun, agents: int) -> ScriptValue:
         """What the sides give."""
         value = self.condition.evaluate(run, agents)
-        agents = run.alive(agents)
-        crowd = run.context.crowd
+        agents = run.drop_failed(agents)
+        crowd = run.context.agent_sets
         if is_number(value):
             data = value.data
-            chosen = crowd.of(data != 0) & agents if isinstance(data, np.ndarray) else agents * bool(data)
+            chosen = (
+                crowd.from_mask(data != 0) & agents if isinstance(data, np.ndarray) else agents * bool(data)
+            )
         else:
-            found, agents = one_by_one(run, agents, _is_chosen, (value,), self.choice.fault)
-            chosen = crowd.of(found.astype(np.bool_)) & agents
+            found, agents = apply_each(run, agents, _is_chosen, (value,), self.choice.fault)
+            chosen = crowd.from_mask(found.astype(np.bool_)) & agents
         rest = agents ^ chosen
         if not rest:
-            return self.then.evaluate(run, chosen) if chosen else NOTHING
+            return self.then.evaluate(run, chosen) if chosen else NO_VALUE
         if not chosen:
             return self.other.evaluate(run, rest)
         then, other = self.then.evaluate(run, chosen), self.other.evaluate(run, rest)
         mask = crowd.mask(chosen)
         if then.form is NUMBER and other.form is NUMBER:
-            return Value(
-                np.where(mask, then.data, other.data), NUMBER, then.whole & chosen | other.whole & rest
+            return ScriptValue(
+                np.where(mask, then.data, other.data),
+                NUMBER,
+                then.integer_agents & chosen | other.integer_agents & rest,
             )
         if then.form is other.form and then.form is not OBJECT:
             one = np.asarray(then.data, dtype=np.bool_ if then.form is TRUTH else object)
-            return Value(np.where(mask, one, other.data), then.form, 0)
-        one = objects(then.data, then.form, crowd, chosen, then.whole)
-        np.copyto(one, objects(other.data, other.form, crowd, rest, other.whole), where=crowd.mask(rest))
-        return Value(one, OBJECT, 0)
+            return ScriptValue(np.where(mask, one, other.data), then.form, 0)
+        one = to_objects(then.data, then.form, crowd, chosen, then.integer_agents)
+        np.copyto(
+            one, to_objects(other.data, other.form, crowd, rest, other.integer_agents), where=crowd.mask(rest)
+        )
+        return ScriptValue(one, OBJECT, 0)
 
 
 def _is_chosen(value: object) -> bool:
@@ -284,48 +314,52 @@ def _is_chosen(value: object) -> bool:
         return leading_float(value) != 0.0
     number = number_of(value)
     if number is None:
-        raise ConversionFault(f"the condition before '?' is no number: {value!r}")
+        raise ConversionError(f"the condition before '?' is no number: {value!r}")
     return as_double(number) != 0.0
 
 
-def part(expression: Expression, scope: Scope) -> Part:
+def compile_expression(expression: Expression, scope: Scope) -> BatchExpression:
     """*expression* for a batch."""
     if isinstance(expression, Literal):
-        return LiteralPart(expression.value)
+        return BatchLiteral(expression.value)
     if isinstance(expression, Name):
         number = scope.enums.get(expression.name)
         if number is not None:
-            return LiteralPart(float(number))
-        return NamePart(expression, scope.slot(expression.name), scope.copies)
-    if isinstance(expression, Prefixed):
-        return PrefixedPart(expression, part(expression.operand, scope))
-    if isinstance(expression, Chain):
-        return ChainPart(
-            expression, part(expression.first, scope), [part(one, scope) for one in expression.operands]
+            return BatchLiteral(float(number))
+        return BatchName(expression, scope.slot(expression.name), scope.copies)
+    if isinstance(expression, UnaryOperation):
+        return BatchUnaryOperation(expression, compile_expression(expression.operand, scope))
+    if isinstance(expression, OperatorChain):
+        return BatchBinaryOperations(
+            expression,
+            compile_expression(expression.first, scope),
+            [compile_expression(one, scope) for one in expression.operands],
         )
     if isinstance(expression, Comparison):
-        return ComparisonPart(
-            expression, part(expression.first, scope), [part(one, scope) for one in expression.operands]
-        )
-    if isinstance(expression, Choice):
-        return ChoicePart(
+        return BatchComparison(
             expression,
-            part(expression.condition, scope),
-            part(expression.then, scope),
-            part(expression.other, scope),
+            compile_expression(expression.first, scope),
+            [compile_expression(one, scope) for one in expression.operands],
+        )
+    if isinstance(expression, ConditionalExpression):
+        return BatchConditional(
+            expression,
+            compile_expression(expression.condition, scope),
+            compile_expression(expression.then, scope),
+            compile_expression(expression.other, scope),
         )
     assert isinstance(expression, Assignment)
     target = expression.target
     slot = scope.slot(target.name) if isinstance(target, Name) else None
-    return AssignmentPart(expression, slot, part(expression.value, scope), scope.copies)
+    return BatchAssignment(expression, slot, compile_expression(expression.value, scope), scope.copies)
 
 
-def compile_batch(text: str, scope: Scope, node: Located, context: BatchContext) -> BatchProgram:
-    """*text* for a batch. Raises ScriptFault for what is no script."""
+def compile_batch_script(text: str, scope: Scope, node: Located, context: BatchContext) -> BatchProgram:
+    """*text* for a batch. Raises ScriptError for what is no script."""
     statements = []
     for one in Parser(text, scope.enums).statements():
         last = one.value if isinstance(one, Assignment) else one
-        statements.append(part(one, scope._replace(copies=_assigns(last))))
+        statements.append(compile_expression(one, scope._replace(copies=_assigns(last))))
     computes = any(map(_computes, Parser(text, scope.enums).statements()))
     return BatchProgram(text, statements, computes, node, context)
 
@@ -341,8 +375,8 @@ def _assigns(expression: Expression) -> bool:
     """Whether there is an assignment in *expression*."""
     if isinstance(expression, Assignment):
         return True
-    if isinstance(expression, (Chain, Comparison)):
+    if isinstance(expression, (OperatorChain, Comparison)):
         return any(map(_assigns, [expression.first, *expression.operands]))
-    if isinstance(expression, Choice):
+    if isinstance(expression, ConditionalExpression):
         return any(map(_assigns, [expression.condition, expression.then, expression.other]))
-    return isinstance(expression, Prefixed) and _assigns(expression.operand)
+    return isinstance(expression, UnaryOperation) and _assigns(expression.operand)

@@ -8,8 +8,8 @@ if TYPE_CHECKING:
     from btcore.batch.script import BatchProgram
 
 
-class Guard:
-    """The compiled conditions of one node, in the order of :mod:`btcore.conditions`."""
+class BatchConditions:
+    """The compiled conditions of one node, in the order of :mod:`btcore.engine.conditions`."""
 
     def __init__(self, programs: "Mapping[str, BatchProgram]") -> None:
         self.failure_if = programs.get("_failureIf")
@@ -23,21 +23,21 @@ class Guard:
 
     def execute(self, node: "BatchNode", agents: int) -> "Results":
         """Ask before, tick who is left, and run what follows."""
-        success, failure, skipped, left = self.before(node, agents)
+        success, failure, skipped, left = self.check_preconditions(node, agents)
         running = 0
         if left:
             ticked = node.tick(left)
-            success |= node.alive(ticked[0])
-            failure |= node.alive(ticked[1])
+            success |= node.drop_failed(ticked[0])
+            failure |= node.drop_failed(ticked[1])
             running, more = ticked[2], ticked[3]
             skipped |= more
-        self.after(node, success, failure)
+        self.run_postconditions(node, success, failure)
         return success, failure, running, skipped
 
-    def before(self, node: "BatchNode", agents: int) -> tuple[int, int, int, int]:
+    def check_preconditions(self, node: "BatchNode", agents: int) -> tuple[int, int, int, int]:
         """Who succeeds, who fails and who is skipped without a tick, and who is to be ticked."""
         success = failure = skipped = 0
-        idle = agents ^ node.stored(agents)
+        idle = agents ^ node.not_idle(agents)
         left = agents ^ idle
         going = node.running & agents
         if idle and self.failure_if is not None:
@@ -55,21 +55,21 @@ class Guard:
                 left ^= going ^ goes_on
                 if stopped:
                     node.halt_node(stopped)
-                    skipped |= node.alive(stopped)
+                    skipped |= node.drop_failed(stopped)
         return success, failure, skipped, left | idle
 
-    def after(self, node: "BatchNode", success: int, failure: int) -> None:
+    def run_postconditions(self, node: "BatchNode", success: int, failure: int) -> None:
         """Run what follows a completion."""
         if success and self.on_success is not None:
             self.on_success.run(success)
         if failure and self.on_failure is not None:
             self.on_failure.run(failure)
         if self.post is not None:
-            ended = node.alive(success | failure)
+            ended = node.drop_failed(success | failure)
             if ended:
                 self.post.run(ended)
 
-    def halted(self, agents: int) -> None:
+    def run_on_halted(self, agents: int) -> None:
         """Run what follows a halt."""
         if self.on_halted is not None:
             self.on_halted.run(agents, "being halted")

@@ -1,6 +1,6 @@
 """What every node of a batch is: stored statuses as sets of agents, ticks, and halts.
 
-The order of what happens to one agent is that of :mod:`btcore.node`, line by line; what happens to
+The order of what happens to one agent is that of :mod:`btcore.engine.node`, line by line; what happens to
 different agents in between doesn't matter to it.
 """
 
@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore.batch.context import BatchContext, Located
-from btcore.batch.guard import Guard
-from btcore.config import NodeConfig
-from btcore.node import TreeNode
+from btcore.batch.guard import BatchConditions
+from btcore.engine.node import TreeNode
+from btcore.engine.node_config import NodeConfig
 from btcore.status import NodeType
 
 Results: TypeAlias = tuple[int, int, int, int]
 """Who succeeded, who failed, who runs and who was skipped; those that raised are in none."""
 
-NOBODY: Final[Results] = (0, 0, 0, 0)
+NO_RESULTS: Final[Results] = (0, 0, 0, 0)
 
 
-def both(one: Results, other: Results) -> Results:
+def merge_results(one: Results, other: Results) -> Results:
     """The results of two groups of agents."""
     return one[0] | other[0], one[1] | other[1], one[2] | other[2], one[3] | other[3]
 
@@ -49,7 +49,7 @@ class BatchNode:
         self.children = children
         for child in children:
             child.parent = self
-        self.guard: Guard | None = None
+        self.conditions: BatchConditions | None = None
         self.success = 0
         self.failure = 0
         self.running = 0
@@ -57,10 +57,10 @@ class BatchNode:
     @property
     def status(self) -> NDArray[np.uint8]:
         """The stored status of each agent, as a Status is numbered."""
-        return statuses(self.context, self.success, self.failure, self.running, 0)
+        return status_array(self.context, self.success, self.failure, self.running, 0)
 
     def __repr__(self) -> str:
-        return f"<{self.id} '{self.path}' for {self.context.crowd.count} agents>"
+        return f"<{self.id} '{self.path}' for {self.context.agent_sets.count} agents>"
 
     # --- ticking
 
@@ -70,7 +70,7 @@ class BatchNode:
 
     def execute(self, agents: int) -> Results:
         """Tick the node for *agents* as its parent does: with conditions, and with the results stored."""
-        guard = self.guard
+        guard = self.conditions
         if guard is None:
             results = self.tick(agents)
         else:
@@ -105,11 +105,11 @@ class BatchNode:
         if self.failure:
             self.failure ^= self.failure & agents
 
-    def stored(self, agents: int) -> int:
+    def not_idle(self, agents: int) -> int:
         """Those of *agents* for whom the node isn't IDLE."""
         return agents & (self.running | self.success | self.failure)
 
-    def alive(self, agents: int) -> int:
+    def drop_failed(self, agents: int) -> int:
         """Those of *agents* for whom nothing has raised in this tick."""
         raised = self.context.raised
         return agents ^ (agents & raised) if raised else agents
@@ -134,8 +134,8 @@ class BatchNode:
     def halt_node(self, agents: int) -> None:
         """Halt as a parent does: with ``_onHalted``."""
         self.halt(agents)
-        if self.guard is not None:
-            self.guard.halted(agents)
+        if self.conditions is not None:
+            self.conditions.run_on_halted(agents)
 
     def reset_by_parent(self, agents: int) -> None:
         """Halt the node for those of *agents* for whom it runs, and be IDLE for all of them."""
@@ -168,11 +168,11 @@ class BatchDecorator(BatchNode):
         return results
 
 
-def statuses(
+def status_array(
     context: BatchContext, success: int, failure: int, running: int, skipped: int
 ) -> NDArray[np.uint8]:
     """One status for each agent, as a Status is numbered; of those in no set IDLE."""
-    crowd = context.crowd
+    crowd = context.agent_sets
     # RUNNING, SUCCESS, FAILURE and SKIPPED are 1, 2, 3 and 4.
     low = crowd.mask(running | failure).view(np.uint8)
     high = crowd.mask(success | failure).view(np.uint8)

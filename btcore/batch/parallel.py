@@ -1,14 +1,19 @@
 """Parallels for a batch."""
 
 from btcore.batch.context import BatchContext
-from btcore.batch.node import NOBODY, BatchNode, Results, both
-from btcore.batch.ports import Reader
-from btcore.errors import NodeFault
-from btcore.node import TreeNode
+from btcore.batch.node import (
+    NO_RESULTS,
+    BatchNode,
+    Results,
+    merge_results,
+)
+from btcore.batch.ports import BatchInput
+from btcore.engine.node import TreeNode
+from btcore.errors import NodeError
 from btcore.nodes.parallel import threshold
 
 
-class Tallies:
+class UnaryCounters:
     """How many of an agent's children ended in one way: level *k* holds those with more than *k*."""
 
     def __init__(self, most: int) -> None:
@@ -44,8 +49,8 @@ class ParallelNode(BatchNode):
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
         self._completed = [0] * len(children)
-        self._successes = Tallies(len(children))
-        self._failures = Tallies(len(children))
+        self._successes = UnaryCounters(len(children))
+        self._failures = UnaryCounters(len(children))
 
     def _forget(self, agents: int) -> None:
         for index, completed in enumerate(self._completed):
@@ -56,7 +61,7 @@ class ParallelNode(BatchNode):
 
     def refuse(self, agents: int, what: str) -> None:
         """Fail for more than there are children."""
-        self.context.fail(self, agents, NodeFault(f"{len(self.children)} children can never give {what}"))
+        self.context.fail(self, agents, NodeError(f"{len(self.children)} children can never give {what}"))
 
     def halt(self, agents: int) -> None:
         """Halt the children; nothing is completed."""
@@ -68,15 +73,15 @@ class ParallelNode(BatchNode):
 class Parallel(ParallelNode):
     """Ends when enough of its children succeeded or failed."""
 
-    success_count: Reader
-    failure_count: Reader
+    success_count: BatchInput
+    failure_count: BatchInput
 
     def tick(self, agents: int) -> Results:
         """Tick the children that haven't completed, by groups with the same counts."""
-        results = NOBODY
+        results = NO_RESULTS
         for given, group in self.success_count.groups(agents):
             for allowed, some in self.failure_count.groups(group):
-                results = both(results, self._tick(some, given, allowed))
+                results = merge_results(results, self._tick(some, given, allowed))
         return results
 
     def _tick(self, agents: int, given: int, given_failures: int) -> Results:
@@ -84,10 +89,10 @@ class Parallel(ParallelNode):
         needed, allowed = threshold(given, count), threshold(given_failures, count)
         if count < needed or count < allowed:
             self.refuse(agents, f"{needed} successes" if count < needed else f"{allowed} failures")
-            return NOBODY
+            return NO_RESULTS
         self.set_running(agents)
         success = failure = 0
-        skips = Tallies(count)
+        skips = UnaryCounters(count)
         active = agents
         all_skipped = agents
         for index, child in enumerate(self.children):
@@ -127,7 +132,7 @@ class Parallel(ParallelNode):
                 self.reset_children(lost)
             if not active:
                 break
-        active = self.alive(active)
+        active = self.drop_failed(active)
         all_skipped = active & all_skipped if count else active
         return success, failure, active ^ all_skipped, all_skipped
 
@@ -135,13 +140,13 @@ class Parallel(ParallelNode):
 class ParallelAll(ParallelNode):
     """Ends when every child has completed."""
 
-    max_failures: Reader
+    max_failures: BatchInput
 
     def tick(self, agents: int) -> Results:
         """Tick the children that haven't completed, by groups with the same count."""
-        results = NOBODY
+        results = NO_RESULTS
         for given, some in self.max_failures.groups(agents):
-            results = both(results, self._tick(some, given))
+            results = merge_results(results, self._tick(some, given))
         return results
 
     def _tick(self, agents: int, given: int) -> Results:
@@ -149,7 +154,7 @@ class ParallelAll(ParallelNode):
         allowed = threshold(given, count)
         if count < allowed:
             self.refuse(agents, f"{allowed} failures")
-            return NOBODY
+            return NO_RESULTS
         self.set_running(agents)
         active = all_skipped = agents
         running = 0
@@ -165,7 +170,7 @@ class ParallelAll(ParallelNode):
             self._completed[index] |= succeeded | failed
             all_skipped &= skipped
             running |= runs
-        active = self.alive(active)
+        active = self.drop_failed(active)
         all_skipped &= active
         running &= active
         done = active ^ (all_skipped | running)

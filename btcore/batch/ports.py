@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from btcore.batch.agent_sets import AgentSets
 from btcore.batch.column import (
     NUMBER,
     ROWS,
@@ -13,28 +14,45 @@ from btcore.batch.column import (
     Form,
     Values,
     dtype_of,
-    kind_of,
-    objects,
+    infer_type,
+    to_objects,
 )
+from btcore.batch.column_table import ColumnTable, Slot
 from btcore.batch.context import BatchContext, Located
-from btcore.batch.conversion import Fail, cast, described, seen
-from btcore.batch.crowd import Crowd
-from btcore.batch.schema import Schema, Slot
-from btcore.blackboard import Blackboard
-from btcore.errors import BlackboardFault, BtcoreError, ConversionFault, NodeFault
-from btcore.ports import Input, Output, Port
-from btcore.value_types import BoolType, IntegerType, RealType
-from btcore.values import ANY, DOUBLE, INT64, STRING, UINT64, ValueType, type_of
+from btcore.batch.conversion import (
+    FailureCallback,
+    cast,
+    normalise_values,
+    read_column,
+)
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import Input, Output, Port
+from btcore.errors import (
+    BlackboardError,
+    BtcoreError,
+    ConversionError,
+    NodeError,
+)
+from btcore.values import (
+    ANY,
+    DOUBLE,
+    INT64,
+    STRING,
+    UINT64,
+    ValueType,
+    type_of,
+)
+from btcore.values.types import BoolType, IntegerType, RealType
 
 
-class Reader:
+class BatchInput:
     """An input port of one node. A literal is one value for all, and never written."""
 
     def __init__(
         self,
         node: Located,
         context: BatchContext,
-        schema: Schema,
+        schema: ColumnTable,
         board: Blackboard,
         name: str,
         bound: Input | None,
@@ -53,13 +71,13 @@ class Reader:
         self._is_quiet = False
         self._lost = 0
         if bound is None:
-            self.fault = NodeFault(f"<{node.id}> needs port [{name}], which the tree does not give")
+            self.fault = NodeError(f"<{node.id}> needs port [{name}], which the tree does not give")
         elif bound.key is not None:
             self.slot = Slot(schema, board, bound.key)
         else:
             try:
                 self.literal = bound.read()
-            except ConversionFault as fault:
+            except ConversionError as fault:
                 self.fault = fault
 
     @property
@@ -88,7 +106,7 @@ class Reader:
     def _missing(self, agents: int, what: str) -> None:
         if agents and self.slot is not None:
             said = f"port [{self.name}] reads {{{self.slot.key}}}, which {what}"
-            self._report(agents, BlackboardFault(said))
+            self._report(agents, BlackboardError(said))
 
     def _report(self, agents: int, fault: BtcoreError) -> None:
         if self._is_quiet:
@@ -108,20 +126,20 @@ class Reader:
         column = self.slot.column
         assert column is not None
         if self.kind is DOUBLE and column.form is NUMBER:
-            values = column.shown()
+            values = column.readonly_view()
             if values.dtype == np.float64:
                 return values
-        return seen(column, self.kind, agents, self._fail)
+        return read_column(column, self.kind, agents, self._fail)
 
     def current(self) -> Values:
         """The values of those who are ticked just now; who has none fails."""
         agents = self.available(self.agents)
         if agents:
             return self.read(agents)
-        return np.zeros(self.context.crowd.count, dtype_of(self.kind))
+        return np.zeros(self.context.agent_sets.count, dtype_of(self.kind))
 
     def _constant(self) -> Values:
-        count = self.context.crowd.count
+        count = self.context.agent_sets.count
         dtype = dtype_of(self.kind)
         if dtype.kind == "O":
             values: Values = np.empty(count, dtype)
@@ -133,7 +151,7 @@ class Reader:
     def _fail(self, agents: int, fault: BtcoreError) -> None:
         key = "" if self.slot is None else self.slot.key
         said = f"port [{self.name}] reads {{{key}}} as {self.kind.name}: {fault}"
-        self._report(agents, ConversionFault(said))
+        self._report(agents, ConversionError(said))
 
     def groups_or(self, agents: int, otherwise: Any) -> list[tuple[Any, int]]:
         """As :meth:`groups`, but who has no value takes *otherwise*."""
@@ -155,7 +173,7 @@ class Reader:
             return [(self.literal, agents)] if agents else []
         if not agents:
             return []
-        crowd = self.context.crowd
+        crowd = self.context.agent_sets
         values = self.read(agents)
         agents ^= agents & (self.context.raised | self._lost)
         if not agents:
@@ -167,21 +185,21 @@ class Reader:
             distinct = np.unique(held).tolist()
         if len(distinct) == 1:
             return [(distinct[0], agents)]
-        return [(one, crowd.of(np.equal(values, one).astype(np.bool_)) & agents) for one in distinct]
+        return [(one, crowd.from_mask(np.equal(values, one).astype(np.bool_)) & agents) for one in distinct]
 
 
-class Writer:
+class BatchOutput:
     """An output port of one node, for the agents whom the node is ticked for just now."""
 
     def __init__(
-        self, node: Located, context: BatchContext, schema: Schema, board: Blackboard, name: str,
+        self, node: Located, context: BatchContext, schema: ColumnTable, board: Blackboard, name: str,
         bound: Output | None,
     ) -> None:  # fmt: skip
         self.node = node
         self.context = context
         self.name = name
         self.agents = 0
-        self._shape = (context.crowd.count,)
+        self._shape = (context.agent_sets.count,)
         self.kind = bound.type if bound is not None else None
         self.slot = None if bound is None or bound.key is None else Slot(schema, board, bound.key)
         self.text = "" if bound is None else bound.text
@@ -191,20 +209,20 @@ class Writer:
         self.write(self.agents, values)
 
     def write(self, agents: int, values: Any) -> None:
-        """Write *values* for *agents*. Raises NodeFault or BlackboardFault if the port leads nowhere."""
+        """Write *values* for *agents*. Raises NodeError or BlackboardError if the port leads nowhere."""
         if self.kind is None:
-            raise NodeFault(f"<{self.node.id}> writes port [{self.name}], which the tree does not give")
+            raise NodeError(f"<{self.node.id}> writes port [{self.name}], which the tree does not give")
         if self.slot is None:
-            raise BlackboardFault(
+            raise BlackboardError(
                 f"port [{self.name}] is to be written, but '{self.text}' is no blackboard entry: "
                 "name one in braces, {like_this}"
             )
         if self.kind is DOUBLE and self._put_doubles(self.slot, agents, values):
             return
-        data, form, whole = described(values, self.context.crowd)
+        data, form, whole = normalise_values(values, self.context.agent_sets)
         if self.kind.strong:
-            data = cast(data, form, whole, self.kind, self.context.crowd, agents, self._fail)
-            data, form, whole = described(data, self.context.crowd)
+            data = cast(data, form, whole, self.kind, self.context.agent_sets, agents, self._fail)
+            data, form, whole = normalise_values(data, self.context.agent_sets)
         agents ^= agents & self.context.raised
         store(self.slot, agents, data, form, whole, self._fail)
 
@@ -212,7 +230,7 @@ class Writer:
         """Write *values* at once, if they are of the column's own type, as they are most of the time."""
         if type(values) is not np.ndarray or values.shape != self._shape or values.dtype != np.float64:
             return False
-        column, _ = slot.written()
+        column, _ = slot.column_for_write()
         if column.entry.declared is not DOUBLE:
             return False
         column.put(agents, values, NUMBER)
@@ -220,17 +238,19 @@ class Writer:
 
     def _fail(self, agents: int, fault: BtcoreError) -> None:
         said = f"port [{self.name}] takes {self.kind.name if self.kind else '?'}: {fault}"
-        self.context.fail(self.node, agents, ConversionFault(said))
+        self.context.fail(self.node, agents, ConversionError(said))
 
 
-def store(slot: Slot, agents: int, data: Any, form: Form, whole: int, fail: Fail, types: bool = True) -> None:
+def store(
+    slot: Slot, agents: int, data: Any, form: Form, whole: int, fail: FailureCallback, types: bool = True
+) -> None:
     """Write as ``Blackboard.set`` does: the entry's type is that of its first value, and stays.
 
-    With *types* false an entry without a type stays so. Raises BlackboardFault where no entry can be made.
+    With *types* false an entry without a type stays so. Raises BlackboardError where no entry can be made.
     """
     if not agents:
         return
-    column, is_own = slot.written()
+    column, is_own = slot.column_for_write()
     entry = column.entry
     crowd = column.crowd
     if not is_own:
@@ -243,13 +263,13 @@ def store(slot: Slot, agents: int, data: Any, form: Form, whole: int, fail: Fail
             and entry.declared.strong
             and not _is_of(entry.declared, data, form, whole, agents)
         ):
-            agents = _refused(column, objects(data, form, crowd, agents, whole), agents, fail)
+            agents = _refused(column, to_objects(data, form, crowd, agents, whole), agents, fail)
     elif not entry.declared.strong:
         if types and (not isinstance(data, str) or column.exists & agents):
             entry.declared = _kind_of(data)
             entry.inferred = True
     elif not _accepts(entry.declared, form):
-        found = objects(data, form, crowd, agents, whole)
+        found = to_objects(data, form, crowd, agents, whole)
         column.put_objects(_fitted(found, entry.declared, crowd, agents, fail), found)
         return
     elif form is NUMBER or form is TRUTH:
@@ -260,14 +280,14 @@ def store(slot: Slot, agents: int, data: Any, form: Form, whole: int, fail: Fail
             fail(some, fault)
 
         data = cast(data, form, whole, entry.declared, crowd, agents, note)
-        data, form, whole = described(data, crowd)
+        data, form, whole = normalise_values(data, crowd)
         for some in lost:
             agents ^= agents & some
     column.put(agents, data, form, whole)
 
 
 def _kind_of(data: Any) -> ValueType:
-    return type_of(data) if np.ndim(data) == 0 else kind_of(data)
+    return type_of(data) if np.ndim(data) == 0 else infer_type(data)
 
 
 def _is_of(kind: ValueType, data: Any, form: Form, whole: int, agents: int) -> bool:
@@ -281,14 +301,14 @@ def _is_of(kind: ValueType, data: Any, form: Form, whole: int, agents: int) -> b
     return (form is TRUTH and isinstance(kind, BoolType)) or (form is ROWS and kind.python_type is np.ndarray)
 
 
-def _refused(column: Column, found: Values, agents: int, fail: Fail) -> int:
+def _refused(column: Column, found: Values, agents: int, fail: FailureCallback) -> int:
     """Those of *agents* whose value is of the column's type; the others fail."""
     for at in column.crowd.indices(agents):
         if not column.kind.accepts(found[at]):
             said = (
                 f"the entry '{column.name}' is of type {column.kind.name}, and once declared its type stays"
             )
-            fail(1 << int(at), BlackboardFault(said))
+            fail(1 << int(at), BlackboardError(said))
             agents ^= 1 << int(at)
     return agents
 
@@ -304,14 +324,14 @@ def _accepts(kind: ValueType, form: Form) -> bool:
     return form is TEXT and kind is STRING
 
 
-def _fitted(found: Values, kind: ValueType, crowd: Crowd, agents: int, fail: Fail) -> int:
+def _fitted(found: Values, kind: ValueType, crowd: AgentSets, agents: int, fail: FailureCallback) -> int:
     """Make *found* what an entry of *kind* takes, from texts or adapted; who of *agents* has such a value."""
     for at in crowd.indices(agents):
         one = found[at]
         try:
             if not kind.accepts(one):
                 found[at] = kind.from_text(one) if isinstance(one, str) and kind.converts else kind.adapt(one)
-        except ConversionFault as fault:
+        except ConversionError as fault:
             fail(1 << int(at), fault)
             agents ^= 1 << int(at)
     return agents

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from btcore.batch.crowd import Crowd
+from btcore.batch.agent_sets import AgentSets
 from btcore.clock import NS_PER_MS
 
 
@@ -12,47 +12,47 @@ class Timer:
     *wishes* are those for whom the tree is to be ticked when it comes.
     """
 
-    def __init__(self, crowd: Crowd) -> None:
+    def __init__(self, crowd: AgentSets) -> None:
         self.crowd = crowd
         self.waiting = 0
-        self.wishes = 0
+        self.wake_ups = 0
         self._moments = np.zeros(crowd.count, dtype=np.int64)
         self._first = 0
 
     def start(self, agents: int, now: int, milliseconds: int) -> None:
         """Let *agents* wait for the moment *milliseconds* after *now* (ns)."""
         moment = now + milliseconds * NS_PER_MS
-        if agents == self.crowd.everyone:
+        if agents == self.crowd.all_agents:
             self._moments[...] = moment
             self._first = moment
         else:
             np.copyto(self._moments, moment, where=self.crowd.mask(agents))
-            known = self.waiting | self.wishes
+            known = self.waiting | self.wake_ups
             self._first = min(self._first, moment) if known else moment
         self.waiting |= agents
-        self.wishes |= agents
+        self.wake_ups |= agents
 
     def due(self, agents: int, now: int) -> int:
         """Those of *agents* whose moment has come."""
         agents &= self.waiting
         if not agents or now < self._first:
             return 0
-        return self.crowd.of(self._moments <= now) & agents
+        return self.crowd.from_mask(self._moments <= now) & agents
 
     def stop(self, agents: int) -> None:
         """Let *agents* wait no longer, and wish nothing."""
         self.waiting ^= self.waiting & agents
-        self.wishes ^= self.wishes & agents
+        self.wake_ups ^= self.wake_ups & agents
 
     def forget(self, agents: int) -> None:
         """Let *agents* wait no longer; a wish stays."""
         self.waiting ^= self.waiting & agents
 
-    def woken(self, agents: int, now: int) -> int:
+    def take_due_wake_ups(self, agents: int, now: int) -> int:
         """Those of *agents* whose wish has come; it is taken."""
-        agents &= self.wishes
+        agents &= self.wake_ups
         if not agents or now < self._first:
             return 0
-        due = self.crowd.of(self._moments <= now) & agents
-        self.wishes ^= due
+        due = self.crowd.from_mask(self._moments <= now) & agents
+        self.wake_ups ^= due
         return due

@@ -2,8 +2,8 @@
 
 from btcore.batch.context import BatchContext
 from btcore.batch.node import BatchDecorator, BatchNode, Results
-from btcore.batch.ports import Reader
-from btcore.node import TreeNode
+from btcore.batch.ports import BatchInput
+from btcore.engine.node import TreeNode
 
 
 class TimedDecorator(BatchDecorator):
@@ -26,7 +26,7 @@ class TimedDecorator(BatchDecorator):
 class Timeout(TimedDecorator):
     """Halts its child and fails when it still runs some time after the start."""
 
-    msec: Reader
+    msec: BatchInput
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
@@ -57,7 +57,7 @@ class Timeout(TimedDecorator):
         active ^= late
         if not active:
             return 0, late, 0, 0
-        success, failure, running, skipped = self.child.execute(self.alive(active))
+        success, failure, running, skipped = self.child.execute(self.drop_failed(active))
         completed = success | failure
         if completed:
             self._stop(completed)
@@ -72,7 +72,7 @@ class Timeout(TimedDecorator):
 class Delay(TimedDecorator):
     """Ticks its child only when some time has passed since the start."""
 
-    delay_msec: Reader
+    delay_msec: BatchInput
 
     def tick(self, agents: int) -> Results:
         """Wait, then tick the child."""
@@ -100,7 +100,7 @@ class Delay(TimedDecorator):
 class Sleep(BatchNode):
     """Runs for some time, then succeeds."""
 
-    msec: Reader
+    msec: BatchInput
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
@@ -117,7 +117,7 @@ class Sleep(BatchNode):
             due = timer.due(going, clock.now())
             success |= due
             running = going ^ due
-        starts = agents ^ self.stored(agents)
+        starts = agents ^ self.not_idle(agents)
         if starts:
             for duration, some in self.msec.groups(starts):
                 if duration <= 0:

@@ -8,32 +8,32 @@ from typing import Any
 
 import numpy as np
 
+from btcore.batch.agent_sets import AgentSets, Indices, Mask
 from btcore.batch.blackboard import BatchBlackboard
 from btcore.batch.column import Values
+from btcore.batch.column_table import ColumnTable, copied_scopes
+from btcore.batch.compile import BatchCompiler
 from btcore.batch.context import BatchContext
-from btcore.batch.conversion import array_of, described
-from btcore.batch.crowd import Crowd, Indices, Mask
-from btcore.batch.declare import Leaf, Statuses, leaves_of
-from btcore.batch.node import BatchNode, statuses
-from btcore.batch.plant import Planter
-from btcore.batch.schema import Schema, copied_scopes
-from btcore.blackboard import Blackboard
+from btcore.batch.conversion import array_of, normalise_values
+from btcore.batch.leaf_declaration import LeafDeclaration, Statuses, read_declarations
+from btcore.batch.node import BatchNode, status_array
+from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, Clock
-from btcore.errors import BtcoreError, ConversionFault, NodeRaised
-from btcore.loading import load, loads
-from btcore.registry import Registry
-from btcore.suggest import nearest
-from btcore.tree import Tree
+from btcore.errors import BtcoreError, ConversionError, NodeExecutionError
+from btcore.loading.load import load, loads
+from btcore.registry.registry import Registry
+from btcore.suggestions import nearest_name
+from btcore.tree.tree import Tree
 
 
-class AgentsRaised(NodeRaised):
+class BatchNodeError(NodeExecutionError):
     """A node raised for some agents, *agents*, who are halted; the tick of all others is done.
 
     *statuses* is what the tick would have returned, IDLE for those who raised. *also* holds the errors of
     agents for whom another node raised, or the same in another way.
     """
 
-    def __init__(self, first: NodeRaised, agents: Indices, found: Statuses) -> None:
+    def __init__(self, first: NodeExecutionError, agents: Indices, found: Statuses) -> None:
         super().__init__(first.path, first.node_id, first.cause, first.doing, first.where)
         self.backtrace = list(first.backtrace)
         self.__cause__ = first.cause
@@ -65,16 +65,16 @@ class BatchTree:
         """From an ordinary tree, which stays as it is. Raises TreeError for what a batch doesn't run."""
         if not isinstance(plan, Tree):
             raise BtcoreError(f"a batch is made of a tree, not {plan!r}; BatchTree.load takes a file")
-        self.crowd = Crowd(agents)
+        self.crowd = AgentSets(agents)
         self.id = plan.id
         self.context = BatchContext(self.crowd, clock if clock is not None else plan.clock)
-        self.schema = Schema(self.crowd)
+        self.schema = ColumnTable(self.crowd)
         scopes = copied_scopes(plan, self.context.clock)
         for scope in scopes.values():
-            self.schema.adopt(scope, self.crowd.everyone)
-        known = {leaf.id: leaf for leaf in leaves_of(leaves, plan.registry.types)}
-        planter = Planter(self.context, self.schema, scopes, known, resources)
-        self.root = planter.plant(plan)
+            self.schema.adopt(scope, self.crowd.all_agents)
+        known = {leaf.id: leaf for leaf in read_declarations(leaves, plan.registry.types)}
+        planter = BatchCompiler(self.context, self.schema, scopes, known, resources)
+        self.root = planter.compile(plan)
         self.nodes: list[BatchNode] = planter.nodes
         self.blackboards: dict[str, BatchBlackboard] = {}
         """The scope of each subtree by its path; that of the main tree is ``""``."""
@@ -135,21 +135,21 @@ class BatchTree:
         """Begin with what the plan's blackboards hold, the same for all agents."""
         for subtree in plan.subtrees:
             scope = scopes[id(subtree.blackboard)]
-            for key, entry in subtree.blackboard.local().items():
+            for key, entry in subtree.blackboard.local_entries().items():
                 column = self.schema.column(scope, key)
                 if entry.value is None or column is None or column.written:
                     continue
                 if isinstance(entry.value, (int, float, str)):
-                    column.put(self.crowd.everyone, *described(entry.value, self.crowd))
+                    column.put(self.crowd.all_agents, *normalise_values(entry.value, self.crowd))
                 else:
                     held: Values = np.empty(self.crowd.count, dtype=object)
                     for at in range(self.crowd.count):
                         held[at] = entry.value
-                    column.put_objects(self.crowd.everyone, held)
+                    column.put_objects(self.crowd.all_agents, held)
 
     def _filled(self, values: Mapping[str, Any] | None) -> "BatchTree":
         for key, value in (values or {}).items():
-            self.blackboard.begin(key, value)
+            self.blackboard.initialise(key, value)
         return self
 
     # --- ticking
@@ -158,16 +158,16 @@ class BatchTree:
         """Tick the root once for the agents of *mask*, of shape (agents,) (None: all).
 
         Returns one status an agent, numbered as Status is, 0 for those who were not ticked. Raises
-        AgentsRaised after the tick if a node has raised for some.
+        BatchNodeError after the tick if a node has raised for some.
         """
-        return self._tick(self.crowd.chosen(mask))
+        return self._tick(self.crowd.from_user_mask(mask))
 
     def tick_once(self, mask: Mask | None = None) -> Statuses:
         """As :meth:`tick`, and again for those who are RUNNING and were woken."""
-        agents = self.crowd.chosen(mask)
+        agents = self.crowd.from_user_mask(mask)
         found = self._tick(agents)
         while True:
-            running = self.crowd.of(found == 1)
+            running = self.crowd.from_mask(found == 1)
             again = self.context.take_wake_up(running) if running else 0
             if not again:
                 return found
@@ -182,8 +182,8 @@ class BatchTree:
         context.errors = {}
         success, failure, running, skipped = self.root.execute(agents)
         self.root.reset(success | failure)
-        found = statuses(context, success, failure, running, skipped)
-        if agents == self.crowd.everyone:
+        found = status_array(context, success, failure, running, skipped)
+        if agents == self.crowd.all_agents:
             self.status = found.copy()
         else:
             np.copyto(self.status, found, where=self.crowd.mask(agents))
@@ -197,22 +197,22 @@ class BatchTree:
         self._halt_everything(self.context.raised)
         self._tell([*raised, *self._raised(found)])
 
-    def _raised(self, found: Statuses) -> list[AgentsRaised]:
+    def _raised(self, found: Statuses) -> list[BatchNodeError]:
         """What the nodes have raised since the tick, or the halt, began."""
         errors = self.context.errors.values()
-        return [AgentsRaised(one, self.crowd.indices(some), found) for one, some in errors]
+        return [BatchNodeError(one, self.crowd.indices(some), found) for one, some in errors]
 
-    def _tell(self, raised: list[AgentsRaised]) -> None:
+    def _tell(self, raised: list[BatchNodeError]) -> None:
         if raised:
-            raised[0].also += raised[1:]
+            raised[0].later_errors += raised[1:]
             raise raised[0]
 
     def halt(self, mask: Mask | None = None) -> None:
         """Halt every node for the agents of *mask* (None: all): the root, then all in pre-order.
 
-        Raises AgentsRaised, after everything is halted.
+        Raises BatchNodeError, after everything is halted.
         """
-        agents = self.crowd.chosen(mask)
+        agents = self.crowd.from_user_mask(mask)
         np.copyto(self.status, 0, where=self.crowd.mask(agents))
         self._halt_everything(agents)
         self._tell(self._raised(self.status))
@@ -227,7 +227,7 @@ class BatchTree:
             node.reset(agents)
         context.raised = 0
         for timer in context.timers:
-            timer.wishes ^= timer.wishes & agents
+            timer.wake_ups ^= timer.wake_ups & agents
 
     def sleep(self, seconds: float) -> None:
         """Let *seconds* (s) of the clock pass, for all agents."""
@@ -259,7 +259,7 @@ class BatchTree:
             return found[0]
         if found:
             raise BtcoreError(f"'{path}' means {len(found)} nodes: {', '.join(node.path for node in found)}")
-        guess = nearest(path, [node.path for node in self.nodes] + [node.name for node in self.nodes])
+        guess = nearest_name(path, [node.path for node in self.nodes] + [node.name for node in self.nodes])
         hint = f"; did you mean '{guess}'?" if guess else ""
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 
@@ -272,10 +272,10 @@ class BatchTree:
 
 def _prepared(
     things: Sequence[Any], registry: Registry | None, values: Mapping[str, Any] | None, clock: Clock | None
-) -> tuple[list[Leaf], Registry, Blackboard]:
+) -> tuple[list[LeafDeclaration], Registry, Blackboard]:
     """The leaves, a registry with stand-ins for them, and a blackboard with one agent's values."""
     known = registry.copy() if registry is not None else Registry.standard()
-    leaves = leaves_of(things, known.types)
+    leaves = read_declarations(things, known.types)
     for leaf in leaves:
         if leaf.id in known:
             known.replace(**{leaf.id: leaf.stand_in()})
@@ -283,7 +283,7 @@ def _prepared(
             known.add(leaf.stand_in(), ID=leaf.id)
     board = Blackboard(clock=clock)
     for key, value in (values or {}).items():
-        with suppress(ConversionFault, IndexError):  # BatchBlackboard.begin tells of it
+        with suppress(ConversionError, IndexError):  # BatchBlackboard.begin tells of it
             one = value if array_of(value).ndim == 0 else value[0]
             board[key] = one.item() if isinstance(one, (np.generic, np.ndarray)) and one.ndim == 0 else one
     return leaves, known, board

@@ -20,22 +20,22 @@ from rich.table import Table
 from rich.text import Text
 
 import btcore
-from btcore.cli import files, paint
-from btcore.suggest import listing, nearest
+from btcore.cli import files, terminal
+from btcore.suggestions import join_names, nearest_name
 
 _MISSING: Final = re.compile(r"^ModuleNotFoundError: No module named '([^']+)'", re.MULTILINE)
 _PLOT: Final = Path("measure") / "plot.py"
 
-Told = Mapping[str, Any]
+BenchmarkData = Mapping[str, Any]
 """What a benchmark says of itself, as its ``--json`` has it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class BenchmarkResult:
     """What became of one benchmark: what it told, or why it told nothing."""
 
     name: str
-    told: Told | None = None
+    data: BenchmarkData | None = None
     lacks: str = ""
     """The module that isn't there."""
     failed: str = ""
@@ -83,8 +83,8 @@ def bench(
     here = folder()
     known = benchmarks(here)
     if unknown := [name for name in names if name not in known]:
-        meant = nearest(unknown[0], known)
-        hint = f"Did you mean '{meant}'?" if meant else f"There are {listing(list(known))}."
+        meant = nearest_name(unknown[0], known)
+        hint = f"Did you mean '{meant}'?" if meant else f"There are {join_names(list(known))}."
         raise click.UsageError(f"there is no benchmark '{unknown[0]}'. {hint}")
     if only_list:
         for name, file in known.items():
@@ -95,14 +95,14 @@ def bench(
     for name in names or known:
         outcomes.append(_run(known[name], pairs, quick))
         click.echo()
-    told = [one.told for one in outcomes if one.told is not None]
+    told = [one.data for one in outcomes if one.data is not None]
     if json_file is not None:
         files.write(json_file, json.dumps(told, ensure_ascii=False, indent=1).encode())
     if any("target" in row for one in [*told, *other] for row in one["rows"]):
-        paint.output().print(targets([*other, *told]))
+        terminal.stdout_console().print(targets([*other, *told]))
     for one in outcomes:
         if one.lacks:
-            paint.warning(f"'{one.name}' was not run: {_remedy(one.lacks)}")
+            terminal.print_warning(f"'{one.name}' was not run: {_remedy(one.lacks)}")
     if plot is not None:
         _draw(here, plot, [*other, *told])
     if failed := [one for one in outcomes if one.failed]:
@@ -126,7 +126,7 @@ def first_line(file: Path) -> str:
     return file.read_text(encoding="utf-8").removeprefix('"""').split("\n", 1)[0]
 
 
-def _run(file: Path, pairs: int | None, quick: bool) -> Outcome:
+def _run(file: Path, pairs: int | None, quick: bool) -> BenchmarkResult:
     """Run one benchmark, which prints its table itself."""
     with tempfile.TemporaryDirectory() as scratch:
         answer = Path(scratch) / "told.json"
@@ -137,8 +137,8 @@ def _run(file: Path, pairs: int | None, quick: bool) -> Outcome:
             options.append("--quick")
         lacks, failed = _python(file, options)
         if lacks or failed:
-            return Outcome(file.stem, lacks=lacks, failed=failed)
-        return Outcome(file.stem, json.loads(answer.read_text(encoding="utf-8")))
+            return BenchmarkResult(file.stem, lacks=lacks, failed=failed)
+        return BenchmarkResult(file.stem, json.loads(answer.read_text(encoding="utf-8")))
 
 
 def _python(file: Path, options: Sequence[str]) -> tuple[str, str]:
@@ -164,10 +164,10 @@ def _remedy(module: str) -> str:
     return f"the module '{module}' isn't installed; you can have it: pip install 'btcore[all,bench]'"
 
 
-def _read(path: Path) -> list[Told]:
+def _read(path: Path) -> list[BenchmarkData]:
     """What another run told. Raises :class:`click.UsageError` when *path* is no such file."""
     try:
-        told: list[Told] = json.loads(path.read_text(encoding="utf-8"))
+        told: list[BenchmarkData] = json.loads(path.read_text(encoding="utf-8"))
         if all("rows" in one and "build" in one for one in told):
             return told
     except (ValueError, TypeError):
@@ -175,10 +175,10 @@ def _read(path: Path) -> list[Told]:
     raise click.UsageError(f"'{path}' was not written by 'btcore bench --json'.")
 
 
-def targets(told: Sequence[Told]) -> Table:
+def targets(told: Sequence[BenchmarkData]) -> Table:
     """Every ratio that has a target, a line each; the builds side by side."""
     builds = list(dict.fromkeys(one["build"] for one in told))
-    lines: dict[tuple[str, str], dict[str, Told]] = {}
+    lines: dict[tuple[str, str], dict[str, BenchmarkData]] = {}
     for one in told:
         for row in one["rows"]:
             lines.setdefault((one["benchmark"], row["what"]), {})[one["build"]] = row
@@ -198,7 +198,7 @@ def targets(told: Sequence[Told]) -> Table:
     return table
 
 
-def _cells(row: Told | None) -> list[str | Text]:
+def _cells(row: BenchmarkData | None) -> list[str | Text]:
     """Ratio, spread and target of one build."""
     if row is None:
         return ["", "", ""]
@@ -214,7 +214,7 @@ def _short(value: float) -> str:
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 
-def _draw(here: Path, plot: Path, told: Sequence[Told]) -> None:
+def _draw(here: Path, plot: Path, told: Sequence[BenchmarkData]) -> None:
     """Draw what was *told* into the file *plot*."""
     with tempfile.TemporaryDirectory() as scratch:
         data = Path(scratch) / "told.json"
@@ -222,4 +222,4 @@ def _draw(here: Path, plot: Path, told: Sequence[Told]) -> None:
         lacks, failed = _python(here / _PLOT, [str(data), str(plot)])
     if lacks or failed:
         raise click.ClickException(f"nothing is drawn: {_remedy(lacks) if lacks else failed}")
-    paint.said("drawn:", str(plot))
+    terminal.print_labelled("drawn:", str(plot))

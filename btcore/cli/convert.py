@@ -6,11 +6,17 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from btcore.cli import files, library, paint, palettes, trees
+from btcore.cli import (
+    files,
+    node_libraries,
+    node_models,
+    terminal,
+    trees,
+)
 from btcore.errors import Diagnostic
-from btcore.xml.conversion.convert import Conversion
-from btcore.xml.conversion.convert import convert as converted
-from btcore.xml.source import read_file
+from btcore.xml.convert.convert import Conversion
+from btcore.xml.convert.convert import convert as converted
+from btcore.xml.read.document import parse_file
 
 MISTAKE = 2
 _BYTE_ORDER_MARK = "\ufeff".encode()
@@ -20,8 +26,8 @@ _BYTE_ORDER_MARK = "\ufeff".encode()
 @click.argument("source", metavar="FILE")
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="The file to write.")
 @click.option("--in-place", is_flag=True, help="Write the result into FILE itself.")
-@library.plugin_option
-@palettes.model_option
+@node_libraries.plugin_option
+@node_models.model_option
 def convert(
     source: str, output: Path | None, in_place: bool, plugins: Sequence[str], models: Sequence[Path]
 ) -> int:
@@ -34,9 +40,9 @@ def convert(
     if in_place and output is not None:
         raise click.UsageError("--in-place and --output are two places: name one of them.")
     path = trees.find(source)
-    document = read_file(path)
-    nodes = library.library(plugins).nodes
-    palettes.add_palettes(nodes, models, [document])
+    document = parse_file(path)
+    nodes = node_libraries.load_libraries(plugins).nodes
+    node_models.add_node_models(nodes, models, [document])
     result = converted(document, nodes)
     data = result.text.encode()
     if path.read_bytes().startswith(_BYTE_ORDER_MARK):
@@ -52,9 +58,9 @@ def convert(
 
 def _tell(result: Conversion) -> None:
     """The list of changes, errors of the result, and the count of them, on stderr."""
-    paint.diagnostics([*result.changes, *result.remaining])
+    terminal.print_diagnostics([*result.changes, *result.remaining])
     if not result.changes:
-        paint.notes(["it is of format 4 already; nothing is changed"])
+        terminal.print_notes(["it is of format 4 already; nothing is changed"])
         return
     mark = Text("✘ ", style="bold red") if result.remaining else Text("✔ ", style="bold green")
     counts = [
@@ -66,7 +72,7 @@ def _tell(result: Conversion) -> None:
     if result.remaining:
         counts.append(f"{len(result.remaining)} that format 4 refuses")
     mark.append(", ".join(counts), style="bold")
-    console = paint.errors()
+    console = terminal.stderr_console()
     console.print()
     console.print(mark)
 

@@ -5,13 +5,20 @@ from collections.abc import Sequence
 import click
 from rich.text import Text
 
-from btcore.cli import paint
+from btcore.cli import terminal
 from btcore.clock import NS_PER_S
-from btcore.logs import Divergence, Recording, Step, divergence, read_log, steps
-from btcore.logs.lines import line
-from btcore.suggest import listing
+from btcore.logs import (
+    Divergence,
+    Recording,
+    Step,
+    find_divergence,
+    read_log,
+    steps,
+)
+from btcore.logs.transition_text import format_transition
+from btcore.suggestions import join_names
 
-PART = 1
+RUNS_DIFFER = 1
 """The exit code where they do."""
 
 
@@ -42,12 +49,12 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
     """
     recordings = [read_log(name) for name in (first, second)]
     for recording in recordings:
-        for remark in recording.remarks:
-            paint.warning(remark)
+        for remark in recording.warnings:
+            terminal.print_warning(remark)
     _compare_trees(*recordings)
     one, other = (steps(recording, idle=not no_idle) for recording in recordings)
-    found = divergence(one, other, None if tolerance is None else round(tolerance * NS_PER_S))
-    out = paint.output()
+    found = find_divergence(one, other, None if tolerance is None else round(tolerance * NS_PER_S))
+    out = terminal.stdout_console()
     if found is None:
         out.print(f"the same: {len(one)} transitions")
         return 0
@@ -59,7 +66,7 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
         _print("  ", step, width, "dim")
     _print_side("A ", one[found.common : end], width, "red", first)
     _print_side("B ", other[found.common : end], width, "green", second)
-    return PART
+    return RUNS_DIFFER
 
 
 def _headline(found: Divergence) -> str:
@@ -79,12 +86,12 @@ def _print_side(mark: str, side: Sequence[Step], width: int, style: str, name: s
     for number, step in enumerate(side):
         _print(mark, step, width, style if number else f"bold {style}")
     if not side:
-        paint.output().print(Text(f"{mark}     (the end of {name})", style=style))
+        terminal.stdout_console().print(Text(f"{mark}     (the end of {name})", style=style))
 
 
 def _print(mark: str, step: Step, width: int, style: str) -> None:
-    text = Text(mark + line(*step, width=width), style=style)
-    paint.output().print(text, soft_wrap=True)
+    text = Text(mark + format_transition(*step, width=width), style=style)
+    terminal.stdout_console().print(text, soft_wrap=True)
 
 
 def _compare_trees(first: Recording, second: Recording) -> None:
@@ -93,4 +100,4 @@ def _compare_trees(first: Recording, second: Recording) -> None:
     for name, mine, others in (("A", *paths), ("B", *reversed(paths))):
         only = [path for path in mine if path not in set(others)]
         if only:
-            paint.notes([f"only the tree of {name} has {listing(only, most=4)}"])
+            terminal.print_notes([f"only the tree of {name} has {join_names(only, most=4)}"])

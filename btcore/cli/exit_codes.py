@@ -4,10 +4,10 @@ from typing import Final
 
 FAILURE: Final = 1
 """A tree failed, or something else that was asked is not so."""
-MISTAKE: Final = 2
+USER_ERROR: Final = 2
 """The user's, in a tree or on the command line."""
 RAISED: Final = 3
 """A leaf raised."""
-BUG: Final = 70
+INTERNAL_ERROR: Final = 70
 """btcore itself failed; EX_SOFTWARE of sysexits.h."""
 INTERRUPTED: Final = 130

@@ -11,10 +11,10 @@ from typing import Any, NoReturn
 import click
 
 from btcore import builds
-from btcore.cli import extensions, paint
-from btcore.cli.exit_codes import BUG, INTERRUPTED, MISTAKE
+from btcore.cli import entry_points, terminal
+from btcore.cli.exit_codes import INTERNAL_ERROR, INTERRUPTED, USER_ERROR
 from btcore.errors import BtcoreError
-from btcore.suggest import listing, nearest
+from btcore.suggestions import join_names, nearest_name
 
 COMMANDS = "btcore.commands"
 OWN = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "bench")
@@ -27,14 +27,14 @@ class CommandLine(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """The commands of btcore, then those of the packages around it."""
-        return [*OWN, *(name for name in extensions.names(COMMANDS) if name not in OWN)]
+        return [*OWN, *(name for name in entry_points.names(COMMANDS) if name not in OWN)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command called *cmd_name*; one whose package can't be loaded explains that when it is run."""
         if cmd_name in OWN:
             command: click.Command = getattr(import_module(f"btcore.cli.{cmd_name}"), cmd_name)
             return command
-        found, missing = extensions.load(COMMANDS, cmd_name)
+        found, missing = entry_points.load(COMMANDS, cmd_name)
         if found:
             brought: click.Command = found[0].value
             ctx.meta[_BROUGHT] = found[0]
@@ -48,8 +48,8 @@ class CommandLine(click.Group):
         except ModuleNotFoundError as error:
             name = ctx.invoked_subcommand or ""
             brought = ctx.meta.get(_BROUGHT)
-            origin = extensions.OWN_DISTRIBUTION if brought is None else brought.distribution
-            remedy = extensions.Missing(name, origin, error).remedy
+            origin = entry_points.OWN_DISTRIBUTION if brought is None else brought.distribution
+            remedy = entry_points.UnavailableEntryPoint(name, origin, error).remedy
             raise click.ClickException(f"'{name}' needs something more: {remedy}") from error
 
     def resolve_command(
@@ -59,8 +59,8 @@ class CommandLine(click.Group):
         name = args[0]
         if self.get_command(ctx, name) is None and not name.startswith("-"):
             known = self.list_commands(ctx)
-            meant = nearest(name, known)
-            hint = f"Did you mean '{meant}'?" if meant else f"The commands are {listing(known)}."
+            meant = nearest_name(name, known)
+            hint = f"Did you mean '{meant}'?" if meant else f"The commands are {join_names(known)}."
             raise click.UsageError(f"there is no command '{name}'. {hint}")
         return super().resolve_command(ctx, args)
 
@@ -81,7 +81,7 @@ class CommandLine(click.Group):
         except Exception as error:
             _leave(error)
         except KeyboardInterrupt:
-            paint.errors().print("[bold]interrupted[/]")
+            terminal.stderr_console().print("[bold]interrupted[/]")
             sys.exit(INTERRUPTED)
         sys.exit(code if isinstance(code, int) else 0)
 
@@ -92,24 +92,24 @@ def _leave(error: Exception) -> NoReturn:
         # The reader of our output has gone (`btcore nodes | head`); nothing more can be said there.
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
         sys.exit(0)
-    if builds.says("BTCORE_DEBUG"):
+    if builds.env_flag("BTCORE_DEBUG"):
         traceback.print_exception(error)
     if isinstance(error, click.Abort):
         sys.exit(INTERRUPTED)
     if isinstance(error, click.ClickException):
-        paint.mistake(error)
-        sys.exit(MISTAKE)
+        terminal.print_click_error(error)
+        sys.exit(USER_ERROR)
     if isinstance(error, BtcoreError):
-        paint.fault(error)
-        sys.exit(MISTAKE)
-    paint.error(f"btcore itself failed: {type(error).__name__}: {error}")
-    paint.errors().print(
+        terminal.print_btcore_error(error)
+        sys.exit(USER_ERROR)
+    terminal.print_error(f"btcore itself failed: {type(error).__name__}: {error}")
+    terminal.stderr_console().print(
         "BTCORE_DEBUG=1 shows where. A report of it is welcome.", style="dim", highlight=False
     )
-    sys.exit(BUG)
+    sys.exit(INTERNAL_ERROR)
 
 
-def _absent(missing: extensions.Missing) -> click.Command:
+def _absent(missing: entry_points.UnavailableEntryPoint) -> click.Command:
     """A stand-in for a command whose package can't be loaded."""
 
     def explain() -> None:
@@ -131,8 +131,8 @@ def _version(ctx: click.Context, parameter: click.Parameter, asked: bool) -> Non
             number = version("btcore")
         except PackageNotFoundError:
             number = "(a checkout, not installed)"
-        click.echo(f"btcore {number} ({builds.running()} build, Python {python})")
-        if remark := builds.remark():
+        click.echo(f"btcore {number} ({builds.active_build()} build, Python {python})")
+        if remark := builds.unused_build_message():
             click.echo(remark)
         ctx.exit()
 

@@ -9,13 +9,13 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from btcore.cli import library, paint
-from btcore.manifest import Manifest
-from btcore.ports import Direction, Port
+from btcore.blackboard.ports import Direction, Port
+from btcore.cli import node_libraries, terminal
+from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.suggest import listing, nearest
+from btcore.suggestions import join_names, nearest_name
 from btcore.values import DOUBLE
-from btcore.xml.models import write_models
+from btcore.xml.models.tree_nodes_model import write_models
 
 _ORDER: Final = (
     NodeType.CONTROL,
@@ -29,7 +29,7 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 
 @click.command(short_help="List the nodes that trees may use.")
 @click.argument("ids", nargs=-1, metavar="[ID]…")
-@library.plugin_option
+@node_libraries.plugin_option
 @click.option(
     "--format",
     "format_",
@@ -42,11 +42,11 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def nodes(ids: Sequence[str], plugins: Sequence[str], format_: str, as_xml: bool, as_json: bool) -> None:
     """List the palette: what is built in, installed, or brought by --plugin. IDs narrow it down."""
-    palette = library.library(plugins).nodes.manifests_of(4 if format_ == "4" else 3)
+    palette = node_libraries.load_libraries(plugins).nodes.manifests_of(4 if format_ == "4" else 3)
     if unknown := [one for one in ids if one not in palette]:
-        meant = nearest(unknown[0], palette)
+        meant = nearest_name(unknown[0], palette)
         hint = f"Did you mean '{meant}'?" if meant else "Without an ID, all are listed."
-        raise click.UsageError(f"there is no node {listing(unknown)}. {hint}")
+        raise click.UsageError(f"there is no node {join_names(unknown)}. {hint}")
     chosen = [palette[one] for one in ids] if ids else list(palette.values())
     if as_xml:
         click.echo(write_models(chosen, int(format_)), nl=False)
@@ -67,7 +67,7 @@ def _print(chosen: Sequence[Manifest]) -> None:
     for kind in _ORDER:
         family = sorted((one for one in chosen if one.type is kind), key=lambda one: one.id)
         for number, one in enumerate(family):
-            name = Text(paint.sign(one.id, kind) + " ", style=paint.KIND_STYLE[kind])
+            name = Text(terminal.node_symbol(one.id, kind) + " ", style=terminal.KIND_STYLE[kind])
             name.append(one.id, style="bold")
             about = Text(_first_paragraph(one.description))
             if one.ports:
@@ -75,7 +75,7 @@ def _print(chosen: Sequence[Manifest]) -> None:
                 about.append_text(Text("   ").join(_port(port) for port in one.ports.values()))
             origin = [one.distribution] if several else []
             table.add_row(name, about, *origin, end_section=number == len(family) - 1)
-    paint.output().print(table)
+    terminal.stdout_console().print(table)
 
 
 def _port(port: Port) -> Text:

@@ -11,10 +11,10 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from btcore.cli import paint
+from btcore.cli import terminal
 from btcore.clock import NS_PER_S
 from btcore.status import Status
-from btcore.tree import Tree
+from btcore.tree.tree import Tree
 
 _LIVE_EVERY: Final = 0.1  # s of real time between two pictures of the live line
 _PLAIN_EVERY: Final = 10.0  # s between two lines where the output is no terminal
@@ -27,7 +27,7 @@ class Progress:
         self.tree = tree
         self.name = name
         self.duration = duration
-        self.console: Console = paint.errors()
+        self.console: Console = terminal.stderr_console()
         self.live: Live | None = None
         self.start = tree.clock.now()
         self.began = self.shown = time.perf_counter()
@@ -52,15 +52,15 @@ class Progress:
         self.tree = tree
         self.line = Text()
 
-    def rests(self, status: Status | None, file: str) -> None:
+    def show_waiting(self, status: Status | None, file: str) -> None:
         """Show that the tree ended with *status* (None = a leaf raised), and that *file* is waited for."""
-        result = Text("✘ RAISED", style="bold red") if status is None else paint.status(status)
+        result = Text("✘ RAISED", style="bold red") if status is None else terminal.format_status(status)
         line = Text.assemble(result, "  ", (self.name, "bold"), f"  tick {self.tree.ticks}")
         line.append(f"  waiting until {file} is saved", style="dim")
         self._show(line)
 
     @contextmanager
-    def aside(self) -> Iterator[None]:
+    def suspend(self) -> Iterator[None]:
         """Within it other things can be printed; the line comes back below them."""
         self.close()
         try:
@@ -85,7 +85,7 @@ class Progress:
 
     def _line(self, status: Status, wall: float) -> Text:
         elapsed = (self.tree.clock.now() - self.start) / NS_PER_S
-        line = Text.assemble(paint.status(status), "  ", (self.name, "bold"), f"  {elapsed:.1f}")
+        line = Text.assemble(terminal.format_status(status), "  ", (self.name, "bold"), f"  {elapsed:.1f}")
         line.append(" s" if self.duration is None else f" / {self.duration:g} s")
         line.append(f"  tick {self.tree.ticks}  ×{elapsed / max(wall, 1e-9):.1f}", style="dim")
         leaves = [
@@ -98,7 +98,7 @@ class Progress:
         return line
 
 
-def summary(
+def print_summary(
     tree: Tree,
     heading: Text,
     results: Mapping[str, Mapping[str, object]],
@@ -123,27 +123,29 @@ def summary(
     for node, result in list(zip(tree.nodes, results.values(), strict=True))[:most]:
         quiet = not result["ticks"]
         name = Text("  " * depths[node.uid])
-        name.append(paint.sign(node.id, node.type) + " ", style=paint.KIND_STYLE.get(node.type, ""))
+        name.append(
+            terminal.node_symbol(node.id, node.type) + " ", style=terminal.KIND_STYLE.get(node.type, "")
+        )
         name.append(node.name, style="dim" if quiet else "")
         if node.name != node.id:
             name.append(f" {node.id}", style="dim")
         columns = [str(result[key] or "·") for key in ("ticks", "success", "failure", "skipped", "halted")]
         table.add_row(name, *columns, style="dim" if quiet else "")
-    console = paint.errors()
+    console = terminal.stderr_console()
     console.print(heading, soft_wrap=True)
     console.print()
     console.print(table)
     if len(tree.nodes) > most:
         console.print(f"  … and {len(tree.nodes) - most} more nodes; --json has them all", style="dim")
-    report(figures)
+    print_figures(figures)
 
 
-def report(figures: Mapping[str, object]) -> None:
+def print_figures(figures: Mapping[str, object]) -> None:
     """Print *figures* on stderr: a line for each word of it, what belongs to it beside."""
     for word, figure in figures.items():
         line = Text.assemble("\n ", (f"{word}  ", "bold"), *_figures(figure))
         line.rstrip()
-        paint.errors().print(line, soft_wrap=True)
+        terminal.stderr_console().print(line, soft_wrap=True)
 
 
 def _figures(figure: object) -> list[tuple[str, str]]:

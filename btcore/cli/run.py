@@ -9,16 +9,25 @@ from typing import Any, Final, cast
 import click
 from click.core import ParameterSource
 
-from btcore.cli import entries, extensions, library, paint, palettes, plans, substitute, trees
-from btcore.cli.logs import log_option
-from btcore.cli.recipe import Reading, Recipe, Saves
-from btcore.cli.resources import gather
-from btcore.cli.session import Session
+from btcore.cli import (
+    entry_points,
+    initial_blackboard,
+    node_libraries,
+    node_models,
+    stub_plans,
+    substitute,
+    terminal,
+    trees,
+)
+from btcore.cli.extension import gather_resources
+from btcore.cli.run_logs import log_option
+from btcore.cli.run_session import RunSession
+from btcore.cli.tree_source import CheckedSource, SaveWatcher, TreeSource
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.errors import TreeError
-from btcore.suggest import listing
-from btcore.xml.build import Maker
-from btcore.xml.stubs import Plans
+from btcore.suggestions import join_names
+from btcore.xml.build import TreeInstantiator
+from btcore.xml.models.stand_ins import StubPlans
 
 RESOURCES: Final = "btcore.resources"
 _META: Final = "btcore.cli.run.extensions"
@@ -35,7 +44,7 @@ class Finite(click.FloatRange):
         return number
 
 
-class Run(click.Command):
+class RunCommand(click.Command):
     """The command, with the options of the packages that bring worlds, robots and monitors."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
@@ -46,12 +55,12 @@ class Run(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """As click does; an option that an absent package may bring is explained."""
-        with explaining_options(ctx):
+        with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 
 
 @contextmanager
-def explaining_options(ctx: click.Context) -> Iterator[None]:
+def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     """Within it, of an option that there isn't it is told that an absent package may bring it."""
     try:
         yield
@@ -64,24 +73,24 @@ def explaining_options(ctx: click.Context) -> Iterator[None]:
         raise click.UsageError(f"{text}. Or a package brings it that isn't there: {why}", ctx) from error
 
 
-def extensions_of(ctx: click.Context) -> tuple[list[Any], list[extensions.Missing]]:
+def extensions_of(ctx: click.Context) -> tuple[list[Any], list[entry_points.UnavailableEntryPoint]]:
     """The extensions of this run, made once, and those that can't be."""
     if _META not in ctx.meta:
-        found, missing = extensions.load(RESOURCES)
+        found, missing = entry_points.load(RESOURCES)
         ctx.meta[_META] = ([one.value() for one in found], missing)
-    made: tuple[list[Any], list[extensions.Missing]] = ctx.meta[_META]
+    made: tuple[list[Any], list[entry_points.UnavailableEntryPoint]] = ctx.meta[_META]
     return made
 
 
-@click.command(cls=Run, short_help="Run a tree, until it is done.")
+@click.command(cls=RunCommand, short_help="Run a tree, until it is done.")
 @click.argument("source", metavar="TREE")
 @trees.tree_option
 @trees.format_option
-@library.plugin_option
-@palettes.model_option
-@plans.plan_option
+@node_libraries.plugin_option
+@node_models.model_option
+@stub_plans.plan_option
 @substitute.substitute_option
-@entries.set_option
+@initial_blackboard.set_option
 @click.option(
     "--rate",
     type=Finite(0, 10_000, min_open=True),
@@ -131,54 +140,54 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
     Exits with 0 when it ends in SUCCESS or SKIPPED or by --duration, 1 for FAILURE, 2 for a
     mistake in the tree or on the command line, 3 when a leaf raised, 130 when interrupted.
     """
-    return session(ctx, settings).run()
+    return create_session(ctx, settings).run()
 
 
-def session(
+def create_session(
     ctx: click.Context,
     settings: Mapping[str, Any],
     joining: Sequence[Any] = (),
-    installed: library.Library | None = None,
-) -> Session:
+    installed: node_libraries.NodeLibraries | None = None,
+) -> RunSession:
     """The run that the command's *settings* ask for, before its first tick.
 
     Further extensions may be *joining* those of the packages: they are attached last. A process with many
     runs finds the nodes *installed* once: they are left as they are. Raises what says that
     it can't be had: click.ClickException, TreeError, RegistrationError.
     """
-    saves = Saves(trees.find(settings["source"])) if settings["watch"] else None
-    recipe, (examined, nodes) = first_reading(settings, installed)
+    saves = SaveWatcher(trees.find(settings["source"])) if settings["watch"] else None
+    recipe, (examined, nodes) = read_tree_source(settings, installed)
     brought, missing = extensions_of(ctx)
-    wanted = [kind for manifest in examined.used() for kind in manifest.wanted]
-    resources, brought, idle = gather(brought, settings, wanted)
+    wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
+    resources, brought, idle = gather_resources(brought, settings, wanted)
     clock = clock_of(resources, settings["fast"])
-    resources += [random.Random(settings["seed"]), Plans(settings["plans"])]
+    resources += [random.Random(settings["seed"]), StubPlans(settings["plans"])]
     try:
-        tree = Maker(examined, nodes, None, resources, clock).tree()
+        tree = TreeInstantiator(examined, nodes, None, resources, clock).instantiate()
     except TreeError as error:
         for one in missing if wanted else ():
             error.add_note(f"'{one.name}' isn't there, and may bring it: {one.remedy}")
         raise
-    entries.write(tree, settings["entries"])
-    paint.diagnostics(examined.faults.warnings)
-    substitute.tell_idle_rules(tree)
+    initial_blackboard.write(tree, settings["entries"])
+    terminal.print_diagnostics(examined.diagnostics.warnings)
+    substitute.warn_unused_rules(tree)
     _tell_idle(ctx, idle)
-    return Session(tree, recipe, settings, [*brought, *joining], resources, saves)
+    return RunSession(tree, recipe, settings, [*brought, *joining], resources, saves)
 
 
-def first_reading(
-    settings: Mapping[str, Any], installed: library.Library | None = None
-) -> tuple[Recipe, Reading]:
+def read_tree_source(
+    settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
+) -> tuple[TreeSource, CheckedSource]:
     """How the tree of the command's *settings* is made, and its document, checked, before any world is."""
     path = trees.find(settings["source"])
     if installed is None or settings["plugins"]:
-        found = library.library(settings["plugins"])
+        found = node_libraries.load_libraries(settings["plugins"])
     else:
-        found = library.Library(installed.nodes.copy(), installed.absent)
-    recipe = Recipe(path, settings["tree"], found, settings["models"], settings["format"])
+        found = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
+    recipe = TreeSource(path, settings["tree"], found, settings["models"], settings["format"])
     substitute.add_rules(found.nodes, settings["substitutes"])
     reading = recipe.read()
-    plans.check(settings["plans"], reading.examined)
+    stub_plans.check(settings["plans"], reading.examined)
     return recipe, reading
 
 
@@ -196,7 +205,7 @@ def _tell_idle(ctx: click.Context, idle: Sequence[Any]) -> None:
         ]
         if serves is not None and given:
             do = "does" if len(given) == 1 else "do"
-            paint.warning(f"{listing(given)} {do} nothing here: the tree has no {serves}")
+            terminal.print_warning(f"{join_names(given)} {do} nothing here: the tree has no {serves}")
 
 
 def clock_of(resources: Sequence[object], fast: bool) -> Clock:

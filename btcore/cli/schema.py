@@ -5,13 +5,13 @@ from pathlib import Path
 
 import click
 
-from btcore.cli import library, palettes
+from btcore.cli import node_libraries, node_models
 from btcore.xml.schema import write_schema
 
 
 @click.command(short_help="Print an XML schema of the nodes, for editors.")
-@library.plugin_option
-@palettes.model_option
+@node_libraries.plugin_option
+@node_models.model_option
 @click.option(
     "--format",
     "format_",
@@ -25,6 +25,6 @@ def schema(plugins: Sequence[str], models: Sequence[Path], format_: str) -> None
 
     An editor that is told of it completes tags and ports, and shows what they mean.
     """
-    nodes = library.library(plugins).nodes
-    palettes.add_palettes(nodes, models)
+    nodes = node_libraries.load_libraries(plugins).nodes
+    node_models.add_node_models(nodes, models)
     click.echo(write_schema(nodes, int(format_)), nl=False)

@@ -8,21 +8,27 @@ import click
 from rich.text import Text
 from rich.tree import Tree as Drawing
 
-from btcore.cli import files, library, paint, palettes, trees
-from btcore.cli.data import print_data
+from btcore.cli import (
+    files,
+    node_libraries,
+    node_models,
+    terminal,
+    trees,
+)
+from btcore.cli.dataflow_table import print_data
 from btcore.status import NodeType
-from btcore.xml.check import examine
-from btcore.xml.dataflow import as_data, data_rows
-from btcore.xml.drawing.picture import sketch_to_svg
-from btcore.xml.drawing.sketch import Sketch, sketch_of_document
-from btcore.xml.source import read_file
+from btcore.xml.lint.data_flow import dataflow_to_dicts, trace_dataflow
+from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.read.document import parse_file
+from btcore.xml.render.svg import diagram_to_svg
+from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 
 @click.command(short_help="Draw a tree, or list its data.")
 @click.argument("source", metavar="TREE")
 @click.option("--tree", metavar="ID", help="Which of the file's trees; default: its main one.")
-@library.plugin_option
-@palettes.model_option
+@node_libraries.plugin_option
+@node_models.model_option
 @click.option("--ports/--no-ports", default=True, help="Whether ports and scripts are shown.")
 @click.option(
     "--svg",
@@ -49,43 +55,43 @@ def show(
         other = "--data" if as_table else "--json"
         raise click.UsageError(f"--svg and {other} are two answers: ask for one.")
     path = trees.find(source)
-    found = library.library(plugins)
-    with found.explaining():
-        document = read_file(path)
-        palettes.add_palettes(found.nodes, models, [document])
-        examined = examine(document, found.nodes, tree)
-        examined.faults.raise_errors()
+    found = node_libraries.load_libraries(plugins)
+    with found.annotate_errors():
+        document = parse_file(path)
+        node_models.add_node_models(found.nodes, models, [document])
+        examined = analyse_document(document, found.nodes, tree)
+        examined.diagnostics.raise_errors()
     main, format = examined.main, examined.planner.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_table:
-        rows = data_rows(examined, found.nodes)
+        rows = trace_dataflow(examined, found.nodes)
         if as_json:
-            _print_json(as_data(rows))
+            _print_json(dataflow_to_dicts(rows))
         else:
             print_data(rows)
         return
-    root = sketch_of_document(examined)
+    root = diagram_of_document(examined)
     if svg is not None:
-        files.write(svg, sketch_to_svg(root, main.id, format).encode())
+        files.write(svg, diagram_to_svg(root, main.id, format).encode())
     elif as_json:
         _print_json(_as_data(root))
     else:
         head = Text.assemble((main.id, "bold"), (f"  {path}  format {format}", "dim"))
         drawing = Drawing(head, guide_style="dim")
         _draw(root, drawing, ports)
-        paint.output().print(drawing)
+        terminal.stdout_console().print(drawing)
 
 
 def _print_json(data: object) -> None:
     click.echo(json.dumps(data, ensure_ascii=False, indent=2))
 
 
-def _draw(node: Sketch, above: Drawing, ports: bool) -> None:
+def _draw(node: DiagramNode, above: Drawing, ports: bool) -> None:
     """Add *node*, and what is below, to the drawing."""
-    line = Text(paint.sign(node.id, node.type) + " ", style=paint.KIND_STYLE.get(node.type, ""))
+    line = Text(terminal.node_symbol(node.id, node.type) + " ", style=terminal.KIND_STYLE.get(node.type, ""))
     line.append(node.name, style="bold" if node.type is not NodeType.ACTION else "")
     if node.name != node.id:
-        line.append(f"  {node.id}", style=paint.KIND_STYLE.get(node.type, ""))
+        line.append(f"  {node.id}", style=terminal.KIND_STYLE.get(node.type, ""))
     line.append(f"  {node.uid}", style="dim")
     if ports:
         for key, text, _ in node.ports:
@@ -100,7 +106,7 @@ def _draw(node: Sketch, above: Drawing, ports: bool) -> None:
         _draw(child, branch, ports)
 
 
-def _as_data(node: Sketch) -> dict[str, object]:
+def _as_data(node: DiagramNode) -> dict[str, object]:
     """A node as plain data."""
     return {
         "uid": node.uid,

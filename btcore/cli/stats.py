@@ -9,15 +9,20 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from btcore.cli import paint
+from btcore.cli import terminal
 from btcore.clock import NS_PER_S
-from btcore.logs import NodeTally, Recording, read_log, tallies
+from btcore.logs import (
+    RecordedStatistics,
+    Recording,
+    read_log,
+    recorded_statistics,
+)
 from btcore.status import FAILURE, SUCCESS
 
 SLOWEST: Final = 3
 """How many leaves are named under the table."""
 
-_ORDERS: Final[dict[str, Callable[[NodeTally], Any]]] = {
+_ORDERS: Final[dict[str, Callable[[RecordedStatistics], Any]]] = {
     "total": lambda one: one.total,
     "mean": lambda one: one.mean,
     "max": lambda one: one.longest,
@@ -45,30 +50,31 @@ def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
     A file that was cut off counts up to the cut.
     """
     recording = read_log(log)
-    for remark in recording.remarks:
-        paint.warning(remark)
-    found = tallies(recording)
+    for remark in recording.warnings:
+        terminal.print_warning(remark)
+    found = recorded_statistics(recording)
     shown = found if sort == "tree" else sorted(found, key=_ORDERS[sort], reverse=True)
     if as_json:
         click.echo(json.dumps(_as_data(recording, shown[:top]), ensure_ascii=False, indent=2))
         return
     length = (recording.end - recording.start) / NS_PER_S
-    head = f"{len(recording.changes)} transitions of {len(found)} nodes in {length:.3f} s"
-    paint.output().print(Text.assemble((log, "bold"), "  ", head))
-    paint.output().print(_table(shown[:top]))
+    head = f"{len(recording.transitions)} transitions of {len(found)} nodes in {length:.3f} s"
+    terminal.stdout_console().print(Text.assemble((log, "bold"), "  ", head))
+    terminal.stdout_console().print(_table(shown[:top]))
     slowest = _slowest(found)
     if slowest:
-        paint.output().print(Text.assemble(("slowest leaves  ", "bold"), slowest))
+        terminal.stdout_console().print(Text.assemble(("slowest leaves  ", "bold"), slowest))
 
 
-def _table(rows: Sequence[NodeTally]) -> Table:
+def _table(rows: Sequence[RecordedStatistics]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     table.add_column("node", overflow="fold", ratio=1)
     for name in ("success", "failure", "skipped", "halted", "rate", "total s", "mean s", "max s"):
         table.add_column(name, justify="right", no_wrap=True)
     for one in rows:
         label = Text(
-            paint.sign(one.node.id, one.node.type) + " ", style=paint.KIND_STYLE.get(one.node.type, "")
+            terminal.node_symbol(one.node.id, one.node.type) + " ",
+            style=terminal.KIND_STYLE.get(one.node.type, ""),
         )
         label.append(one.path, style="" if one.results or one.runs else "dim")
         if one.running:
@@ -77,8 +83,8 @@ def _table(rows: Sequence[NodeTally]) -> Table:
         times = [_seconds(ns) for ns in (one.total, one.mean, one.longest)] if one.runs else [""] * 3
         table.add_row(
             label,
-            _count(one.success, paint.STATUS_STYLE[SUCCESS]),
-            _count(one.failure, paint.STATUS_STYLE[FAILURE]),
+            _count(one.success, terminal.STATUS_STYLE[SUCCESS]),
+            _count(one.failure, terminal.STATUS_STYLE[FAILURE]),
             _count(one.skipped),
             _count(one.halted),
             rate,
@@ -87,7 +93,7 @@ def _table(rows: Sequence[NodeTally]) -> Table:
     return table
 
 
-def _slowest(found: Sequence[NodeTally]) -> str:
+def _slowest(found: Sequence[RecordedStatistics]) -> str:
     leaves = [one for one in found if not one.node.children and one.total]
     leaves.sort(key=lambda one: one.total, reverse=True)
     return ", ".join(f"{one.path} {_seconds(one.total)} s" for one in leaves[:SLOWEST])
@@ -101,13 +107,13 @@ def _seconds(ns: float) -> str:
     return f"{ns / NS_PER_S:.3f}"
 
 
-def _as_data(recording: Recording, rows: Sequence[NodeTally]) -> dict[str, object]:
+def _as_data(recording: Recording, rows: Sequence[RecordedStatistics]) -> dict[str, object]:
     return {
         "log": str(recording.path),
         "time_s": (recording.end - recording.start) / NS_PER_S,
-        "transitions": len(recording.changes),
+        "transitions": len(recording.transitions),
         "damage": recording.damage or None,
-        "gaps": [{"before": gap.at + 1, "said": gap.said} for gap in recording.gaps],
+        "gaps": [{"before": gap.at + 1, "said": gap.reason} for gap in recording.gaps],
         "nodes": {
             one.path: {
                 "id": one.node.id,

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 import btcore
-from btcore.suggest import listing, nearest
+from btcore.suggestions import join_names, nearest_name
 
 tree_option = click.option("--tree", metavar="ID", help="Which of the file's trees; default: its main one.")
 format_option = click.option(
@@ -50,11 +50,11 @@ def _nothing_there(path: Path, name: str) -> str:
     """The sentence for a *name* that means nothing, with what was probably meant."""
     if path.suffix == ".xml" or path.parent != Path():
         beside = [str(other) for other in path.parent.glob("*.xml")] if path.parent.is_dir() else []
-        meant = nearest(name, beside)
+        meant = nearest_name(name, beside)
         text = f"there is no file '{name}'."
     else:
-        meant = nearest(name, names())
+        meant = nearest_name(name, names())
         text = f"there is neither a file nor a tree '{name}'."
     if meant is not None:
         return f"{text} Did you mean '{meant}'?"
-    return f"{text} The trees that have a name: {listing(names())}." if names() else text
+    return f"{text} The trees that have a name: {join_names(names())}." if names() else text

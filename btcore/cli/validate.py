@@ -8,17 +8,22 @@ from typing import NamedTuple
 import click
 from rich.text import Text
 
-from btcore.cli import library, paint, palettes, trees
+from btcore.blackboard.ports import remapped_key
+from btcore.cli import (
+    node_libraries,
+    node_models,
+    terminal,
+    trees,
+)
 from btcore.errors import Diagnostic, TreeError
-from btcore.ports import pointer
-from btcore.registry import Registry
-from btcore.xml.source import read_file
-from btcore.xml.validate import validate_document
+from btcore.registry.registry import Registry
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_file
 
 MISTAKE = 2
 
 
-class Asked(NamedTuple):
+class ValidationOptions(NamedTuple):
     """What is asked of each file: which *tree*, in which *format*, on a blackboard that holds *given*.
 
     Nodes that explicit tags name are good *without_code* too, if that is set.
@@ -32,8 +37,8 @@ class Asked(NamedTuple):
 
 @click.command(short_help="Find every fault in trees, with file, line and column.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…")
-@library.plugin_option
-@palettes.model_option
+@node_libraries.plugin_option
+@node_models.model_option
 @trees.tree_option
 @trees.format_option
 @click.option(
@@ -59,10 +64,10 @@ def validate(
 
     Exits with 0 when they can be run, 2 when one can't.
     """
-    nodes = library.library(plugins)
+    nodes = node_libraries.load_libraries(plugins)
     files = [file for source in sources for file in _files(source)]
-    palettes.add_palettes(nodes.nodes, models)
-    asked = Asked(tree, format, given, without_code=bool(models))
+    node_models.add_node_models(nodes.nodes, models)
+    asked = ValidationOptions(tree, format, given, without_code=bool(models))
     found = [one for file in files for one in _check(file, nodes.nodes, asked)]
     errors = [one for one in found if one.is_error]
     warnings = [one for one in found if not one.is_error]
@@ -73,7 +78,7 @@ def validate(
         )
     else:
         _print(errors, warnings, len(files), good)
-        paint.notes(nodes.notes(found))
+        terminal.print_notes(nodes.missing_library_notes(found))
     return 0 if good else MISTAKE
 
 
@@ -87,30 +92,30 @@ def _files(source: str) -> list[Path]:
     return files
 
 
-def _check(file: Path, nodes: Registry, asked: Asked) -> list[Diagnostic]:
+def _check(file: Path, nodes: Registry, asked: ValidationOptions) -> list[Diagnostic]:
     """What is wrong with *file*."""
     try:
-        document = read_file(file)
+        document = parse_file(file)
     except TreeError as fault:
         return list(fault.diagnostics)
     if asked.without_code:
         # Of this file alone: in another one the same tag may have other ports.
         nodes = nodes.copy()
-        palettes.add_named(nodes, [document])
+        node_models.add_document_nodes(nodes, [document])
     return validate_document(
         document,
         nodes=nodes,
         tree=asked.tree,
         format=asked.format,
-        given=[pointer(one, one) or one for one in asked.given],
+        given=[remapped_key(one, one) or one for one in asked.given],
     )
 
 
 def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, good: bool) -> None:
     """Errors, then warnings, then the count of both."""
-    console = paint.output()
+    console = terminal.stdout_console()
     for one in (*errors, *warnings):
-        console.print(paint.diagnostic(one), soft_wrap=True)
+        console.print(terminal.format_diagnostic(one), soft_wrap=True)
         console.print()
     mark = Text("✔ ", style="bold green") if good else Text("✘ ", style="bold red")
     mark.append(

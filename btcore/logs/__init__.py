@@ -5,42 +5,52 @@
 
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
-from btcore.logs.divergence import Divergence, Step, divergence, steps
+from btcore.logs.divergence import (
+    Divergence,
+    Step,
+    find_divergence,
+    steps,
+)
 from btcore.logs.fbl import read_fbl
-from btcore.logs.files import LogFault
+from btcore.logs.files import LogError
+from btcore.logs.formats import open_log, read_log
 from btcore.logs.log import Log
-from btcore.logs.opening import open_log, read_log
-from btcore.logs.recording import Change, Gap, RecordedNode, Recording
+from btcore.logs.recording import (
+    Gap,
+    LoggedTransition,
+    RecordedNode,
+    Recording,
+)
 from btcore.logs.sessions import Session, read_sqlite, sessions
 from btcore.logs.sqlite import SqliteLog
 from btcore.logs.statistics import NodeStatistics, TreeObserver
-from btcore.logs.tally import NodeTally, tallies
+from btcore.logs.tally import RecordedStatistics, recorded_statistics
 from btcore.logs.trace import TraceLog
 
 __all__ = [
     "BtLog",
-    "Change",
     "ConsoleLog",
     "Divergence",
     "Gap",
     "Log",
-    "LogFault",
+    "LogError",
+    "LoggedTransition",
     "NodeStatistics",
-    "NodeTally",
     "RecordedNode",
+    "RecordedStatistics",
     "Recording",
     "Session",
     "SqliteLog",
     "Step",
     "TraceLog",
     "TreeObserver",
-    "divergence",
+    "find_divergence",
     "open_log",
     "read_btlog",
     "read_fbl",
     "read_log",
     "read_sqlite",
+    "recorded_statistics",
     "sessions",
     "steps",
-    "tallies",
 ]

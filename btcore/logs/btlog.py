@@ -14,12 +14,24 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from btcore.logs.files import LogFault, contents, create, expect_extension, write_whole
+from btcore.logs.files import (
+    LogError,
+    create,
+    expect_extension,
+    read_bytes,
+    write_whole,
+)
 from btcore.logs.log import Log
-from btcore.logs.recording import STATUSES, Gap, History, Recording, nodes_of
+from btcore.logs.recording import (
+    STATUSES,
+    Gap,
+    Recording,
+    TransitionCollector,
+    parse_nodes,
+)
 from btcore.status import Transition
-from btcore.tree import Tree
-from btcore.xml.write import tree_to_xml
+from btcore.tree.tree import Tree
+from btcore.xml.render.tree_xml import tree_to_xml
 
 MAGIC: Final = b"BTCPP4-FileLogger2"
 PROTOCOL: Final = 1
@@ -32,10 +44,10 @@ _FIRST_STAMP: Final = struct.Struct("<q")
 _RECORD: Final = struct.Struct("<IHHB")
 
 
-class BtLogFile:
+class BtLogWriter:
     """Such a file, being written; what was in it is gone.
 
-    *xml* is the tree, *start* the first stamp (µs since 1970). Raises LogFault: the extension isn't
+    *xml* is the tree, *start* the first stamp (µs since 1970). Raises LogError: the extension isn't
     ``.btlog``, or the file can't be written.
     """
 
@@ -48,7 +60,7 @@ class BtLogFile:
             _beside(path).unlink(missing_ok=True)
         except OSError as error:
             self._file.close()
-            raise LogFault(
+            raise LogError(
                 f"{_beside(path)}: this is of an older log, and can't be removed: {error}"
             ) from None
 
@@ -73,7 +85,7 @@ class BtLogFile:
 class BtLog(Log):
     """Writes the transitions of *tree* to *path*, as FileLogger2 does; what was in the file is gone.
 
-    *idle* false leaves out the transitions to IDLE. Raises LogFault: the extension isn't ``.btlog``,
+    *idle* false leaves out the transitions to IDLE. Raises LogError: the extension isn't ``.btlog``,
     or the file can't be written.
     """
 
@@ -82,7 +94,7 @@ class BtLog(Log):
         expect_extension(self.path, EXTENSION)
         xml = tree_to_xml(tree).encode("utf-8")
         super().__init__(tree, str(self.path), idle=idle)
-        self._file = BtLogFile(self.path, xml, self.epoch // NS_PER_US)
+        self._file = BtLogWriter(self.path, xml, self.epoch // NS_PER_US)
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
@@ -100,23 +112,23 @@ class BtLog(Log):
 def read_btlog(path: str | os.PathLike[str]) -> Recording:
     """What the file *path* tells, up to where it was cut off or damaged, if it was.
 
-    Raises LogFault if it can't be read, is no such log, or ends before its first transition could begin.
+    Raises LogError if it can't be read, is no such log, or ends before its first transition could begin.
     """
     path = Path(path)
-    data = contents(path)
+    data = read_bytes(path)
     if not data.startswith(MAGIC):
-        raise LogFault(f"{path}: this isn't a {EXTENSION}, it doesn't begin with {MAGIC.decode()}")
+        raise LogError(f"{path}: this isn't a {EXTENSION}, it doesn't begin with {MAGIC.decode()}")
     if len(data) < _HEADER.size:
-        raise LogFault(f"{path}: this log ends in its header, after {len(data)} bytes")
+        raise LogError(f"{path}: this log ends in its header, after {len(data)} bytes")
     _, protocol, size = _HEADER.unpack_from(data)
     if protocol != PROTOCOL:
-        raise LogFault(f"{path}: this log is of protocol {protocol}, and btcore reads protocol {PROTOCOL}")
+        raise LogError(f"{path}: this log is of protocol {protocol}, and btcore reads protocol {PROTOCOL}")
     first = _HEADER.size + size + _FIRST_STAMP.size
     if size < 0 or len(data) < first:
         said = f"{len(data)} of {first} bytes" if size >= 0 else f"a tree of {size} bytes is announced"
-        raise LogFault(f"{path}: this log ends in its header: {said}")
+        raise LogError(f"{path}: this log ends in its header: {said}")
     xml = data[_HEADER.size : _HEADER.size + size]
-    nodes = nodes_of(xml, str(path))
+    nodes = parse_nodes(xml, str(path))
     (start,) = _FIRST_STAMP.unpack_from(data, _HEADER.size + size)
     whole = first + (len(data) - first) // _RECORD.size * _RECORD.size
     damage = ""
@@ -124,7 +136,7 @@ def read_btlog(path: str | os.PathLike[str]) -> Recording:
         damage = (
             f"the file is cut off within a transition, {len(data) - whole} bytes after the last whole one"
         )
-    history = History()
+    history = TransitionCollector()
     for index, (low, high, uid, code) in enumerate(_RECORD.iter_unpack(data[first:whole])):
         if uid not in nodes or code not in STATUSES:
             what = f"status {code}" if uid in nodes else f"node {uid}"

@@ -6,8 +6,16 @@ from typing import ClassVar, Final, TextIO
 
 from btcore.clock import NS_PER_S
 from btcore.logs.log import Log
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
-from btcore.tree import Tree
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Status,
+    Transition,
+)
+from btcore.tree.tree import Tree
 
 _COLOURS: Final = {SUCCESS: 32, FAILURE: 31, RUNNING: 33, SKIPPED: 34, IDLE: 36}
 _NAME_WIDTH: Final = 25
@@ -22,7 +30,7 @@ class ConsoleLog(Log):
     """
 
     # A closed stream raises ValueError.
-    failures: ClassVar[tuple[type[Exception], ...]] = (OSError, ValueError)
+    write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError, ValueError)
 
     def __init__(
         self,

@@ -6,12 +6,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from btcore.logs.files import LogFault, expect_extension, reach
+from btcore.logs.files import LogError, ensure_writable, expect_extension
 from btcore.status import RUNNING, Status
 
 EXTENSIONS: Final = (".db3", ".btdb")
 
-GAP: Final = "gap: "
+GAP_PREFIX: Final = "gap: "
 """What a row's ``extra_data`` begins with where something is missing before it; the sentence follows."""
 
 _TABLES: Final = (
@@ -26,18 +26,18 @@ _TABLES: Final = (
 _PATIENCE_MS: Final = 1_000
 
 
-class Database:
+class SqliteWriter:
     """A new session in the database *path*, for the tree *xml* with its *nodes* (path and uid).
 
     Without *append* the sessions that are there are deleted (the numbers of sessions go on). While another
-    program writes, rows wait for a later :meth:`flush`. Raises LogFault.
+    program writes, rows wait for a later :meth:`flush`. Raises LogError.
     """
 
     def __init__(
         self, path: Path, xml: str, nodes: Iterable[tuple[str, int]], *, append: bool = False
     ) -> None:
         expect_extension(path, *EXTENSIONS)
-        reach(path)
+        ensure_writable(path)
         self.session = 0
         self._rows: list[tuple[int, int, int, int, int, str]] = []
         self._since: dict[int, int] = {}
@@ -49,7 +49,7 @@ class Database:
         except sqlite3.Error as error:
             self._base.close()
             busy = "; another program writes to it" if _is_busy(error) else ""
-            raise LogFault(f"{path}: a log can't be written here: {error}{busy}") from None
+            raise LogError(f"{path}: a log can't be written here: {error}{busy}") from None
         self._first = self._last + 1
 
     def _begin(self, xml: str, nodes: Iterable[tuple[str, int]], append: bool) -> int:

@@ -37,15 +37,15 @@ def steps(recording: Recording, *, idle: bool = True) -> list[Step]:
     transition, for not every format knows when its log began.
     """
     keys = recording.keys()
-    origin = recording.changes[0].stamp if recording.changes else 0
+    origin = recording.transitions[0].stamp if recording.transitions else 0
     return [
         Step(stamp - origin, keys[uid], previous, status)
-        for stamp, uid, previous, status in recording.changes
+        for stamp, uid, previous, status in recording.transitions
         if idle or status is not IDLE
     ]
 
 
-def divergence(first: list[Step], second: list[Step], tolerance: int | None = None) -> Divergence | None:
+def find_divergence(first: list[Step], second: list[Step], tolerance: int | None = None) -> Divergence | None:
     """Where *first* and *second* part: by node, by status, by order; None if they don't.
 
     With a *tolerance* (ns) also where one comes so much earlier than the other.

@@ -9,9 +9,14 @@ import struct
 from pathlib import Path
 from typing import Final
 
-from btcore.logs.files import LogFault, contents
-from btcore.logs.flatbuffer import FlatbufferFault, Table
-from btcore.logs.recording import STATUSES, Change, RecordedNode, Recording
+from btcore.logs.files import LogError, read_bytes
+from btcore.logs.flatbuffer import FlatbufferError, Table
+from btcore.logs.recording import (
+    STATUSES,
+    LoggedTransition,
+    RecordedNode,
+    Recording,
+)
 from btcore.status import NodeType
 
 EXTENSION: Final = ".fbl"
@@ -30,35 +35,35 @@ def read_fbl(path: str | os.PathLike[str]) -> Recording:
     """What the file *path* tells, up to where it was cut off or damaged, if it was.
 
     Paths are made by BehaviorTree.CPP 4's rule (version 3 has none); the order of nodes is the file's.
-    Raises LogFault if it can't be read, is no such log, or ends within the tree.
+    Raises LogError if it can't be read, is no such log, or ends within the tree.
     """
     path = Path(path)
-    data = contents(path)
+    data = read_bytes(path)
     size = _SIZE.unpack_from(data)[0] if len(data) >= _SIZE.size else 0
     first = _SIZE.size + size
     if not size or first > len(data):
-        raise LogFault(
+        raise LogError(
             f"{path}: this isn't a {EXTENSION}, or it ends within the tree: "
             f"it begins with the length of a tree, {size}, and has {len(data)} bytes"
         )
     try:
         nodes = _nodes(Table.root(data[_SIZE.size : first]))
-    except FlatbufferFault as fault:
-        raise LogFault(f"{path}: this isn't a {EXTENSION}, the tree in it makes no sense: {fault}") from None
+    except FlatbufferError as fault:
+        raise LogError(f"{path}: this isn't a {EXTENSION}, the tree in it makes no sense: {fault}") from None
     whole = first + (len(data) - first) // _RECORD.size * _RECORD.size
     damage = ""
     if whole < len(data):
         damage = (
             f"the file is cut off within a transition, {len(data) - whole} bytes after the last whole one"
         )
-    changes: list[Change] = []
+    changes: list[LoggedTransition] = []
     for index, (seconds, micros, uid, before, after) in enumerate(_RECORD.iter_unpack(data[first:whole])):
         if uid not in nodes or before not in STATUSES or after not in STATUSES:
             what = f"status {before} or {after}" if uid in nodes else f"node {uid}"
             damage = f"the file is damaged from byte {first + index * _RECORD.size} on: there is no {what}"
             break
         stamp = seconds * 1_000_000_000 + micros * 1_000
-        changes.append(Change(stamp, uid, STATUSES[before], STATUSES[after]))
+        changes.append(LoggedTransition(stamp, uid, STATUSES[before], STATUSES[after]))
     start = changes[0].stamp if changes else 0
     return Recording(path, "", start, nodes, changes, damage)
 

@@ -5,24 +5,24 @@ from io import FileIO
 from pathlib import Path
 
 from btcore.errors import BtcoreError
-from btcore.suggest import listing
+from btcore.suggestions import join_names
 
 
-class LogFault(BtcoreError):
+class LogError(BtcoreError):
     """A log can't be written where it is wanted, or what is read isn't one."""
 
 
 def expect_extension(path: Path, *extensions: str) -> None:
-    """Raise LogFault unless *path* ends in one of *extensions*, which the tools that read it ask for."""
+    """Raise LogError unless *path* ends in one of *extensions*, which the tools that read it ask for."""
     if path.suffix in extensions:
         return
-    wanted = listing(extensions, "or")
+    wanted = join_names(extensions, "or")
     hint = path.with_suffix(extensions[0]) if path.name else f"run{extensions[0]}"
-    raise LogFault(f"{path}: this log's file ends in {wanted}; did you mean {hint}?")
+    raise LogError(f"{path}: this log's file ends in {wanted}; did you mean {hint}?")
 
 
 def create(path: Path, head: bytes) -> FileIO:
-    """The file *path*, with *head* in it and open for writing without a buffer. Raises LogFault."""
+    """The file *path*, with *head* in it and open for writing without a buffer. Raises LogError."""
     try:
         file = path.open("wb", buffering=0)
         try:
@@ -31,16 +31,16 @@ def create(path: Path, head: bytes) -> FileIO:
             file.close()
             raise
     except OSError as error:
-        raise LogFault(f"{path}: {_why_not(path, error)}") from None
+        raise LogError(f"{path}: {_why_not(path, error)}") from None
     return file
 
 
-def reach(path: Path) -> None:
-    """Raise LogFault unless *path* is, or can be made, a file to write; what it holds stays."""
+def ensure_writable(path: Path) -> None:
+    """Raise LogError unless *path* is, or can be made, a file to write; what it holds stays."""
     try:
         path.open("ab").close()
     except OSError as error:
-        raise LogFault(f"{path}: {_why_not(path, error)}") from None
+        raise LogError(f"{path}: {_why_not(path, error)}") from None
 
 
 def write_whole(file: FileIO, data: bytes) -> None:
@@ -51,13 +51,13 @@ def write_whole(file: FileIO, data: bytes) -> None:
         written = file.write(data)
 
 
-def contents(path: Path, most: int = -1) -> bytes:
-    """The bytes of *path*, the first *most* if that is not negative. Raises LogFault."""
+def read_bytes(path: Path, most: int = -1) -> bytes:
+    """The bytes of *path*, the first *most* if that is not negative. Raises LogError."""
     try:
         with path.open("rb") as file:
             return file.read(most)
     except OSError as error:
-        raise LogFault(f"{path}: this log can't be read: {_reason(error)}") from None
+        raise LogError(f"{path}: this log can't be read: {_reason(error)}") from None
 
 
 def _why_not(path: Path, error: OSError) -> str:

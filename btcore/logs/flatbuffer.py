@@ -14,7 +14,7 @@ _U32: Final = struct.Struct("<I")
 _I8: Final = struct.Struct("<b")
 
 
-class FlatbufferFault(Exception):
+class FlatbufferError(Exception):
     """The bytes aren't the table that is expected."""
 
 
@@ -29,7 +29,7 @@ class Table:
 
     @classmethod
     def root(cls, data: bytes) -> "Table":
-        """The table that everything hangs on. Raises FlatbufferFault, as all reading does."""
+        """The table that everything hangs on. Raises FlatbufferError, as all reading does."""
         return cls(data, cls._forward(data, 0))
 
     def u16(self, field: int) -> int:
@@ -48,7 +48,7 @@ class Table:
         try:
             return self._data[start : start + size].decode("utf-8")
         except UnicodeDecodeError:
-            raise FlatbufferFault(f"the text at byte {start} is not UTF-8") from None
+            raise FlatbufferError(f"the text at byte {start} is not UTF-8") from None
 
     def numbers(self, field: int) -> tuple[int, ...]:
         """A vector of unsigned numbers of 16 bits."""
@@ -73,11 +73,11 @@ class Table:
         """Start and number of the elements, *width* bytes each, of a vector."""
         place = self._place(field)
         if not place:
-            raise FlatbufferFault(f"the table at byte {self._start} has no field {field}")
+            raise FlatbufferError(f"the table at byte {self._start} has no field {field}")
         start = self._forward(self._data, place)
         size = self._number(_U32, start)
         if start + _U32.size + size * width > len(self._data):
-            raise FlatbufferFault(f"the vector at byte {start} goes beyond the end")
+            raise FlatbufferError(f"the vector at byte {start} goes beyond the end")
         return start + _U32.size, size
 
     def _number(self, shape: struct.Struct, place: int) -> int:
@@ -90,5 +90,5 @@ class Table:
     @staticmethod
     def _unpack(data: bytes, shape: struct.Struct, place: int) -> int:
         if place < 0 or place + shape.size > len(data):
-            raise FlatbufferFault(f"byte {place} is asked for, and there are {len(data)}")
+            raise FlatbufferError(f"byte {place} is asked for, and there are {len(data)}")
         return int(shape.unpack_from(data, place)[0])

@@ -6,7 +6,7 @@ lane only while the parent is innermost there, else on a free one.
 """
 
 
-class Lanes:
+class SliceLanes:
     """Which node's slice is open on which lane; lanes count from 1."""
 
     def __init__(self, parents: dict[int, int]) -> None:

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, Self
 
-from btcore.observers import Observer, Transitions
+from btcore.engine.observers import Observer, Transitions
 from btcore.status import IDLE, Transition
-from btcore.tree import Tree
+from btcore.tree.tree import Tree
 
 _log = logging.getLogger("btcore")
 
 
-class Attached(Observer):
+class AttachedObserver(Observer):
     """An observer that hears *tree* until it is closed; ``with`` closes it.
 
     *epoch* is the wall time (ns since 1970) at which it was made, *start* the tree clock's time (ns)
@@ -51,14 +51,14 @@ class Attached(Observer):
         self.close()
 
 
-class Log(Attached):
+class Log(AttachedObserver):
     """Writes the transitions of a tick at its end, and those of a halt after it.
 
     So a process that is killed loses at most the tick in progress. A log that can't be written any more
     (a full disk) ends with a warning of the logger ``btcore``; the tree does not notice.
     """
 
-    failures: ClassVar[tuple[type[Exception], ...]] = (OSError,)
+    write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError,)
     """What writing may raise for reasons that are the world's, not the program's."""
 
     def __init__(self, tree: Tree, name: str, *, idle: bool = True) -> None:
@@ -73,19 +73,19 @@ class Log(Attached):
             return
         try:
             self.write(kept)
-        except self.failures as error:
+        except self.write_errors as error:
             self._give_up(error)
 
     def close(self) -> None:
         """Write what isn't written yet, and end the log. Closing again does nothing."""
         if self.closed:
             return
-        self.tree.hand_over()
+        self.tree.flush_observers()
         if self.closed:
             return
         try:
             self.finish()
-        except self.failures as error:
+        except self.write_errors as error:
             self._give_up(error)
         super().close()
         self.release()

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from lxml import etree
 
-from btcore.logs.files import LogFault
+from btcore.logs.files import LogError
 from btcore.status import IDLE, NodeType, Status
 
 STATUSES: Final = {int(status): status for status in Status}
@@ -23,7 +23,7 @@ _TYPES: Final = {
 }
 
 
-class Change(NamedTuple):
+class LoggedTransition(NamedTuple):
     """One change of one node's status; *stamp* in ns since 1970 (the files hold µs)."""
 
     stamp: int
@@ -36,7 +36,7 @@ class Gap(NamedTuple):
     """Something is missing before the change number *at* (0: the first); *said* tells what, and why."""
 
     at: int
-    said: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,21 +70,21 @@ class Recording:
     xml: str
     start: int
     nodes: dict[int, RecordedNode]
-    changes: list[Change]
+    transitions: list[LoggedTransition]
     damage: str = ""
     gaps: tuple[Gap, ...] = ()
 
     @property
     def end(self) -> int:
         """When the last change was (ns since 1970)."""
-        return self.changes[-1].stamp if self.changes else self.start
+        return self.transitions[-1].stamp if self.transitions else self.start
 
     @property
-    def remarks(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What a reader has to know of what is missing: sentences on every gap, and on the damage."""
-        told = [f"{self.path}: a gap before transition {gap.at + 1}: {gap.said}" for gap in self.gaps]
+        told = [f"{self.path}: a gap before transition {gap.at + 1}: {gap.reason}" for gap in self.gaps]
         if self.damage:
-            told.append(f"{self.path}: {self.damage}; {len(self.changes)} transitions are read")
+            told.append(f"{self.path}: {self.damage}; {len(self.transitions)} transitions are read")
         return told
 
     def keys(self) -> dict[int, str]:
@@ -98,28 +98,28 @@ class Recording:
     def statuses(self, count: int | None = None) -> dict[int, Status]:
         """How every node stands after the first *count* changes, by default after all."""
         found: dict[int, Status] = dict.fromkeys(self.nodes, IDLE)
-        for change in self.changes[:count]:
+        for change in self.transitions[:count]:
             found[change.uid] = change.status
         return found
 
 
-class History:
+class TransitionCollector:
     """Collects changes from records that don't tell the previous status."""
 
     def __init__(self) -> None:
-        self.changes: list[Change] = []
+        self.changes: list[LoggedTransition] = []
         self._last: dict[int, Status] = {}
 
     def add(self, stamp: int, uid: int, status: Status) -> None:
         """Node *uid* became *status* at *stamp* (ns since 1970)."""
-        self.changes.append(Change(stamp, uid, self._last.get(uid, IDLE), status))
+        self.changes.append(LoggedTransition(stamp, uid, self._last.get(uid, IDLE), status))
         self._last[uid] = status
 
 
-def nodes_of(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
+def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
     """The nodes of a tree as BehaviorTree.CPP 4 writes it with metadata (groot2.md §4.1), in pre-order.
 
-    Raises LogFault, about *source*, if *xml* isn't that.
+    Raises LogError, about *source*, if *xml* isn't that.
     """
     data = xml.encode("utf-8", "replace") if isinstance(xml, str) else xml
     parser = etree.XMLParser(
@@ -128,7 +128,7 @@ def nodes_of(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
     try:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
-        raise LogFault(f"{source}: the tree in this log is no XML: {error.msg}") from None
+        raise LogError(f"{source}: the tree in this log is no XML: {error.msg}") from None
     trees = {str(tree.get("_fullpath", "")): tree for tree in reversed(root.findall("BehaviorTree"))}
     types = {
         str(model.get("ID")): _TYPES[str(model.tag)]
@@ -136,7 +136,7 @@ def nodes_of(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
         for model in models.iterchildren(*_TYPES)
     }
     if "" not in trees:
-        raise LogFault(f"{source}: the tree in this log has no main tree")
+        raise LogError(f"{source}: the tree in this log has no main tree")
     return {node.uid: node for node in _walk(trees, types, source)}
 
 
@@ -151,7 +151,7 @@ def _walk(
         element, subtree = waiting.pop()
         uid = _uid(element, source)
         if uid in seen:
-            raise LogFault(f"{source}: the tree in this log has two nodes with _uid {uid}")
+            raise LogError(f"{source}: the tree in this log has two nodes with _uid {uid}")
         seen.add(uid)
         tag = str(element.tag)
         prefix = f"{subtree}/" if subtree else ""
@@ -179,5 +179,5 @@ def _elements(parent: etree._Element) -> list[etree._Element]:
 def _uid(element: etree._Element, source: str) -> int:
     text = element.get("_uid", "")
     if not (text.isascii() and text.isdigit() and len(text) <= 10):
-        raise LogFault(f"{source}: a node of the tree in this log, <{element.tag}>, has the _uid '{text}'")
+        raise LogError(f"{source}: a node of the tree in this log, <{element.tag}>, has the _uid '{text}'")
     return int(text)

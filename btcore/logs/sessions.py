@@ -13,11 +13,18 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from btcore.logs.database import GAP
-from btcore.logs.files import LogFault, contents
-from btcore.logs.recording import STATUSES, Gap, History, RecordedNode, Recording, nodes_of
+from btcore.logs.database import GAP_PREFIX
+from btcore.logs.files import LogError, read_bytes
+from btcore.logs.recording import (
+    STATUSES,
+    Gap,
+    RecordedNode,
+    Recording,
+    TransitionCollector,
+    parse_nodes,
+)
 from btcore.logs.sqlite import NS_PER_US
-from btcore.suggest import listing
+from btcore.suggestions import join_names
 
 _MAGIC: Final = b"SQLite format 3\0"
 _HEAD: Final = 100
@@ -37,7 +44,7 @@ class Session(NamedTuple):
 
 
 def sessions(path: str | os.PathLike[str]) -> list[Session]:
-    """The sessions of the database *path*, the oldest first. Raises LogFault if it is no such log."""
+    """The sessions of the database *path*, the oldest first. Raises LogError if it is no such log."""
     query = (
         "SELECT session_id, date, (SELECT count(*) FROM Transitions AS t WHERE t.session_id = d.session_id)"
         " FROM Definitions AS d ORDER BY session_id"
@@ -49,7 +56,7 @@ def sessions(path: str | os.PathLike[str]) -> list[Session]:
 def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Recording:
     """What *session* of the database *path* tells, by default the last one.
 
-    A database that is cut off or damaged is read up to there. Raises LogFault if it can't be read, is no
+    A database that is cut off or damaged is read up to there. Raises LogError if it can't be read, is no
     such log, or has no such session.
     """
     path = Path(path)
@@ -58,18 +65,18 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
             number for (number,) in base.execute("SELECT session_id FROM Definitions ORDER BY session_id")
         ]
         if not there:
-            raise LogFault(f"{path}: this log has no session")
+            raise LogError(f"{path}: this log has no session")
         number = there[-1] if session is None else session
         if number not in there:
-            known = listing(str(one) for one in there)
-            raise LogFault(f"{path}: this log has no session {number}; there is {known}")
+            known = join_names(str(one) for one in there)
+            raise LogError(f"{path}: this log has no session {number}; there is {known}")
         nodes, xml = _tree(base, number, path, damage)
         rows = base.execute(
             "SELECT timestamp, node_uid, state, extra_data FROM Transitions WHERE session_id = ?"
             " ORDER BY timestamp",
             (number,),
         )
-        history = History()
+        history = TransitionCollector()
         gaps: list[Gap] = []
         try:
             for stamp, uid, code, extra in rows:
@@ -77,8 +84,8 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
                     what = f"status {code}" if uid in nodes else f"node {uid}"
                     damage = f"the log is damaged from the transition at {stamp} µs on: there is no {what}"
                     break
-                if isinstance(extra, str) and extra.startswith(GAP):
-                    gaps.append(Gap(len(history.changes), extra.removeprefix(GAP)))
+                if isinstance(extra, str) and extra.startswith(GAP_PREFIX):
+                    gaps.append(Gap(len(history.changes), extra.removeprefix(GAP_PREFIX)))
                 history.add(stamp * NS_PER_US, uid, STATUSES[code])
         except sqlite3.Error as error:
             damage = damage or f"the log can't be read beyond its transition {len(history.changes)}: {error}"
@@ -89,24 +96,24 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
 def _tree(
     base: sqlite3.Connection, session: int, path: Path, damage: str
 ) -> tuple[dict[int, RecordedNode], str]:
-    """The nodes of *session*, and their XML. Raises LogFault."""
+    """The nodes of *session*, and their XML. Raises LogError."""
     try:
         (xml,) = base.execute("SELECT xml_tree FROM Definitions WHERE session_id = ?", (session,)).fetchone()
-        return nodes_of(str(xml), str(path)), str(xml)
-    except (sqlite3.Error, LogFault):
+        return parse_nodes(str(xml), str(path)), str(xml)
+    except (sqlite3.Error, LogError):
         if damage:
-            raise LogFault(f"{path}: {damage}, and its tree was in the rest") from None
+            raise LogError(f"{path}: {damage}, and its tree was in the rest") from None
         raise
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, str]]:
-    """The database *path*, for reading, and where it is cut off; what goes wrong with it is a LogFault."""
+    """The database *path*, for reading, and where it is cut off; what goes wrong with it is a LogError."""
     # SQLite says of whatever file it can't open only that it can't.
-    head = contents(path, _HEAD)
+    head = read_bytes(path, _HEAD)
     if not head.startswith(_MAGIC):
         what = "it doesn't begin as one" if head else "it is empty"
-        raise LogFault(f"{path}: this isn't an SQLite database, {what}")
+        raise LogError(f"{path}: this isn't an SQLite database, {what}")
     missing = _missing(path, head)
     try:
         if missing:
@@ -119,13 +126,13 @@ def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, str]]:
             yield base, missing
     except sqlite3.Error as error:
         why = f"{missing}, too few to read it" if missing else f"this log can't be read: {error}"
-        raise LogFault(f"{path}: {why}") from None
+        raise LogError(f"{path}: {why}") from None
 
 
 def _missing(path: Path, head: bytes) -> str:
     """The sentence on how much of the database is missing; "" if nothing is, or a journal may have it."""
     if len(head) < _HEAD:
-        raise LogFault(f"{path}: this log ends in its header, after {len(head)} bytes")
+        raise LogError(f"{path}: this log ends in its header, after {len(head)} bytes")
     if any(path.with_name(path.name + more).exists() for more in ("-wal", "-journal")):
         return ""
     (pages,) = _NUMBER.unpack_from(head, _AT_PAGES)
@@ -145,10 +152,10 @@ def _page_size(head: bytes) -> int:
 def _whole_pages(path: Path, head: bytes) -> bytes:
     """What is whole of the database *path*, with empty pages for the rest."""
     size = _page_size(head)
-    data = contents(path)
+    data = read_bytes(path)
     there = len(data) // size if size else 0
     if not there:
-        raise LogFault(f"{path}: this log ends in its first page, after {len(data)} bytes")
+        raise LogError(f"{path}: this log ends in its first page, after {len(data)} bytes")
     (announced,) = _NUMBER.unpack_from(head, _AT_PAGES)
     # A damaged head may announce more than any memory has.
     pages = min(announced, _GROWTH * (there + 1))

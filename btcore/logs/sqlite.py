@@ -11,14 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar, Final
 
-from btcore.logs.database import EXTENSIONS, Database
+from btcore.engine.node import TreeNode
+from btcore.engine.observers import Observer
+from btcore.logs.database import EXTENSIONS, SqliteWriter
 from btcore.logs.files import expect_extension
 from btcore.logs.log import Log
-from btcore.node import TreeNode
-from btcore.observers import Observer
 from btcore.status import IDLE, Transition
-from btcore.tree import Tree
-from btcore.xml.write import tree_to_xml
+from btcore.tree.tree import Tree
+from btcore.xml.render.tree_xml import tree_to_xml
 
 NS_PER_US: Final = 1_000
 
@@ -36,10 +36,10 @@ class SqliteLog(Log):
 
     The database keeps a write-ahead log beside it until the log is closed, so that other programs can
     read while the tree runs; it does not wait for the disk, so it outlives the process, but not the
-    power. While another program writes, rows wait for the end of a later tick. Raises LogFault.
+    power. While another program writes, rows wait for the end of a later tick. Raises LogError.
     """
 
-    failures: ClassVar[tuple[type[Exception], ...]] = (OSError, sqlite3.Error)
+    write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError, sqlite3.Error)
 
     def __init__(
         self,
@@ -55,11 +55,11 @@ class SqliteLog(Log):
         self.extra = extra
         self.extras: list[str] = []
         paths = ((node.path, node.uid) for subtree in tree.subtrees for node in subtree.nodes)
-        self._base = Database(self.path, tree_to_xml(tree), paths, append=append)
+        self._base = SqliteWriter(self.path, tree_to_xml(tree), paths, append=append)
         self.session = self._base.session
         super().__init__(tree, str(self.path), idle=idle)
         self._base.begin_at(self.epoch // NS_PER_US)
-        self._stop_asking = tree.subscribe(Asking(self)) if extra is not None else None
+        self._stop_asking = tree.subscribe(ExtraDataCollector(self)) if extra is not None else None
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
@@ -81,7 +81,7 @@ class SqliteLog(Log):
         self._base.close()
 
 
-class Asking(Observer):
+class ExtraDataCollector(Observer):
     """Asks for the extra data of *log* at the moment of each transition."""
 
     def __init__(self, log: SqliteLog) -> None:

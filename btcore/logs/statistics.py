@@ -3,10 +3,17 @@
 from dataclasses import dataclass, replace
 
 from btcore.errors import BtcoreError
-from btcore.logs.log import Attached
-from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status, Transition
-from btcore.suggest import listing, nearest
-from btcore.tree import Tree
+from btcore.logs.log import AttachedObserver
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    SKIPPED,
+    SUCCESS,
+    Status,
+    Transition,
+)
+from btcore.suggestions import join_names, nearest_name
+from btcore.tree.tree import Tree
 
 
 @dataclass(slots=True)
@@ -28,7 +35,7 @@ class NodeStatistics:
     last_timestamp: int = 0
 
 
-class TreeObserver(Attached):
+class TreeObserver(AttachedObserver):
     """Counts the results of every node of *tree*, until closed.
 
     Nodes are looked up by uid or by path; where two paths are equal ``#<uid>`` tells them apart, as in
@@ -37,7 +44,7 @@ class TreeObserver(Attached):
 
     def __init__(self, tree: Tree) -> None:
         self._statistics = {node.uid: NodeStatistics(current_status=node.status) for node in tree.nodes}
-        self.path_to_uid = {path: node.uid for path, node in tree.keys().items()}
+        self.path_to_uid = {path: node.uid for path, node in tree.nodes_by_path().items()}
         self.uid_to_path = {uid: path for path, uid in self.path_to_uid.items()}
         super().__init__(tree)
         self.attach()
@@ -81,6 +88,6 @@ class TreeObserver(Attached):
             return f"the tree has no node {node}; its nodes are 1 to {max(self._statistics)}"
         alike = [path for path in self.path_to_uid if path.rpartition("#")[0] == node]
         if alike:
-            return f"'{node}' is the path of {len(alike)} nodes; say which: {listing(alike, 'or')}"
-        guess = nearest(node, self.path_to_uid)
+            return f"'{node}' is the path of {len(alike)} nodes; say which: {join_names(alike, 'or')}"
+        guess = nearest_name(node, self.path_to_uid)
         return f"the tree has no node '{node}'" + (f"; did you mean '{guess}'?" if guess else "")

@@ -3,11 +3,17 @@
 from dataclasses import dataclass
 
 from btcore.logs.recording import RecordedNode, Recording
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+)
 
 
 @dataclass(slots=True)
-class NodeTally:
+class RecordedStatistics:
     """One node's figures. *path* is its full path, with ``#uid`` where two are equal.
 
     *success*, *failure* and *skipped* count results, *halted* how often it went from RUNNING to IDLE.
@@ -48,11 +54,11 @@ class NodeTally:
         self.longest = max(self.longest, ns)
 
 
-def tallies(recording: Recording) -> list[NodeTally]:
+def recorded_statistics(recording: Recording) -> list[RecordedStatistics]:
     """The figures of every node, in pre-order. One that ends at once is never RUNNING, and takes no time."""
-    found = {uid: NodeTally(recording.nodes[uid], path) for uid, path in recording.keys().items()}
+    found = {uid: RecordedStatistics(recording.nodes[uid], path) for uid, path in recording.keys().items()}
     since: dict[int, int] = {}
-    for stamp, uid, previous, status in recording.changes:
+    for stamp, uid, previous, status in recording.transitions:
         one = found[uid]
         if status is RUNNING:
             since.setdefault(uid, stamp)

@@ -10,10 +10,17 @@ from pathlib import Path
 from typing import Final
 
 from btcore.logs.files import create, write_whole
-from btcore.logs.lanes import Lanes
+from btcore.logs.lanes import SliceLanes
 from btcore.logs.log import Log
-from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status, Transition
-from btcore.tree import Tree
+from btcore.status import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    NodeType,
+    Status,
+    Transition,
+)
+from btcore.tree.tree import Tree
 
 NS_PER_US: Final = 1_000
 
@@ -36,7 +43,7 @@ class TraceLog(Log):
 
     Times are µs of the tree's clock since the log began. A slice ends when its node leaves RUNNING,
     also when it is halted; ``args`` tell the node's path and uid, and the status it came to. Nodes that
-    run at the same time are on lanes (threads) of their own. Raises LogFault if the file can't be written.
+    run at the same time are on lanes (threads) of their own. Raises LogError if the file can't be written.
     """
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
@@ -50,7 +57,7 @@ class TraceLog(Log):
             for node in tree.nodes
         }
         parents = {child.uid: node.uid for node in tree.nodes for child in node.children}
-        self._lanes = Lanes(parents)
+        self._lanes = SliceLanes(parents)
         self._pid = os.getpid()
         self._end = len(_HEAD)
         super().__init__(tree, str(self.path))

@@ -2,10 +2,16 @@
 
 from mypy_extensions import mypyc_attr
 
-from btcore.errors import NodeFault
-from btcore.inner import ControlNode
-from btcore.node import execute_tick
-from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
+from btcore.engine.control import ControlNode
+from btcore.engine.node import execute_tick
+from btcore.errors import NodeError
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SUCCESS,
+    Status,
+)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -13,10 +19,10 @@ class BranchNode(ControlNode):
     """A node of two or three children: a condition, then, and else."""
 
     def check_children(self) -> int:
-        """The number of children. Raises NodeFault unless it is 2 or 3."""
+        """The number of children. Raises NodeError unless it is 2 or 3."""
         count = len(self._children)
         if count != 2 and count != 3:
-            raise NodeFault(f"<{self.id}> takes a condition and one or two branches, not {count} children")
+            raise NodeError(f"<{self.id}> takes a condition and one or two branches, not {count} children")
         return count
 
 
@@ -45,7 +51,7 @@ class IfThenElse(BranchNode):
                     return FAILURE
                 self._branch = 2
             else:
-                raise NodeFault("the condition was skipped, so that no branch can be chosen")
+                raise NodeError("the condition was skipped, so that no branch can be chosen")
         status = execute_tick(self._children[self._branch])
         if status is not RUNNING:
             self._branch = 0
@@ -88,5 +94,5 @@ class WhileDoElse(BranchNode):
         if status is not RUNNING:
             self.reset_children()
         if status is IDLE:
-            raise NodeFault("the condition was skipped, so that no branch can be ticked")
+            raise NodeError("the condition was skipped, so that no branch can be ticked")
         return status

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.nodes.ordered import OrderedNode, ReactiveNode
+from btcore.nodes.ordered_control import OrderedNode, ReactiveNode
 from btcore.status import FAILURE, Status
 
 
@@ -16,7 +16,7 @@ class Fallback(OrderedNode):
     reset, SUCCESS. SKIPPED children are passed over. All failed: FAILURE; all skipped: SKIPPED.
     """
 
-    go_on: ClassVar[Status] = FAILURE
+    continue_on: ClassVar[Status] = FAILURE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -37,4 +37,4 @@ class ReactiveFallback(ReactiveNode):
     FAILURE; all skipped: SKIPPED.
     """
 
-    go_on: ClassVar[Status] = FAILURE
+    continue_on: ClassVar[Status] = FAILURE

@@ -5,12 +5,26 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.errors import NodeFault
-from btcore.inner import DecoratorNode
-from btcore.node import execute_tick
-from btcore.ports import Direction, Input, Port
-from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
-from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
+from btcore.blackboard.ports import Direction, Input, Port
+from btcore.engine.control import DecoratorNode
+from btcore.engine.node import execute_tick
+from btcore.errors import NodeError
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SUCCESS,
+    Status,
+)
+from btcore.values import (
+    ANY,
+    BOOL,
+    DOUBLE,
+    INT,
+    NODE_STATUS,
+    STRING,
+    ValueType,
+)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -43,12 +57,12 @@ class LoopNode(DecoratorNode):
         """Read a queue that is written out."""
         self._queue = self.config.inputs.get("queue")
         if self._queue is None:
-            raise NodeFault(f"<{self.id}> needs port [queue]")
+            raise NodeError(f"<{self.id}> needs port [queue]")
         if self._queue.key is None:
             self._literal = self.elements(self._queue.text)
 
     def elements(self, text: str) -> list[object]:
-        """The elements of *text*, separated by semicolons. Raises ConversionFault."""
+        """The elements of *text*, separated by semicolons. Raises ConversionError."""
         parts = text.split(";") if text else []
         if parts and not parts[-1]:
             parts.pop()
@@ -91,7 +105,7 @@ class LoopNode(DecoratorNode):
             elif isinstance(held, (list, tuple)):
                 self._current = deque(held)
             else:
-                raise NodeFault(
+                raise NodeError(
                     f"port [queue] reads {{{queue.key}}}, which holds {held!r}, not a list, deque or text"
                 )
 

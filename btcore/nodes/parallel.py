@@ -4,11 +4,18 @@ from typing import cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.errors import NodeFault
-from btcore.inner import ControlNode
-from btcore.node import execute_tick
-from btcore.ports import Port
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.blackboard.ports import Port
+from btcore.engine.control import ControlNode
+from btcore.engine.node import execute_tick
+from btcore.errors import NodeError
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Status,
+)
 from btcore.values import INT
 
 
@@ -57,9 +64,9 @@ class Parallel(ControlNode):
         needed = threshold(given, count)
         allowed = threshold(cast(int, self.get_input("failure_count")), count)
         if count < needed:
-            raise NodeFault(f"{count} children can never give {needed} successes")
+            raise NodeError(f"{count} children can never give {needed} successes")
         if count < allowed:
-            raise NodeFault(f"{count} children can never give {allowed} failures")
+            raise NodeError(f"{count} children can never give {allowed} failures")
         self.set_status(RUNNING)
         skipped = 0
         for index, child in enumerate(self._children):
@@ -118,7 +125,7 @@ class ParallelAll(ControlNode):
         count = len(self._children)
         allowed = threshold(cast(int, self.get_input("max_failures")), count)
         if count < allowed:
-            raise NodeFault(f"{count} children can never give {allowed} failures")
+            raise NodeError(f"{count} children can never give {allowed} failures")
         self.set_status(RUNNING)
         skipped = 0
         for index in range(count):

@@ -4,11 +4,18 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.errors import BlackboardFault, ConversionFault, NodeFault
-from btcore.inner import DecoratorNode
-from btcore.node import execute_tick
-from btcore.ports import Port
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.blackboard.ports import Port
+from btcore.engine.control import DecoratorNode
+from btcore.engine.node import execute_tick
+from btcore.errors import BlackboardError, ConversionError, NodeError
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Status,
+)
 from btcore.values import INT
 
 
@@ -21,7 +28,7 @@ class RepeatedNode(DecoratorNode):
     and the count stays.
     """
 
-    again: ClassVar[Status] = SUCCESS
+    repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
     yields: ClassVar[bool] = True
 
@@ -30,7 +37,7 @@ class RepeatedNode(DecoratorNode):
     def tick(self) -> Status:
         """Tick the child, again and again."""
         limit = cast(int, self.get_input(self.limit))
-        again = self.again
+        again = self.repeat_on
         self.set_status(RUNNING)
         while self._count < limit or limit == -1:
             was_idle = self.child._status is IDLE
@@ -48,7 +55,7 @@ class RepeatedNode(DecoratorNode):
                 self.reset_child()
                 return SKIPPED
             elif status is IDLE:
-                raise NodeFault("the child returned IDLE")
+                raise NodeError("the child returned IDLE")
             else:
                 self._count = 0
                 self.reset_child()
@@ -75,7 +82,7 @@ class Repeat(RepeatedNode):
     without a tick of the child. A skipped child makes it SKIPPED, and the count stays.
     """
 
-    again: ClassVar[Status] = SUCCESS
+    repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
 
     @staticmethod
@@ -93,7 +100,7 @@ class RetryUntilSuccessful(RepeatedNode):
     it SKIPPED, and the count stays.
     """
 
-    again: ClassVar[Status] = FAILURE
+    repeat_on: ClassVar[Status] = FAILURE
     limit: ClassVar[str] = "num_attempts"
 
     @staticmethod
@@ -105,5 +112,5 @@ class RetryUntilSuccessful(RepeatedNode):
         """The limit as it is now: a tick of the child may have changed it."""
         try:
             return cast(int, self.get_input("num_attempts"))
-        except (NodeFault, BlackboardFault, ConversionFault):
+        except (NodeError, BlackboardError, ConversionError):
             return limit

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.nodes.ordered import OrderedNode, ReactiveNode
+from btcore.nodes.ordered_control import OrderedNode, ReactiveNode
 from btcore.status import SUCCESS, Status
 
 
@@ -16,7 +16,7 @@ class Sequence(OrderedNode):
     reset, FAILURE. SKIPPED children are passed over. All succeeded: SUCCESS; all skipped: SKIPPED.
     """
 
-    go_on: ClassVar[Status] = SUCCESS
+    continue_on: ClassVar[Status] = SUCCESS
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -39,7 +39,7 @@ class SequenceWithMemory(Sequence):
 
     yields: ClassVar[bool] = True
 
-    def ended_early(self) -> None:
+    def finish_early(self) -> None:
         """Reset from the child that failed on, and remember it."""
         for index in range(self._next, len(self._children)):
             self.halt_child(index)
@@ -58,4 +58,4 @@ class ReactiveSequence(ReactiveNode):
     SUCCESS; all skipped: SKIPPED.
     """
 
-    go_on: ClassVar[Status] = SUCCESS
+    continue_on: ClassVar[Status] = SUCCESS

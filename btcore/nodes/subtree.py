@@ -4,10 +4,17 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.inner import DecoratorNode
-from btcore.node import execute_tick
-from btcore.ports import Port
-from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
+from btcore.blackboard.ports import Port
+from btcore.engine.control import DecoratorNode
+from btcore.engine.node import execute_tick
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SUCCESS,
+    NodeType,
+    Status,
+)
 from btcore.values import BOOL
 
 

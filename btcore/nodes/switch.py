@@ -6,10 +6,10 @@ from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
 
-from btcore.errors import BlackboardFault, ConversionFault, NodeFault
-from btcore.inner import ControlNode
-from btcore.node import execute_tick
-from btcore.ports import Input, Port
+from btcore.blackboard.ports import Input, Port
+from btcore.engine.control import ControlNode
+from btcore.engine.node import execute_tick
+from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.status import RUNNING, SKIPPED, Status
 from btcore.values import STRING
 
@@ -36,7 +36,7 @@ def _real(text: str, enums: dict[str, int]) -> float | None:
     return float(text) if _REAL.match(text) else None
 
 
-def same(left: str, right: str, enums: dict[str, int]) -> bool:
+def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:
     """Whether two texts mean the same: as texts, as integers or enum names, or as reals.
 
     Reals are the same within the precision of a float (nodes.md §4, SwitchN).
@@ -91,7 +91,7 @@ class SwitchNode(ControlNode):
 
     def equal(self, variable: str, case: str) -> bool:
         """Whether *variable* means *case*."""
-        return same(variable, case, self.config.enums)
+        return values_equal(variable, case, self.config.enums)
 
     def text(self, port: Input | None) -> str | None:
         """The text of *port*, or None if it can't be read."""
@@ -99,13 +99,13 @@ class SwitchNode(ControlNode):
             return None
         try:
             return str(port.read())
-        except (BlackboardFault, ConversionFault):
+        except (BlackboardError, ConversionError):
             return None
 
     def tick(self) -> Status:
         """Tick the child that is due."""
         if len(self._children) != self.cases + 1:
-            raise NodeFault(
+            raise NodeError(
                 f"<{self.id}> takes {self.cases} cases and a default, not {len(self._children)} children"
             )
         chosen = self.choose()

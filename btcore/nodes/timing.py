@@ -4,12 +4,17 @@ from typing import cast
 
 from mypy_extensions import mypyc_attr
 
+from btcore.blackboard.ports import Port
 from btcore.clock import NS_PER_MS
-from btcore.inner import DecoratorNode
-from btcore.leaf import StatefulAction
-from btcore.node import execute_tick
-from btcore.ports import Port
-from btcore.status import FAILURE, RUNNING, SUCCESS, Status
+from btcore.engine.control import DecoratorNode
+from btcore.engine.leaf import StatefulAction
+from btcore.engine.node import execute_tick
+from btcore.status import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Status,
+)
 from btcore.values import UINT
 
 
@@ -50,7 +55,7 @@ class Timeout(DecoratorNode):
 
     def _stop(self) -> None:
         self._deadline = -1
-        self.forget_wake_up()
+        self.cancel_wake_up()
 
     def halt(self) -> None:
         """Halt the child and stop the clock, which goes on in format 3, as it did there."""
@@ -97,7 +102,7 @@ class Delay(DecoratorNode):
     def halt(self) -> None:
         """Halt the child and stop the clock."""
         self._deadline = -1
-        self.forget_wake_up()
+        self.cancel_wake_up()
         self.halt_child()
         self.reset_status()
 
@@ -128,4 +133,4 @@ class Sleep(StatefulAction):
 
     def on_halted(self) -> None:
         """Stop the clock."""
-        self.forget_wake_up()
+        self.cancel_wake_up()

@@ -2,11 +2,18 @@
 
 from mypy_extensions import mypyc_attr
 
-from btcore.errors import ConversionFault, NodeFault
-from btcore.inner import ControlNode
-from btcore.node import execute_tick
-from btcore.ports import Port
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.blackboard.ports import Port
+from btcore.engine.control import ControlNode
+from btcore.engine.node import execute_tick
+from btcore.errors import ConversionError, NodeError
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Status,
+)
 from btcore.values import BOOL
 
 
@@ -37,7 +44,7 @@ class TryCatch(ControlNode):
     def tick(self) -> Status:
         """Tick the child that is due, or the handler."""
         if len(self._children) < 2:
-            raise NodeFault("<TryCatch> takes at least one child to try and a handler")
+            raise NodeError("<TryCatch> takes at least one child to try and a handler")
         if self._status is IDLE or self._status is SKIPPED:
             self._skipped = 0
             self._catching = False
@@ -88,5 +95,5 @@ class TryCatch(ControlNode):
     def _catch_on_halt(self) -> bool:
         try:
             return self.get_input("catch_on_halt") is True
-        except (NodeFault, ConversionFault):
+        except (NodeError, ConversionError):
             return False

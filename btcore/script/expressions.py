@@ -9,22 +9,22 @@ import math
 from collections.abc import Mapping
 from typing import Final
 
-from btcore.blackboard import Blackboard, Entry
-from btcore.errors import BlackboardFault, ConversionFault, ScriptFault
-from btcore.numerals import leading_float
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.errors import BlackboardError, ConversionError, ScriptError
 from btcore.script.lexer import Token
 from btcore.script.operators import (
     OPERATORS,
+    assigned_value,
     compare,
-    compound,
-    copied,
+    compound_assigned_value,
     negated,
     operate,
     readable_number,
 )
-from btcore.suggest import nearest
-from btcore.value_types import quick_double
+from btcore.suggestions import nearest_name
 from btcore.values import ValueType, as_double, number_of
+from btcore.values.numbers import leading_float
+from btcore.values.types import quick_double
 
 _ADD: Final = OPERATORS["+"]
 _SUBTRACT: Final = OPERATORS["-"]
@@ -44,12 +44,12 @@ class Expression:
         self.width = token.width
 
     def evaluate(self, board: Blackboard) -> object:
-        """The value on *board*. Raises ScriptFault."""
+        """The value on *board*. Raises ScriptError."""
         raise NotImplementedError
 
-    def fault(self, message: str) -> ScriptFault:
+    def fault(self, message: str) -> ScriptError:
         """An error at this place."""
-        return ScriptFault(message, self.text, self.column, self.width)
+        return ScriptError(message, self.text, self.column, self.width)
 
 
 class Literal(Expression):
@@ -79,14 +79,14 @@ class Name(Expression):
             return float(number)
         entry = board.find(self.name)
         if entry is None:
-            known = [*board.visible(), *self.enums]
-            meant = nearest(self.name, known)
+            known = [*board.visible_keys(), *self.enums]
+            meant = nearest_name(self.name, known)
             hint = f"; did you mean '{meant}'?" if meant else ""
             raise self.fault(f"there is no variable '{self.name}' on the blackboard{hint}")
         return entry.value
 
 
-class Prefixed(Expression):
+class UnaryOperation(Expression):
     """``-``, ``~`` or ``!``, one or more, before a value."""
 
     def __init__(self, text: str, token: Token, signs: list[str], operand: Expression) -> None:
@@ -100,12 +100,12 @@ class Prefixed(Expression):
         try:
             for sign in reversed(self.signs):
                 value = negated(sign, value)
-        except ConversionFault as fault:
+        except ConversionError as fault:
             raise self.fault(str(fault)) from None
         return value
 
 
-class Chain(Expression):
+class OperatorChain(Expression):
     """A value and what is done to it, from left to right: ``a + b .. c``; nothing is skipped."""
 
     def __init__(self, text: str, token: Token, first: Expression) -> None:
@@ -139,9 +139,9 @@ class Chain(Expression):
                     continue
             try:
                 left = operate(operator, left, right)
-            except ConversionFault as fault:
+            except ConversionError as fault:
                 token = self.tokens[index]
-                raise ScriptFault(str(fault), self.text, token.start + 1, token.width) from None
+                raise ScriptError(str(fault), self.text, token.start + 1, token.width) from None
         return left
 
 
@@ -169,13 +169,13 @@ class Comparison(Expression):
             try:
                 if not compare(token.kind, left, right, self.enums):
                     return 0.0
-            except ConversionFault as fault:
-                raise ScriptFault(str(fault), self.text, token.start + 1, token.width) from None
+            except ConversionError as fault:
+                raise ScriptError(str(fault), self.text, token.start + 1, token.width) from None
             left = right
         return 1.0
 
 
-class Choice(Expression):
+class ConditionalExpression(Expression):
     """``condition ? a : b``: the condition is a number that is not zero, or a text of one."""
 
     def __init__(
@@ -195,9 +195,9 @@ class Choice(Expression):
             else:
                 number = number_of(value)
                 if number is None:
-                    raise ConversionFault(f"the condition before '?' is no number: {_shown(value)}")
+                    raise ConversionError(f"the condition before '?' is no number: {_shown(value)}")
                 chosen = as_double(number) != 0.0
-        except ConversionFault as fault:
+        except ConversionError as fault:
             raise self.fault(str(fault)) from None
         return self.then.evaluate(board) if chosen else self.other.evaluate(board)
 
@@ -229,8 +229,8 @@ class Assignment(Expression):
             if self.operator == ":=" or self.operator == "=":
                 stored = self._assigned(entry, value)
             else:
-                stored = compound(self.operator, entry.value, value, entry.declared)
-        except ConversionFault as fault:
+                stored = compound_assigned_value(self.operator, entry.value, value, entry.declared)
+        except ConversionError as fault:
             raise self.fault(f"'{target.name}' can't take the value: {fault}") from None
         entry.put(stored, board.now())
         return stored
@@ -239,9 +239,9 @@ class Assignment(Expression):
         if self.operator == ":=":
             try:
                 return board.create(target.name)
-            except BlackboardFault as fault:
+            except BlackboardError as fault:
                 raise target.fault(str(fault)) from None
-        meant = nearest(target.name, board.visible())
+        meant = nearest_name(target.name, board.visible_keys())
         hint = f"did you mean '{meant}'? " if meant else ""
         raise target.fault(
             f"there is no entry '{target.name}' on the blackboard, and '{self.operator}' makes none; "
@@ -259,10 +259,10 @@ class Assignment(Expression):
                 return value
             if number_of(old) is not None:
                 return readable_number(value, self.enums)
-            raise ConversionFault(f"a text can't become what it holds, {_shown(old)}")
+            raise ConversionError(f"a text can't become what it holds, {_shown(old)}")
         if old is None:
             return value
-        return copied(value, old, kind)
+        return assigned_value(value, old, kind)
 
 
 def _shown(value: object) -> str:

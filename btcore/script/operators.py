@@ -1,6 +1,6 @@
 """What the operators of a script do to two values (nodes.md §8.4, §8.5).
 
-All of them raise ConversionFault, whose sentence the caller puts at its place in the script.
+All of them raise ConversionError, whose sentence the caller puts at its place in the script.
 """
 
 import math
@@ -8,9 +8,22 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Final
 
-from btcore.errors import ConversionFault
-from btcore.numerals import MAX_INT64, MAX_UINT64, MIN_INT64, leading_float
-from btcore.values import UINT64, ValueType, as_bool, as_double, as_int, number_of, number_text
+from btcore.errors import ConversionError
+from btcore.values import (
+    UINT64,
+    ValueType,
+    as_bool,
+    as_double,
+    as_int,
+    number_of,
+    number_text,
+)
+from btcore.values.numbers import (
+    MAX_INT64,
+    MAX_UINT64,
+    MIN_INT64,
+    leading_float,
+)
 
 # Ordered so that one comparison finds what two floats may do without a check.
 OPERATORS: Final[dict[str, int]] = {
@@ -64,21 +77,21 @@ def operate(operator: int, left: object, right: object) -> object:
         return left + right
     if operator == _JOIN and (isinstance(left, str) or isinstance(right, str)):
         return _joined(left, first) + _joined(right, second)
-    raise ConversionFault(f"'{_SIGNS[operator]}' can't be done with {_kind(left)} and {_kind(right)}")
+    raise ConversionError(f"'{_SIGNS[operator]}' can't be done with {_kind(left)} and {_kind(right)}")
 
 
 def negated(sign: str, value: object) -> float:
     """*value* after the prefix *sign*: ``-``, ``~`` (which first cuts to 64 bits) or ``!``."""
     number = number_of(value)
     if number is None:
-        raise ConversionFault(f"'{sign}' needs a number, and not {_kind(value)}")
+        raise ConversionError(f"'{sign}' needs a number, and not {_kind(value)}")
     real = as_double(number)
     if sign == "-":
         return -real
     if sign == "!":
         return 1.0 if real == 0.0 else 0.0
     if real > _TWO_TO_63 or real < -_TWO_TO_63:
-        raise ConversionFault(f"{real!r} is out of range for '~': it needs an integer of 64 bits")
+        raise ConversionError(f"{real!r} is out of range for '~': it needs an integer of 64 bits")
     # As the usual processors convert what no 64-bit integer is equal to.
     cut = MIN_INT64 if real != real or real == _TWO_TO_63 else int(real)
     return float(~cut)
@@ -96,12 +109,12 @@ def compare(operator: str, left: object, right: object, enums: Mapping[str, int]
     second = number_of(right)
     if first is None:
         if not isinstance(left, str) or second is None:
-            raise ConversionFault(f"{_kind(left)} can't be compared with {_kind(right)}")
+            raise ConversionError(f"{_kind(left)} can't be compared with {_kind(right)}")
         one = readable_number(left, enums)
         other = as_double(second)
     elif second is None:
         if not isinstance(right, str):
-            raise ConversionFault(f"{_kind(left)} can't be compared with {_kind(right)}")
+            raise ConversionError(f"{_kind(left)} can't be compared with {_kind(right)}")
         one = as_double(first)
         other = readable_number(right, enums)
     else:
@@ -133,7 +146,7 @@ def readable_number(text: str, enums: Mapping[str, int]) -> float:
     return leading_float(text)
 
 
-def copied(value: object, old: object, kind: ValueType) -> object:
+def assigned_value(value: object, old: object, kind: ValueType) -> object:
     """*value* as it replaces *old* in an entry declared as *kind*: the stored kind of number stays."""
     if isinstance(value, str) and isinstance(old, str):
         return value
@@ -150,10 +163,10 @@ def copied(value: object, old: object, kind: ValueType) -> object:
         return _member(old, whole) if isinstance(old, Enum) else whole
     if number is None and stored is None and type(value) is type(old):
         return value
-    raise ConversionFault(f"{_kind(value)} can't become {_kind(old)}")
+    raise ConversionError(f"{_kind(value)} can't become {_kind(old)}")
 
 
-def compound(operator: str, old: object, value: object, kind: ValueType) -> object:
+def compound_assigned_value(operator: str, old: object, value: object, kind: ValueType) -> object:
     """What ``+=``, ``-=``, ``*=`` and ``/=`` leave in an entry that holds *old*."""
     if old is None:
         raise _no_value("before", operator)
@@ -161,12 +174,12 @@ def compound(operator: str, old: object, value: object, kind: ValueType) -> obje
     if number is not None:
         stored = number_of(old)
         if stored is None:
-            raise ConversionFault(f"'{operator}' needs an entry with a number, and not {_kind(old)}")
+            raise ConversionError(f"'{operator}' needs an entry with a number, and not {_kind(old)}")
         result = _arithmetic(OPERATORS[operator[0]], as_double(stored), as_double(number))
-        return copied(result, old, kind)
+        return assigned_value(result, old, kind)
     if isinstance(old, str) and isinstance(value, str) and operator == "+=":
         return old + value
-    raise ConversionFault(f"'{operator}' can't be done with {_kind(old)} and {_kind(value)}")
+    raise ConversionError(f"'{operator}' can't be done with {_kind(old)} and {_kind(value)}")
 
 
 def _arithmetic(operator: int, left: float, right: float) -> float:
@@ -188,8 +201,8 @@ def _bitwise(sign: str, left: int | float, right: int | float) -> float:
     try:
         one = as_int(left, MIN_INT64, MAX_INT64)
         other = as_int(right, MIN_INT64, MAX_INT64)
-    except ConversionFault as fault:
-        raise ConversionFault(f"'{sign}' needs integers: {fault}") from None
+    except ConversionError as fault:
+        raise ConversionError(f"'{sign}' needs integers: {fault}") from None
     if sign == "&":
         return float(one & other)
     return float(one | other) if sign == "|" else float(one ^ other)
@@ -198,8 +211,8 @@ def _bitwise(sign: str, left: int | float, right: int | float) -> float:
 def _truth(sign: str, number: int | float) -> bool:
     try:
         return as_bool(number)
-    except ConversionFault as fault:
-        raise ConversionFault(f"'{sign}' needs bools: {fault}") from None
+    except ConversionError as fault:
+        raise ConversionError(f"'{sign}' needs bools: {fault}") from None
 
 
 def _text_compare(operator: str, left: str, right: str) -> bool:
@@ -219,7 +232,7 @@ def _joined(value: object, number: int | float | None) -> str:
         return number_text(number)
     if isinstance(value, str):
         return value
-    raise ConversionFault(f"'..' can't join {_kind(value)}")
+    raise ConversionError(f"'..' can't join {_kind(value)}")
 
 
 def _member(old: Enum, number: int) -> object:
@@ -230,8 +243,8 @@ def _member(old: Enum, number: int) -> object:
     return number
 
 
-def _no_value(side: str, operator: str) -> ConversionFault:
-    return ConversionFault(f"what stands {side} '{operator}' has no value: the entry was never written")
+def _no_value(side: str, operator: str) -> ConversionError:
+    return ConversionError(f"what stands {side} '{operator}' has no value: the entry was never written")
 
 
 def _kind(value: object) -> str:

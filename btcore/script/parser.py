@@ -3,19 +3,29 @@
 from collections.abc import Mapping
 from typing import Final
 
-from btcore.errors import ConversionFault, ScriptFault
-from btcore.numerals import MAX_INT64, leading_float
+from btcore.errors import ConversionError, ScriptError
 from btcore.script.expressions import (
     Assignment,
-    Chain,
-    Choice,
     Comparison,
+    ConditionalExpression,
     Expression,
     Literal,
     Name,
-    Prefixed,
+    OperatorChain,
+    UnaryOperation,
 )
-from btcore.script.lexer import BOOLEAN, END, INTEGER, MALFORMED, NAME, REAL, STRING, Token, tokenize
+from btcore.script.lexer import (
+    BOOLEAN,
+    END,
+    INTEGER,
+    MALFORMED,
+    NAME,
+    REAL,
+    STRING,
+    Token,
+    tokenize,
+)
+from btcore.values.numbers import MAX_INT64, leading_float
 
 # How tightly an operator binds what stands to its left. The right side of one that goes from left
 # to right must bind tighter than itself.
@@ -62,14 +72,14 @@ class Parser:
         self.depth: int = 0
 
     def statements(self) -> list[Expression]:
-        """Every statement; ``;`` may stand after each, any number of times. Raises ScriptFault."""
+        """Every statement; ``;`` may stand after each, any number of times. Raises ScriptError."""
         found: list[Expression] = []
         while self._next().kind != END:
             found.append(self._expression(_LOOSEST))
             while self._next().kind == ";":
                 self.at += 1
         if not found:
-            raise ScriptFault("the script is empty: it needs an expression, say a := 1", self.text)
+            raise ScriptError("the script is empty: it needs an expression, say a := 1", self.text)
         return found
 
     def _next(self) -> Token:
@@ -102,7 +112,7 @@ class Parser:
             if binding == _CHOOSING:
                 left = self._choice(token, left)
                 break
-            chain = left if isinstance(left, Chain) else Chain(self.text, token, left)
+            chain = left if isinstance(left, OperatorChain) else OperatorChain(self.text, token, left)
             chain.extend(token, self._expression(binding + 1))
             left = chain
         self.depth -= 1
@@ -120,7 +130,7 @@ class Parser:
         colon = self._take()
         if colon.kind != ":":
             raise self._unexpected(colon, f"':' is wanted, for the '?' in column {question.start + 1}")
-        return Choice(self.text, question, condition, then, self._expression(_CHOOSING))
+        return ConditionalExpression(self.text, question, condition, then, self._expression(_CHOOSING))
 
     def _prefixed(self) -> Expression:
         first = self._next()
@@ -128,7 +138,7 @@ class Parser:
         while self._next().kind in ("-", "~", "!"):
             signs.append(self._take().kind)
         value = self._value()
-        return Prefixed(self.text, first, signs, value) if signs else value
+        return UnaryOperation(self.text, first, signs, value) if signs else value
 
     def _value(self) -> Expression:
         token = self._take()
@@ -144,7 +154,7 @@ class Parser:
         if kind == REAL:
             try:
                 return Literal(self.text, token, leading_float(token.text))
-            except ConversionFault as fault:
+            except ConversionError as fault:
                 raise self._fault(token, str(fault)) from None
         if kind == "(":
             inner = self._expression(_LOOSEST)
@@ -154,7 +164,7 @@ class Parser:
             return inner
         raise self._unexpected(token, "a value is wanted")
 
-    def _unexpected(self, token: Token, wanted: str) -> ScriptFault:
+    def _unexpected(self, token: Token, wanted: str) -> ScriptError:
         if token.kind == END:
             return self._fault(token, f"{wanted}, but the script ends here")
         if token.kind != MALFORMED:
@@ -167,8 +177,8 @@ class Parser:
             return self._fault(token, f"'{token.text}' is no number: 12, 0x1F, 1.5 and 1e3 are")
         return self._fault(token, f"'{token.text}' is no word of a script")
 
-    def _fault(self, token: Token, message: str) -> ScriptFault:
-        return ScriptFault(message, self.text, token.start + 1, token.width)
+    def _fault(self, token: Token, message: str) -> ScriptError:
+        return ScriptError(message, self.text, token.start + 1, token.width)
 
 
 def _integer(digits: str) -> int:

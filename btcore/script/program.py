@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Final
 
-from btcore.blackboard import Blackboard
-from btcore.errors import ConversionFault, ScriptFault
+from btcore.blackboard.blackboard import Blackboard
+from btcore.errors import ConversionError, ScriptError
 from btcore.script.expressions import Expression
 from btcore.script.parser import Parser
 from btcore.values import as_bool, number_of
@@ -25,7 +25,7 @@ class Program:
         """Evaluate every statement on *blackboard*, and return the value of the last.
 
         A number, a text, whatever an entry holds, or None for an entry without a value. Raises
-        ScriptFault; what the statements before it wrote stays written.
+        ScriptError; what the statements before it wrote stays written.
         """
         value: object = None
         for statement in self._statements:
@@ -34,7 +34,7 @@ class Program:
 
 
 def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program:
-    """Parse *text*. Raises ScriptFault, with a column, for what is no script.
+    """Parse *text*. Raises ScriptError, with a column, for what is no script.
 
     *enums* maps the names that stand for numbers; it is kept and looked into at every run, so that
     names may still be added.
@@ -42,19 +42,19 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
     return Program(text, Parser(text, _NO_ENUMS if enums is None else enums).statements())
 
 
-def truth(value: object) -> bool:
+def condition_result(value: object) -> bool:
     """The result of a condition's script as a bool (nodes.md §3.1).
 
     A float is true unless it is zero; of the integers only 0 and 1 count; negative numbers, texts
-    and entries without a value raise ScriptFault.
+    and entries without a value raise ScriptError.
     """
     if isinstance(value, float) and value >= 0.0:
         return value != 0.0
     number = number_of(value)
     if number is None:
         what = "has no value" if value is None else f"is no number: {value!r}"
-        raise ScriptFault(f"the result of a condition {what}")
+        raise ScriptError(f"the result of a condition {what}")
     try:
         return as_bool(number)
-    except ConversionFault as fault:
-        raise ScriptFault(f"the result of a condition is no bool: {fault}") from None
+    except ConversionError as fault:
+        raise ScriptError(f"the result of a condition is no bool: {fault}") from None

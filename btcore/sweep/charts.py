@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from btcore.sweep.figures import LEVEL, Rate
+from btcore.sweep.sweep_statistics import LEVEL, SuccessRate
 
 
-def interval(rate: Rate, width: int = 360, height: int = 18) -> str:
+def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
     """A rate on a line from 0 to 100 %: a dot, and a bar for its interval."""
     low, high, at = (6 + (width - 12) * part for part in (rate.low, rate.high, rate.share))
     middle = height / 2

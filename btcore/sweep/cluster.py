@@ -17,7 +17,7 @@ from dask.system import CPU_COUNT
 from distributed import Client, Future, KilledWorker, LocalCluster
 
 from btcore.sweep.definition import Episode
-from btcore.sweep.episode import Result, play
+from btcore.sweep.episode import Result, run_episode
 
 LOG: Final = "workers.log"
 LOG_VARIABLE: Final = "BTCORE_SWEEP_LOG"
@@ -61,7 +61,7 @@ class Workers:
         self._again: list[Episode] = []
         self._killed: dict[int, int] = {}
 
-    def play(
+    def run_episodes(
         self, episodes: Iterator[Episode], stopped: Callable[[], bool]
     ) -> Iterator[tuple[Episode, Result | Killed]]:
         """Play *episodes*, and give each with what came of it, as soon as it has; until *stopped* says so.
@@ -100,7 +100,7 @@ class Workers:
             if episode is None:
                 return
             key = f"episode-{self._session}-{episode.number}-{self._killed.get(episode.number, 0)}"
-            future = self.client.submit(play, episode.command, self._folder, key=key, pure=False)
+            future = self.client.submit(run_episode, episode.command, self._folder, key=key, pure=False)
             self._playing[key] = episode, future
             future.add_done_callback(self._finished.put)
 

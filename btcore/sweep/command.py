@@ -10,10 +10,15 @@ import click
 
 from btcore.cli.run import Finite
 from btcore.script.program import Program
-from btcore.sweep import defining, options, playing, success
+from btcore.sweep import (
+    defining,
+    episode_runner,
+    options,
+    success,
+)
 from btcore.sweep import seeds as seed_texts
-from btcore.sweep.conclusion import conclude
 from btcore.sweep.journal import Journal
+from btcore.sweep.results import write_results
 
 
 def _have(modules: Sequence[str]) -> None:
@@ -28,7 +33,7 @@ def _have(modules: Sequence[str]) -> None:
     "--seeds",
     required=True,
     metavar="N|A..B|A,B",
-    callback=lambda ctx, option, text: seed_texts.parsed(text),
+    callback=lambda ctx, option, text: seed_texts.parse_seeds(text),
     help="How many seeds, from 0 on; or which: a range, both ends belong to it, or a list.",
 )
 @click.option(
@@ -51,7 +56,7 @@ def _have(modules: Sequence[str]) -> None:
 @click.option(
     "--success-if",
     "script",
-    callback=success.parsed,
+    callback=success.parse_script,
     metavar="SCRIPT",
     help="What counts as a success, as a tree's scripts are written, over the table's columns: "
     "\"status == 'SUCCESS' && robot_collisions == 0\". Without it, a run that exits with 0.",
@@ -111,11 +116,13 @@ def sweep(
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers counts processes on this machine, and --scheduler has its own.")
     _have(["distributed", *(["pyarrow"] if suffix == "parquet" else [])])
-    definition = defining.definition(ctx, source, params, seeds, settings["duration"])
+    definition = defining.create_definition(ctx, source, params, seeds, settings["duration"])
     folder = output if output is not None else Path(f"{Path(source).stem}.sweep")
     with Journal(folder, definition) as journal:
-        done = playing.play(journal, script, playing.Means(workers, scheduler, attempts))
-        results = conclude(journal, script, suffix, done)
+        done = episode_runner.run_sweep(
+            journal, script, episode_runner.WorkerOptions(workers, scheduler, attempts)
+        )
+        results = write_results(journal, script, suffix, done)
     if as_json:
-        click.echo(json.dumps(results.told, ensure_ascii=False))
+        click.echo(json.dumps(results.json_object, ensure_ascii=False))
     return results.code

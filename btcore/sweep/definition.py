@@ -30,7 +30,7 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Definition:
+class SweepDefinition:
     """A sweep of *tree*, as the user named it.
 
     *arguments* are told to every run, *varied* are the values of each parameter, *choices* says how they are
@@ -40,7 +40,7 @@ class Definition:
     tree: str
     arguments: tuple[str, ...]
     varied: Mapping[str, tuple[str, ...]]
-    choices: parameters.Choices
+    choices: parameters.RunOptions
     seeds: tuple[int, ...]
     inputs: Mapping[str, str]
     version: str
@@ -57,7 +57,7 @@ class Definition:
         """The episode of that *number*: all settings of the first seed, then all of the next."""
         turn, place = divmod(number, len(self.settings))
         seed, values = self.seeds[turn], self.settings[place]
-        told = parameters.arguments(values, self.choices)
+        told = parameters.setting_arguments(values, self.choices)
         command = (self.tree, *self.arguments, *told, "--fast", "--seed", str(seed))
         return Episode(number, seed, values, command)
 
@@ -72,7 +72,7 @@ class Definition:
             "tree": self.tree,
             "arguments": list(self.arguments),
             "params": {key: list(values) for key, values in self.varied.items()},
-            "seeds": seeds.written(self.seeds),
+            "seeds": seeds.format_seeds(self.seeds),
             "inputs": dict(self.inputs),
             "version": self.version,
         }

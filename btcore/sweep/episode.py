@@ -11,11 +11,11 @@ from typing import Any, Final
 
 import click
 
-from btcore.cli.exit_codes import BUG, MISTAKE
-from btcore.cli.library import Library, library
-from btcore.cli.run import run, session
+from btcore.cli.exit_codes import INTERNAL_ERROR, USER_ERROR
+from btcore.cli.node_libraries import NodeLibraries, load_libraries
+from btcore.cli.run import create_session, run
 from btcore.errors import BtcoreError
-from btcore.sweep.blame import Blame
+from btcore.sweep.failure_cause import FailureCause
 
 _MOST_SAID: Final = 20  # warnings that one episode hands on
 
@@ -24,7 +24,7 @@ _ONE_AT_A_TIME: Final = threading.Lock()  # all threads have one standard output
 Result = dict[str, Any]
 
 
-def play(command: Sequence[str], folder: str) -> Result:
+def run_episode(command: Sequence[str], folder: str) -> Result:
     """Run ``btcore run`` with the words of *command* in *folder*, and tell how that went.
 
     The result is ``code``, the exit code; ``report``, the object of ``--json``, None where no run was had;
@@ -44,12 +44,12 @@ def play(command: Sequence[str], folder: str) -> Result:
                 result = _bug(fault)
             else:
                 text = f"a worker's machine has no folder '{folder}', where the sweep's files are"
-                result = _refused(MISTAKE, text)
+                result = _refused(USER_ERROR, text)
         except click.ClickException as mistake:
-            result = _refused(MISTAKE, mistake.format_message())
+            result = _refused(USER_ERROR, mistake.format_message())
         except BtcoreError as fault:
             notes = getattr(fault, "__notes__", ())
-            result = _refused(MISTAKE, "\n".join([str(fault), *(f"note: {note}" for note in notes)]))
+            result = _refused(USER_ERROR, "\n".join([str(fault), *(f"note: {note}" for note in notes)]))
         except (Exception, SystemExit) as bug:
             result = _bug(bug)
     result["said"] = _warnings(said.getvalue())
@@ -59,23 +59,23 @@ def play(command: Sequence[str], folder: str) -> Result:
 
 def _played(command: Sequence[str]) -> Result:
     with run.make_context("run", list(command)) as context:
-        blame = Blame()
-        made = session(context, context.params, [blame], _installed())
-        done = made.perform()
+        blame = FailureCause()
+        made = create_session(context, context.params, [blame], _installed())
+        done = made.execute()
         report = json.loads(json.dumps(made.outcome.report(made.tree, done.figures)))
         error = made.outcome.error
-        blamed = error.path if error is not None else blame.first
+        blamed = error.path if error is not None else blame.node_path
         return {"code": done.code, "report": report, "blamed": blamed, "fault": None}
 
 
 @cache
-def _installed() -> Library:
+def _installed() -> NodeLibraries:
     """The nodes of the installed libraries, found once in a process."""
-    return library(())
+    return load_libraries(())
 
 
 def _bug(fault: BaseException) -> Result:
-    return _refused(BUG, f"{type(fault).__name__}: {fault}")
+    return _refused(INTERNAL_ERROR, f"{type(fault).__name__}: {fault}")
 
 
 def _refused(code: int, fault: str) -> Result:

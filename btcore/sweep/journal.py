@@ -13,7 +13,7 @@ from typing import IO, Any, Final
 
 import click
 
-from btcore.sweep.definition import Definition, difference
+from btcore.sweep.definition import SweepDefinition, difference
 
 if sys.platform != "win32":
     import fcntl
@@ -32,7 +32,7 @@ class Journal:
     sweep at a time can. Raises :class:`click.UsageError` where it has another sweep, or one that runs.
     """
 
-    def __init__(self, folder: Path, definition: Definition) -> None:
+    def __init__(self, folder: Path, definition: SweepDefinition) -> None:
         self.folder = folder
         self.definition = definition
         self.done: dict[int, Record] = {}

@@ -6,8 +6,8 @@ from typing import Any, Final, cast
 
 import click
 
-from btcore.cli.run import explaining_options, extensions_of, run
-from btcore.sweep.parameters import Choices
+from btcore.cli.run import explain_missing_options, extensions_of, run
+from btcore.sweep.parameters import RunOptions
 
 _GIVEN: Final = "btcore.sweep.options.given"
 _REFUSED: Final = {
@@ -31,7 +31,7 @@ class SweepCommand(click.Command):
         names = {"source", *(option.name for option in own)}
         theirs = [
             option
-            for key, option in choices(ctx).options.items()
+            for key, option in collect_run_options(ctx).options.items()
             if option.name not in names and key not in _OWN
         ]
         return [*own[:-1], *theirs, own[-1]]
@@ -39,21 +39,22 @@ class SweepCommand(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """As click does; the words that were given are kept as they are."""
         words = list(args)
-        with explaining_options(ctx):
+        with explain_missing_options(ctx):
             rest = super().parse_args(ctx, args)
         ctx.meta[_GIVEN] = self.make_parser(ctx).parse_args(words)[0]
         return rest
 
 
-def choices(ctx: click.Context) -> Choices:
+def collect_run_options(ctx: click.Context) -> RunOptions:
     """The options of ``btcore run``, and those that no sweep has.
 
-    An extension's attribute ``for_one_run``, if it has one, names (as click does) the options that several
+    An extension's attribute ``single_run_options``, if it has one, names (as click does) the options that
+    several
     runs at a time can't have.
     """
     refused = dict(_REFUSED)
     for extension in extensions_of(ctx)[0]:
-        alone = getattr(extension, "for_one_run", ())
+        alone = getattr(extension, "single_run_options", ())
         for option in extension.options:
             if option.name in alone:
                 refused[_key(option)] = (
@@ -61,21 +62,24 @@ def choices(ctx: click.Context) -> Choices:
                 )
     options = [one for one in run.get_params(ctx) if isinstance(one, click.Option) and one.name != "help"]
     kept = {_key(one): one for one in options if _key(one) not in {*refused, "help"}}
-    return Choices(kept, refused)
+    return RunOptions(kept, refused)
 
 
 def given(ctx: click.Context) -> dict[str, Any]:
     """The options of the runs that the command line gives, by key, as the texts that it has."""
     words = ctx.meta[_GIVEN]
     own = {option.name for option in ctx.command.params} - {"duration"}
-    runs = choices(ctx).options
+    runs = collect_run_options(ctx).options
     told = {**runs, "set": next(one for one in run.params if one.name == "entries")}
     return {key: words[one.name] for key, one in told.items() if one.name in words and one.name not in own}
 
 
-def arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
+def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
     """What the options *texts*, as :func:`given` has them, are on the command line of a run."""
-    runs = {**choices(ctx).options, "set": next(one for one in run.params if one.name == "entries")}
+    runs = {
+        **collect_run_options(ctx).options,
+        "set": next(one for one in run.params if one.name == "entries"),
+    }
     words: list[str] = []
     for key, text in texts.items():
         option = cast(click.Option, runs[key])

@@ -15,8 +15,8 @@ from typing import Final
 
 import click
 
-from btcore.suggest import listing, nearest
-from btcore.sweep.seeds import MOST
+from btcore.suggestions import join_names, nearest_name
+from btcore.sweep.seeds import MAX_EPISODES
 
 BLACKBOARD: Final = "bb."
 
@@ -30,14 +30,14 @@ Values = Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Choices:
+class RunOptions:
     """The options of ``btcore run`` by name without dashes, and those that no sweep has, with why."""
 
     options: Mapping[str, click.Option]
     refused: Mapping[str, str]
 
 
-def parsed(texts: Sequence[str], choices: Choices) -> dict[str, tuple[str, ...]]:
+def parse_parameters(texts: Sequence[str], choices: RunOptions) -> dict[str, tuple[str, ...]]:
     """The values of each parameter. Raises :class:`click.UsageError` for what is none."""
     found: dict[str, tuple[str, ...]] = {}
     for text in texts:
@@ -60,7 +60,7 @@ def settings(parameters: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]
         yield dict(zip(parameters, values, strict=True))
 
 
-def arguments(values: Values, choices: Choices) -> list[str]:
+def setting_arguments(values: Values, choices: RunOptions) -> list[str]:
     """What ``btcore run`` is told for one setting."""
     told: list[str] = []
     for key, value in values.items():
@@ -78,7 +78,7 @@ def arguments(values: Values, choices: Choices) -> list[str]:
     return told
 
 
-def _check_key(key: str, choices: Choices) -> None:
+def _check_key(key: str, choices: RunOptions) -> None:
     if key.startswith(BLACKBOARD):
         if key == BLACKBOARD:
             raise click.UsageError("--param bb.=…: write the entry's name after the dot, say bb.laps=1..5.")
@@ -87,8 +87,8 @@ def _check_key(key: str, choices: Choices) -> None:
         raise click.UsageError(f"--param {key}=…: {choices.refused[key]}.")
     if key in choices.options:
         return
-    meant = nearest(key, choices.options)
-    hint = f"Did you mean '{meant}'?" if meant else f"There are {listing(choices.options, most=12)}."
+    meant = nearest_name(key, choices.options)
+    hint = f"Did you mean '{meant}'?" if meant else f"There are {join_names(choices.options, most=12)}."
     raise click.UsageError(
         f"--param {key}=…: 'btcore run' has no option --{key}. {hint} An entry of the blackboard is bb.{key}."
     )
@@ -118,6 +118,6 @@ def _counted(key: str, text: str, first: str, last: str, step: str | None) -> li
     if end < start:
         raise click.UsageError(f"--param {key}={text} goes down; {last}..{first} is the same upwards.")
     count = int((end - start) / by) + 1
-    if count > MOST:
+    if count > MAX_EPISODES:
         raise click.UsageError(f"--param {key}={text}: {count} values are more than a sweep holds.")
     return [f"{start + number * by}" for number in range(count)]

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from btcore.cli import paint
+from btcore.cli import terminal
 
 _MOST_WARNINGS: Final = 10
 
@@ -17,7 +17,7 @@ class Bar:
     """How far a sweep called *name* is: *done* of *total* episodes when it begins."""
 
     def __init__(self, name: str, total: int, done: int) -> None:
-        self.console: Console = paint.errors()
+        self.console: Console = terminal.stderr_console()
         self._said: set[str] = set()
         self._bad = 0
         self._bar = Progress(

@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 
 from btcore.sweep import charts, seeds
 from btcore.sweep.charts import percent
-from btcore.sweep.definition import Definition
-from btcore.sweep.figures import LEVEL, Figures, Rate
+from btcore.sweep.definition import SweepDefinition
 from btcore.sweep.style import STYLE
+from btcore.sweep.sweep_statistics import LEVEL, SuccessRate, SweepStatistics
 
 MOST_FAILED: Final = 200
 """Failed episodes that are told of one by one; the table has them all."""
@@ -18,19 +18,19 @@ MOST_FAILED: Final = 200
 _MOST_NODES: Final = 40
 
 
-class Told(NamedTuple):
+class ReportData(NamedTuple):
     """What a report tells: the sweep, its figures, the *script* of ``--success-if``.
 
     *walls* is how long (s) each episode took in real time.
     """
 
-    definition: Definition
-    figures: Figures
+    definition: SweepDefinition
+    figures: SweepStatistics
     script: str | None
     walls: Sequence[float]
 
 
-def page(told: Told) -> str:
+def render_report(told: ReportData) -> str:
     """The report."""
     sweep, found = told.definition, told.figures
     title = f"{sweep.tree}: {percent(found.rate.share)} of {found.rate.count}"
@@ -54,9 +54,9 @@ def page(told: Told) -> str:
     )
 
 
-def _lead(told: Told) -> str:
+def _lead(told: ReportData) -> str:
     sweep = told.definition
-    words = ["btcore", "sweep", sweep.tree, "--seeds", seeds.written(sweep.seeds), *sweep.arguments]
+    words = ["btcore", "sweep", sweep.tree, "--seeds", seeds.format_seeds(sweep.seeds), *sweep.arguments]
     for key, values in sweep.varied.items():
         words += ["--param", f"{key}={','.join(_quoted(value) for value in values)}"]
     if told.script is not None:
@@ -75,7 +75,7 @@ def _quoted(value: str) -> str:
     return '"' + value.replace('"', '""') + '"' if "," in value or '"' in value else value
 
 
-def _tiles(told: Told) -> str:
+def _tiles(told: ReportData) -> str:
     found = told.figures
     rate = found.rate
     times = [time for time, _ in found.times]
@@ -102,7 +102,7 @@ def _tiles(told: Told) -> str:
     return f'<div class="tiles">{inner}</div>'
 
 
-def _rates(key: str, values: dict[str, Rate]) -> str:
+def _rates(key: str, values: dict[str, SuccessRate]) -> str:
     rows = [[_code(value or "(left out)"), *_rate(rate)] for value, rate in values.items()]
     return f"<h2>By {_code(key)}</h2>" + _table([key, *_RATE], rows, numbers={1, 2, 4})
 
@@ -110,7 +110,7 @@ def _rates(key: str, values: dict[str, Rate]) -> str:
 _RATE: Final = ("success", f"{LEVEL} interval", "0 … 100 %", "episodes")
 
 
-def _rate(rate: Rate) -> list[str]:
+def _rate(rate: SuccessRate) -> list[str]:
     return [
         f"<b>{percent(rate.share)}</b>",
         f"{percent(rate.low)} … {percent(rate.high)}",
@@ -119,7 +119,7 @@ def _rate(rate: Rate) -> list[str]:
     ]
 
 
-def _settings(found: Figures) -> str:
+def _settings(found: SweepStatistics) -> str:
     if not found.settings:
         return ""
     keys = list(found.settings[0][0])
@@ -131,7 +131,7 @@ def _settings(found: Figures) -> str:
     return "<h2>By setting</h2>" + _table([*keys, *_RATE], rows, numbers=right)
 
 
-def _times(found: Figures) -> str:
+def _times(found: SweepStatistics) -> str:
     if not found.times:
         return ""
     first = found.times[0][0]
@@ -142,7 +142,7 @@ def _times(found: Figures) -> str:
     return head + legend + charts.histogram(found.times, "s")
 
 
-def _nodes(found: Figures) -> str:
+def _nodes(found: SweepStatistics) -> str:
     if not found.failing:
         return "<h2>Failures by node</h2><p>No node ever failed.</p>"
     shown = found.failing[:_MOST_NODES]
@@ -167,7 +167,7 @@ def _nodes(found: Figures) -> str:
     return "<h2>Failures by node</h2>" + lead + _table(heads, rows, numbers={1, 2, 3, 4}) + rest
 
 
-def _spreads(found: Figures) -> str:
+def _spreads(found: SweepStatistics) -> str:
     rows = [
         [_code(one.name), f"{one.least:.5g}", f"{one.median:.5g}", f"{one.mean:.5g}", f"{one.most:.5g}"]
         for one in found.spreads
@@ -176,7 +176,7 @@ def _spreads(found: Figures) -> str:
     return "<h2>Figures</h2>" + _table(heads, rows, numbers={1, 2, 3, 4}) if rows else ""
 
 
-def _failed(told: Told) -> str:
+def _failed(told: ReportData) -> str:
     found, sweep = told.figures, told.definition
     if not found.failed:
         return "<h2>Failed episodes</h2><p>None.</p>"

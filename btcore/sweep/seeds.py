@@ -5,7 +5,7 @@ from typing import Final
 
 import click
 
-MOST: Final = 10_000_000
+MAX_EPISODES: Final = 10_000_000
 """Episodes that one sweep may have."""
 
 _FORM: Final = re.compile(r"(\d+)(?:\.\.(\d+))?")
@@ -14,7 +14,7 @@ _HELP: Final = (
 )
 
 
-def parsed(text: str) -> tuple[int, ...]:
+def parse_seeds(text: str) -> tuple[int, ...]:
     """The seeds that *text* means, in its order. Raises :class:`click.UsageError`.
 
     A number alone is how many; in a list, whose parts may be ranges, it is a seed.
@@ -42,7 +42,7 @@ def parsed(text: str) -> tuple[int, ...]:
     return tuple(found)
 
 
-def written(seeds: tuple[int, ...]) -> str:
+def format_seeds(seeds: tuple[int, ...]) -> str:
     """*seeds* as :func:`parsed` reads them, runs of them as ranges."""
     runs: list[list[int]] = []
     for seed in seeds:
@@ -55,6 +55,6 @@ def written(seeds: tuple[int, ...]) -> str:
 
 
 def _few(count: int, text: str) -> int:
-    if count > MOST:
-        raise click.UsageError(f"--seeds {text}: {count} seeds are more than a sweep holds, {MOST}.")
+    if count > MAX_EPISODES:
+        raise click.UsageError(f"--seeds {text}: {count} seeds are more than a sweep holds, {MAX_EPISODES}.")
     return count

@@ -5,26 +5,26 @@ from typing import Final
 
 import click
 
-from btcore.blackboard import Blackboard
-from btcore.errors import ScriptFault
-from btcore.script.program import Program, compile_script, truth
+from btcore.blackboard.blackboard import Blackboard
+from btcore.errors import ScriptError
+from btcore.script.program import Program, compile_script, condition_result
 from btcore.sweep.table import Row
 
 OPTION: Final = "--success-if"
 _PLAYED: Final = ("SUCCESS", "FAILURE", "SKIPPED", "RUNNING")
 
 
-def parsed(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Program | None:
+def parse_script(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Program | None:
     """The script of ``--success-if``; a callback of click. Raises :class:`click.UsageError`."""
     if text is None:
         return None
     try:
         return compile_script(text, {})
-    except ScriptFault as fault:
+    except ScriptError as fault:
         raise click.UsageError(f"{OPTION}: {fault}") from fault
 
 
-def judge(row: Row, script: Program | None) -> bool:
+def is_success(row: Row, script: Program | None) -> bool:
     """Whether the episode of *row* is a success: by *script*, else whether its run exits with 0.
 
     A script finds the row's columns under their names, with _ for a dot. One that raised, was refused or
@@ -40,8 +40,8 @@ def judge(row: Row, script: Program | None) -> bool:
         if value is not None:
             board.set(variable(name), value)
     try:
-        return truth(script.run(board))
-    except ScriptFault as fault:
+        return condition_result(script.run(board))
+    except ScriptError as fault:
         empty = [variable(name) for name, value in row.items() if value is None]
         if any(f"'{name}'" in str(fault) for name in empty):
             return False

@@ -7,19 +7,19 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from btcore.cli import paint
+from btcore.cli import terminal
 from btcore.sweep.charts import percent
-from btcore.sweep.figures import LEVEL, Rate
-from btcore.sweep.playing import Played
-from btcore.sweep.report import Told
+from btcore.sweep.episode_runner import ExecutionSummary
+from btcore.sweep.report import ReportData
+from btcore.sweep.sweep_statistics import LEVEL, SuccessRate
 
 _MOST: Final = 8
 """Nodes, and failed episodes, that are told of."""
 
 
-def summary(told: Told, played: Played, results: Path, report: Path) -> None:
+def print_sweep_summary(told: ReportData, played: ExecutionSummary, results: Path, report: Path) -> None:
     """Print, on stderr, what the sweep came to, and where the rest is to be read."""
-    console = paint.errors()
+    console = terminal.stderr_console()
     sweep, found = told.definition, told.figures
     rate = found.rate
     if rate.count:
@@ -52,18 +52,20 @@ def summary(told: Told, played: Played, results: Path, report: Path) -> None:
             console.print(f"  … and {len(found.failed) - _MOST} more, in the report", style="dim")
     if played.deaths:
         died = "1 worker" if played.deaths == 1 else f"{played.deaths} workers"
-        paint.warning(f"{died} died; what they played was played again, unless it is said to be KILLED")
+        terminal.print_warning(
+            f"{died} died; what they played was played again, unless it is said to be KILLED"
+        )
     console.print()
     if played.interrupted:
-        paint.said(
+        terminal.print_labelled(
             "interrupted",
             f"with {rate.count} of {len(sweep)} episodes done: the same command goes on with the rest",
         )
-    paint.said("report", str(report))
-    paint.said("table ", str(results))
+    terminal.print_labelled("report", str(report))
+    terminal.print_labelled("table ", str(results))
 
 
-def _took(played: Played) -> str:
+def _took(played: ExecutionSummary) -> str:
     if not played.episodes:
         return ""
     workers = "1 worker" if played.workers == 1 else f"{played.workers} workers"
@@ -78,7 +80,7 @@ def _table(first: str, *others: str) -> Table:
     return table
 
 
-def _cells(rate: Rate) -> list[str]:
+def _cells(rate: SuccessRate) -> list[str]:
     return [
         percent(rate.share),
         f"{percent(rate.low)} … {percent(rate.high)}",

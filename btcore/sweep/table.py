@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from btcore.cli import files
-from btcore.sweep.definition import Definition, Episode
+from btcore.sweep.definition import Episode, SweepDefinition
 from btcore.sweep.journal import Record
 
 Row = dict[str, Any]
 """The cells of an episode by column: bool, int, float, str or None."""
 
-FIRST: Final = ("episode", "seed")
-MIDDLE: Final = ("success", "status", "code", "time_s", "ticks", "failed_at", "error")
-LAST: Final = ("failures",)
+LEADING_COLUMNS: Final = ("episode", "seed")
+RESULT_COLUMNS: Final = ("success", "status", "code", "time_s", "ticks", "failed_at", "error")
+TRAILING_COLUMNS: Final = ("failures",)
 
 _OWN_KEYS: Final = {"status", "ticks", "time_s", "real_time_factor", "nodes", "error", "reloads"}
 
@@ -47,12 +47,12 @@ def row(episode: Episode, record: Record) -> Row:
     return cells | {"failures": json.dumps(failures, ensure_ascii=False)}
 
 
-def columns(rows: Sequence[Row], definition: Definition) -> list[str]:
+def columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
     """The columns of *rows*: what every table has, and between that the figures in order of appearance."""
     varied = [f"param.{key}" for key in definition.varied]
-    fixed = [*FIRST, *varied, *MIDDLE]
+    fixed = [*LEADING_COLUMNS, *varied, *RESULT_COLUMNS]
     figures = dict.fromkeys(key for one in rows for key in one)
-    return [*fixed, *(key for key in figures if key not in {*fixed, *LAST}), *LAST]
+    return [*fixed, *(key for key in figures if key not in {*fixed, *TRAILING_COLUMNS}), *TRAILING_COLUMNS]
 
 
 def typed(text: str) -> int | float | str:

@@ -17,36 +17,55 @@ from btcore.testing.assertions import (
 )
 from btcore.testing.coverage import Coverage
 from btcore.testing.harness import Harness
-from btcore.testing.leaf_plans import Outcomes, PlannedAction, PlannedCondition, with_planned_leaves
-from btcore.testing.planned import Journal, PlanAction, PlanCondition, PlanFault, PlanSync
-from btcore.testing.substitution import (
-    SubstitutionFault,
+from btcore.testing.mock_leaves import (
+    MockAction,
+    MockCondition,
+    Outcomes,
+    with_mock_leaves,
+)
+from btcore.testing.plan_leaves import (
+    CallLog,
+    LeafPlanError,
+    PlanAction,
+    PlanCondition,
+    PlanSync,
+)
+from btcore.testing.substitution_rules import (
+    SubstitutionError,
     TestNode,
     TestNodeConfig,
     load_substitution_rules,
 )
-from btcore.testing.trace import Change, Step, Trace
+from btcore.testing.trace import StatusChange, Trace, TraceStep
 
 if TYPE_CHECKING:
-    from btcore.testing.strategies import blackboards, documents, letters, outcomes, plans, trees
+    from btcore.testing.strategies import (
+        action_plans,
+        blackboards,
+        outcomes,
+        sync_plans,
+        trees,
+        xml_documents,
+    )
 
 __all__ = [
-    "Change",
+    "CallLog",
     "Coverage",
     "Harness",
-    "Journal",
+    "LeafPlanError",
+    "MockAction",
+    "MockCondition",
     "Outcomes",
     "PlanAction",
     "PlanCondition",
-    "PlanFault",
     "PlanSync",
-    "PlannedAction",
-    "PlannedCondition",
-    "Step",
-    "SubstitutionFault",
+    "StatusChange",
+    "SubstitutionError",
     "TestNode",
     "TestNodeConfig",
     "Trace",
+    "TraceStep",
+    "action_plans",
     "assert_ended",
     "assert_halted",
     "assert_never_ran",
@@ -55,13 +74,12 @@ __all__ = [
     "assert_ran",
     "assert_results",
     "blackboards",
-    "documents",
-    "letters",
     "load_substitution_rules",
     "outcomes",
-    "plans",
+    "sync_plans",
     "trees",
-    "with_planned_leaves",
+    "with_mock_leaves",
+    "xml_documents",
 ]
 
 _STRATEGIES = frozenset({"blackboards", "documents", "letters", "outcomes", "plans", "trees"})

@@ -6,9 +6,19 @@ Nodes are named by path or, where it is the only one, by name.
 from collections.abc import Iterable, Sequence
 from typing import NoReturn
 
-from btcore.status import IDLE, RUNNING, SKIPPED, Status
+from btcore.status import (
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    Status,
+)
 from btcore.testing.harness import Harness
-from btcore.testing.trace import Step, Trace, drawn, story
+from btcore.testing.trace import (
+    Trace,
+    TraceStep,
+    format_trace,
+    format_tree,
+)
 
 
 def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
@@ -88,7 +98,7 @@ def _trace(given: Trace | Harness) -> Trace:
     return trace
 
 
-def _ran(trace: Trace, node: str) -> list[Step]:
+def _ran(trace: Trace, node: str) -> list[TraceStep]:
     path = trace.path(node)
     return [step for step in trace if path in step.results and set(step.results[path]) != {SKIPPED}]
 
@@ -102,7 +112,7 @@ def _list(words: Sequence[str | Status]) -> str:
     return ", ".join(one.name if isinstance(one, Status) else f"'{one}'" for one in words) or "nothing"
 
 
-def _fail(trace: Trace, said: str, step: Step | None = None) -> NoReturn:
+def _fail(trace: Trace, said: str, step: TraceStep | None = None) -> NoReturn:
     __tracebackhide__ = True
-    shown = story(trace) if step is None else f"{step}\n{drawn(trace.tree, step)}"
+    shown = format_trace(trace) if step is None else f"{step}\n{format_tree(trace.tree, step)}"
     raise AssertionError(f"{said}\n{shown}")

@@ -11,15 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from btcore.registry import Registry
-from btcore.testing.recorded_trees import planned_registry, tree_difference
-from btcore.testing.recorded_values import convert_difference, script_difference
+from btcore.registry.registry import Registry
+from btcore.testing.conformance_trees import compare_tree_case, conformance_registry
+from btcore.testing.conformance_values import compare_conversion_case, compare_script_case
 
 SHOWN = 10
 KINDS = {"xml", "script", "convert"}
 
 
-def cases(path: Path) -> Iterator[dict[str, Any]]:
+def read_cases(path: Path) -> Iterator[dict[str, Any]]:
     """The cases in *path*, one JSON object a line, gzipped or not. Raises ValueError for any other line."""
     with (
         gzip.open(path, "rt", encoding="utf-8")
@@ -34,14 +34,14 @@ def cases(path: Path) -> Iterator[dict[str, Any]]:
                 yield case
 
 
-def difference(case: dict[str, Any], nodes: Registry) -> str | None:
+def compare_case(case: dict[str, Any], nodes: Registry) -> str | None:
     """What differs in *case*, or None. Whatever an engine's fault raises is a difference too."""
     try:
         if "convert" in case:
-            return convert_difference(case)
+            return compare_conversion_case(case)
         if "script" in case:
-            return script_difference(case)
-        return tree_difference(case, nodes)
+            return compare_script_case(case)
+        return compare_tree_case(case, nodes)
     except Exception as fault:
         return f"the runner raised {type(fault).__name__}: {fault}"
 
@@ -51,13 +51,13 @@ def main(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
         print(__doc__)
         return 2
-    nodes = planned_registry()
+    nodes = conformance_registry()
     passed = 0
     differing: list[str] = []
     for name in arguments:
         try:
-            for case in cases(Path(name)):
-                found = difference(case, nodes)
+            for case in read_cases(Path(name)):
+                found = compare_case(case, nodes)
                 if found is None:
                     passed += 1
                 else:

@@ -10,11 +10,18 @@ coverage.require(nodes=1.0, results=0.8)
 from dataclasses import dataclass, field
 from typing import Final
 
-from btcore.errors import NodeRaised
-from btcore.observers import Observer
-from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
-from btcore.testing.trace import Ticks
-from btcore.tree import Tree
+from btcore.engine.observers import Observer
+from btcore.errors import NodeExecutionError
+from btcore.status import (
+    FAILURE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeType,
+    Status,
+)
+from btcore.testing.trace import ResultTracker
+from btcore.tree.tree import Tree
 
 _ONLY: Final = {
     "AlwaysFailure": {FAILURE},
@@ -30,7 +37,7 @@ _ONLY: Final = {
 
 
 @dataclass(slots=True)
-class Seen:
+class NodeCoverage:
     """What was seen of one node: *results* are all that its ticks gave, also RUNNING and SKIPPED.
 
     *depth* is its level below the root. The results that a test is to show are *wanted*: SUCCESS and
@@ -49,45 +56,45 @@ class Seen:
         return bool(self.results - {SKIPPED})
 
     @property
-    def wanted(self) -> set[Status]:
+    def possible_results(self) -> set[Status]:
         """The results that it can end with."""
         return _ONLY.get(self.id, {SUCCESS, FAILURE})
 
     @property
-    def missing(self) -> list[Status]:
+    def missing_results(self) -> list[Status]:
         """The wanted results that weren't seen."""
-        return sorted(self.wanted - self.results)
+        return sorted(self.possible_results - self.results)
 
 
 class Coverage:
     """What the ticks of trees have shown; *trees* maps their IDs to what was seen of each node, by path."""
 
     def __init__(self) -> None:
-        self.trees: dict[str, dict[str, Seen]] = {}
+        self.trees: dict[str, dict[str, NodeCoverage]] = {}
 
     def watch(self, tree: Tree) -> None:
         """Count what *tree* does from now on."""
         known = self.trees.setdefault(tree.id, {})
         depths = _depths(tree)
-        for key, node in tree.keys().items():
-            known.setdefault(key, Seen(key, node.id, node.type, depths[node.uid]))
+        for key, node in tree.nodes_by_path().items():
+            known.setdefault(key, NodeCoverage(key, node.id, node.type, depths[node.uid]))
         tree.subscribe(_Watch(tree, known))
 
     @property
-    def seen(self) -> list[Seen]:
+    def all_nodes(self) -> list[NodeCoverage]:
         """What was seen of every node of every tree."""
         return [one for nodes in self.trees.values() for one in nodes.values()]
 
     @property
     def nodes(self) -> float:
         """The share (0–1) of nodes that ran; 1 if there is none."""
-        return _share(sum(one.ran for one in self.seen), len(self.seen))
+        return _share(sum(one.ran for one in self.all_nodes), len(self.all_nodes))
 
     @property
     def results(self) -> float:
         """The share (0–1) of results that were seen, of those that the nodes can end with."""
-        wanted = sum(len(one.wanted) for one in self.seen)
-        return _share(wanted - sum(len(one.missing) for one in self.seen), wanted)
+        wanted = sum(len(one.possible_results) for one in self.all_nodes)
+        return _share(wanted - sum(len(one.missing_results) for one in self.all_nodes), wanted)
 
     def report(self) -> str:
         """A line a node: R, S, F, K for the results seen (running … skipped), · for what is missing."""
@@ -116,19 +123,19 @@ class Coverage:
 class _Watch(Observer):
     """Notes the results of one tree's ticks in *known*."""
 
-    def __init__(self, tree: Tree, known: dict[str, Seen]) -> None:
-        self.ticks = Ticks(tree)
+    def __init__(self, tree: Tree, known: dict[str, NodeCoverage]) -> None:
+        self.ticks = ResultTracker(tree)
         self.known = known
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Note them."""
         self.note(None)
 
-    def raised(self, error: NodeRaised, stamp: int) -> None:
+    def raised(self, error: NodeExecutionError, stamp: int) -> None:
         """Note those of the nodes that did not raise."""
         self.note(error)
 
-    def note(self, error: NodeRaised | None) -> None:
+    def note(self, error: NodeExecutionError | None) -> None:
         """Note what the last tick gave."""
         for key, results in self.ticks.take(error)[0].items():
             self.known[key].results.update(results)
@@ -146,15 +153,15 @@ def _share(part: int, whole: int) -> float:
     return part / whole if whole else 1.0
 
 
-def _marks(one: Seen) -> str:
+def _marks(one: NodeCoverage) -> str:
     letters = {RUNNING: "R", SUCCESS: "S", FAILURE: "F", SKIPPED: "K"}
     return "".join(
-        letter if status in one.results else "·" if status in one.wanted else " "
+        letter if status in one.results else "·" if status in one.possible_results else " "
         for status, letter in letters.items()
     )
 
 
-def _named(one: Seen) -> str:
+def _named(one: NodeCoverage) -> str:
     name = one.path.rpartition("/")[2]
     named = one.id if name.startswith(f"{one.id}::") else f"{one.id} '{name}'"
     return named if one.ran else f"{named}  (never ran)"

@@ -12,15 +12,19 @@ from collections.abc import Callable
 from os import PathLike
 from typing import Any, Final
 
-from btcore.blackboard import Blackboard
-from btcore.clock import NS_PER_S, SimClock, SystemClock
-from btcore.loading import load, loads
-from btcore.pacing import Metronome
+from btcore.blackboard.blackboard import Blackboard
+from btcore.clock import (
+    NS_PER_S,
+    SimClock,
+    SystemClock,
+    TickSchedule,
+)
+from btcore.loading.load import load, loads
 from btcore.status import IDLE, RUNNING, Status
-from btcore.testing.trace import Step, Trace, story
-from btcore.tree import Tree
+from btcore.testing.trace import Trace, TraceStep, format_trace
+from btcore.tree.tree import Tree
 
-MOST_TICKS: Final = 10_000
+MAX_TICKS_PER_INSTANT: Final = 10_000
 """How many ticks :meth:`Harness.run` makes at one moment before it gives up."""
 
 
@@ -90,8 +94,8 @@ class Harness:
     def _go(self, done: Callable[[Status], bool], period: float, limit: float) -> Status | None:
         clock, context = self.tree.clock, self.tree.context
         end = clock.now() + round(limit * NS_PER_S)
-        metronome = Metronome(period, clock.now())
-        moment, left = clock.now(), MOST_TICKS
+        metronome = TickSchedule(period, clock.now())
+        moment, left = clock.now(), MAX_TICKS_PER_INSTANT
         while left:
             status = self.tree.tick_exactly_once()
             if done(status):
@@ -103,7 +107,7 @@ class Harness:
                 return None
             context.wait_until(min(metronome.next(clock.now()), end))
             if clock.now() > moment:
-                moment, left = clock.now(), MOST_TICKS
+                moment, left = clock.now(), MAX_TICKS_PER_INSTANT
         return None
 
     # --- reading
@@ -114,7 +118,7 @@ class Harness:
         return self.tree.blackboard
 
     @property
-    def last(self) -> Step:
+    def last(self) -> TraceStep:
         """The last step. Raises IndexError before the first tick."""
         return self.trace[-1]
 
@@ -128,4 +132,4 @@ class Harness:
         return results[-1] if results else None
 
     def __str__(self) -> str:
-        return story(self.trace)
+        return format_trace(self.trace)

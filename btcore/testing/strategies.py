@@ -20,30 +20,38 @@ from hypothesis import strategies as st
 from hypothesis.errors import InvalidArgument
 from hypothesis.strategies import DrawFn, SearchStrategy
 
-from btcore.blackboard import Blackboard
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.format3 import LegacyBlackboard
 from btcore.clock import SimClock
-from btcore.legacy_blackboard import LegacyBlackboard
-from btcore.loading import loads
-from btcore.manifest import Manifest
-from btcore.registry import Registry
-from btcore.suggest import nearest
-from btcore.testing.growth import GROWN, KEYS, Element, Grower, Wishes, between, written
-from btcore.testing.leaf_plans import Outcomes, with_planned_leaves
-from btcore.tree import Tree
+from btcore.loading.load import loads
+from btcore.registry.manifest import Manifest
+from btcore.registry.registry import Registry
+from btcore.suggestions import nearest_name
+from btcore.testing.mock_leaves import Outcomes, with_mock_leaves
+from btcore.testing.tree_generator import (
+    GENERATED_TAGS,
+    SCRIPT_KEYS,
+    Element,
+    TreeGenerator,
+    TreeOptions,
+    cached_integers,
+    element_to_xml,
+)
+from btcore.tree.tree import Tree
 
-Texts: TypeAlias = Mapping[str, Mapping[str, SearchStrategy[str]]]
+PortTexts: TypeAlias = Mapping[str, Mapping[str, SearchStrategy[str]]]
 """Strategies for the texts of ports, by tag and port."""
 
 
-def plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
-    """Plans for :class:`~btcore.testing.planned.PlanAction`: one to three starts of one to six ticks.
+def action_plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
+    """Plans for :class:`~btcore.testing.plan_leaves.PlanAction`: one to three starts of one to six ticks.
 
     Every start ends, since its last letter isn't R. *skipped* allows K and *raising* X.
     """
     return st.lists(_starts(skipped, raising), min_size=1, max_size=3).map("|".join)
 
 
-def letters(skipped: bool = True) -> SearchStrategy[str]:
+def sync_plans(skipped: bool = True) -> SearchStrategy[str]:
     """Plans for leaves that are done within a tick: one to five of S, F and, if *skipped*, K."""
     return st.text("SF" + "K" * skipped, min_size=1, max_size=5)
 
@@ -64,12 +72,12 @@ def _starts(skipped: bool, raising: bool) -> SearchStrategy[str]:
 
 @cache  # drawing from strategies made anew takes twice as long
 def _with_plans(skipped: bool, raising: bool) -> dict[str, SearchStrategy[str] | None]:
-    quick = letters(skipped)
-    return {"PlanAction": plans(skipped, raising), "PlanCondition": quick, "PlanSync": quick}
+    quick = sync_plans(skipped)
+    return {"PlanAction": action_plans(skipped, raising), "PlanCondition": quick, "PlanSync": quick}
 
 
 @st.composite
-def documents(
+def xml_documents(
     draw: DrawFn,
     max_nodes: int = 30,
     skipped: bool = True,
@@ -84,14 +92,15 @@ def documents(
     scripts: bool = False,
     nodes: Collection[str] | None = None,
     registry: Registry | None = None,
-    ports: Texts | None = None,
+    ports: PortTexts | None = None,
 ) -> str:
     """Documents with *max_nodes* nodes and *max_depth* levels at most, as XML text.
 
     Nodes are called n1, n2 … in pre-order. Leaves are PlanAction, PlanCondition and PlanSync, each with a
-    plan of its own (load them with :func:`~btcore.testing.recorded_trees.planned_registry` and a Journal)
+    plan of its own (load them with :func:`~btcore.testing.conformance_trees.conformance_registry` and a
+    Journal)
     or, without *own_plans*, Act and Ask, which follow an :class:`Outcomes` (load them with
-    :func:`with_planned_leaves`).
+    :func:`with_mock_leaves`).
 
     *nodes* are the tags that may occur, by default all control nodes and decorators that take any child.
     Those of *registry* get a text for each port without a default, drawn from *ports* (by tag and port) or
@@ -103,7 +112,7 @@ def documents(
     in waking the tree keeps ``tick_once`` busy for ever.
     """
     skipped = skipped and format == 4
-    wishes = Wishes(
+    wishes = TreeOptions(
         _with_plans(skipped, raising) if own_plans else {"Act": None, "Ask": None},
         format=format,
         skipped=skipped,
@@ -115,11 +124,11 @@ def documents(
         own=_own_nodes(nodes, registry, format),
         texts=ports or {},
     )
-    left = draw(between(1, max_nodes))
-    ids = ["Main", *(f"Sub{number}" for number in range(1, 1 + draw(between(0, subtrees))))]
+    left = draw(cached_integers(1, max_nodes))
+    ids = ["Main", *(f"Sub{number}" for number in range(1, 1 + draw(cached_integers(0, subtrees))))]
     tops = []
     for place, id in enumerate(ids):
-        grower = Grower(draw, wishes, max(1, left), ids[place + 1 :])
+        grower = TreeGenerator(draw, wishes, max(1, left), ids[place + 1 :])
         tops.append((id, grower.element(top=True)))
         left = grower.budget
     note(_document(tops, format, compact=False))
@@ -138,19 +147,19 @@ def trees(
     scripts: bool = False,
     nodes: Collection[str] | None = None,
     registry: Registry | None = None,
-    ports: Texts | None = None,
+    ports: PortTexts | None = None,
 ) -> SearchStrategy[Tree]:
     """Trees on a simulated clock whose leaves follow an :class:`Outcomes`; see :func:`documents`."""
-    known = with_planned_leaves(registry if registry is not None else Registry.standard())
+    known = with_mock_leaves(registry if registry is not None else Registry.standard())
 
     def load(text: str) -> Tree:
         clock = SimClock()
         board = Blackboard(clock=clock) if format == 4 else LegacyBlackboard(clock=clock)
-        for key in KEYS if scripts or conditions else ():
+        for key in SCRIPT_KEYS if scripts or conditions else ():
             board[key] = 0
         return loads(text, nodes=known, blackboard=board, clock=clock)
 
-    return documents(
+    return xml_documents(
         max_nodes,
         skipped,
         timed=timed,
@@ -192,12 +201,12 @@ def _own_nodes(nodes: Collection[str] | None, registry: Registry | None, format:
     """The manifests of those of *nodes* that aren't btcore's."""
     own = {}
     for tag in nodes if nodes is not None else ():
-        if tag in GROWN:
+        if tag in GENERATED_TAGS:
             continue
         manifest = registry.get(tag, format) if registry is not None else None
         if manifest is None or manifest.distribution == "btcore":
-            known = [*GROWN, *(one.id for one in registry or () if one.distribution != "btcore")]
-            guess = nearest(tag, known)
+            known = [*GENERATED_TAGS, *(one.id for one in registry or () if one.distribution != "btcore")]
+            guess = nearest_name(tag, known)
             hint = f"did you mean '{guess}'?" if guess else "give the registry that has it: registry=nodes"
             raise InvalidArgument(f"random trees can't have <{tag}>; {hint}")
         own[tag] = manifest
@@ -208,7 +217,7 @@ def _document(tops: list[tuple[str, Element]], format: int, compact: bool) -> st
     numbers = count(1)
     bodies = []
     for id, top in tops:
-        body = written(top, numbers, "    ", compact)
+        body = element_to_xml(top, numbers, "    ", compact)
         bodies.append(
             f'<BehaviorTree ID="{id}">{body}</BehaviorTree>'
             if compact

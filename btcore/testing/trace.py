@@ -5,15 +5,23 @@ from dataclasses import dataclass
 from operator import sub
 
 from btcore.clock import NS_PER_S
-from btcore.errors import NodeRaised
-from btcore.node import TreeNode
-from btcore.observers import Observer
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
-from btcore.tree import Tree
+from btcore.engine.node import TreeNode
+from btcore.engine.observers import Observer
+from btcore.errors import NodeExecutionError
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Status,
+    Transition,
+)
+from btcore.tree.tree import Tree
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class StatusChange:
     """The stored status of the node at *path* changed."""
 
     path: str
@@ -25,7 +33,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class TraceStep:
     """One tick of the root, or what lay between two of them (then *tick* is 0 and *status* IDLE).
 
     *stamp* is the clock's time (ns) at its end. *results* maps the paths of the nodes that were ticked to
@@ -38,12 +46,12 @@ class Step:
     tick: int
     stamp: int
     status: Status
-    changes: tuple[Change, ...]
+    changes: tuple[StatusChange, ...]
     results: dict[str, tuple[Status, ...]]
     halted: tuple[str, ...]
     written: dict[str, object]
     statuses: dict[str, Status]
-    error: NodeRaised | None = None
+    error: NodeExecutionError | None = None
 
     def __str__(self) -> str:
         at = f"at {self.stamp / NS_PER_S:g} s"
@@ -53,18 +61,20 @@ class Step:
         return f"tick {self.tick}, {at}: {said}"
 
 
-class Ticks:
+class ResultTracker:
     """Tells which nodes of *tree* were ticked since it was last asked, and what they gave."""
 
     def __init__(self, tree: Tree) -> None:
-        self._tallies = tree.count()
+        self._tallies = tree.count_ticks()
         self._before = {key: self._counts(key) for key in self._tallies}
 
     def _counts(self, key: str) -> tuple[int, int, int, int, int]:
         one = self._tallies[key]
         return one.ticks, one.success, one.failure, one.skipped, one.halted
 
-    def take(self, error: NodeRaised | None = None) -> tuple[dict[str, tuple[Status, ...]], tuple[str, ...]]:
+    def take(
+        self, error: NodeExecutionError | None = None
+    ) -> tuple[dict[str, tuple[Status, ...]], tuple[str, ...]]:
         """The results by path, and the paths of what was halted. *error* is what ended the last tick."""
         results: dict[str, tuple[Status, ...]] = {}
         halted = []
@@ -90,20 +100,20 @@ class Trace(Observer):
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
-        self.steps: list[Step] = []
-        self._paths = {node.uid: key for key, node in tree.keys().items()}
-        self._ticks = Ticks(tree)
-        self._changes: list[Change] = []
+        self.steps: list[TraceStep] = []
+        self._paths = {node.uid: key for key, node in tree.nodes_by_path().items()}
+        self._ticks = ResultTracker(tree)
+        self._changes: list[StatusChange] = []
         self._entries = self._sequence_ids()
-        self.stop = tree.subscribe(self)
+        self.unsubscribe = tree.subscribe(self)
 
-    def __iter__(self) -> Iterator[Step]:
+    def __iter__(self) -> Iterator[TraceStep]:
         return iter(self.steps)
 
     def __len__(self) -> int:
         return len(self.steps)
 
-    def __getitem__(self, index: int) -> Step:
+    def __getitem__(self, index: int) -> TraceStep:
         return self.steps[index]
 
     def path(self, node: str) -> str:
@@ -117,13 +127,13 @@ class Trace(Observer):
 
     def transition(self, change: Transition) -> None:
         """Keep it for the step's end."""
-        self._changes.append(Change(self._paths[change.uid], change.previous, change.status))
+        self._changes.append(StatusChange(self._paths[change.uid], change.previous, change.status))
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """End the step."""
         self._end(tick, stamp, status, None)
 
-    def raised(self, error: NodeRaised, stamp: int) -> None:
+    def raised(self, error: NodeExecutionError, stamp: int) -> None:
         """End the step; that the tree is halted comes in the next."""
         self._end(self.tree.ticks, stamp, IDLE, error)
 
@@ -132,35 +142,35 @@ class Trace(Observer):
         if self._changes:
             self._end(0, self.tree.clock.now(), IDLE, None)
 
-    def _end(self, tick: int, stamp: int, status: Status, error: NodeRaised | None) -> None:
+    def _end(self, tick: int, stamp: int, status: Status, error: NodeExecutionError | None) -> None:
         results, halted = self._ticks.take(error)
         changes, self._changes = tuple(self._changes), []
         statuses = {path: node.status for path, node in zip(self._paths.values(), self.tree, strict=True)}
         self.steps.append(
-            Step(tick, stamp, status, changes, results, halted, self._written(), statuses, error)
+            TraceStep(tick, stamp, status, changes, results, halted, self._written(), statuses, error)
         )
 
     def _sequence_ids(self) -> dict[str, int]:
         return {
             f"{subtree.path}/{key}" if subtree.path else key: entry.sequence_id
             for subtree in self.tree.subtrees
-            for key, entry in subtree.blackboard.local().items()
+            for key, entry in subtree.blackboard.local_entries().items()
         }
 
     def _written(self) -> dict[str, object]:
         before, self._entries = self._entries, self._sequence_ids()
         written: dict[str, object] = {key: None for key in before if key not in self._entries}
         for subtree in self.tree.subtrees:
-            for key, entry in subtree.blackboard.local().items():
+            for key, entry in subtree.blackboard.local_entries().items():
                 name = f"{subtree.path}/{key}" if subtree.path else key
                 if entry.sequence_id != before.get(name, 0):
                     written[name] = entry.value
         return written
 
 
-def drawn(tree: Tree, step: Step | None = None) -> str:
+def format_tree(tree: Tree, step: TraceStep | None = None) -> str:
     """*tree* as text, a line a node: its status at the end of *step* (default: now), and what it gave."""
-    keys = {node.uid: key for key, node in tree.keys().items()}
+    keys = {node.uid: key for key, node in tree.nodes_by_path().items()}
     lines: list[str] = []
     pending: list[tuple[TreeNode, int]] = [(tree.root, 0)]
     while pending:
@@ -175,7 +185,7 @@ def drawn(tree: Tree, step: Step | None = None) -> str:
     return "\n".join(lines)
 
 
-def story(trace: Trace, last: int = 5) -> str:
+def format_trace(trace: Trace, last: int = 5) -> str:
     """The *last* steps of *trace* as text: what changed and was written in each, then the whole tree."""
     trace.catch_up()
     steps = trace.steps[-last:]
@@ -184,5 +194,5 @@ def story(trace: Trace, last: int = 5) -> str:
         lines.append(str(step))
         lines += [f"    {change}" for change in step.changes]
         lines += [f"    {key} = {value!r}" for key, value in step.written.items()]
-    lines.append(drawn(trace.tree, steps[-1] if steps else None))
+    lines.append(format_tree(trace.tree, steps[-1] if steps else None))
     return "\n".join(lines)

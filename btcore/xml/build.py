@@ -7,34 +7,40 @@ from typing import Any, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard import Blackboard, Entry
-from btcore.clock import Clock, SystemClock
-from btcore.config import NodeConfig
-from btcore.context import TreeContext
-from btcore.errors import (
-    BlackboardFault,
-    BtcoreError,
-    ConversionFault,
-    Diagnostic,
-    NodeFault,
-    ScriptFault,
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.ports import (
+    Binding,
+    Input,
+    Output,
+    Port,
+    remapped_key,
 )
-from btcore.legacy_blackboard import LegacyBlackboard
-from btcore.manifest import Manifest, Resources, takes_children
-from btcore.node import TreeNode
-from btcore.ports import Binding, Input, Output, Port, pointer
-from btcore.registry import Registry
-from btcore.tree import Subtree, Tree
-from btcore.values import constant, type_of
-from btcore.xml.check import Examined, examine, script_diagnostic
-from btcore.xml.faults import Faults
-from btcore.xml.includes import PackageResolver
-from btcore.xml.plan import Call, NodePlan, TreePlan
-from btcore.xml.source import Document
+from btcore.clock import Clock, SystemClock
+from btcore.engine.context import TreeContext
+from btcore.engine.node import TreeNode
+from btcore.engine.node_config import NodeConfig
+from btcore.errors import (
+    BlackboardError,
+    BtcoreError,
+    ConversionError,
+    Diagnostic,
+    NodeError,
+    ScriptError,
+)
+from btcore.registry.manifest import Manifest, Resources, takes_children
+from btcore.registry.registry import Registry
+from btcore.tree.tree import Subtree, Tree
+from btcore.values import parse_constant, type_of
+from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document, script_diagnostic
+from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document
+from btcore.xml.read.includes import PackageResolver
 
 
 @contextmanager
-def no_collections() -> Iterator[None]:
+def pause_gc() -> Iterator[None]:
     """Let Python's collector of cyclic garbage rest, as nothing of a tree in the making is garbage.
 
     Otherwise it would look through the growing tree again and again. What was made lives long: it goes
@@ -52,7 +58,7 @@ def no_collections() -> Iterator[None]:
             gc.enable()
 
 
-@no_collections()
+@pause_gc()
 def build(
     document: Document,
     registry: Registry,
@@ -67,14 +73,14 @@ def build(
     """The tree of *document*, on *blackboard* if one is given. Raises TreeError with every fault found.
 
     The clock is *clock*, else the first of *resources* that is one, else the system's; for the other
-    arguments see :func:`btcore.xml.check.examine`.
+    arguments see :func:`btcore.xml.plan.document_checks.analyse_document`.
     """
-    examined = examine(document, registry, tree, format, packages)
-    examined.faults.raise_errors()
-    return Maker(examined, registry, blackboard, resources, clock).tree()
+    examined = analyse_document(document, registry, tree, format, packages)
+    examined.diagnostics.raise_errors()
+    return TreeInstantiator(examined, registry, blackboard, resources, clock).instantiate()
 
 
-def wanted_by(
+def required_resources_of(
     document: Document,
     registry: Registry,
     *,
@@ -83,21 +89,21 @@ def wanted_by(
     packages: PackageResolver | None = None,
 ) -> list[Any]:
     """The types of the resources that the leaves of the tree ask for, each once. Raises as :func:`build`."""
-    examined = examine(document, registry, tree, format, packages)
-    examined.faults.raise_errors()
+    examined = analyse_document(document, registry, tree, format, packages)
+    examined.diagnostics.raise_errors()
     found: list[Any] = []
-    for manifest in examined.used():
-        found += (one for one in manifest.wanted if one not in found)
+    for manifest in examined.used_manifests():
+        found += (one for one in manifest.required_resources if one not in found)
     return found
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class Maker:
+class TreeInstantiator:
     """Makes the nodes of one tree, depth-first, and collects what goes wrong on the way."""
 
     def __init__(
         self,
-        examined: Examined,
+        examined: DocumentAnalysis,
         registry: Registry,
         blackboard: Blackboard | None,
         resources: Sequence[object],
@@ -121,9 +127,9 @@ class Maker:
         self._paths: set[str] = set()
         self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
         self._uid = 0
-        self._faults = Faults()
+        self._faults = DiagnosticCollector()
 
-    def tree(self) -> Tree:
+    def instantiate(self) -> Tree:
         """The tree. Raises TreeError."""
         self._instance(self._planner.plan(self._main), "", self._blackboard)
         self._faults.raise_errors()
@@ -179,17 +185,17 @@ class Maker:
         for bound in plan.bindings:
             port = bound.port
             key = bound.key
-            if key is not None and bound.written:
+            if key is not None and bound.is_explicit:
                 try:
                     entry = blackboard.create(key, port.type)
-                except BlackboardFault as fault:
+                except BlackboardError as fault:
                     self._faults.add(self._clash(document, plan, port, blackboard.find(key), fault))
                 else:
                     if entry not in self._declared and port.type.strong:
                         self._declared[entry] = (bound, config)
             if isinstance(bound, Input):
-                inputs[port.name] = bound if bound.blackboard is blackboard else bound.on(blackboard)
-            if port.writes and (bound.written or (key is not None and bound.format == 4)):
+                inputs[port.name] = bound if bound.blackboard is blackboard else bound.bind_to(blackboard)
+            if port.writes and (bound.is_explicit or (key is not None and bound.format == 4)):
                 outputs[port.name] = Output(bound, blackboard)
         config.inputs = inputs
         if outputs:
@@ -203,7 +209,7 @@ class Maker:
         return f"'{bound.port.name}' of <{config.id}> ({config.where})"
 
     def _clash(
-        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, fault: BlackboardFault
+        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, fault: BlackboardError
     ) -> Diagnostic:
         """Two types for one entry: the port's, and the one that it was declared with."""
         if entry is None or entry.declared.same(port.type):
@@ -233,9 +239,9 @@ class Maker:
             return None
         try:
             return manifest.make(config, self._context, blackboard, self._resources, made)
-        except ScriptFault as fault:
+        except ScriptError as fault:
             self._faults.add(self._script_fault(document, plan, fault))
-        except (NodeFault, BlackboardFault, ConversionFault) as fault:
+        except (NodeError, BlackboardError, ConversionError) as fault:
             self._faults.add(document.diagnostic(_code_of(fault, plan), str(fault), plan.element))
         except BtcoreError:
             raise
@@ -250,12 +256,12 @@ class Maker:
             return None
         children = len(plan.children) if plan.call is None else 1
         try:
-            return self._registry.stand_in(config, plan.manifest, children)
-        except NodeFault as fault:
+            return self._registry.apply_substitutions(config, plan.manifest, children)
+        except NodeError as fault:
             self._faults.add(document.diagnostic("E118", str(fault), plan.element))
             return None
 
-    def _script_fault(self, document: Document, plan: NodePlan, fault: ScriptFault) -> Diagnostic:
+    def _script_fault(self, document: Document, plan: NodePlan, fault: ScriptError) -> Diagnostic:
         texts = {key: text for key, text in plan.element.attributes.items() if text == fault.text}
         if texts:
             return script_diagnostic(document, plan, next(iter(texts)), fault)
@@ -266,7 +272,7 @@ class Maker:
     def _subtree(
         self,
         plan: NodePlan,
-        call: Call,
+        call: SubtreeCall,
         config: NodeConfig,
         tree: TreePlan,
         subtree: Subtree,
@@ -289,14 +295,14 @@ class Maker:
         children = []
         if takes_children(manifest):
             inner = self._scope(plan, call, document, subtree.blackboard)
-            content = self._planner.plan(self._planner.forest.by_id[call.tree])
+            content = self._planner.plan(self._planner.definitions.by_id[call.tree])
             children.append(self._instance(content, config.path, inner))
         node = self._make(plan, manifest, config, document, subtree.blackboard, children)
         if node is not None:
             self._nodes[at] = subtree.nodes[own_at] = node
         return node
 
-    def _scope(self, plan: NodePlan, call: Call, document: Document, outer: Blackboard) -> Blackboard:
+    def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
         """The blackboard of the inner tree, connected with *outer*."""
         if call.shared:
             return outer
@@ -305,13 +311,13 @@ class Maker:
             inner.remap(key, outside)
         # Constants come before autoremap is switched on, and so stay in the inner blackboard.
         for key, text in call.constants.items():
-            value = constant(text) if self._format == 4 else text
+            value = parse_constant(text) if self._format == 4 else text
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
-            except BlackboardFault as fault:
+            except BlackboardError as fault:
                 self._faults.add(document.diagnostic("E203", str(fault), plan.element, key))
         inner.autoremap = call.autoremap
-        if call.every_key:
+        if call.legacy_autoremap:
             for key in sorted(self._keys_of(call.tree)):
                 if key not in call.constants:
                     inner.remap(key, key)
@@ -319,19 +325,19 @@ class Maker:
 
     def _keys_of(self, tree: str) -> set[str]:
         """The keys that the attributes of *tree*'s elements point to (format 3's `__autoremap`)."""
-        definition = self._planner.forest.by_id[tree]
+        definition = self._planner.definitions.by_id[tree]
         found = set()
         for top in definition.element.children:
             for element in top.iter():
                 for key, text in element.attributes.items():
-                    outside = pointer(text, key, 3)
+                    outside = remapped_key(text, key, 3)
                     if outside is not None and key not in ("ID", "name"):
                         found.add(outside)
         return found
 
 
 def _code_of(fault: Exception, plan: NodePlan) -> str:
-    if not isinstance(fault, NodeFault):
+    if not isinstance(fault, NodeError):
         return "E202"
     given = {port.name for port, _, _ in plan.ports}
     ports = plan.manifest.ports.values() if plan.manifest is not None else ()

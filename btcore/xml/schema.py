@@ -7,14 +7,35 @@ from typing import Final
 
 from lxml import etree
 
-from btcore.enum_types import EnumType
-from btcore.manifest import Manifest
-from btcore.ports import Port
-from btcore.registry import Registry
+from btcore.blackboard.ports import Port
+from btcore.registry.manifest import Manifest
+from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
-from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, ValueType
-from btcore.xml.dialect import AFTER, BEFORE, DIALECTS, EXPLICIT
-from btcore.xml.schema_parts import Part, add_frame, attribute, documented, enumeration, union
+from btcore.values import (
+    BOOL,
+    DOUBLE,
+    INT,
+    INT64,
+    NODE_STATUS,
+    UINT,
+    UINT64,
+    ValueType,
+)
+from btcore.values.enums import EnumType
+from btcore.xml.read.dialect import (
+    DIALECTS,
+    EXPLICIT_TAGS,
+    POSTCONDITION_ATTRIBUTES,
+    PRECONDITION_ATTRIBUTES,
+)
+from btcore.xml.schema_parts import (
+    SchemaElement,
+    add_attribute,
+    add_document_types,
+    add_documentation,
+    add_enumeration,
+    add_union,
+)
 
 _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
 _POINTER: Final = r"\s*\{.+\}\s*|="
@@ -46,27 +67,27 @@ def write_schema(registry: Registry, format: int = 4) -> str:
     attributes. IDs that can't be tags are left out.
     """
     manifests = registry.manifests_of(format)
-    schema = Part("schema", elementFormDefault="qualified")
+    schema = SchemaElement("schema", elementFormDefault="qualified")
     _simple_types(schema)
     _groups(schema, format)
     nodes = schema.add("group", name="nodeGroup").add("choice")
     subtrees = DIALECTS[format].subtree_tags
     for id, manifest in manifests.items():
-        if _TAG.match(id) and id not in EXPLICIT and id not in subtrees:
+        if _TAG.match(id) and id not in EXPLICIT_TAGS and id not in subtrees:
             nodes.add("element", name=id, type=f"{id}Type")
             _node(schema, manifest, format)
-    for tag in sorted(EXPLICIT):
+    for tag in sorted(EXPLICIT_TAGS):
         nodes.add("element", name=tag, type=f"explicit{tag}Type")
         _explicit(schema, tag)
     for tag in sorted(subtrees):
         nodes.add("element", name=tag, type=f"{tag}Type")
         _subtree(schema, tag, manifests.get(tag))
-    add_frame(schema, format)
+    add_document_types(schema, format)
     text: bytes = etree.tostring(schema.element, pretty_print=True, xml_declaration=True, encoding="UTF-8")
     return text.decode()
 
 
-def _simple_types(schema: Part) -> None:
+def _simple_types(schema: SchemaElement) -> None:
     """The types of attributes: each a literal, or a blackboard entry in braces."""
     schema.add("simpleType", name="blackboard").add("restriction", base="xs:string").add(
         "pattern", value=_POINTER
@@ -76,42 +97,42 @@ def _simple_types(schema: Part) -> None:
         "status": [status.name for status in Status],
     }
     for name, values in literals.items():
-        enumeration(schema, name, values)
-        union(schema, name)
+        add_enumeration(schema, name, values)
+        add_union(schema, name)
     numbers = {"integer": "xs:integer", "cardinal": "xs:nonNegativeInteger", "decimal": "xs:double"}
     for name, known in numbers.items():
         schema.add("simpleType", name=name).add("restriction", base=known)
-        union(schema, name)
+        add_union(schema, name)
 
 
-def _groups(schema: Part, format: int) -> None:
+def _groups(schema: SchemaElement, format: int) -> None:
     group = schema.add("attributeGroup", name="anyNodeAttributes")
-    attribute(group, "name", "xs:string", about="what this node is called, in logs and paths")
-    attribute(group, "_description", "xs:string", about="a remark for the reader")
+    add_attribute(group, "name", "xs:string", about="what this node is called, in logs and paths")
+    add_attribute(group, "_description", "xs:string", about="a remark for the reader")
     if format == 3:
         return
     for name in ("_uid", "_fullpath"):
-        attribute(group, name, "xs:string", about="written by monitors; it has no effect")
+        add_attribute(group, name, "xs:string", about="written by monitors; it has no effect")
     for title, names, about in (
-        ("preconditions", BEFORE, "a script that is asked before the node is ticked"),
-        ("postconditions", AFTER, "a script that is run afterwards"),
+        ("preconditions", PRECONDITION_ATTRIBUTES, "a script that is asked before the node is ticked"),
+        ("postconditions", POSTCONDITION_ATTRIBUTES, "a script that is run afterwards"),
     ):
         scripts = schema.add("attributeGroup", name=title)
         for name in names:
-            attribute(scripts, name, "xs:string", about=about)
+            add_attribute(scripts, name, "xs:string", about=about)
         group.add("attributeGroup", ref=title)
 
 
-def _node(schema: Part, manifest: Manifest, format: int) -> None:
+def _node(schema: SchemaElement, manifest: Manifest, format: int) -> None:
     """The type of one node: its children and its ports."""
     kind = schema.add("complexType", name=f"{manifest.id}Type")
-    documented(kind, manifest.description)
+    add_documentation(kind, manifest.description)
     _children(kind, *_number_of_children(manifest, format))
     for port in manifest.ports.values():
         required = port.default is None and not _OPTIONAL.match(f"{manifest.id}.{port.name}")
         # What is only written has to be an entry; format 3 takes its name without braces too.
         type = _type_of(schema, port.type) if port.reads or format == 3 else "blackboard"
-        attribute(kind, port.name, type, required, _about(port))
+        add_attribute(kind, port.name, type, required, _about(port))
     kind.add("attributeGroup", ref="anyNodeAttributes")
 
 
@@ -126,20 +147,20 @@ def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | Non
     return (1 if needy is None or manifest.id in needy else 0), None
 
 
-def _children(kind: Part, least: int, most: int | None) -> None:
+def _children(kind: SchemaElement, least: int, most: int | None) -> None:
     if most != 0:
         bounds = {"minOccurs": str(least), "maxOccurs": "unbounded" if most is None else str(most)}
         kind.add("sequence").add("group", ref="nodeGroup", **bounds)
 
 
-def _type_of(schema: Part, kind: ValueType) -> str:
+def _type_of(schema: SchemaElement, kind: ValueType) -> str:
     """The name of the attribute type for *kind*, which is made when it is an enum met first."""
     if isinstance(kind, EnumType) and issubclass(kind.python_type, Enum):
         name = re.sub(r"\W", "_", kind.name)
         if not schema.has("simpleType", name):
             schema.add("simpleType", name=name).add("union", memberTypes=f"{name}Name xs:integer")
-            enumeration(schema, f"{name}Name", list(kind.python_type.__members__))
-            union(schema, name)
+            add_enumeration(schema, f"{name}Name", list(kind.python_type.__members__))
+            add_union(schema, name)
         return f"{name}OrBlackboard"
     known = _TYPES.get(kind.name)
     return "xs:string" if known is None else f"{known}OrBlackboard"
@@ -152,19 +173,19 @@ def _about(port: Port) -> str:
     return ", ".join(about) + (f": {port.description}" if port.description else "")
 
 
-def _explicit(schema: Part, tag: str) -> None:
+def _explicit(schema: SchemaElement, tag: str) -> None:
     """``<Action ID="…">`` and the like: whatever its node takes."""
     kind = schema.add("complexType", name=f"explicit{tag}Type")
-    documented(kind, f"A node of the family {tag}, named by its ID.")
+    add_documentation(kind, f"A node of the family {tag}, named by its ID.")
     if tag in ("Control", "Decorator"):
         _children(kind, 1, 1 if tag == "Decorator" else None)
-    attribute(kind, "ID", "xs:string", required=True)
+    add_attribute(kind, "ID", "xs:string", required=True)
     kind.add("anyAttribute", processContents="skip")
 
 
-def _subtree(schema: Part, tag: str, manifest: Manifest | None) -> None:
+def _subtree(schema: SchemaElement, tag: str, manifest: Manifest | None) -> None:
     kind = schema.add("complexType", name=f"{tag}Type")
-    documented(kind, manifest.description if manifest is not None else "")
-    attribute(kind, "ID", "xs:string", required=True, about="the tree that is called")
-    attribute(kind, "name", "xs:string")
+    add_documentation(kind, manifest.description if manifest is not None else "")
+    add_attribute(kind, "ID", "xs:string", required=True, about="the tree that is called")
+    add_attribute(kind, "name", "xs:string")
     kind.add("anyAttribute", processContents="skip")

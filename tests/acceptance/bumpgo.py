@@ -7,7 +7,7 @@ import argparse
 import os
 import statistics
 
-from runs import Case, Result, complaints, results
+from cached_runs import Case, Result, failure_messages, results
 
 DURATION = 120
 LEAST_DISTANCE = 10.0
@@ -36,7 +36,7 @@ CASES = (bumpgo("bumpgo", "arena", grazes=False), bumpgo("bumpgo_wide", "arena_b
 
 def row(case: Case, found: list[Result]) -> tuple[str, list[str]]:
     """A line of the table, and a sentence for each miss."""
-    missed = complaints(case, found)
+    missed = failure_messages(case, found)
     whole = [one for one in found if "error" not in one]
     if not whole:
         return f"{case.name:24} {0:5}", missed

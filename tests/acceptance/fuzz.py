@@ -18,13 +18,27 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from pathlib import Path
 
-from btcore import Blackboard, BtcoreError, SimClock, loads
+from btcore import (
+    Blackboard,
+    BtcoreError,
+    SimClock,
+    loads,
+)
 from btcore.script.program import compile_script
-from btcore.testing.planned import Journal
-from btcore.testing.recorded_trees import planned_registry
-from btcore.values import DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, VECTOR_DOUBLE, VECTOR_INT
-from btcore.xml.source import read_text
-from btcore.xml.validate import validate_document
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
+from btcore.values import (
+    DOUBLE,
+    INT,
+    INT64,
+    NODE_STATUS,
+    UINT,
+    UINT64,
+    VECTOR_DOUBLE,
+    VECTOR_INT,
+)
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_text
 
 DATA = Path(__file__).parents[1] / "conformance" / "data"
 LIMIT = 1.0
@@ -77,10 +91,10 @@ def tree(chance: random.Random) -> None:
     case = chance.choice(corpus("v4_full", "v4_scopes", "v3_full"))
     text = mutated(str(case["xml"]), chance)
     format = chance.choice((None, 3, 4))
-    nodes = planned_registry()
+    nodes = conformance_registry()
     try:
-        validate_document(read_text(text), nodes=nodes, format=format)
-        made = loads(text, nodes=nodes, resources=[Journal()], format=format, clock=SimClock())
+        validate_document(parse_text(text), nodes=nodes, format=format)
+        made = loads(text, nodes=nodes, resources=[CallLog()], format=format, clock=SimClock())
         # A Repeat of format 3 does all its cycles in one tick, however many the mutation asks for.
         for _ in range(3 if made.format == 4 else 0):
             made.tick_once()

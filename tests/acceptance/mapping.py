@@ -8,13 +8,13 @@ import os
 from pathlib import Path
 
 import numpy as np
+from cached_runs import RESULTS, Case, Result, failure_messages, run, sources
 from numpy.typing import NDArray
-from runs import RESULTS, Case, Result, complaints, run, sources
 
-from robot_nodes.navigation.likelihood import distances
-from robot_nodes.navigation.map import OccupancyMap, load_map
-from sim.rasterise import rasterise
-from sim.scene import load_scene
+from btcore_robot.navigation.likelihood import distances
+from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import load_scene
 
 HOUSES = ("house", "aws_house")
 NEAR = 2
@@ -112,11 +112,11 @@ def main() -> int:
             file = folder / f"{house}-{seed}.yaml"
             exploring, patrolling = explored(house, file), patrolled(house, file)
             made = run(exploring, seed)
-            missed += complaints(exploring, [made])
+            missed += failure_messages(exploring, [made])
             if "error" in made:
                 continue
             on_it = run(patrolling, seed)
-            missed += complaints(patrolling, [on_it])
+            missed += failure_messages(patrolling, [on_it])
             robot = made["robot"]
             patrol = "" if "error" in on_it else f"{on_it['robot']['localization_error_m']['median']:12.3f}"
             print(

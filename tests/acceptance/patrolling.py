@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from runs import Case, Result, complaints, results
+from cached_runs import Case, Result, failure_messages, results
 
 HOUSES = ("house", "aws_house")
 ROUND = ("wp1", "wp2", "wp3")
@@ -146,7 +146,7 @@ def sample() -> list[Group]:
 
 def row(group: Group, found: list[Result]) -> tuple[str, list[str]]:
     """A line of the table, and a sentence for each miss that counts."""
-    missed = complaints(group.case, found)
+    missed = failure_messages(group.case, found)
     whole = [one for one in found if "error" not in one]
     if not whole:
         return f"{group.case.name:18} {0:5}", missed

@@ -39,7 +39,7 @@ def logged(path: Path) -> list[Change]:
     """The same by the in-process logger."""
     return [
         (number, one.uid, int(one.previous), int(one.status))
-        for number, one in enumerate(read_btlog(path).changes, start=1)
+        for number, one in enumerate(read_btlog(path).transitions, start=1)
     ]
 
 

@@ -6,15 +6,20 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import Blackboard, Registry, SimClock, Tree
-from btcore.testing.planned import Journal
-from btcore.testing.recorded_trees import planned_registry
+from btcore import (
+    Blackboard,
+    Registry,
+    SimClock,
+    Tree,
+)
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
 
 
-class Grower:
+class TreeFactory:
     """Makes trees of the planned leaves and others, on one clock and with one journal."""
 
-    def __init__(self, clock: SimClock, journal: Journal) -> None:
+    def __init__(self, clock: SimClock, journal: CallLog) -> None:
         self.clock = clock
         self.journal = journal
 
@@ -29,7 +34,7 @@ class Grower:
         others: str = "",
     ) -> Tree:
         """The tree with *body* as its main tree's element, and *others* beside it."""
-        registry = nodes if nodes is not None else planned_registry()
+        registry = nodes if nodes is not None else conformance_registry()
         registry.add(*leaves)
         return btcore.loads(
             f'<root main_tree_to_execute="Main"><BehaviorTree ID="Main">{body}</BehaviorTree>{others}</root>',
@@ -47,10 +52,10 @@ def clock() -> SimClock:
 
 
 @pytest.fixture
-def journal() -> Journal:
-    return Journal()
+def journal() -> CallLog:
+    return CallLog()
 
 
 @pytest.fixture
-def grow(clock: SimClock, journal: Journal) -> Grower:
-    return Grower(clock, journal)
+def make_tree(clock: SimClock, journal: CallLog) -> TreeFactory:
+    return TreeFactory(clock, journal)

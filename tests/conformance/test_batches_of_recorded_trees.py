@@ -11,13 +11,24 @@ from typing import Any
 
 import pytest
 
-from btcore import In, Registry, SimClock, Status, TreeError
-from btcore.testing.conformance import cases
-from btcore.testing.recorded_values import recorded_value
+from btcore import (
+    In,
+    Registry,
+    SimClock,
+    Status,
+    TreeError,
+)
+from btcore.testing.conformance import read_cases
+from btcore.testing.conformance_values import recorded_value
 
 np = pytest.importorskip("numpy")
 from btcore import batch  # noqa: E402
-from btcore.batch import AgentsRaised, BatchTree, Mask, Texts  # noqa: E402
+from btcore.batch import (  # noqa: E402
+    BatchNodeError,
+    BatchTree,
+    Mask,
+    Texts,
+)
 
 DATA = Path(__file__).parent / "data"
 LETTERS = {"R": 1, "S": 2, "F": 3, "K": 4}
@@ -117,7 +128,7 @@ LEAVES = (PlanAction, plan_condition, plan_sync)
 
 @cache
 def recorded(name: str) -> list[Case]:
-    return list(cases(DATA / f"{name}.jsonl.gz"))
+    return list(read_cases(DATA / f"{name}.jsonl.gz"))
 
 
 def picture(tree: BatchTree, journals: Journals, statuses: Any) -> list[dict[str, Any]]:
@@ -127,10 +138,10 @@ def picture(tree: BatchTree, journals: Journals, statuses: Any) -> list[dict[str
     found = []
     for at in range(tree.agents):
         board = {}
-        for key in sorted(tree.blackboard.scope.local()):
+        for key in sorted(tree.blackboard.scope.local_entries()):
             column = tree.schema.column(tree.blackboard.scope, key)
-            own = tree.blackboard.scope.local()[key]
-            if tree.schema.of(own, key).exists >> at & 1:
+            own = tree.blackboard.scope.local_entries()[key]
+            if tree.schema.column_of(own, key).exists >> at & 1:
                 board[key] = None if column is None else recorded_value(column.objects(1 << at)[at])
         found.append(
             {
@@ -160,7 +171,7 @@ def difference(case: Case, agents: int) -> str | None:
     for number, expected in enumerate(case["expect"]["ticks"], start=1):
         try:
             statuses = step()
-        except AgentsRaised:
+        except BatchNodeError:
             return None if "exception" in expected else f"tick {number} raises"
         if "exception" in expected:
             return f"tick {number} does not raise"

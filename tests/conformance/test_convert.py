@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from btcore.testing.recorded_values import convert_difference
+from btcore.testing.conformance_values import compare_conversion_case
 
 RECORDED = Path(__file__).parent / "data" / "convert.jsonl.gz"
 
@@ -14,7 +14,7 @@ RECORDED = Path(__file__).parent / "data" / "convert.jsonl.gz"
 def test_no_conversion_differs():
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
-    differences = {case["id"]: said for case in cases if (said := convert_difference(case))}
+    differences = {case["id"]: said for case in cases if (said := compare_conversion_case(case))}
     assert len(cases) == 1600
     assert differences == {}
 
@@ -33,10 +33,10 @@ def test_no_conversion_differs():
     ],
 )
 def test_a_difference_is_seen(kind, text, expected):
-    assert convert_difference({"convert": kind, "text": text, "expect": expected}) is not None
+    assert compare_conversion_case({"convert": kind, "text": text, "expect": expected}) is not None
 
 
 @pytest.mark.parametrize("value", ["SUCCESS", 2])
 def test_a_recorded_status_may_be_a_name_or_a_number(value):
     case = {"convert": "NodeStatus", "text": "SUCCESS", "expect": {"value": value}}
-    assert convert_difference(case) is None
+    assert compare_conversion_case(case) is None

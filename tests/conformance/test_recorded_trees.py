@@ -14,18 +14,18 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore.testing.conformance import cases, main
-from btcore.testing.recorded_trees import planned_registry, run_case, tree_difference
+from btcore.testing.conformance import main, read_cases
+from btcore.testing.conformance_trees import compare_tree_case, conformance_registry, run_case
 
 DATA = Path(__file__).parent / "data"
-NODES = planned_registry()
+NODES = conformance_registry()
 
 Case = dict[str, Any]
 
 
 @cache
 def recorded(name: str) -> list[Case]:
-    return list(cases(DATA / f"{name}.jsonl.gz"))
+    return list(read_cases(DATA / f"{name}.jsonl.gz"))
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def recorded(name: str) -> list[Case]:
     ],
 )
 def test_no_tree_differs_from_the_original(name: str, count: int) -> None:
-    differences = {case["id"]: said for case in recorded(name) if (said := tree_difference(case, NODES))}
+    differences = {case["id"]: said for case in recorded(name) if (said := compare_tree_case(case, NODES))}
     assert differences == {}
     assert len(recorded(name)) == count
 
@@ -147,42 +147,42 @@ def raises_instead(ticks: list[Any]) -> None:
 )
 def test_an_altered_expectation_is_a_difference(alter: Callable[[list[Any]], None]) -> None:
     case = a_rich_case()
-    assert tree_difference(case, NODES) is None
-    said = tree_difference(altered(case, alter), NODES)
+    assert compare_tree_case(case, NODES) is None
+    said = compare_tree_case(altered(case, alter), NODES)
     assert said is not None
     assert "expected" in said
 
 
 def test_a_tick_that_is_not_expected_is_a_difference() -> None:
     case = altered(a_rich_case(), one_tick_less)
-    assert "ticks" in str(tree_difference(case, NODES))
+    assert "ticks" in str(compare_tree_case(case, NODES))
 
 
 def test_an_exception_that_is_not_expected_is_a_difference() -> None:
     case = a_raising_case()
-    assert tree_difference(case, NODES) is None
+    assert compare_tree_case(case, NODES) is None
     last = case["expect"]["ticks"][-1]
     del last["exception"]
     last["status"] = "SUCCESS"
-    assert "got an exception" in str(tree_difference(case, NODES))
+    assert "got an exception" in str(compare_tree_case(case, NODES))
 
 
 def test_what_stood_when_a_leaf_raised_is_compared_too() -> None:
     case = a_raising_case()
     case["expect"]["ticks"][-1]["calls"].append("nobody:tick")
-    assert "calls" in str(tree_difference(case, NODES))
+    assert "calls" in str(compare_tree_case(case, NODES))
 
 
 def test_a_tree_that_loads_but_should_not_is_a_difference() -> None:
     case = {**a_rich_case(), "expect": {"load_error": "it is broken"}}
-    assert tree_difference(case, NODES) == "the tree is to be refused, but it loads"
+    assert compare_tree_case(case, NODES) == "the tree is to be refused, but it loads"
 
 
 def test_a_tree_that_is_refused_but_should_load_is_a_difference() -> None:
     refused = a_refused_case()
-    assert tree_difference(refused, NODES) is None
+    assert compare_tree_case(refused, NODES) is None
     case = {**refused, "expect": {"ticks": []}}
-    assert "the tree is to load, but it is refused" in str(tree_difference(case, NODES))
+    assert "the tree is to load, but it is refused" in str(compare_tree_case(case, NODES))
 
 
 def test_the_format_of_the_case_counts_and_not_that_of_its_text() -> None:

@@ -4,7 +4,7 @@ import gzip
 import json
 from pathlib import Path
 
-from btcore.testing.recorded_values import script_difference
+from btcore.testing.conformance_values import compare_script_case
 
 RECORDED = Path(__file__).parent / "data" / "scripts.jsonl.gz"
 
@@ -12,16 +12,16 @@ RECORDED = Path(__file__).parent / "data" / "scripts.jsonl.gz"
 def test_no_script_differs():
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
-    differences = {case["id"]: said for case in cases if (said := script_difference(case))}
+    differences = {case["id"]: said for case in cases if (said := compare_script_case(case))}
     assert len(cases) == 800
     assert differences == {}
 
 
 def test_a_difference_in_value_or_entries_is_seen():
     case = {"script": "x := 2; x", "bb": {}, "expect": {"value": 2.0, "bb": {"x": 2.0}}}
-    assert script_difference(case) is None
-    assert script_difference(case | {"expect": {"value": 3.0, "bb": {"x": 2.0}}}) is not None
-    assert script_difference(case | {"expect": {"value": 2.0, "bb": {"x": 1.0}}}) is not None
-    assert script_difference(case | {"expect": {"value": 2.0, "bb": {}}}) is not None
-    assert script_difference(case | {"expect": {"error": "no", "bb": {"x": 2.0}}}) is not None
-    assert script_difference(case | {"script": "x := (2"}) is not None
+    assert compare_script_case(case) is None
+    assert compare_script_case(case | {"expect": {"value": 3.0, "bb": {"x": 2.0}}}) is not None
+    assert compare_script_case(case | {"expect": {"value": 2.0, "bb": {"x": 1.0}}}) is not None
+    assert compare_script_case(case | {"expect": {"value": 2.0, "bb": {}}}) is not None
+    assert compare_script_case(case | {"expect": {"error": "no", "bb": {"x": 2.0}}}) is not None
+    assert compare_script_case(case | {"script": "x := (2"}) is not None

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from btcore.xml.conversion import changes
+from btcore.xml.convert import changes
 
 PAGE = Path(__file__).parents[2] / "docs" / "converting.md"
 

@@ -145,7 +145,16 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
     empty.mkdir()
     for file, text in files(page).items():
         (empty / file).write_text(text, encoding="utf-8")
-    by_pytest = ["-m", "pytest", "-q", "-p", "btcore.testing.plugin", "-p", "no:cacheprovider", "--tb=short"]
+    by_pytest = [
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "btcore.testing.pytest_plugin",
+        "-p",
+        "no:cacheprovider",
+        "--tb=short",
+    ]
     return subprocess.run(
         [sys.executable, *(by_pytest if tests else []), str(script)],
         cwd=empty,

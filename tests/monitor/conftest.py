@@ -13,8 +13,16 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import In, Observer, Out, Registry, SimClock, StatefulAction, Status
-from btcore.observers import Transitions
+from btcore import (
+    In,
+    Observer,
+    Out,
+    Registry,
+    SimClock,
+    StatefulAction,
+    Status,
+)
+from btcore.engine.observers import Transitions
 
 ROOT = Path(__file__).parents[2]
 
@@ -134,21 +142,21 @@ class Command:
             stderr=subprocess.PIPE,
             text=True,
         )
-        self.said = ""
+        self.stderr_text = ""
         self._reader = threading.Thread(target=self._read)
         self._reader.start()
 
     def _read(self) -> None:
         assert self.process.stderr is not None
         for line in self.process.stderr:
-            self.said += line
+            self.stderr_text += line
 
     def wait_for(self, pattern: str) -> re.Match[str]:
         """What it says that matches *pattern*, once it does."""
         deadline = time.monotonic() + 60
-        while not (found := re.search(pattern, self.said)):
-            assert self.process.poll() is None, self.said
-            assert time.monotonic() < deadline, self.said
+        while not (found := re.search(pattern, self.stderr_text)):
+            assert self.process.poll() is None, self.stderr_text
+            assert time.monotonic() < deadline, self.stderr_text
             time.sleep(0.02)
         return found
 

@@ -6,7 +6,7 @@ import socket
 import pytest
 import zmq
 
-from monitor.serve import Publisher, serve
+from btcore_monitor.serve import Publisher, serve
 
 GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + b"\0" * 32
 JUNK = {

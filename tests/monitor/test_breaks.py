@@ -13,9 +13,9 @@ import pytest
 
 import btcore
 from btcore import SimClock
-from monitor.breaks import BreakFault, Breaks, matching
-from monitor.picture import Picture, PictureNode
-from monitor.serve import serve
+from btcore_monitor.breakpoints import BreakpointClient, BreakpointError, find_nodes
+from btcore_monitor.events import ObservedNode, ObservedTree
+from btcore_monitor.serve import serve
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 ROOT = Path(__file__).parents[2]
@@ -69,7 +69,7 @@ def robot() -> Iterator[Robot]:
 
 
 def command(*arguments: str) -> list[str]:
-    start = "import sys; from monitor.hook_command import hook; sys.argv[0] = 'hook'; hook()"
+    start = "import sys; from btcore_monitor.commands.hook import hook; sys.argv[0] = 'hook'; hook()"
     return [sys.executable, "-c", start, *arguments]
 
 
@@ -85,12 +85,12 @@ def hook(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def picture(*names: str) -> Picture:
+def picture(*names: str) -> ObservedTree:
     nodes = tuple(
-        PictureNode(uid, name.rpartition("/")[2], "Work", "action", name)
+        ObservedNode(uid, name.rpartition("/")[2], "Work", "action", name)
         for uid, name in enumerate(names, start=1)
     )
-    return Picture("0" * 32, "Main", nodes)
+    return ObservedTree("0" * 32, "Main", nodes)
 
 
 @pytest.mark.parametrize(
@@ -104,17 +104,17 @@ def picture(*names: str) -> Picture:
     ],
 )
 def test_a_pattern_is_a_path_a_name_or_a_glob(pattern, found):
-    nodes = matching(picture("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
+    nodes = find_nodes(picture("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
     assert [one.path for one in nodes] == found
 
 
 def test_a_pattern_that_fits_nothing_is_an_error_with_a_guess():
-    with pytest.raises(BreakFault, match=r"no node 'Move/Rihgt'; did you mean 'Move/right'\?"):
-        matching(picture("Move/left", "Move/right"), "Move/Rihgt")
+    with pytest.raises(BreakpointError, match=r"no node 'Move/Rihgt'; did you mean 'Move/right'\?"):
+        find_nodes(picture("Move/left", "Move/right"), "Move/Rihgt")
 
 
 def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released(robot):
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         assert breaks.break_at("go/l*") == ["go/legs", "go/left"]
         robot.start()
         assert breaks.wait().path == "go/legs"
@@ -128,7 +128,7 @@ def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released
 
 
 def test_a_release_may_say_what_became_of_the_node(robot):
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left", after=True)
         robot.start()
         breaks.wait()
@@ -139,7 +139,7 @@ def test_a_release_may_say_what_became_of_the_node(robot):
 
 
 def test_disabled_hooks_let_the_robot_go_on_and_stay_listed(robot, until):
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         robot.start()
         assert breaks.wait().path == "go/left"
@@ -151,7 +151,7 @@ def test_disabled_hooks_let_the_robot_go_on_and_stay_listed(robot, until):
 def test_a_status_is_injected_into_one_tick(robot):
     tally = robot.tree.node("rescue").count()
     robot.start()
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         assert breaks.inject("right", 3) == ["go/right"]
         assert breaks.wait().path == "go/right"
         breaks.step()
@@ -161,7 +161,7 @@ def test_a_status_is_injected_into_one_tick(robot):
 
 def test_the_tree_is_stepped_tick_by_tick(robot):
     robot.start()
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         breaks.step(0)
         ticks = robot.tree.ticks
         for more in range(1, 4):
@@ -173,7 +173,7 @@ def test_the_tree_is_stepped_tick_by_tick(robot):
 
 def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
     robot.start()
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         breaks.step(0)
         breaks.break_at("right")
         assert breaks.step().path == "go/right"
@@ -183,7 +183,7 @@ def test_a_robot_stands_as_long_as_somebody_is_there_to_talk_to_it(until):
     tree = btcore.loads(PATROL, resources=[SimClock()])
     with serve(tree, groot2=0, scene=False, allow_control=True, max_heartbeat_delay=1.5) as publisher:
         tick = threading.Thread(target=tree.tick_exactly_once)
-        with Breaks(publisher.address) as breaks:
+        with BreakpointClient(publisher.address) as breaks:
             breaks.break_at("left")
             tick.start()
             breaks.wait()
@@ -194,14 +194,14 @@ def test_a_robot_stands_as_long_as_somebody_is_there_to_talk_to_it(until):
 
 
 def test_a_robot_that_comes_back_gets_its_breakpoints_again(robot, until):
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
-        before = breaks.picture.tree_id
+        before = breaks.tree.tree_id
         port = robot.publisher.port
         robot.end()
         again = Robot(port)
         try:
-            until(lambda: breaks.picture.tree_id != before and again.tree.hooks.all(), "set again")
+            until(lambda: breaks.tree.tree_id != before and again.tree.hooks.all(), "set again")
             again.start()
             assert breaks.wait().path == "go/left"
         finally:
@@ -215,7 +215,7 @@ def test_a_robot_may_come_later():
     late = threading.Timer(0.3, lambda: made.append(Robot(port)))
     late.start()
     try:
-        with Breaks(f"{port}", timeout=10) as breaks:
+        with BreakpointClient(f"{port}", timeout=10) as breaks:
             assert breaks.break_at("left") == ["go/left"]
     finally:
         late.join()
@@ -223,34 +223,34 @@ def test_a_robot_may_come_later():
 
 
 def test_a_robot_that_is_not_there_is_an_error():
-    with pytest.raises(BreakFault, match=r"no robot answers at tcp://127\.0\.0\.1:1: is it running"):
-        Breaks("127.0.0.1:1", timeout=0.1)
-    with pytest.raises(BreakFault, match="'no robot' is no address"):
-        Breaks("no robot")
+    with pytest.raises(BreakpointError, match=r"no robot answers at tcp://127\.0\.0\.1:1: is it running"):
+        BreakpointClient("127.0.0.1:1", timeout=0.1)
+    with pytest.raises(BreakpointError, match="'no robot' is no address"):
+        BreakpointClient("no robot")
 
 
 def test_a_robot_that_may_not_be_controlled_is_an_error_that_says_what_would_help():
     tree = btcore.loads(PATROL)
     with (
         serve(tree, groot2=0, scene=False) as publisher,
-        Breaks(publisher.address) as breaks,
-        pytest.raises(BreakFault, match="start it with --allow-control"),
+        BreakpointClient(publisher.address) as breaks,
+        pytest.raises(BreakpointError, match="start it with --allow-control"),
     ):
         breaks.break_at("left")
 
 
 def test_what_cannot_be_done_is_told_with_what_is_there(robot):
-    with Breaks(robot.address) as breaks:
-        with pytest.raises(BreakFault, match="no breakpoint at 'left': the robot has no hooks"):
+    with BreakpointClient(robot.address) as breaks:
+        with pytest.raises(BreakpointError, match="no breakpoint at 'left': the robot has no hooks"):
             breaks.release("left")
         breaks.break_at("right")
-        with pytest.raises(BreakFault, match="the robot's hooks are at go/right"):
+        with pytest.raises(BreakpointError, match="the robot's hooks are at go/right"):
             breaks.clear("left")
-        with pytest.raises(BreakFault, match="'RUNNING' can't be injected"):
+        with pytest.raises(BreakpointError, match="'RUNNING' can't be injected"):
             breaks.inject("left", "RUNNING")
-        with pytest.raises(BreakFault, match=r"no breakpoint was reached within 0.01 s"):
+        with pytest.raises(BreakpointError, match=r"no breakpoint was reached within 0.01 s"):
             breaks.wait(0.01)
-        with pytest.raises(BreakFault, match=r"came to no other tick within 0\.01 s"):
+        with pytest.raises(BreakpointError, match=r"came to no other tick within 0\.01 s"):
             breaks.step(timeout=0.01)
 
 
@@ -276,7 +276,7 @@ def test_from_the_terminal_breakpoints_are_watched_until_the_last_is_released(ro
     assert watching.stdout is not None
     said = [watching.stdout.readline() for _ in range(3)]
     assert said == ["breakpoint before go/left\n", "breakpoint before go/right\n", "reached go/left\n"]
-    with Breaks(robot.address) as breaks:
+    with BreakpointClient(robot.address) as breaks:
         breaks.release("left")
         assert watching.stdout.readline() == "reached go/right\n"
         breaks.release("right")
@@ -325,7 +325,7 @@ def test_a_run_that_stands_at_a_breakpoint_is_ended_by_ctrl_c(tmp_path):
         assert run.stderr is not None
         published = re.search(r"publishing at (\S+)", run.stderr.readline())
         assert published is not None
-        with Breaks(published[1], timeout=20) as breaks:
+        with BreakpointClient(published[1], timeout=20) as breaks:
             breaks.break_at("left")
             breaks.wait()
             run.send_signal(signal.SIGINT)

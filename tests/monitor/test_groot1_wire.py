@@ -10,11 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.wire import groot1
-from monitor.wire.fault import WireFault
-from monitor.wire.groot1 import Update, WireChange, decode_update, encode_update
-from monitor.wire.groot1_picture import read_groot1
-from monitor.wire.groot1_tree import (
+from btcore_monitor.wire import groot1
+from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.groot1 import (
+    Update,
+    WireChange,
+    decode_update,
+    encode_update,
+)
+from btcore_monitor.wire.groot1_conversion import read_groot1
+from btcore_monitor.wire.groot1_tree import (
     SUBTREE,
     WireModel,
     WireNode,
@@ -143,15 +148,15 @@ def test_a_second_tree_of_a_process_counts_on_and_its_picture_counts_from_1():
 )
 def test_nodes_that_are_no_tree_are_named(children, said):
     nodes = tuple(WireNode(uid, below, 0, "n", "N") for uid, below in enumerate(children, start=1))
-    with pytest.raises(WireFault, match=said):
+    with pytest.raises(ProtocolError, match=said):
         read_groot1(WireTree(nodes, ()), UUID)
 
 
 def test_a_tree_without_nodes_or_with_a_uid_twice_is_none():
-    with pytest.raises(WireFault, match="got none"):
+    with pytest.raises(ProtocolError, match="got none"):
         read_groot1(WireTree((), ()), UUID)
     twin = WireNode(1, (), 0, "n", "N")
-    with pytest.raises(WireFault, match="2 nodes have 1 of them"):
+    with pytest.raises(ProtocolError, match="2 nodes have 1 of them"):
         read_groot1(WireTree((twin, twin), ()), UUID)
 
 
@@ -171,7 +176,7 @@ def test_a_tree_without_nodes_or_with_a_uid_twice_is_none():
     ],
 )
 def test_a_malformed_update_is_told(frame, said):
-    with pytest.raises(WireFault, match=said):
+    with pytest.raises(ProtocolError, match=said):
         decode_update(frame)
 
 
@@ -185,7 +190,7 @@ def test_a_malformed_update_is_told(frame, said):
     ],
 )
 def test_what_is_no_tree_is_told(data, said):
-    with pytest.raises(WireFault, match=said):
+    with pytest.raises(ProtocolError, match=said):
         decode_tree(data)
 
 
@@ -210,7 +215,7 @@ def shared_tables(nodes: int, ports: int) -> bytes:
 def test_tables_may_be_shared_within_reason():
     tree = decode_tree(shared_tables(2, 3))
     assert tree.nodes == (WireNode(0, (), 0, "", "", (("x" * 20, "x" * 20),) * 3),) * 2
-    with pytest.raises(WireFault, match="shows the same bytes again and again"):
+    with pytest.raises(ProtocolError, match="shows the same bytes again and again"):
         decode_tree(shared_tables(1000, 1000))
 
 
@@ -250,7 +255,7 @@ def test_an_update_survives_the_wire(statuses, changed):
 @given(st.binary(max_size=200))
 def test_noise_is_decoded_or_refused(data):
     for decode in (decode_tree, decode_update):
-        with suppress(WireFault):
+        with suppress(ProtocolError):
             decode(data)
 
 
@@ -260,13 +265,13 @@ def test_a_damaged_tree_is_read_or_refused(damage):
     data = bytearray(TREE)
     for place, byte in damage:
         data[place] = byte
-    with suppress(WireFault):
+    with suppress(ProtocolError):
         read_groot1(decode_tree(bytes(data)), UUID)
 
 
 @given(st.integers(0, len(TREE) - 1))
 def test_a_tree_that_is_cut_off_is_read_or_refused(size):
-    with suppress(WireFault):
+    with suppress(ProtocolError):
         decode_tree(TREE[:size])
 
 

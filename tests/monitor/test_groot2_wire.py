@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.wire import groot2
-from monitor.wire.fault import RefusedByRobot, WireFault
-from monitor.wire.fulltree import read_fulltree
-from monitor.wire.groot2 import Request, RequestHeader, StatusRecord
-from monitor.wire.values import decode_boards, encode_boards, portable
+from btcore_monitor.wire import groot2
+from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
+from btcore_monitor.wire.fulltree import read_fulltree
+from btcore_monitor.wire.groot2 import Request, RequestHeader, StatusRecord
+from btcore_monitor.wire.msgpack_values import decode_boards, encode_boards, to_portable
 
 CAPTURES = Path(__file__).parent / "captures"
 UUID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
@@ -54,7 +54,7 @@ def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(n
 
 @pytest.mark.parametrize(("name", "sentence"), REFUSED.items())
 def test_a_captured_error_reply_raises_its_sentence(name, sentence):
-    with pytest.raises(RefusedByRobot) as raised:
+    with pytest.raises(RobotRefusedError) as raised:
         groot2.decode_reply(frames_of(f"{name}.rep"))
     assert str(raised.value) == sentence
     assert groot2.encode_error(sentence) == frames_of(f"{name}.rep")
@@ -150,13 +150,13 @@ def test_no_blackboards_are_nil_and_so_is_an_empty_one():
     ],
 )
 def test_a_value_is_as_short_as_it_is_exact(value, packed):
-    assert encode_boards({"M": {"k": portable(value)}}) == b"\x81\xa1M\x81\xa1k" + packed
+    assert encode_boards({"M": {"k": to_portable(value)}}) == b"\x81\xa1M\x81\xa1k" + packed
 
 
 def test_a_list_that_holds_itself_is_cut_off():
     endless: list[object] = []
     endless.append(endless)
-    assert encode_boards({"M": {"k": portable(endless)}})
+    assert encode_boards({"M": {"k": to_portable(endless)}})
 
 
 def test_the_captured_full_tree_becomes_a_picture():
@@ -208,7 +208,7 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
     ],
 )
 def test_a_full_tree_that_is_none_is_refused_with_its_reason(xml, said):
-    with pytest.raises(WireFault, match=said):
+    with pytest.raises(ProtocolError, match=said):
         read_fulltree(xml, UUID)
 
 
@@ -237,7 +237,7 @@ def test_a_tree_of_a_thousand_levels_is_read():
     ],
 )
 def test_wrong_bytes_are_named(decode, data, said):
-    with pytest.raises(WireFault, match=said):
+    with pytest.raises(ProtocolError, match=said):
         decode(data)
 
 
@@ -256,7 +256,7 @@ DECODERS = [
 @given(data=st.binary(max_size=200))
 @settings(max_examples=300, deadline=None)
 def test_noise_raises_nothing_but_a_wire_fault(decode, data):
-    with suppress(WireFault):
+    with suppress(ProtocolError):
         decode(data)
 
 
@@ -264,7 +264,7 @@ def test_noise_raises_nothing_but_a_wire_fault(decode, data):
 @settings(max_examples=300, deadline=None)
 def test_noisy_frames_raise_nothing_but_a_wire_fault(frames):
     for decode in (groot2.decode_reply, groot2.decode_breakpoint_reached):
-        with suppress(WireFault):
+        with suppress(ProtocolError):
             decode(frames)
 
 
@@ -276,5 +276,5 @@ def test_noisy_frames_raise_nothing_but_a_wire_fault(frames):
     )
 )
 def test_portable_values_survive_the_wire(value):
-    sent = portable(value)
+    sent = to_portable(value)
     assert decode_boards(encode_boards({"M": {"k": sent}})) == {"M": {"k": sent}}

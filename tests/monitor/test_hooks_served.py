@@ -14,10 +14,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import btcore
-from monitor.serve import Publisher, serve
-from monitor.wire import groot2
-from monitor.wire.hooks import (
-    Unlocking,
+from btcore_monitor.serve import Publisher, serve
+from btcore_monitor.wire import groot2
+from btcore_monitor.wire.hooks import (
+    BreakpointUnlock,
     WireHook,
     decode_hooks,
     encode_breakpoint_reached,
@@ -147,7 +147,7 @@ def test_our_requests_are_the_captured_ones_byte_for_byte():
     failing = WireHook(5, position=1, mode=1, once=True, desired_status="FAILURE")
     assert b"[" + encode_hooks([failing]) + b"]" == frames_of("v4_hook_insert_array_replace_post.req")[1]
     assert encode_place(4, 0) == frames_of("v4_hook_remove.req")[1]
-    unlocking = Unlocking(4, 0, "SUCCESS", False)
+    unlocking = BreakpointUnlock(4, 0, "SUCCESS", False)
     assert encode_unlocking(unlocking) == frames_of("v4_breakpoint_unlock.req")[1]
 
 

@@ -5,8 +5,8 @@ import contextlib
 import pytest
 import zmq
 
-from monitor.serve import serve
-from monitor.serve.questions import WAITING_AT_MOST, Questions
+from btcore_monitor.serve import serve
+from btcore_monitor.serve.request_socket import WAITING_AT_MOST, RequestSocket
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def request(kind: bytes, number: int) -> bytes:
     return b"\x02" + kind + number.to_bytes(4, "little")
 
 
-def test_answers_go_to_who_asked(dealer):
+def test_replies_go_to_the_requesting_client(dealer):
     clients = [dealer() for _ in range(20)]
     for turn in range(10):
         for at, client in enumerate(clients):
@@ -89,7 +89,7 @@ def test_who_asks_and_leaves_is_not_missed(dealer):
 def test_big_answers_for_a_client_that_reads_none_fill_no_memory():
     big, asked = b"x" * 1_000_000, 4 * WAITING_AT_MOST
     with zmq.Context() as context, context.socket(zmq.DEALER) as deaf:
-        questions = Questions(context, 1000)
+        questions = RequestSocket(context, 1000)
         with questions.socket:
             port = questions.socket.bind_to_random_port("tcp://127.0.0.1")
             deaf.linger = 0

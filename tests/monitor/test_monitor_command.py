@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
-from monitor.commands import monitor as monitor_command
+from btcore_monitor.commands.monitor import monitor as monitor_command
 
 ROOT = Path(__file__).parents[2]
 SECOND = 10**9
@@ -24,7 +24,7 @@ def environment(**changes: str) -> dict[str, str]:
 
 
 def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "monitor", *map(str, arguments)]
+    command = [sys.executable, "-m", "btcore_monitor", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout, env=environment())
 
 
@@ -76,7 +76,7 @@ def test_without_rerun_it_says_how_to_get_it():
         "before = importlib.util.find_spec\n"
         "importlib.util.find_spec = lambda name, *more: None if name == 'rerun' else before(name, *more)\n"
         "sys.meta_path.insert(0, Hidden())\n"
-        "from monitor.commands import monitor\n"
+        "from btcore_monitor.commands.monitor import monitor\n"
         "monitor(['--no-view', '--save', 'x.rrd'])\n"
     )
     result = subprocess.run(
@@ -89,7 +89,7 @@ def test_without_rerun_it_says_how_to_get_it():
 
 def test_help_is_there_before_rerun_is_imported():
     code = (
-        "import sys\nfrom monitor.commands import monitor\n"
+        "import sys\nfrom btcore_monitor.commands.monitor import monitor\n"
         "try: monitor(['--help'])\n"
         "finally: sys.stderr.write('imported' if {'rerun', 'zmq', 'numpy'} & set(sys.modules) else 'light')\n"
     )
@@ -103,7 +103,15 @@ def test_help_is_there_before_rerun_is_imported():
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the processor time from /proc")
 def test_waiting_for_a_robot_costs_next_to_nothing_and_ends_when_asked(tmp_path):
     process = subprocess.Popen(
-        [sys.executable, "-m", "monitor", "127.0.0.1:9", "--no-view", "--save", str(tmp_path / "x.rrd")],
+        [
+            sys.executable,
+            "-m",
+            "btcore_monitor",
+            "127.0.0.1:9",
+            "--no-view",
+            "--save",
+            str(tmp_path / "x.rrd"),
+        ],
         stderr=subprocess.PIPE,
         env=environment(),
     )
@@ -167,7 +175,7 @@ def test_a_thousand_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tm
 def test_a_file_that_is_no_recording_is_said_at_once(tmp_path):
     junk = tmp_path / "junk.rrd"
     junk.write_text("junk")
-    command = [sys.executable, "-m", "monitor", str(junk), "--screenshot", str(tmp_path / "junk.png")]
+    command = [sys.executable, "-m", "btcore_monitor", str(junk), "--screenshot", str(tmp_path / "junk.png")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert f"{junk} is no recording of rerun" in done.stderr

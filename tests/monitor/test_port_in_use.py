@@ -3,13 +3,13 @@
 import pytest
 import zmq
 
-from monitor.serve import PortInUse, ServeError, serve
+from btcore_monitor.serve import PortInUseError, ServeError, serve
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 
 
 def test_a_taken_port_is_named_with_the_ways_out(sample):
-    with serve(sample, groot2=0) as first, pytest.raises(PortInUse) as raised:
+    with serve(sample, groot2=0) as first, pytest.raises(PortInUseError) as raised:
         serve(sample, groot2=first.port)
     assert str(raised.value) == (
         f"port {first.port} is in use: choose another with --port, or --port 0 for a free one"
@@ -24,7 +24,7 @@ def test_a_taken_neighbour_is_named_and_the_ports_before_it_are_given_back(sampl
     with zmq.Context() as context, context.socket(zmq.REP) as other:
         other.bind(f"tcp://127.0.0.1:{port + offset}")
         with pytest.raises(
-            PortInUse, match=rf"port {port + offset} is in use \({port} to {port + 2} are needed"
+            PortInUseError, match=rf"port {port + offset} is in use \({port} to {port + 2} are needed"
         ):
             serve(sample, groot2=port)
     with serve(sample, groot2=port) as publisher:

@@ -8,15 +8,31 @@ from typing import Any
 
 import pytest
 
-from btcore.logs import BtLog, divergence, read_btlog, read_log, read_sqlite, steps
-from btcore.logs.recording import nodes_of
-from btcore.xml.write import tree_to_xml
-from monitor.logbook import Logbook
-from monitor.picture import Gap, Link, Picture, PictureNode, StatusChanged, TreeSeen, Unseen, Wire
-from monitor.serve import serve
-from monitor.watch.address import parse_address
-from monitor.watch.groot2 import Groot2Client
-from monitor.wire.fulltree import read_fulltree, write_fulltree
+from btcore.logs import (
+    BtLog,
+    find_divergence,
+    read_btlog,
+    read_log,
+    read_sqlite,
+    steps,
+)
+from btcore.logs.recording import parse_nodes
+from btcore.xml.render.tree_xml import tree_to_xml
+from btcore_monitor.events import (
+    ConnectionChanged,
+    DataMissed,
+    DataSource,
+    ObservedNode,
+    ObservedTree,
+    StatusChanged,
+    TransitionsLost,
+    TreeSeen,
+)
+from btcore_monitor.log_writer import LogWriter
+from btcore_monitor.serve import serve
+from btcore_monitor.watch.address import parse_address
+from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.wire.fulltree import read_fulltree, write_fulltree
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 ROOT = Path(__file__).parents[2]
@@ -42,15 +58,15 @@ def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: P
         publisher.finish()
         assert recorder.end() == 0, recorder.said
     own = read_btlog(tmp_path / "own.btlog")
-    assert len(own.changes) > 2_000
+    assert len(own.transitions) > 2_000
     for name in ("run.btlog", "run.db3"):
         recording = read_log(tmp_path / name)
-        assert divergence(steps(own), steps(recording)) is None, name
+        assert find_divergence(steps(own), steps(recording)) is None, name
         assert (recording.damage, recording.gaps) == ("", ())
         assert recording.xml == own.xml
-    assert f"{len(own.changes)} transitions in run.btlog, run.db3 and run.rrd" in recorder.said
+    assert f"{len(own.transitions)} transitions in run.btlog, run.db3 and run.rrd" in recorder.said
     numbers = list(_numbers(tmp_path / "run.rrd"))
-    assert sorted(numbers) == list(range(1, len(own.changes) + 1))
+    assert sorted(numbers) == list(range(1, len(own.transitions) + 1))
 
 
 def _numbers(path: Path) -> Iterator[int]:
@@ -68,13 +84,13 @@ def test_ctrl_c_leaves_whole_files(endless, record, tmp_path: Path, until) -> No
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
         until(lambda: "recording 'Endless'" in recorder.said, "the tree")
-        until(lambda: len(read_btlog(tmp_path / "run.btlog").changes) > 3, "transitions in the file")
+        until(lambda: len(read_btlog(tmp_path / "run.btlog").transitions) > 3, "transitions in the file")
         assert recorder.end(signal.SIGINT) == 0, recorder.said
     assert (
         "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd" in recorder.said
     )
     first, second = read_btlog(tmp_path / "run.btlog"), read_sqlite(tmp_path / "run.db3")
-    assert divergence(steps(first), steps(second), tolerance=MS) is None
+    assert find_divergence(steps(first), steps(second), tolerance=MS) is None
     assert sorted(one.name for one in tmp_path.iterdir()) == ["run.btlog", "run.db3"]
 
 
@@ -86,7 +102,7 @@ def test_a_robot_that_only_speaks_groot_2_is_recorded_and_what_is_missing_is_sai
         recorder = record(publisher.address, "-o", "run.btlog", "--duration", "60")
         until(lambda: "recording 'Main'" in recorder.said, "the tree")
         sample.tick_exactly_once()
-        until(lambda: len(read_btlog(path).changes) >= 4, "transitions in the file")
+        until(lambda: len(read_btlog(path).transitions) >= 4, "transitions in the file")
         assert recorder.end(signal.SIGTERM) == 0
     recording = read_btlog(path)
     assert recording.statuses() == {node.uid: node.status for node in sample.nodes}
@@ -112,14 +128,14 @@ def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
         for _ in range(50):
             endless.tick_exactly_once()
         endless.halt()
-        told = len(read_btlog(tmp_path / "own.btlog").changes)
+        told = len(read_btlog(tmp_path / "own.btlog").transitions)
         assert told > 300
-        until(lambda: len(read_btlog(tmp_path / "run.btlog").changes) >= told, "the transitions")
+        until(lambda: len(read_btlog(tmp_path / "run.btlog").transitions) >= told, "the transitions")
         assert recorder.end(signal.SIGINT) == 0, recorder.said
     own = read_btlog(tmp_path / "own.btlog")
     for name in names[:2]:
         recording = read_log(tmp_path / name)
-        assert divergence(steps(own), steps(recording)) is None, name
+        assert find_divergence(steps(own), steps(recording)) is None, name
         assert (recording.damage, recording.gaps) == ("", ())
     assert sorted(_numbers(tmp_path / "run.rrd")) == list(range(1, told + 1))
     assert all(
@@ -144,7 +160,7 @@ def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp
     assert "asked for 20 times a second (--no-record): changes between are unseen" in recorder.said
     assert "blackboard: not asked for" in recorder.said
     (gap,) = read_btlog(tmp_path / "run.btlog").gaps
-    assert "changes between are unseen" in gap.said
+    assert "changes between are unseen" in gap.reason
 
 
 def test_a_recording_for_the_viewer_looks_as_asked_for(endless, record, tmp_path: Path) -> None:
@@ -192,14 +208,14 @@ def test_a_mistake_is_a_sentence_and_exit_code_2(record, tmp_path: Path, argumen
 
 # --- the logbook alone: what no real robot does on demand
 
-PICTURE = Picture(
+PICTURE = ObservedTree(
     "a" * 32,
     "Main",
     (
-        PictureNode(1, "root", "Sequence", "control", "root", 0, (2, 3), {}, ""),
-        PictureNode(2, "A", "A", "action", "A::2", 1, (), {"speed": "{v}"}, ""),
-        PictureNode(3, "Sub", "SubTree", "subtree", "Sub::3", 1, (4,), {"x": "{y}"}, ""),
-        PictureNode(4, "deep", "Wait", "condition", "Sub::3/deep", 3, (), {}, "Sub::3"),
+        ObservedNode(1, "root", "Sequence", "control", "root", 0, (2, 3), {}, ""),
+        ObservedNode(2, "A", "A", "action", "A::2", 1, (), {"speed": "{v}"}, ""),
+        ObservedNode(3, "Sub", "SubTree", "subtree", "Sub::3", 1, (4,), {"x": "{y}"}, ""),
+        ObservedNode(4, "deep", "Wait", "condition", "Sub::3/deep", 3, (), {}, "Sub::3"),
     ),
     {"": "Main", "Sub::3": "Sub"},
 )
@@ -215,54 +231,61 @@ def logs(tmp_path: Path) -> list[Path]:
 
 
 def test_a_gap_of_numbers_is_marked_and_how_nodes_are_found_after_it(logs: list[Path]) -> None:
-    book = Logbook(logs)
+    book = LogWriter(logs)
     book.show(TreeSeen(PICTURE, 0, WALL, {}))
     book.show(changed(1, 0, 1, 0, 1))
     book.show(changed(2, 1, 2, 0, 1))
-    book.show(Gap(3, 8))
+    book.show(TransitionsLost(3, 8))
     book.show(changed(9, 9, 2, 0, 1))
     book.close()
     for log in logs:
         recording = read_log(log)
-        assert [change[1:] for change in recording.changes] == [(1, 0, 1), (2, 0, 1), (2, 1, 0), (2, 0, 1)]
+        assert [change[1:] for change in recording.transitions] == [
+            (1, 0, 1),
+            (2, 0, 1),
+            (2, 1, 0),
+            (2, 0, 1),
+        ]
         assert recording.gaps == ((2, "the transitions 3 to 8 are lost"),)
         # An SQLite log's stamps increase by 1 µs at least.
-        assert recording.changes[-1].stamp - recording.start in (9 * MS, 9 * MS + 1_000)
+        assert recording.transitions[-1].stamp - recording.start in (9 * MS, 9 * MS + 1_000)
     assert (book.transitions, book.gaps) == (4, 1)
 
 
 def test_a_robot_that_was_away_and_one_that_ran_before_are_marked(logs: list[Path]) -> None:
-    book = Logbook(logs)
-    sampled = Wire("Groot 2, sampled", {"ticks": "not sent", "transitions": "changes between are unseen"})
-    book.show(TreeSeen(PICTURE, 0, WALL, {1: 1}, numbered=False, wire=sampled))
-    book.show(Link("lost", "no answer for 3 s"))
+    book = LogWriter(logs)
+    sampled = DataSource(
+        "Groot 2, sampled", {"ticks": "not sent", "transitions": "changes between are unseen"}
+    )
+    book.show(TreeSeen(PICTURE, 0, WALL, {1: 1}, numbered=False, source=sampled))
+    book.show(ConnectionChanged("lost", "no answer for 3 s"))
     book.show(TreeSeen(PICTURE, 5 * MS, WALL, {1: 2}, numbered=False))
     book.close()
-    assert [gap.said for gap in read_log(logs[0]).gaps] == [
+    assert [gap.reason for gap in read_log(logs[0]).gaps] == [
         "changes between are unseen",
         "the tree was running before the recording began",
         "the robot was away: no answer for 3 s",
     ]
     for log in logs:
-        assert [change[1:] for change in read_log(log).changes] == [(1, 0, 1), (1, 1, 2)]
+        assert [change[1:] for change in read_log(log).transitions] == [(1, 0, 1), (1, 1, 2)]
         assert read_log(log).gaps[-1] == (1, "the robot was away: no answer for 3 s")
 
 
 def test_what_went_unseen_is_marked_where_it_is_a_transition(logs: list[Path]) -> None:
-    book = Logbook(logs)
+    book = LogWriter(logs)
     book.show(TreeSeen(PICTURE, 0, WALL, {}, numbered=False))
     book.show(changed(1, 1, 2, 0, 1))
-    book.show(Unseen(2 * MS, WALL, MS, "blackboard", "not asked for"))
-    book.show(Unseen(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
+    book.show(DataMissed(2 * MS, WALL, MS, "blackboard", "not asked for"))
+    book.show(DataMissed(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
     book.show(changed(2, 2, 2, 2, 0))
     book.close()
     for log in logs:
         assert read_log(log).gaps == ((1, "the robot's buffer ran over"),)
-        assert [change[1:] for change in read_log(log).changes] == [(2, 0, 1), (2, 1, 2), (2, 2, 0)]
+        assert [change[1:] for change in read_log(log).transitions] == [(2, 0, 1), (2, 1, 2), (2, 2, 0)]
 
 
 def test_what_the_robot_no_longer_remembers_is_marked(logs: list[Path]) -> None:
-    book = Logbook(logs)
+    book = LogWriter(logs)
     book.show(TreeSeen(PICTURE, 0, WALL, {}))
     book.show(changed(500, 1, 2, 0, 1))
     book.show(changed(501, 2, 2, 1, 2))
@@ -271,21 +294,21 @@ def test_what_the_robot_no_longer_remembers_is_marked(logs: list[Path]) -> None:
 
 
 def test_another_tree_gets_files_of_its_own(logs: list[Path]) -> None:
-    book = Logbook(logs)
+    book = LogWriter(logs)
     book.show(TreeSeen(PICTURE, 0, WALL, {}))
     book.show(changed(1, 0, 1, 0, 1))
-    other = Picture("b" * 32, "Main", PICTURE.nodes, PICTURE.subtrees)
+    other = ObservedTree("b" * 32, "Main", PICTURE.nodes, PICTURE.subtrees)
     book.show(TreeSeen(other, 0, WALL, {}))
     book.show(changed(1, 0, 2, 0, 2))
     book.close()
     assert [file.name for file in book.files] == ["run.btlog", "run.db3", "run.2.btlog", "run.2.db3"]
-    assert [read_log(file).changes[0].uid for file in book.files] == [1, 1, 2, 2]
+    assert [read_log(file).transitions[0].uid for file in book.files] == [1, 1, 2, 2]
 
 
 def test_a_tree_that_came_without_xml_is_written_as_one(logs: list[Path]) -> None:
     again = read_fulltree(write_fulltree(PICTURE), PICTURE.tree_id)
     assert again == PICTURE
-    nodes = nodes_of(write_fulltree(PICTURE), "here")
+    nodes = parse_nodes(write_fulltree(PICTURE), "here")
     assert [node.path for node in nodes.values()] == [node.path for node in PICTURE.nodes]
 
 
@@ -295,10 +318,10 @@ def test_a_tree_that_came_with_xml_is_written_byte_for_byte(sample) -> None:
 
 
 def test_stamps_are_the_trees_time_on_the_wall_where_it_was_met(tmp_path: Path) -> None:
-    book = Logbook([tmp_path / "run.btlog"])
+    book = LogWriter([tmp_path / "run.btlog"])
     book.show(TreeSeen(PICTURE, 100 * MS, WALL, {}))
     book.show(StatusChanged(1, 350 * MS, WALL + 2 * MS, 1, 1, 0, 1))  # a run faster than real time
     book.close()
     recording = read_btlog(tmp_path / "run.btlog")
     assert recording.start == WALL
-    assert recording.changes[0].stamp == WALL + 250 * MS
+    assert recording.transitions[0].stamp == WALL + 250 * MS

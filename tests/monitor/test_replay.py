@@ -12,9 +12,9 @@ from rerun.chunk import RrdReader
 
 from btcore.cli.main import main
 from btcore.logs import read_fbl, read_log
-from monitor.picture import StatusChanged, TreeSeen, Unseen
-from monitor.replay import events, picture_of
-from monitor.wire.fulltree import read_fulltree
+from btcore_monitor.commands.replay import events, picture_of
+from btcore_monitor.events import DataMissed, StatusChanged, TreeSeen
+from btcore_monitor.wire.fulltree import read_fulltree
 
 CAPTURES = Path(__file__).parents[1] / "btcore" / "logs" / "captures"
 LOGS = [CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl")]
@@ -44,7 +44,7 @@ def test_a_line_a_transition(replay: Replay, log: Path) -> None:
     assert result.exit_code == 0, result.output
     paths = recording.keys()
     assert parts(result.stdout) == [
-        (paths[uid], previous.name, status.name) for _, uid, previous, status in recording.changes
+        (paths[uid], previous.name, status.name) for _, uid, previous, status in recording.transitions
     ]
 
 
@@ -133,7 +133,7 @@ def test_the_recording_for_the_viewer_has_every_transition(replay: Replay, tmp_p
     assert result.exit_code == 0, result.output
     assert recorded(tmp_path / "run.rrd") == [
         (number, uid, previous, status)
-        for number, (_, uid, previous, status) in enumerate(read_log(log).changes, 1)
+        for number, (_, uid, previous, status) in enumerate(read_log(log).transitions, 1)
     ]
 
 
@@ -143,7 +143,7 @@ def test_a_part_begins_as_the_nodes_stood_then() -> None:
     assert isinstance(seen, TreeSeen)
     assert seen.statuses == recording.statuses(5)
     assert [one.number for one in rest if isinstance(one, StatusChanged)] == [6, 7, 8]
-    assert set(seen.wire.lacks) == {"ticks", "exceptions", "blackboard"}
+    assert set(seen.source.unavailable) == {"ticks", "exceptions", "blackboard"}
 
 
 def test_the_cut_and_gaps_are_shown_as_unseen(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_the_cut_and_gaps_are_shown_as_unseen(tmp_path: Path) -> None:
     (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
     recording = read_log(tmp_path / "run.btlog")
     told = list(events(recording, range(56)))
-    assert [(at, one.reason) for at, one in enumerate(told) if isinstance(one, Unseen)] == [
+    assert [(at, one.reason) for at, one in enumerate(told) if isinstance(one, DataMissed)] == [
         (3, "the transitions 3 to 9 are lost"),
         (58, recording.damage),
     ]

@@ -14,10 +14,18 @@ from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
 from btcore.cli.main import main
-from monitor.picture import Gap, Link, SceneMoving, SceneStatic, StatusChanged, Ticked, TreeSeen
-from monitor.screen.style import COLOUR_BLIND
-from monitor.serve import serve
-from monitor.watch.feed import Feed
+from btcore_monitor.events import (
+    ConnectionChanged,
+    SceneMoving,
+    SceneStatic,
+    StatusChanged,
+    Ticked,
+    TransitionsLost,
+    TreeSeen,
+)
+from btcore_monitor.screen.style import COLOUR_BLIND
+from btcore_monitor.serve import serve
+from btcore_monitor.watch.feed import Feed
 
 BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]
 TREE = """
@@ -81,12 +89,12 @@ def test_no_transition_of_a_thousand_ticks_is_missing_for_a_viewer_that_waited(f
     assert len(numbers) > 1000
     assert numbers == list(range(1, len(numbers) + 1))
     assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 1001))
-    assert not [event for event in events if isinstance(event, Gap)]
+    assert not [event for event in events if isinstance(event, TransitionsLost)]
     assert next(event.data for event in events if isinstance(event, SceneStatic))["frame"] == "map"
     moving = [event.data for event in events if isinstance(event, SceneMoving)]
     assert len(moving) > 900
     assert {"frames", "scan", "velocity"} <= moving[-1].keys()
-    assert isinstance(events[-1], Link)
+    assert isinstance(events[-1], ConnectionChanged)
     assert events[-1].state == "ended"
 
 
@@ -123,7 +131,7 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
         events = feed.events(until_end=True)
         assert next(event for event in events if isinstance(event, Ticked)).tick >= 1
         process.send_signal(signal.SIGINT)
-        assert [event for event in events if isinstance(event, Link)][-1].state == "ended"
+        assert [event for event in events if isinstance(event, ConnectionChanged)][-1].state == "ended"
     _, rest = process.communicate(timeout=60)
     assert process.returncode == 130, rest
     assert "Traceback" not in rest
@@ -153,7 +161,7 @@ def test_a_saved_tree_is_published_at_the_same_port_and_recorded_in_a_file_of_it
             if isinstance(event, TreeSeen):
                 seen.append(event)
                 ticks = 0
-            elif isinstance(event, Link):
+            elif isinstance(event, ConnectionChanged):
                 links.append(event.state)
             elif isinstance(event, Ticked):
                 ticks += 1
@@ -163,7 +171,7 @@ def test_a_saved_tree_is_published_at_the_same_port_and_recorded_in_a_file_of_it
                     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130, told
-    assert [event.picture.name for event in seen] == ["M", "Saved"]
+    assert [event.tree.name for event in seen] == ["M", "Saved"]
     assert links == ["waiting", "connected", "ended"]
     assert "Traceback" not in told
     for file in (recording, tmp_path / "run.2.rrd"):
@@ -190,7 +198,7 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_told(both: bo
         spoken = "Groot 1's protocol" if both else "scene channel"
         with Feed(f":{first + 1}") as feed:
             for event in feed:
-                if isinstance(event, Link) and event.state == "connected":
+                if isinstance(event, ConnectionChanged) and event.state == "connected":
                     assert spoken in event.detail
                 if isinstance(event, StatusChanged):
                     break

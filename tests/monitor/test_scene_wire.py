@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.serve.history import LANE_ROOM, History
-from monitor.wire.fault import WireFault
-from monitor.wire.scene import (
+from btcore_monitor.serve.history import LANE_ROOM, History
+from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.scene_channel import (
     AliveMessage,
     BlackboardMessage,
     EndMessage,
@@ -61,7 +61,7 @@ def test_every_message_says_its_version_and_kind():
 
 def test_a_newer_version_is_refused_with_what_to_do():
     newer = msgpack.packb({"v": 2, "kind": "ticks", "colour": "red"})
-    with pytest.raises(WireFault, match=r"version 2 .* up to 1: update btcore here"):
+    with pytest.raises(ProtocolError, match=r"version 2 .* up to 1: update btcore here"):
         decode(newer)
 
 
@@ -76,23 +76,25 @@ def test_a_missing_or_wrong_field_is_named(message):
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     for field in fields(message):
         without = {key: value for key, value in whole.items() if key != field.name}
-        with pytest.raises(WireFault, match=f"'{field.name}' of a '{message.kind}' message .* got nothing"):
+        with pytest.raises(
+            ProtocolError, match=f"'{field.name}' of a '{message.kind}' message .* got nothing"
+        ):
             decode(msgpack.packb(without))
-        with pytest.raises(WireFault, match=f"'{field.name}'"):
+        with pytest.raises(ProtocolError, match=f"'{field.name}'"):
             decode(msgpack.packb(whole | {field.name: 1.5}))
 
 
 @pytest.mark.parametrize("row", [[1, 2, 3], "row", [1, 2, 3, 4, 5, "6"], [1, 2, 3, 4, 5, True]])
 def test_a_transition_has_six_integers(row):
     whole = msgpack.unpackb(encode(TICKS))
-    with pytest.raises(WireFault, match="six integers"):
+    with pytest.raises(ProtocolError, match="six integers"):
         decode(msgpack.packb(whole | {"transitions": [row]}))
 
 
 @given(st.binary(max_size=200))
 @settings(max_examples=500, deadline=None)
 def test_noise_raises_nothing_but_a_wire_fault(data):
-    with suppress(WireFault):
+    with suppress(ProtocolError):
         decode(data)
 
 
@@ -109,7 +111,7 @@ VALUES = st.recursive(
 def test_a_message_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(message, data):
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     field = data.draw(st.sampled_from(sorted(whole)))
-    with suppress(WireFault):
+    with suppress(ProtocolError):
         decode(msgpack.packb(whole | {field: data.draw(VALUES)}))
 
 

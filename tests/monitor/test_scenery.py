@@ -10,10 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.serve.jpeg import with_jpeg
-from monitor.serve.recorder import merged, weight
-from monitor.wire.fault import WireFault
-from monitor.wire.scene import MovingMessage, StaticMessage, decode, encode
+from btcore_monitor.serve.jpeg import with_jpeg
+from btcore_monitor.serve.queueing_observer import merge_scenes, weight
+from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.scene_channel import (
+    MovingMessage,
+    StaticMessage,
+    decode,
+    encode,
+)
 
 ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 ROWS = np.array([[1.0, 2.0, 0.5]], dtype="<f4").tobytes()
@@ -100,7 +105,7 @@ def test_what_nobody_here_knows_is_passed_on():
 def test_what_does_not_fit_is_named(key, entries, said):
     whole = msgpack.unpackb(encode(moving()))
     whole["data"][key] = entries
-    with pytest.raises(WireFault, match=said):
+    with pytest.raises(ProtocolError, match=said):
         decode(msgpack.packb(whole))
 
 
@@ -108,7 +113,9 @@ def test_cells_that_would_fill_the_memory_are_not_unpacked():
     bomb = zlib.compress(bytes(50_000_000), 9)
     whole = msgpack.unpackb(encode(moving()))
     whole["data"]["grids"] = [{**GRID, "cells": bomb, "coding": "zlib"}]
-    with pytest.raises(WireFault, match="expected 1200 bytes of 'cells' for 'global_costmap', and got 1201"):
+    with pytest.raises(
+        ProtocolError, match="expected 1200 bytes of 'cells' for 'global_costmap', and got 1201"
+    ):
         decode(msgpack.packb(whole))
 
 
@@ -130,7 +137,7 @@ def test_a_scene_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(dat
         entry[data.draw(st.sampled_from(sorted(entry)))] = data.draw(VALUES)
     else:
         scene[key] = data.draw(VALUES)
-    with suppress(WireFault):
+    with suppress(ProtocolError):
         decode(msgpack.packb(whole))
 
 
@@ -153,7 +160,7 @@ def test_pictures_go_as_jpeg_and_look_the_same():
 def test_several_sources_make_one_scene():
     body = {"frame": "map", "frames": [["base_link", "map"]], "notes": {"body": "warm"}, "stamp": 1}
     mind = {"frames": [["odom", "map"]], "notes": {"mind": "sure"}, "stamp": 2, "grids": []}
-    assert merged([body, mind, {}]) == {
+    assert merge_scenes([body, mind, {}]) == {
         "frame": "map",
         "frames": [["base_link", "map"], ["odom", "map"]],
         "notes": {"body": "warm", "mind": "sure"},
@@ -161,7 +168,7 @@ def test_several_sources_make_one_scene():
         "grids": [],
     }
     assert body["frames"] == [["base_link", "map"]]
-    assert merged([]) == {}
+    assert merge_scenes([]) == {}
 
 
 def test_a_big_picture_counts_for_several_scenes_of_those_that_may_wait():

@@ -16,9 +16,14 @@ from hypothesis import strategies as st
 import btcore
 from btcore import Registry, SimClock, Status
 from btcore.status import Transition
-from monitor.serve import PortInUse, Publisher, ServeError, serve
-from monitor.serve.groot1 import Groot1Server
-from monitor.serve.recorder import Changed
+from btcore_monitor.serve import (
+    PortInUseError,
+    Publisher,
+    ServeError,
+    serve,
+)
+from btcore_monitor.serve.groot1 import Groot1Server
+from btcore_monitor.serve.queueing_observer import StampedTransition
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parent / "captures"
@@ -367,7 +372,7 @@ def test_updates_are_the_originals_bytes(sample3):
             assert sample3.ticks < 5
             sample3.tick_exactly_once()
         for change, stamp in zip(heard, stamps, strict=True):
-            server.heard(Changed(change, stamp), 0.0)
+            server.add_transition(StampedTransition(change, stamp), 0.0)
         heard.clear()
         assert server.update(1.0) == frame
 
@@ -440,15 +445,15 @@ def test_the_statuses_of_an_update_are_those_at_the_end_of_the_one_before(endles
 # The throttle, by the publisher's clock.
 
 
-def change_of(tree: btcore.Tree, number: int, status: Status) -> Changed:
-    return Changed(Transition(number, 0, 1, tree.root.uid, Status.IDLE, status), number)
+def change_of(tree: btcore.Tree, number: int, status: Status) -> StampedTransition:
+    return StampedTransition(Transition(number, 0, 1, tree.root.uid, Status.IDLE, status), number)
 
 
 def test_an_update_waits_for_its_time_from_the_first_transition_on(endless):
     server = Groot1Server(endless, rate=25)
     assert server.update(100.0) is None, "nothing happened, so nothing is sent"
-    server.heard(change_of(endless, 1, Status.RUNNING), 100.0)
-    server.heard(change_of(endless, 2, Status.SUCCESS), 100.03)
+    server.add_transition(change_of(endless, 1, Status.RUNNING), 100.0)
+    server.add_transition(change_of(endless, 2, Status.SUCCESS), 100.03)
     assert server.update(100.039) is None
     frame = server.update(100.041)
     assert frame is not None
@@ -462,7 +467,7 @@ def test_however_fast_the_tree_the_rate_is_kept(endless):
     for millisecond in range(1000):
         now = millisecond / 1000
         status = Status.RUNNING if millisecond % 2 else Status.SUCCESS
-        server.heard(change_of(endless, millisecond, status), now)
+        server.add_transition(change_of(endless, millisecond, status), now)
         frame = server.update(now)
         if frame is not None:
             sent.append((now, len(Message.read(frame).changes)))
@@ -480,7 +485,7 @@ def test_the_last_transitions_are_sent_before_the_end(sample, window):
 
 def test_a_publisher_that_lost_transitions_sends_what_makes_it_right(endless):
     server = Groot1Server(endless)
-    server.heard(change_of(endless, 1, Status.RUNNING), 0.0)
+    server.add_transition(change_of(endless, 1, Status.RUNNING), 0.0)
     server.correct({1: 2, 2: 1, 3: 0}, 5_000, 0.0)
     frame = server.update(1.0)
     assert frame is not None
@@ -526,7 +531,7 @@ def test_a_taken_port_is_named_and_the_others_are_given_back(sample, offset):
         first = publisher.groot1
     with zmq.Context() as context, context.socket(zmq.REP) as other:
         other.bind(f"tcp://127.0.0.1:{first + offset}")
-        with pytest.raises(PortInUse, match=f"port {first + offset} is in use"):
+        with pytest.raises(PortInUseError, match=f"port {first + offset} is in use"):
             serve(sample, groot1=first)
     with serve(sample, groot1=first) as publisher:
         assert publisher.groot1 == first
@@ -537,7 +542,7 @@ def test_a_taken_port_beside_groot2_gives_groot2s_ports_back(sample):
         groot2, groot1 = both.port, both.groot1
     with zmq.Context() as context, context.socket(zmq.REP) as other:
         other.bind(f"tcp://127.0.0.1:{groot1}")
-        with pytest.raises(PortInUse, match=f"port {groot1} is in use"):
+        with pytest.raises(PortInUseError, match=f"port {groot1} is in use"):
             serve(sample, groot2=groot2, groot1=groot1)
     with serve(sample, groot2=groot2) as publisher:
         assert publisher.port == groot2

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 import btcore
 from btcore import SimClock
-from monitor.serve import Publisher, serve
-from monitor.serve.boards import BoardKeeper
-from monitor.wire.fulltree import read_fulltree
+from btcore_monitor.serve import Publisher, serve
+from btcore_monitor.serve.blackboards import BlackboardTracker
+from btcore_monitor.wire.fulltree import read_fulltree
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parent / "captures"
@@ -279,7 +279,7 @@ def test_blackboards_are_whole_while_the_tree_writes_them(writing, window):
 
 
 def test_blackboards_can_be_read_beside_a_ticking_tree(writing):
-    keeper = BoardKeeper(writing)
+    keeper = BlackboardTracker(writing)
     for _ in range(500):
         board = keeper.read_now()[""]
         assert len(set(board.get("row", []))) <= 1
@@ -329,6 +329,6 @@ def test_a_node_that_raises_leaves_the_publisher_at_work(window):
         nodes=registry,
     )
     with serve(tree, groot2=0) as publisher:
-        with pytest.raises(btcore.NodeRaised):
+        with pytest.raises(btcore.NodeExecutionError):
             tree.tick_exactly_once()
         assert len(window(publisher).statuses()) == 2

@@ -9,26 +9,26 @@ import zmq
 
 import btcore
 from btcore import SimClock
-from monitor.picture import (
+from btcore_monitor.events import (
     BlackboardSeen,
+    ConnectionChanged,
     Event,
-    Gap,
-    Link,
-    Raised,
+    ExceptionRaised,
     SceneMoving,
     SceneStatic,
     StatusChanged,
     Ticked,
+    TransitionsLost,
     TreeSeen,
 )
-from monitor.serve import serve
-from monitor.watch.address import AddressFault, parse_address
-from monitor.watch.feed import Feed
-from monitor.watch.groot2 import Groot2Client, NoAnswer
-from monitor.watch.scene import SceneClient
-from monitor.wire import scene as wire
-from monitor.wire.fault import RefusedByRobot
-from monitor.wire.groot2 import Request
+from btcore_monitor.serve import serve
+from btcore_monitor.watch.address import AddressError, parse_address
+from btcore_monitor.watch.feed import Feed
+from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
+from btcore_monitor.watch.scene import SceneClient
+from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.wire.errors import RobotRefusedError
+from btcore_monitor.wire.groot2 import Request
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 
@@ -54,7 +54,7 @@ class Watcher:
         return [event for event in self.events if isinstance(event, kind)]
 
     def ended(self) -> bool:
-        return any(link.state == "ended" for link in self.of(Link))
+        return any(link.state == "ended" for link in self.of(ConnectionChanged))
 
 
 @pytest.fixture
@@ -95,8 +95,8 @@ def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
     with serve(sample, groot2=0) as publisher:
         port = publisher.port
     early = watch(f":{port}")
-    until(lambda: early.of(Link), "a word about the robot that isn't there")
-    assert early.events[0] == Link("waiting", f"waiting for the robot at tcp://127.0.0.1:{port}")
+    until(lambda: early.of(ConnectionChanged), "a word about the robot that isn't there")
+    assert early.events[0] == ConnectionChanged("waiting", f"waiting for the robot at tcp://127.0.0.1:{port}")
     with serve(sample, groot2=port, resources=[Scene()]) as publisher:
         assert publisher.wait_for_clients(1, 10)
         for _ in range(3):
@@ -119,8 +119,8 @@ def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
     assert early.of(SceneStatic)[0].data["frame"] == "map"
     assert early.of(SceneMoving)[0].data["scan"]["ranges"] == b"\x00\x00\x80\x3f"
     assert early.of(BlackboardSeen)[-1].boards["Sub::6"]["mode"] == "fast"
-    assert [link.state for link in early.of(Link)] == ["waiting", "connected", "ended"]
-    assert not early.of(Gap)
+    assert [link.state for link in early.of(ConnectionChanged)] == ["waiting", "connected", "ended"]
+    assert not early.of(TransitionsLost)
 
 
 def test_a_viewer_that_comes_in_the_middle_gets_what_was_before(endless, watch, until):
@@ -165,7 +165,7 @@ def test_no_transition_is_missing_however_fast_the_tree_and_however_slow_the_vie
     for viewer in viewers:
         assert numbers(viewer) == list(range(1, total + 1))
         assert [one.tick for one in viewer.of(Ticked)] == list(range(1, 1001))
-        assert not viewer.of(Gap)
+        assert not viewer.of(TransitionsLost)
     assert publisher.dropped == 0
 
 
@@ -180,7 +180,12 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
     pictures = [event.picture for event in viewer.of(TreeSeen)]
     assert [picture.name for picture in pictures] == ["Main", "Endless"]
     assert pictures[1].tree_id == second.tree_id
-    assert [link.state for link in viewer.of(Link)][:4] == ["waiting", "connected", "ended", "connected"]
+    assert [link.state for link in viewer.of(ConnectionChanged)][:4] == [
+        "waiting",
+        "connected",
+        "ended",
+        "connected",
+    ]
 
 
 def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(
@@ -201,7 +206,9 @@ def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(
     seen = viewer.of(TreeSeen)
     assert [event.picture.name for event in seen] == ["Main", "Endless"]
     assert seen[1].picture.tree_id == second
-    assert [link.state for link in viewer.of(Link)][-2:] == ["connected", "ended"], "nobody was lost"
+    assert [link.state for link in viewer.of(ConnectionChanged)][-2:] == ["connected", "ended"], (
+        "nobody was lost"
+    )
     kinds = [type(event) for event in viewer.events]
     assert kinds.index(SceneStatic, viewer.events.index(seen[1]))
     before = [one for one in viewer.events[: viewer.events.index(seen[1])] if isinstance(one, StatusChanged)]
@@ -269,11 +276,11 @@ def test_what_a_node_raised_arrives(watch, until):
     with serve(tree, groot2=0) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 10)
-        with pytest.raises(btcore.NodeRaised):
+        with pytest.raises(btcore.NodeExecutionError):
             tree.tick_exactly_once()
-        until(lambda: viewer.of(Raised), "the error")
-    assert viewer.of(Raised)[0].path == "fuse"
-    assert "boom" in viewer.of(Raised)[0].message
+        until(lambda: viewer.of(ExceptionRaised), "the error")
+    assert viewer.of(ExceptionRaised)[0].path == "fuse"
+    assert "boom" in viewer.of(ExceptionRaised)[0].message
 
 
 def test_transitions_of_a_tick_that_goes_on_are_shown_before_it_ends(watch, until):
@@ -320,7 +327,7 @@ def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
         until(lambda: viewer.of(BlackboardSeen), "a first look")
         seen = viewer.of(TreeSeen)[0]
         assert not seen.numbered
-        assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+        assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
         sample.tick_exactly_once()
         until(lambda: len(viewer.of(StatusChanged)) == 5, "the first tick")
         assert [one.number for one in viewer.of(StatusChanged)] == [1, 2, 3, 4, 5]
@@ -348,7 +355,11 @@ def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch,
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
     until(
-        lambda: viewer.events[-1] == viewer.of(Link)[-1] and viewer.of(Link)[-1].state == "lost", "the loss"
+        lambda: (
+            viewer.events[-1] == viewer.of(ConnectionChanged)[-1]
+            and viewer.of(ConnectionChanged)[-1].state == "lost"
+        ),
+        "the loss",
     )
     with serve(sample, groot2=publisher.port, scene=False):
         until(lambda: len(viewer.of(TreeSeen)) == 2, "the return")
@@ -365,15 +376,15 @@ def test_a_client_asks_in_groot2s_words(sample):
         assert [(one.uid, one.status) for one in client.transitions()][:2] == [(1, 1), (2, 2)]
         assert client.blackboards(["Main"])["Main"]["x"] == 42
         client.stop_recording()
-        with pytest.raises(RefusedByRobot, match="refuses HOOKS_DUMP: hooks are disabled"):
-            client.ask(Request.HOOKS_DUMP)
+        with pytest.raises(RobotRefusedError, match="refuses HOOKS_DUMP: hooks are disabled"):
+            client.request(Request.HOOKS_DUMP)
 
 
 def test_a_client_of_a_silent_robot_says_so_and_can_ask_again(sample):
     with serve(sample, groot2=0) as publisher:
         port = publisher.port
     with Groot2Client(parse_address(f":{port}"), timeout=0.05) as client:
-        with pytest.raises(NoAnswer, match=f"no answer from tcp://127.0.0.1:{port} in 0.05 s"):
+        with pytest.raises(NoReplyError, match=f"no answer from tcp://127.0.0.1:{port} in 0.05 s"):
             client.statuses()
         client.timeout = 10
         with serve(sample, groot2=port):
@@ -397,5 +408,5 @@ def test_an_address_may_be_short(text, where):
 
 @pytest.mark.parametrize("text", ["http://robot", "a b", "robot:port", "robot:99999", "65534", "::1"])
 def test_what_is_no_address_is_named(text):
-    with pytest.raises(AddressFault, match=r"is no address|out of range"):
+    with pytest.raises(AddressError, match=r"is no address|out of range"):
         parse_address(text)

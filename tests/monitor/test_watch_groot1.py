@@ -8,14 +8,26 @@ from pathlib import Path
 import pytest
 import zmq
 
-from monitor.picture import Event, Link, StatusChanged, Ticked, TreeSeen, Unseen
-from monitor.serve import serve
-from monitor.watch.address import parse_address
-from monitor.watch.discover import SpeaksGroot1
-from monitor.watch.feed import Feed
-from monitor.watch.groot2 import Groot2Client
-from monitor.wire.groot1 import WireChange, encode_update
-from monitor.wire.groot1_tree import WireModel, WireNode, WireTree, encode_tree
+from btcore_monitor.events import (
+    ConnectionChanged,
+    DataMissed,
+    Event,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+)
+from btcore_monitor.serve import serve
+from btcore_monitor.watch.address import parse_address
+from btcore_monitor.watch.feed import Feed
+from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.protocol_detection import Groot1DetectedError
+from btcore_monitor.wire.groot1 import WireChange, encode_update
+from btcore_monitor.wire.groot1_tree import (
+    WireModel,
+    WireNode,
+    WireTree,
+    encode_tree,
+)
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parent / "captures"
@@ -119,7 +131,7 @@ class Watcher:
 
     @property
     def links(self) -> list[str]:
-        return [link.state for link in self.of(Link)]
+        return [link.state for link in self.of(ConnectionChanged)]
 
     @property
     def steps(self) -> list[tuple[int, int, int]]:
@@ -149,7 +161,7 @@ def test_a_robot_of_version_3_is_found_out_and_shown_transition_by_transition(wa
         until(lambda: len(viewer.steps) == len(STEPS), "what the robot published")
     assert not robot.hurt
     assert viewer.links[:2] == ["waiting", "connected"]
-    assert viewer.of(Link)[1].detail == f"tcp://127.0.0.1:{robot.port}, by Groot 1's protocol"
+    assert viewer.of(ConnectionChanged)[1].detail == f"tcp://127.0.0.1:{robot.port}, by Groot 1's protocol"
     seen = viewer.of(TreeSeen)[0]
     assert len(seen.picture.nodes) == 11
     assert not seen.numbered
@@ -161,7 +173,7 @@ def test_a_robot_of_version_3_is_found_out_and_shown_transition_by_transition(wa
     assert [one.wall for one in changes[:2]] == [1795223035621691000, 1795223035621823000]
     assert changes[7].t - changes[4].t == changes[7].wall - changes[4].wall
     assert [one.t for one in changes] == sorted(one.t for one in changes)
-    assert not viewer.of(Unseen)
+    assert not viewer.of(DataMissed)
 
 
 def test_who_comes_in_the_middle_sees_how_the_nodes_stand_by_the_first_update(watch, until):
@@ -173,7 +185,7 @@ def test_who_comes_in_the_middle_sees_how_the_nodes_stand_by_the_first_update(wa
         until(lambda: len(viewer.steps) == 7, "the update")
     assert len(viewer.of(TreeSeen)) == 1
     assert viewer.of(TreeSeen)[0].statuses == dict(zip(range(1, 12), [1, 2, 1, 3, 1] + 6 * [0], strict=True))
-    assert not viewer.of(Unseen)
+    assert not viewer.of(DataMissed)
 
 
 def test_statuses_that_are_told_late_correct_what_was_shown(watch, until):
@@ -185,7 +197,7 @@ def test_statuses_that_are_told_late_correct_what_was_shown(watch, until):
     first, second = viewer.of(TreeSeen)
     assert second.picture is first.picture, "it is the same tree"
     assert [second.statuses[uid] for uid in range(1, 6)] == [1, 2, 1, 3, 1]
-    assert not viewer.of(Unseen), "nothing got lost, since nothing was known"
+    assert not viewer.of(DataMissed), "nothing got lost, since nothing was known"
 
 
 def test_an_update_that_got_lost_is_a_hole_and_no_guess(watch, until):
@@ -197,7 +209,7 @@ def test_an_update_that_got_lost_is_a_hole_and_no_guess(watch, until):
     changes = viewer.of(StatusChanged)
     assert [one.number for one in changes] == list(range(1, 14))
     again = viewer.of(TreeSeen)[1]
-    (hole,) = viewer.of(Unseen)
+    (hole,) = viewer.of(DataMissed)
     assert (hole.since, hole.t, hole.topic) == (changes[4].t, changes[5].t, "transitions")
     assert again.picture.tree_id == viewer.of(TreeSeen)[0].picture.tree_id
     assert [again.statuses[uid] for uid in range(1, 9)] == [1, 2, 2, 0, 0, 1, 1, 1]
@@ -214,7 +226,7 @@ def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_holes(watch, u
         )
         until(lambda: len(viewer.steps) == 6, "the updates")
     assert viewer.steps == [(1, 0, 1), (2, 0, 2), (2, 2, 0), (2, 0, 3), (2, 3, 0), (2, 0, 2)]
-    assert not viewer.of(Unseen)
+    assert not viewer.of(DataMissed)
 
 
 def test_a_robot_that_is_not_there_yet_and_restarts_with_another_tree(watch, until):
@@ -249,7 +261,7 @@ def test_a_robot_that_restarts_with_the_same_tree_begins_anew(watch, until):
     first, second = viewer.of(TreeSeen)
     assert first.picture.tree_id != second.picture.tree_id
     assert set(second.statuses.values()) == {0}
-    assert not viewer.of(Unseen)
+    assert not viewer.of(DataMissed)
 
 
 def test_another_tree_in_the_same_process_is_asked_for(watch, until):
@@ -265,7 +277,7 @@ def test_another_tree_in_the_same_process_is_asked_for(watch, until):
 
 
 def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(watch, until, monkeypatch):
-    monkeypatch.setattr("monitor.watch.groot1.SILENT_AFTER", 0.8)
+    monkeypatch.setattr("btcore_monitor.watch.groot1_feed.SILENT_AFTER", 0.8)
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -288,7 +300,7 @@ def test_what_is_no_update_loses_the_robot_and_a_good_one_finds_it(watch, until)
         until(lambda: viewer.of(TreeSeen), "the tree")
         robot.publish(b"no")
         until(lambda: "lost" in viewer.links, "the loss")
-        assert "expected statuses and transitions" in viewer.of(Link)[2].detail
+        assert "expected statuses and transitions" in viewer.of(ConnectionChanged)[2].detail
         until(lambda: viewer.links[-1] == "connected", "the return")
 
 
@@ -296,7 +308,10 @@ def test_a_robot_whose_publish_port_is_elsewhere_is_told_of_and_found_by_naming_
     with Robot(encode_tree(SMALL), apart=3) as robot:
         blind = watch(f":{robot.port}")
         until(lambda: blind.of(TreeSeen), "the tree")
-        assert f"nothing is published at tcp://127.0.0.1:{robot.port - 1}" in blind.of(Link)[1].detail
+        assert (
+            f"nothing is published at tcp://127.0.0.1:{robot.port - 1}"
+            in blind.of(ConnectionChanged)[1].detail
+        )
         viewer = watch(f":{robot.port}/{robot.port - 3}")
         until(lambda: viewer.of(TreeSeen), "the tree")
         robot.publish(update([0, 0], (2, 0, 2)))
@@ -318,7 +333,7 @@ def test_every_transition_of_ours_arrives_by_groot1_too(endless, watch, until, c
         total = told.count
         until(lambda: len(viewer.steps) == total, "all transitions")
     assert [one.number for one in viewer.of(StatusChanged)] == list(range(1, total + 1))
-    assert not viewer.of(Unseen)
+    assert not viewer.of(DataMissed)
     assert viewer.of(TreeSeen)[0].picture.nodes[3].name == "step"
     assert viewer.of(TreeSeen)[0].picture.by_uid.keys() == {node.uid for node in endless.nodes}
 
@@ -340,7 +355,7 @@ def test_from_a_btcore_robot_the_scene_channel_is_taken_also_beside_groot1(endle
         endless.tick_exactly_once()
         until(lambda: viewer.of(Ticked), "a tick, which Groot 1 doesn't know")
     assert viewer.of(TreeSeen)[0].numbered
-    assert "scene channel" in viewer.of(Link)[1].detail
+    assert "scene channel" in viewer.of(ConnectionChanged)[1].detail
 
 
 def test_a_robot_may_come_back_with_the_other_protocol(endless, watch, until):
@@ -350,17 +365,17 @@ def test_a_robot_may_come_back_with_the_other_protocol(endless, watch, until):
         until(lambda: viewer.of(TreeSeen), "the tree")
     with serve(endless, groot2=port, scene=False):
         until(lambda: len(viewer.of(TreeSeen)) == 2, "the tree by Groot 2")
-        assert viewer.of(Link)[-1].detail.endswith("by Groot 2's protocol")
+        assert viewer.of(ConnectionChanged)[-1].detail.endswith("by Groot 2's protocol")
     with serve(endless, groot1=port - 1, scene=False):
         until(lambda: len(viewer.of(TreeSeen)) == 3, "the tree by Groot 1")
-        assert viewer.of(Link)[-1].detail.endswith("by Groot 1's protocol")
+        assert viewer.of(ConnectionChanged)[-1].detail.endswith("by Groot 1's protocol")
 
 
 def test_a_client_of_groot2_tells_a_robot_of_version_3_and_does_not_hurt_it(until):
     with Robot(TREE) as robot, Groot2Client(parse_address(f":{robot.port}")) as client:
-        with pytest.raises(SpeaksGroot1, match="speaks Groot 1's protocol"):
+        with pytest.raises(Groot1DetectedError, match="speaks Groot 1's protocol"):
             client.fulltree()
-        with pytest.raises(SpeaksGroot1):
+        with pytest.raises(Groot1DetectedError):
             client.statuses()
         assert not robot.hurt
         assert robot.asked == 2

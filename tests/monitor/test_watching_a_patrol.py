@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.picture import Link, SceneMoving, SceneStatic
-from monitor.serve import serve
-from monitor.watch.feed import Feed
+from btcore_monitor.events import ConnectionChanged, SceneMoving, SceneStatic
+from btcore_monitor.serve import serve
+from btcore_monitor.watch.feed import Feed
 
 PATROL = ["patrolling", "--world", "house", "--seed", "1", "--json", "--camera", "160x120@5"]
 
@@ -81,7 +81,9 @@ def test_what_moves_or_changes_arrives(watched):
     assert levels == sorted(levels, reverse=True)
     assert levels[0] > levels[-1] > 95.0
     assert {notes["localisation"] for notes in moving(events, "notes")} == {"sure"}
-    assert [event.detail for event in events if isinstance(event, Link) and event.state == "lost"] == []
+    assert [
+        event.detail for event in events if isinstance(event, ConnectionChanged) and event.state == "lost"
+    ] == []
 
 
 def test_pictures_come_as_often_as_the_tracker_takes_them_with_what_it_found(watched):

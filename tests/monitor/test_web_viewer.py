@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from monitor.screen.page import free_port
-from monitor.screen.style import GROOT
+from btcore_monitor.screen.page import free_port
+from btcore_monitor.screen.style import GROOT
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "tests" / "btcore" / "logs" / "captures" / "v4_sample.btlog"

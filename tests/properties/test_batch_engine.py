@@ -8,14 +8,20 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 import btcore
-from btcore import Blackboard, NodeRaised, Registry, SimClock, Status
-from btcore.testing import Outcomes, documents, outcomes
-from btcore.testing.growth import KEYS, between, one_of
-from btcore.testing.leaf_plans import PlannedAction, PlannedCondition
+from btcore import (
+    Blackboard,
+    NodeExecutionError,
+    Registry,
+    SimClock,
+    Status,
+)
+from btcore.testing import Outcomes, outcomes, xml_documents
+from btcore.testing.mock_leaves import MockAction, MockCondition
+from btcore.testing.tree_generator import SCRIPT_KEYS, cached_integers, cached_sampled_from
 
 np = pytest.importorskip("numpy")
 from btcore import batch  # noqa: E402
-from btcore.batch import AgentsRaised, BatchTree  # noqa: E402
+from btcore.batch import BatchNodeError, BatchTree  # noqa: E402
 
 Call = tuple[int, str, str]
 PERIOD = 0.01
@@ -28,7 +34,7 @@ class Calls:
         self.made: list[tuple[str, str]] = []
 
 
-class Act(PlannedAction):
+class Act(MockAction):
     """An action by plan that notes its calls."""
 
     def __init__(self, calls: Calls) -> None:
@@ -37,7 +43,7 @@ class Act(PlannedAction):
 
     def on_start(self) -> Status:
         self.calls.made.append((self.name, "start"))
-        self.left = self.outcomes.take()
+        self.left = self.outcomes.next_entry()
         return super().on_running()
 
     def on_running(self) -> Status:
@@ -48,7 +54,7 @@ class Act(PlannedAction):
         self.calls.made.append((self.name, "halted"))
 
 
-class Ask(PlannedCondition):
+class Ask(MockCondition):
     """A condition by plan that notes its calls."""
 
     def __init__(self, calls: Calls) -> None:
@@ -70,7 +76,7 @@ class One:
     def __init__(self, xml: str, plan: Outcomes, values: Sequence[Any], clock: SimClock) -> None:
         self.calls = Calls()
         board = Blackboard(clock=clock)
-        for key, value in zip(KEYS, values, strict=False):
+        for key, value in zip(SCRIPT_KEYS, values, strict=False):
             board[key] = value
         self.tree = btcore.loads(xml, nodes=NODES, resources=[self.calls], blackboard=board, clock=clock)
         for node in self.tree:
@@ -80,12 +86,12 @@ class One:
     def tick(self) -> tuple[int, bool]:
         try:
             return int(self.tree.tick_exactly_once()), False
-        except NodeRaised:
+        except NodeExecutionError:
             return 0, True
 
     def boards(self) -> dict[str, dict[str, object]]:
         return {
-            one.path: {key: entry.value for key, entry in one.blackboard.local().items()}
+            one.path: {key: entry.value for key, entry in one.blackboard.local_entries().items()}
             for one in self.tree.subtrees
         }
 
@@ -150,7 +156,9 @@ class Many:
         self, xml: str, plans: Sequence[Outcomes], values: Sequence[Sequence[Any]], clock: SimClock
     ) -> None:
         self.plans = PlanFor(plans)
-        columns = {key: np.array([one[at] for one in values]) for at, key in enumerate(KEYS) if values[0]}
+        columns = {
+            key: np.array([one[at] for one in values]) for at, key in enumerate(SCRIPT_KEYS) if values[0]
+        }
         self.tree = BatchTree.loads(
             xml,
             len(plans),
@@ -166,9 +174,9 @@ def ticked(tree: BatchTree, mask: Any = None) -> list[tuple[int, bool]]:
     raised: set[int] = set()
     try:
         found = tree.tick(mask)
-    except AgentsRaised as error:
+    except BatchNodeError as error:
         found = error.statuses
-        raised = {int(at) for one in [error, *error.also] for at in one.agents}  # type: ignore[attr-defined]
+        raised = {int(at) for one in [error, *error.later_errors] for at in one.agents}  # type: ignore[attr-defined]
     return [(int(status), at in raised) for at, status in enumerate(found)]
 
 
@@ -177,8 +185,8 @@ def held(tree: BatchTree, at: int) -> dict[str, dict[str, object]]:
     found: dict[str, dict[str, object]] = {}
     for path, board in tree.blackboards.items():
         found[path] = {}
-        for key, entry in board.scope.local().items():
-            column = board.schema.of(entry, key)
+        for key, entry in board.scope.local_entries().items():
+            column = board.schema.column_of(entry, key)
             if column.exists >> at & 1:
                 found[path][key] = column.objects(1 << at)[at]
     return found
@@ -232,12 +240,12 @@ def crowds(draw: st.DrawFn, skipped: bool = True, raising: bool = True) -> tuple
     """Plans and blackboards for some agents."""
     plans = draw(st.lists(outcomes(skipped=skipped, raising=raising), min_size=1, max_size=4))
     number = st.sampled_from([0, 1, 2, -1, 3])
-    values = [tuple(draw(number) for _ in KEYS) for _ in plans]
+    values = [tuple(draw(number) for _ in SCRIPT_KEYS) for _ in plans]
     return plans, values
 
 
 @given(
-    documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
+    xml_documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
     crowds(),
     st.lists(st.integers(0, 15), min_size=1, max_size=8),
     st.integers(0, 15),
@@ -334,28 +342,30 @@ def typed_documents(draw: st.DrawFn) -> str:
     """Trees whose nodes read and write entries of several types."""
 
     def leaf() -> str:
-        kind = draw(between(0, 6))
+        kind = draw(cached_integers(0, 6))
         key, other = draw(ENTRIES), draw(ENTRIES)
         if kind <= 1:
-            return f'<Script code="{draw(one_of(SCRIPTS))}"/>'
+            return f'<Script code="{draw(cached_sampled_from(SCRIPTS))}"/>'
         if kind == 2:
-            return f'<ScriptCondition code="{draw(one_of(QUESTIONS))}"/>'
+            return f'<ScriptCondition code="{draw(cached_sampled_from(QUESTIONS))}"/>'
         if kind == 3:
             return f'<SetBlackboard value="{draw(OTHERS)}" output_key="{key}"/>'
         if kind == 4:
-            taker = draw(one_of(("TakeInt", "TakeFloat", "TakeBool", "TakeText")))
+            taker = draw(cached_sampled_from(("TakeInt", "TakeFloat", "TakeBool", "TakeText")))
             return f'<{taker} port="{{{key}}}"/>'
         if kind == 5:
-            return f'<{draw(one_of(("GiveInt", "GiveFloat")))} port="{{{key}}}" out="{{{other}}}"/>'
+            return (
+                f'<{draw(cached_sampled_from(("GiveInt", "GiveFloat")))} port="{{{key}}}" out="{{{other}}}"/>'
+            )
         return f'<Sleep msec="{{{key}}}"/>'
 
     def tree(depth: int) -> str:
-        kind = draw(between(0, 9)) if depth else 0
+        kind = draw(cached_integers(0, 9)) if depth else 0
         if kind <= 2:
             return leaf()
         if kind <= 5:
-            tag = draw(one_of(("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback")))
-            return f"<{tag}>{''.join(tree(depth - 1) for _ in range(draw(between(1, 4))))}</{tag}>"
+            tag = draw(cached_sampled_from(("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback")))
+            return f"<{tag}>{''.join(tree(depth - 1) for _ in range(draw(cached_integers(1, 4))))}</{tag}>"
         key, below = draw(ENTRIES), tree(depth - 1)
         if kind == 6:
             cases = "".join(f'case_{number}="{draw(OTHERS)}" ' for number in (1, 2))
@@ -370,11 +380,13 @@ def typed_documents(draw: st.DrawFn) -> str:
                 f'<Parallel success_count="{{{key}}}">{below}<Sleep msec="10"/></Parallel>',
                 f'<RunOnce then_skip="{{{key}}}">{below}</RunOnce>',
             )
-            return decorated[draw(between(0, len(decorated) - 1))]
+            return decorated[draw(cached_integers(0, len(decorated) - 1))]
         if kind == 8:
-            code = draw(one_of(QUESTIONS))
+            code = draw(cached_sampled_from(QUESTIONS))
             return f'<Precondition if="{code}" else="RUNNING">{below}</Precondition>'
-        remapped = draw(one_of(('_autoremap="true"', 'n="{m}" t="{t}"', 'n="3" x="{y}"', 'n="{@m}"')))
+        remapped = draw(
+            cached_sampled_from(('_autoremap="true"', 'n="{m}" t="{t}"', 'n="3" x="{y}"', 'n="{@m}"'))
+        )
         return f'<SubTree ID="Inner" {remapped}/>'
 
     main, inner = tree(3), leaf()
@@ -425,7 +437,7 @@ def test_every_type_of_entry_is_read_and_written_as_in_one_tree(
         for at, tree in enumerate(singles):
             try:
                 wanted = (int(tree.tick_exactly_once()), False)
-            except NodeRaised:
+            except NodeExecutionError:
                 wanted = (0, True)
             assert found[at] == wanted, f"agent {at}"
             assert [int(node.status) for node in tree] == [int(node.status[at]) for node in many], (

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import btcore
 from btcore import builds
-from btcore.testing import Outcomes, documents, outcomes
+from btcore.testing import Outcomes, outcomes, xml_documents
 
 HOME = Path(btcore.__file__).parent.parent
 TREES = 500
@@ -24,7 +24,7 @@ def drawn_cases() -> list[str]:
 
     @settings(max_examples=TREES, derandomize=True, database=None, deadline=None)
     @given(
-        documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
+        xml_documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
         outcomes(skipped=True, raising=True),
         st.integers(1, 8),
     )
@@ -37,7 +37,7 @@ def drawn_cases() -> list[str]:
 
 def retold(cases: list[str], pure: bool) -> list[str]:
     done = subprocess.run(
-        [sys.executable, str(Path(__file__).with_name("retell.py"))],
+        [sys.executable, str(Path(__file__).with_name("print_traces.py"))],
         input="\n".join(cases),
         env={**os.environ, "PYTHONPATH": str(HOME), "BTCORE_PURE": "1" if pure else "0"},
         capture_output=True,
@@ -47,8 +47,8 @@ def retold(cases: list[str], pure: bool) -> list[str]:
     return done.stdout.splitlines()
 
 
-@pytest.mark.skipif(builds.running() == "pure", reason="there is no compiled build here to compare with")
-def test_the_two_builds_tell_the_same_story_of_every_tree() -> None:
+@pytest.mark.skipif(builds.active_build() == "pure", reason="there is no compiled build here to compare with")
+def test_both_builds_produce_the_same_trace_for_every_tree() -> None:
     cases = drawn_cases()
     compiled, pure = retold(cases, pure=False), retold(cases, pure=True)
     assert (compiled[0], pure[0]) == ("compiled", "pure")

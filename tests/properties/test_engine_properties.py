@@ -10,38 +10,47 @@ from hypothesis import assume, event, given, reject
 from hypothesis import strategies as st
 
 import btcore
-from btcore import NodeRaised, Observer, SimClock, Status, Transition, Transitions, Tree, TreeNode
-from btcore.inner import MANY
-from btcore.testing import documents
-from btcore.testing.growth import KEYS
-from btcore.testing.planned import Journal, PlanFault
-from btcore.testing.recorded_trees import planned_registry
-from btcore.testing.strategies import plans
+from btcore import (
+    NodeExecutionError,
+    Observer,
+    SimClock,
+    Status,
+    Transition,
+    Transitions,
+    Tree,
+    TreeNode,
+)
+from btcore.engine.control import MIN_CHILDREN_FOR_BATCH_RESET
+from btcore.testing import xml_documents
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog, LeafPlanError
+from btcore.testing.strategies import action_plans
+from btcore.testing.tree_generator import SCRIPT_KEYS
 
-NODES = planned_registry()
+NODES = conformance_registry()
 MANY_CALLS = 500
 
 
-class TooBusy(Exception):
+class EndlessWakeUpsError(Exception):
     """A tree that wakes itself for ever was ticked by a method that serves every wake-up."""
 
 
-class Limited(Journal):
+class Limited(CallLog):
     """A journal that ends a tree which would never end: the leaf that writes into it then raises *fault*."""
 
     def __init__(self) -> None:
         super().__init__()
         self.left = MANY_CALLS
-        self.fault: Exception = TooBusy()
+        self.fault: Exception = EndlessWakeUpsError()
 
-    def note(self, name: str, what: str) -> None:
-        super().note(name, what)
+    def record(self, name: str, what: str) -> None:
+        super().record(name, what)
         self.left -= 1
         if self.left < 0:
             raise self.fault
 
 
-class Enough(Exception):
+class WaitLimitError(Exception):
     """The clock has been waited for often enough."""
 
 
@@ -54,7 +63,7 @@ class ImpatientClock(SimClock):
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
         if not self.left:
-            raise Enough
+            raise WaitLimitError
         self.left -= 1
         return super().wait_until(deadline, wake)
 
@@ -78,8 +87,8 @@ def planted(xml: str, clock: SimClock | None = None) -> tuple[Tree, Limited]:
 def giving_up_on_busy_trees() -> Iterator[None]:
     try:
         yield
-    except NodeRaised as error:
-        if not isinstance(error.cause, TooBusy):
+    except NodeExecutionError as error:
+        if not isinstance(error.cause, EndlessWakeUpsError):
             raise
         reject()
 
@@ -90,15 +99,15 @@ def statuses(tree: Tree) -> list[Status]:
 
 @given(
     st.one_of(
-        documents(timed=True, subtrees=2),
-        documents(timed=True, subtrees=2, conditions=True, scripts=True),
-        documents(timed=True, subtrees=2, format=3),
+        xml_documents(timed=True, subtrees=2),
+        xml_documents(timed=True, subtrees=2, conditions=True, scripts=True),
+        xml_documents(timed=True, subtrees=2, format=3),
     ),
     st.integers(0, 6),
 )
 def test_a_tree_that_was_halted_is_idle_in_every_node(xml: str, ticks: int) -> None:
     tree, journal = planted(xml)
-    for key in KEYS:
+    for key in SCRIPT_KEYS:
         tree.blackboard[key] = 0
     running: list[TreeNode] = []
     while tree.ticks < ticks or (not running and tree.ticks < 12):
@@ -113,7 +122,7 @@ def test_a_tree_that_was_halted_is_idle_in_every_node(xml: str, ticks: int) -> N
     assert Counter(f"{node.name}:halted" for node in running) <= Counter(journal.take())
 
 
-@given(documents(timed=True), st.integers(1, 12), st.integers(1, 3))
+@given(xml_documents(timed=True), st.integers(1, 12), st.integers(1, 3))
 def test_a_halted_tree_starts_anew_as_if_nothing_had_happened_to_its_statuses(
     xml: str, ticks: int, more: int
 ) -> None:
@@ -128,7 +137,7 @@ def test_a_halted_tree_starts_anew_as_if_nothing_had_happened_to_its_statuses(
         assert tree.context.deadlines == {}
 
 
-@given(documents(timed=True), st.integers(1, 12))
+@given(xml_documents(timed=True), st.integers(1, 12))
 def test_transitions_have_no_holes_and_add_up_to_what_the_nodes_say(xml: str, ticks: int) -> None:
     tree, _ = planted(xml)
     everything = Everything()
@@ -178,14 +187,14 @@ BROAD = st.builds(
             'ParallelAll max_failures="4"',
         ]
     ),
-    st.lists(plans(), min_size=MANY, max_size=2 * MANY),
+    st.lists(
+        action_plans(), min_size=MIN_CHILDREN_FOR_BATCH_RESET, max_size=2 * MIN_CHILDREN_FOR_BATCH_RESET
+    ),
 )
 
 
-@given(st.one_of(documents(timed=True), BROAD, BROAD), st.integers(1, 12))
-def test_who_hears_of_transitions_after_the_tick_hears_the_same_as_who_does_at_once(
-    xml: str, ticks: int
-) -> None:
+@given(st.one_of(xml_documents(timed=True), BROAD, BROAD), st.integers(1, 12))
+def test_batched_and_immediate_observers_receive_the_same_transitions(xml: str, ticks: int) -> None:
     seen = []
     for kind in (Everything, Afterwards):
         tree, _ = planted(xml)
@@ -199,7 +208,7 @@ def test_who_hears_of_transitions_after_the_tick_hears_the_same_as_who_does_at_o
     assert seen[0] == seen[1]
 
 
-@given(documents(), st.integers(1, 12))
+@given(xml_documents(), st.integers(1, 12))
 def test_tick_once_does_what_as_many_exact_ticks_do(xml: str, steps: int) -> None:
     together, calls = planted(xml)
     one_by_one, same_calls = planted(xml)
@@ -214,7 +223,7 @@ def test_tick_once_does_what_as_many_exact_ticks_do(xml: str, steps: int) -> Non
     assert statuses(one_by_one) == statuses(together)
 
 
-@given(documents(timed=True), st.integers(0, 12), st.sampled_from([0.005, 0.01, 0.1]))
+@given(xml_documents(timed=True), st.integers(0, 12), st.sampled_from([0.005, 0.01, 0.1]))
 def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int, period: float) -> None:
     def run(tree: Tree) -> Status:
         return tree.tick_while_running(period)
@@ -232,7 +241,7 @@ def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int,
         everything = Everything()
         tree.subscribe(everything)
         end = "still running"
-        with giving_up_on_busy_trees(), suppress(Enough):
+        with giving_up_on_busy_trees(), suppress(WaitLimitError):
             end = drive(tree).name
         event(end)
         return end, tree.ticks, tree.clock.now(), journal.calls, statuses(tree), everything.seen
@@ -240,7 +249,7 @@ def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int,
     assert outcome(run) == outcome(step)
 
 
-@given(documents(), st.integers(1, 12), st.integers(0, 1000))
+@given(xml_documents(), st.integers(1, 12), st.integers(0, 1000))
 def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: int, which: int) -> None:
     tree, journal = planted(xml)
     for _ in range(ticks):
@@ -252,8 +261,8 @@ def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: i
 
     tree, journal = planted(xml)
     journal.left = which
-    journal.fault = PlanFault("now")
-    with pytest.raises(NodeRaised) as raised:  # noqa: PT012
+    journal.fault = LeafPlanError("now")
+    with pytest.raises(NodeExecutionError) as raised:  # noqa: PT012
         for _ in range(ticks):
             tree.tick_exactly_once()
     error = raised.value
@@ -266,7 +275,7 @@ def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: i
     assert tree.status is Status.IDLE
 
 
-@given(documents(timed=True), st.integers(1, 6))
+@given(xml_documents(timed=True), st.integers(1, 6))
 def test_two_trees_of_one_document_do_not_notice_each_other(xml: str, ticks: int) -> None:
     alone, calls = planted(xml)
     for _ in range(ticks):
@@ -281,7 +290,7 @@ def test_two_trees_of_one_document_do_not_notice_each_other(xml: str, ticks: int
     assert first_calls.calls == calls.calls
 
 
-@given(documents())
+@given(xml_documents())
 def test_a_random_tree_names_its_nodes_in_pre_order(xml: str) -> None:
     tree, _ = planted(xml)
     assert [node.name for node in tree] == [f"n{number}" for number in range(1, len(tree.nodes) + 1)]

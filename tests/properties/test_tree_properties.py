@@ -4,12 +4,32 @@ from hypothesis import assume, event, given
 from hypothesis import strategies as st
 
 import btcore
-from btcore import NodeType, SimClock, Status, Tree
-from btcore.blackboard import Blackboard
-from btcore.legacy_blackboard import LegacyBlackboard
-from btcore.testing import Harness, Outcomes, Step, outcomes, trees
-from btcore.testing.growth import BRANCHES, COUNTED, ORDERED, ORDERED_3, PARALLEL, REACTIVE, TIMED, UNARY
-from btcore.xml.write import tree_to_xml
+from btcore import (
+    NodeType,
+    SimClock,
+    Status,
+    Tree,
+)
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.testing import (
+    Harness,
+    Outcomes,
+    TraceStep,
+    outcomes,
+    trees,
+)
+from btcore.testing.tree_generator import (
+    BRANCHES,
+    COUNTED,
+    ORDERED,
+    ORDERED_3,
+    PARALLEL,
+    REACTIVE,
+    TIMED,
+    UNARY,
+)
+from btcore.xml.render.tree_xml import tree_to_xml
 
 DONE = (Status.SUCCESS, Status.FAILURE)
 LEAVES = (NodeType.ACTION, NodeType.CONDITION)
@@ -41,7 +61,7 @@ def running(tree: Tree) -> list[str]:
     return [node.path for node in tree if node.type in LEAVES and node.status is Status.RUNNING]
 
 
-def steps(tree: Tree, plan: Outcomes, ticks: int) -> list[Step]:
+def steps(tree: Tree, plan: Outcomes, ticks: int) -> list[TraceStep]:
     """What happens in *ticks* ticks, told with numbers for paths."""
     harness = Harness(tree)
     plan.drive(tree, ticks)

@@ -3,21 +3,21 @@ import threading
 import numpy as np
 import pytest
 
-from robot_nodes.realtime import SimulatedTime
-from robot_nodes.robot import (
+from btcore_robot.robot import (
     CMD_VEL,
-    BaseFacts,
-    Frame,
-    HeadFacts,
+    BaseInfo,
+    CameraImage,
+    HeadInfo,
     HeadPosition,
-    LaserFacts,
+    LaserInfo,
     LaserScan,
     Odometry,
-    Picture,
     Pose2D,
     Robot,
+    TransformStamped,
     Twist2D,
 )
+from btcore_robot.schedule import SimulatedTime
 
 
 class SteppedClock(SimulatedTime):
@@ -44,9 +44,9 @@ class RecordingRobot(Robot):
         self.looks: list[tuple[float, float]] = []
         self.recharges = 0
         self.seen: LaserScan | None = None
-        self.shown: Picture | None = None
+        self.shown: CameraImage | None = None
         self.turned: HeadPosition | None = None
-        self.limits: HeadFacts | None = None
+        self.limits: HeadInfo | None = None
         self.at = Pose2D(0.0, 0.0, 0.0)
 
     def see(self, *ranges: float, angle_min: float = 0.0, angle_increment: float = 0.1) -> None:
@@ -71,22 +71,22 @@ class RecordingRobot(Robot):
         return self._clock
 
     @property
-    def base(self) -> BaseFacts:
-        return BaseFacts(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+    def base(self) -> BaseInfo:
+        return BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
 
     @property
-    def laser(self) -> LaserFacts:
-        return LaserFacts(1, 0.0, 0.1, 0.05, 25.0, 10.0, 0.0, "base_laser_link")
+    def laser(self) -> LaserInfo:
+        return LaserInfo(1, 0.0, 0.1, 0.05, 25.0, 10.0, 0.0, "base_laser_link")
 
     @property
-    def neck(self) -> HeadFacts | None:
+    def head_info(self) -> HeadInfo | None:
         return self.limits
 
-    def frames(self) -> list[Frame]:
+    def frames(self) -> list[TransformStamped]:
         still = (0.0, 0.0, 0.0, 1.0)
         return [
-            Frame(self.laser.frame, "base_footprint", (0.2, 0.0, 0.1), still, self._clock.time),
-            Frame("head_2_link", "base_footprint", (0.125, 0.0, 1.0), still, self._clock.time),
+            TransformStamped(self.laser.frame, "base_footprint", (0.2, 0.0, 0.1), still, self._clock.time),
+            TransformStamped("head_2_link", "base_footprint", (0.125, 0.0, 1.0), still, self._clock.time),
         ]
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
@@ -95,7 +95,7 @@ class RecordingRobot(Robot):
     def stop(self) -> None:
         self.drive(0.0, 0.0)
 
-    def asked(self) -> Twist2D:
+    def commanded_velocity(self) -> Twist2D:
         return Twist2D(*self.commands[-1]) if self.commands else Twist2D(0.0, 0.0)
 
     def scan(self) -> LaserScan | None:
@@ -104,13 +104,13 @@ class RecordingRobot(Robot):
     def odometry(self) -> Odometry:
         return Odometry(self.at, Twist2D(0.0, 0.0), self._clock.time)
 
-    def look(self, pan: float, tilt: float) -> None:
+    def move_head(self, pan: float, tilt: float) -> None:
         self.looks.append((pan, tilt))
 
     def head(self) -> HeadPosition | None:
         return self.turned
 
-    def camera(self) -> Picture | None:
+    def camera(self) -> CameraImage | None:
         return self.shown
 
     def recharge(self) -> None:

@@ -6,15 +6,20 @@ import threading
 import numpy as np
 import pytest
 
-from robot_nodes.control.bumpgo_fsm import BumpGo, State
-from robot_nodes.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest
-from robot_nodes.process.bridge import Bridge
-from robot_nodes.process.executor import Executor
-from robot_nodes.process.process import Process, Start, Surroundings
-from robot_nodes.robot import LaserScan, Twist2D
-from sim.body import Body
-from sim.scene import load_scene
-from sim.world import World
+from btcore_robot.control.bumpgo_fsm import BumpGo, State
+from btcore_robot.control.bumpgo_turns import (
+    ClosedLoop,
+    Diagonals,
+    OpenLoop,
+    freest,
+)
+from btcore_robot.process.bridge import Bridge
+from btcore_robot.process.executor import Executor
+from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.robot import LaserScan, Twist2D
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 SECOND = 10**9
 AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0.3), Twist2D(0.0, 0.0)
@@ -25,7 +30,7 @@ class Bumping:
 
     def __init__(self, robot, kind: type[BumpGo] = BumpGo) -> None:
         self.clock = robot.clock
-        self.around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+        self.around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)
         self.process = kind(self.around)
         self.laser = Process("laser", self.around)
@@ -152,12 +157,12 @@ def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
     assert freest(scan) == pytest.approx(math.radians(60.0), abs=0.02)
 
 
-def turned(kind: type[BumpGo], seconds: float) -> tuple[Body, BumpGo, float]:
+def turned(kind: type[BumpGo], seconds: float) -> tuple[SimulatedRobot, BumpGo, float]:
     """The process in the simulator for a while; the body, the process, and the distance."""
-    body = Body(World(load_scene("arena_boxes"), seed=2))
-    around = Surroundings(body.clock, body.schedule, lambda line: None, robot=body)
+    body = SimulatedRobot(World(load_scene("arena_boxes"), seed=2))
+    around = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
     executor = Executor(body.schedule, body.clock)
-    process = kind(around, Start(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
+    process = kind(around, ProcessOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
     executor.add(Bridge(around))
     executor.add(process)
     body.world.wait_until(round(seconds * SECOND), threading.Event())

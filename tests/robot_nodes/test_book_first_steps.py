@@ -4,14 +4,25 @@ from pathlib import Path
 
 import pytest
 
-from robot_nodes.process.executor import EndlessTalk, Executor
-from robot_nodes.process.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
-from robot_nodes.process.launch import LaunchFault, read_launch, start_all
-from robot_nodes.process.parameters import ParameterFault, parameters_of
-from robot_nodes.process.process import Line, Process, Start, Surroundings
-from robot_nodes.process.programs import UnknownProgram, make
-from robot_nodes.process.topics import TopicFault
-from robot_nodes.robot import Rank
+from btcore_robot.process.executor import Executor, MessageLoopError
+from btcore_robot.process.first_steps import (
+    Int32,
+    Localization,
+    Logger,
+    NumberPublisher,
+    NumberSubscriber,
+)
+from btcore_robot.process.launch import LaunchError, read_launch, start_all
+from btcore_robot.process.parameters import ParameterError, parameters_of
+from btcore_robot.process.process import (
+    LogMessage,
+    Process,
+    ProcessContext,
+    ProcessOptions,
+)
+from btcore_robot.process.programs import UnknownProgramError, create_processes
+from btcore_robot.process.topics import TopicError
+from btcore_robot.robot import Phase
 
 SECOND = 10**9
 
@@ -21,8 +32,8 @@ class Desk:
 
     def __init__(self, clock) -> None:
         self.clock = clock
-        self.lines: list[Line] = []
-        self.around = Surroundings(clock, clock, self.lines.append)
+        self.lines: list[LogMessage] = []
+        self.around = ProcessContext(clock, clock, self.lines.append)
         self.executor = Executor(clock, clock)
 
     def add(self, *processes: Process) -> None:
@@ -60,7 +71,7 @@ def test_the_publisher_counts_before_it_publishes(desk: Desk):
 
 
 def test_publisher_and_subscriber_in_one_executor(desk: Desk):
-    desk.add(*make("executor", desk.around))
+    desk.add(*create_processes("executor", desk.around))
     desk.clock.sleep(1.6)
     assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2", "Hello 3"]
     assert {name for _, name, _ in desk.said} == {"subscriber_node"}
@@ -92,14 +103,14 @@ localization_node:
 def test_a_parameter_file_sets_them(desk: Desk, tmp_path: Path):
     (tmp_path / "params.yaml").write_text(PARAMS)
     given = parameters_of(tmp_path / "params.yaml", "localization_node")
-    process = Localization(desk.around, Start(parameters=given))
+    process = Localization(desk.around, ProcessOptions(parameters=given))
     assert process.number_particles == 300
     assert process.topics == ["scan", "image"]
     assert [line.level for line in desk.lines] == ["INFO"] * 3
 
 
 def test_lists_of_different_lengths_are_an_error_that_it_reports(desk: Desk):
-    Localization(desk.around, Start(parameters={"topics": ["scan"]}))
+    Localization(desk.around, ProcessOptions(parameters={"topics": ["scan"]}))
     assert [(line.level, line.text) for line in desk.lines] == [
         ("ERROR", "Number of topics (1) != number of types (0)")
     ]
@@ -107,7 +118,7 @@ def test_lists_of_different_lengths_are_an_error_that_it_reports(desk: Desk):
 
 def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
     """The first launch file of the book passes "particles"."""
-    process = Localization(desk.around, Start(parameters={"particles": 300}))
+    process = Localization(desk.around, ProcessOptions(parameters={"particles": 300}))
     assert process.number_particles == 200
     assert list(process.unused()) == [
         "the parameter 'particles' is none of localization_node's, and does nothing; "
@@ -116,7 +127,7 @@ def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
 
 
 def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
-    assert list(Logger(desk.around, Start(parameters={"use_sim_time": True})).unused()) == []
+    assert list(Logger(desk.around, ProcessOptions(parameters={"use_sim_time": True})).unused()) == []
 
 
 @pytest.mark.parametrize(
@@ -124,8 +135,8 @@ def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
     [{"number_particles": "many"}, {"number_particles": 1.5}, {"topics": "scan"}, {"topics": [1, "a"]}],
 )
 def test_a_parameter_of_another_type_is_a_fault(desk: Desk, given: dict):
-    with pytest.raises(ParameterFault, match="localization_node: the parameter '"):
-        Localization(desk.around, Start(parameters=given))
+    with pytest.raises(ParameterError, match="localization_node: the parameter '"):
+        Localization(desk.around, ProcessOptions(parameters=given))
 
 
 # --- topics
@@ -179,14 +190,14 @@ def test_without_latching_who_comes_later_hears_nothing(desk: Desk):
 
 def test_a_message_or_a_listener_of_another_type_is_a_fault(desk: Desk):
     talk = Talk(desk)
-    with pytest.raises(TopicFault, match="/numbers takes messages of type Int32, and this is of type str"):
+    with pytest.raises(TopicError, match="/numbers takes messages of type Int32, and this is of type str"):
         talk.numbers.publish("seven")  # type: ignore[arg-type]
-    with pytest.raises(TopicFault, match="since speaker named it, and str is another type"):
+    with pytest.raises(TopicError, match="since speaker named it, and str is another type"):
         talk.listener.subscribe("/numbers", str, print)
 
 
 def test_a_process_is_remapped_at_its_start(desk: Desk):
-    listener = NumberSubscriber(desk.around, Start("other", {"int_topic": "/numbers"}))
+    listener = NumberSubscriber(desk.around, ProcessOptions("other", {"int_topic": "/numbers"}))
     talk = Talk(desk)
     desk.add(listener)
     talk.say(7)
@@ -199,7 +210,7 @@ def test_a_message_is_heard_at_the_moment_it_is_published_after_the_sensors(desk
     moments: list[float] = []
     talk.listener.subscribe("numbers", Int32, lambda message: moments.append(desk.clock.now() / SECOND))
     desk.add(talk.listener)
-    desk.clock.every(4.0, Rank.SENSORS, lambda now: talk.say(1))
+    desk.clock.every(4.0, Phase.SENSORS, lambda now: talk.say(1))
     desk.clock.sleep(1.0)
     assert moments == [0.25, 0.5, 0.75, 1.0]
 
@@ -230,7 +241,7 @@ def test_callbacks_that_answer_each_other_for_ever_are_told(desk: Desk):
     talk.listener.subscribe("numbers", Int32, talk.numbers.publish)
     desk.add(talk.listener)
     talk.say(1)
-    with pytest.raises(EndlessTalk, match="the callbacks of listener publish to each other without end"):
+    with pytest.raises(MessageLoopError, match="the callbacks of listener publish to each other without end"):
         desk.clock.sleep(0.0)
 
 
@@ -294,10 +305,10 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
 )
 def test_a_mistake_in_a_launch_file_is_told_with_its_place(desk: Desk, tmp_path: Path, text: str, said: str):
     (tmp_path / "f.yaml").write_text(text)
-    with pytest.raises(LaunchFault, match=said):
+    with pytest.raises(LaunchError, match=said):
         start_all(read_launch(tmp_path / "f.yaml"), desk.around)
 
 
 def test_a_program_that_there_is_not_is_told(desk: Desk):
-    with pytest.raises(UnknownProgram, match="there are logger, publisher"):
-        make("xyz", desk.around)
+    with pytest.raises(UnknownProgramError, match="there are logger, publisher"):
+        create_processes("xyz", desk.around)

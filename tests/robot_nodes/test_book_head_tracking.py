@@ -3,26 +3,39 @@
 import numpy as np
 import pytest
 
-from robot_nodes.control.head_tracker import REACTIVE, HeadTracker, PanTilt, command_of
-from robot_nodes.control.pid import PID
-from robot_nodes.perception.colour import WOOD, ColourRange, Detection, debug_image, detect, detect_each, mask
-from robot_nodes.perception.object_detector import Detections, ObjectDetector
-from robot_nodes.process.executor import Executor
-from robot_nodes.process.lifecycle import Change, LifecycleComponent, State
-from robot_nodes.process.parameters import ParameterFault
-from robot_nodes.process.process import Process, Start, Surroundings
-from robot_nodes.robot import HeadFacts, HeadPosition, Picture
+from btcore_robot.control.head_tracker import (
+    REACTIVE,
+    HeadTracker,
+    PanTilt,
+    command_of,
+)
+from btcore_robot.control.pid import PID
+from btcore_robot.perception.colour import (
+    WOOD,
+    ColourRange,
+    Detection,
+    debug_image,
+    detect,
+    detect_each,
+    mask,
+)
+from btcore_robot.perception.object_detector import Detections, ObjectDetector
+from btcore_robot.process.executor import Executor
+from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState, LifecycleTransition
+from btcore_robot.process.parameters import ParameterError
+from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.robot import CameraImage, HeadInfo, HeadPosition
 
 WOODEN = (170, 120, 60)  # RGB; OpenCV's HSV (16, 165, 170)
 GREY = (120, 120, 120)
 
 
-def picture(*patches: tuple[int, int, int, int], stamp: int = 0) -> Picture:
+def picture(*patches: tuple[int, int, int, int], stamp: int = 0) -> CameraImage:
     """640x480 of grey with wooden rectangles (left, top, width, height)."""
     rgb = np.full((480, 640, 3), GREY, dtype=np.uint8)
     for left, top, width, height in patches:
         rgb[top : top + height, left : left + width] = WOODEN
-    return Picture(rgb, stamp, "camera")
+    return CameraImage(rgb, stamp, "camera")
 
 
 # --- PID
@@ -104,10 +117,10 @@ def test_the_debug_image_dims_the_rest_and_boxes_what_was_found():
     assert shown[50, 100].tolist() == shown[69, 139].tolist() == [255, 255, 0]
 
 
-def detector(robot, **parameters) -> tuple[Surroundings, Process, ObjectDetector]:
-    around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+def detector(robot, **parameters) -> tuple[ProcessContext, Process, ObjectDetector]:
+    around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
     executor = Executor(robot.schedule, robot.clock)
-    process = ObjectDetector(around, Start(parameters=parameters))
+    process = ObjectDetector(around, ProcessOptions(parameters=parameters))
     other = Process("other", around)
     executor.add(process)
     executor.add(other)
@@ -116,10 +129,10 @@ def detector(robot, **parameters) -> tuple[Surroundings, Process, ObjectDetector
 
 def test_as_a_process_it_tells_what_it_finds_to_listeners(robot):
     _, other, process = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
-    images, heard = other.publisher("input_image", Picture), []
+    images, heard = other.publisher("input_image", CameraImage), []
     images.publish(picture((100, 50, 40, 20)))
     robot.clock.sleep(0.0)
-    assert not process.detections.heard
+    assert not process.detections.has_subscribers
     other.subscribe("detection", Detections, heard.append)
     images.publish(picture())
     images.publish(picture((100, 50, 40, 20), (300, 200, 40, 60)))
@@ -128,7 +141,7 @@ def test_as_a_process_it_tells_what_it_finds_to_listeners(robot):
 
 
 def test_as_a_process_it_says_what_its_ranges_are_to_be(robot):
-    with pytest.raises(ParameterFault, match="hsv_ranges has 6 numbers"):
+    with pytest.raises(ParameterError, match="hsv_ranges has 6 numbers"):
         detector(robot, hsv_ranges=[1, 2])
 
 
@@ -146,7 +159,7 @@ def test_a_command_is_the_place_in_the_picture_from_minus_one_to_one(x, y, pan, 
 @pytest.fixture
 def watching(robot):
     """A robot with a head and a camera."""
-    robot.limits = HeadFacts(-1.3, 1.3, -1.0, 0.7, 3.0)
+    robot.limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
     robot.turned = HeadPosition(0.0, 0.0, 0)
     return robot
 
@@ -220,13 +233,26 @@ def test_exercise_a_more_reactive_head_is_there_sooner(watching):
 
 
 def test_the_states_and_transitions_have_the_numbers_of_ros():
-    assert [state.value for state in (State.UNCONFIGURED, State.INACTIVE, State.ACTIVE, State.FINALIZED)] == [
+    assert [
+        state.value
+        for state in (
+            LifecycleState.UNCONFIGURED,
+            LifecycleState.INACTIVE,
+            LifecycleState.ACTIVE,
+            LifecycleState.FINALIZED,
+        )
+    ] == [
         1,
         2,
         3,
         4,
     ]
-    assert [Change.CONFIGURE, Change.CLEANUP, Change.ACTIVATE, Change.DEACTIVATE] == [1, 2, 3, 4]
+    assert [
+        LifecycleTransition.CONFIGURE,
+        LifecycleTransition.CLEANUP,
+        LifecycleTransition.ACTIVATE,
+        LifecycleTransition.DEACTIVATE,
+    ] == [1, 2, 3, 4]
 
 
 def test_a_component_goes_its_ways_and_refuses_others():
@@ -234,20 +260,20 @@ def test_a_component_goes_its_ways_and_refuses_others():
     assert not component.activate()
     assert not component.deactivate()
     assert component.configure()
-    assert component.state is State.INACTIVE
+    assert component.state is LifecycleState.INACTIVE
     assert not component.configure()
     assert component.activate()
-    assert component.state is State.ACTIVE
+    assert component.state is LifecycleState.ACTIVE
     assert not component.cleanup()
     assert component.deactivate()
     assert component.cleanup()
-    assert component.state is State.UNCONFIGURED
+    assert component.state is LifecycleState.UNCONFIGURED
     assert component.shutdown()
-    assert component.state is State.FINALIZED
+    assert component.state is LifecycleState.FINALIZED
     assert not component.configure()
 
 
 def test_a_callback_that_fails_refuses_the_transition(robot):
     tracker = HeadTracker(robot)  # a robot without a head
     assert not tracker.configure()
-    assert tracker.state is State.UNCONFIGURED
+    assert tracker.state is LifecycleState.UNCONFIGURED

@@ -7,11 +7,16 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
-from robot_nodes.control.head_tracker import HeadTracker
-from robot_nodes.leaves.waypoint import BOOK
-from robot_nodes.navigation.action import ActionServer, GoalHandle
-from robot_nodes.process.lifecycle import State
-from robot_nodes.robot import HeadFacts, HeadPosition, Pose2D, Rank
+from btcore_robot.control.head_tracker import HeadTracker
+from btcore_robot.leaves.waypoint import BOOK
+from btcore_robot.navigation.action import ActionServer, GoalHandle
+from btcore_robot.process.lifecycle import LifecycleState
+from btcore_robot.robot import (
+    HeadInfo,
+    HeadPosition,
+    Phase,
+    Pose2D,
+)
 
 TREES = Path(__file__).parents[2] / "trees"
 SECOND = 10**9
@@ -21,7 +26,7 @@ RECHARGE, WP1, WP2, WP3 = (BOOK.places[name] for name in ("recharge", "wp1", "wp
 
 def tree_of(body: str, *resources: object) -> Tree:
     nodes = Registry.standard()
-    nodes.add_plugin("robot_nodes.leaves")
+    nodes.add_plugin("btcore_robot.leaves")
     text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
     return btcore.loads(text, nodes=nodes, resources=resources)
 
@@ -46,7 +51,7 @@ class SlowServer(ActionServer[Pose2D, None, None]):
         self.goals: list[Pose2D] = []
         self.handles: list[GoalHandle[Pose2D, None, None]] = []
         self.began = 0
-        robot.schedule.every(10.0, Rank.CONTROLLER, self.step)
+        robot.schedule.every(10.0, Phase.CONTROLLER, self.step)
 
     def go_to(self, goal: Pose2D) -> GoalHandle[Pose2D, None, None]:
         self.goals.append(goal)
@@ -70,7 +75,7 @@ def server(robot) -> SlowServer:
 
 @pytest.fixture
 def tracker(robot) -> HeadTracker:
-    robot.limits = HeadFacts(-1.3, 1.3, -1.0, 0.7, 3.0)
+    robot.limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
     robot.turned = HeadPosition(0.0, 0.0, 0)
     return HeadTracker(robot)
 
@@ -246,16 +251,16 @@ def test_track_objects_btn_1_unconfigured_it_is_refused(robot, tracker: HeadTrac
     assert not tracker.activate()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     assert tree.tick_once() is Status.RUNNING
-    assert tracker.state is State.UNCONFIGURED
+    assert tracker.state is LifecycleState.UNCONFIGURED
 
 
 def test_track_objects_btn_2_configured_it_activates_and_a_halt_deactivates(robot, tracker: HeadTracker):
     tracker.configure()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     assert tree.tick_once() is Status.RUNNING
-    assert tracker.state is State.ACTIVE
+    assert tracker.state is LifecycleState.ACTIVE
     tree.halt()
-    assert tracker.state is State.INACTIVE
+    assert tracker.state is LifecycleState.INACTIVE
 
 
 def test_track_objects_btn_3_the_end_of_the_tree_deactivates(robot, tracker: HeadTracker):
@@ -264,10 +269,10 @@ def test_track_objects_btn_3_the_end_of_the_tree_deactivates(robot, tracker: Hea
     for _ in range(10):
         assert tree.tick_once() is Status.RUNNING
         robot.clock.sleep(0.1)
-    assert tracker.state is State.ACTIVE
+    assert tracker.state is LifecycleState.ACTIVE
     tree.halt()
     del tree
-    assert tracker.state is State.INACTIVE
+    assert tracker.state is LifecycleState.INACTIVE
 
 
 # --- move_track_btn
@@ -281,9 +286,9 @@ def test_move_track_btn(robot, server: SlowServer, tracker: HeadTracker):
     )
     tree = tree_of(body, robot, server, tracker)
     assert tick(tree, robot, 1.0) is Status.RUNNING
-    assert tracker.state is State.ACTIVE
+    assert tracker.state is LifecycleState.ACTIVE
     assert tick(tree, robot, 20.0) is Status.SUCCESS
-    assert tracker.state is State.INACTIVE
+    assert tracker.state is LifecycleState.INACTIVE
 
 
 # --- the whole tree
@@ -293,16 +298,16 @@ def test_move_track_btn(robot, server: SlowServer, tracker: HeadTracker):
 def test_the_tree_goes_round_and_recharges(robot, server: SlowServer, tracker: HeadTracker, name: str):
     """A waypoint costs 5 s and a patrol 15 s: 3.9 % of the battery, and 20 % or 10 % are kept."""
     nodes = Registry.standard()
-    nodes.add_plugin("robot_nodes.leaves")
+    nodes.add_plugin("btcore_robot.leaves")
     tracker.configure()
     tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[robot, server, tracker])
-    states: dict[Pose2D, set[State]] = {}
+    states: dict[Pose2D, set[LifecycleState]] = {}
     while len(server.goals) < 40 and robot.clock.now() < 2000 * SECOND:
         assert tree.tick_once() is Status.RUNNING
         if server.busy:
             states.setdefault(server.goals[-1], set()).add(tracker.state)
         if robot.commands and robot.commands[-1] == (0.0, 0.5) and not server.busy:
-            assert tracker.state is State.INACTIVE
+            assert tracker.state is LifecycleState.INACTIVE
         robot.clock.sleep(0.1)
     assert len(server.goals) == 40
     assert robot.recharges >= 1
@@ -312,5 +317,5 @@ def test_the_tree_goes_round_and_recharges(robot, server: SlowServer, tracker: H
     following = [WP1, WP2, WP3]
     before = following.index(server.goals[stop - 1])
     assert server.goals[stop + 1] == following[(before + 1) % 3]
-    assert states[RECHARGE] == {State.INACTIVE}
-    assert State.ACTIVE in states[WP1]
+    assert states[RECHARGE] == {LifecycleState.INACTIVE}
+    assert LifecycleState.ACTIVE in states[WP1]

@@ -5,18 +5,28 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.perception.detector import (
+from btcore_robot.perception.obstacle_detector import (
     ObstacleDetector,
     ObstacleDetectorImproved,
     ObstacleMonitor,
     colour_of,
 )
-from robot_nodes.perception.frames import Displacement, ObstacleInFrames
-from robot_nodes.process.executor import Executor
-from robot_nodes.process.messages import GREEN, RED, Arrow, Arrows
-from robot_nodes.process.process import Line, Process, Start, Surroundings
-from robot_nodes.robot import LaserScan, Pose2D, Rank
-from robot_nodes.transforms import FrameBroadcaster
+from btcore_robot.perception.transform_reports import Displacement, ObstacleInFrames
+from btcore_robot.process.executor import Executor
+from btcore_robot.process.messages import (
+    GREEN,
+    RED,
+    Arrow,
+    Arrows,
+)
+from btcore_robot.process.process import (
+    LogMessage,
+    Process,
+    ProcessContext,
+    ProcessOptions,
+)
+from btcore_robot.robot import LaserScan, Phase, Pose2D
+from btcore_robot.transforms import FrameBroadcaster
 
 LASER = "base_laser_link"
 
@@ -26,8 +36,8 @@ class Looking:
 
     def __init__(self, robot) -> None:
         self.robot = robot
-        self.lines: list[Line] = []
-        self.around = Surroundings(robot.clock, robot.schedule, self.lines.append, robot=robot)
+        self.lines: list[LogMessage] = []
+        self.around = ProcessContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
         self.executor = Executor(robot.schedule, robot.clock)
         self.laser = Process("laser", self.around)
         self.scans = self.laser.publisher("input_scan", LaserScan)
@@ -38,10 +48,10 @@ class Looking:
     def know_frames(self) -> None:
         broadcaster = FrameBroadcaster(self.robot, self.around.transforms)
         broadcaster.step(self.robot.clock.now())
-        self.robot.schedule.every(50.0, Rank.TRANSFORMS, broadcaster.step)
+        self.robot.schedule.every(50.0, Phase.TRANSFORMS, broadcaster.step)
 
     def add(self, kind, **parameters) -> Process:
-        process = kind(self.around, Start(parameters=parameters))
+        process = kind(self.around, ProcessOptions(parameters=parameters))
         self.executor.add(process)
         return process
 

@@ -5,11 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.control.vff import Avoidance, AvoidanceOfAll, forces, forces_of_all, velocity
-from robot_nodes.process.executor import Executor
-from robot_nodes.process.messages import BLUE, GREEN, RED, Arrows
-from robot_nodes.process.process import Process, Start, Surroundings
-from robot_nodes.robot import LaserScan, Twist2D
+from btcore_robot.control.vff import (
+    Avoidance,
+    AvoidanceOfAll,
+    forces,
+    forces_of_all,
+    velocity,
+)
+from btcore_robot.process.executor import Executor
+from btcore_robot.process.messages import (
+    BLUE,
+    GREEN,
+    RED,
+    Arrows,
+)
+from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.robot import LaserScan, Twist2D
 
 PI = math.pi
 SECOND = 10**9
@@ -98,9 +109,11 @@ class Avoiding:
 
     def __init__(self, robot, kind: type[Avoidance] = Avoidance) -> None:
         self.robot = robot
-        self.around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+        self.around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)
-        self.process = kind(self.around, Start(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"}))
+        self.process = kind(
+            self.around, ProcessOptions(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"})
+        )
         self.laser = Process("laser", self.around)
         self.said: list[Twist2D] = []
         self.scans = self.laser.publisher("/scan_raw", LaserScan)
@@ -146,7 +159,7 @@ def test_the_arrows_are_made_for_listeners_only(robot):
     avoiding = Avoiding(robot)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     heard: list[Arrows] = []
-    assert not avoiding.process.arrows.heard
+    assert not avoiding.process.arrows.has_subscribers
     avoiding.laser.subscribe("vff_debug", Arrows, heard.append)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     arrows = {arrow.number: arrow for arrow in heard[-1].arrows}

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from btcore.cli.trees import folder
-from robot_nodes.navigation.stack import Navigation
-from robot_nodes.perception.boxes import Box, boxes, points
-from robot_nodes.perception.colour import WOOD
-from robot_nodes.perception.object_locator import ObjectLocator
-from robot_nodes.process.lifecycle import State
-from robot_nodes.robot import CameraFacts, Picture, Rank
-from robot_nodes.transforms import FrameBroadcaster, Transform, TransformTree
-from sim.body import Body
-from sim.camera import PictureSize
-from sim.rasterise import rasterise
-from sim.scene import Scene, load_scene
-from sim.world import World
+from btcore_robot.navigation.stack import Navigation
+from btcore_robot.perception.boxes import Box, boxes, points
+from btcore_robot.perception.colour import WOOD
+from btcore_robot.perception.object_locator import ObjectLocator
+from btcore_robot.process.lifecycle import LifecycleState
+from btcore_robot.robot import CameraImage, CameraInfo, Phase
+from btcore_robot.transforms import FrameBroadcaster, Transform, TransformTree
+from btcore_sim.camera import CameraSettings
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import Scene, load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
-LENS = CameraFacts(160, 120, 100.0, 100.0, 79.5, 59.5, 0.1, 20.0, 10.0, "camera")
+LENS = CameraInfo(160, 120, 100.0, 100.0, 79.5, 59.5, 0.1, 20.0, 10.0, "camera")
 LOOKING_AHEAD = Transform((0.0, 0.0, 1.0), (-0.5, 0.5, -0.5, 0.5))
 """A camera 1 m above the floor: its z is the frame's x, its x the frame's -y, its y the frame's -z."""
 BROWN = (170, 120, 60)
@@ -41,7 +41,9 @@ class Canvas:
         self.depth[rows, columns] = depth
 
     def boxes(self) -> list[Box]:
-        return boxes(Picture(self.rgb, 7, "camera", self.depth), LENS, WOOD, "base_footprint", LOOKING_AHEAD)
+        return boxes(
+            CameraImage(self.rgb, 7, "camera", self.depth), LENS, WOOD, "base_footprint", LOOKING_AHEAD
+        )
 
 
 @pytest.fixture
@@ -79,38 +81,40 @@ def test_colour_without_a_depth_and_specks_are_nothing(canvas):
 
 def test_a_camera_that_measures_no_depth_shows_no_boxes(canvas):
     canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
-    assert boxes(Picture(canvas.rgb, 0, "camera"), LENS, WOOD, "map", Transform()) == []
+    assert boxes(CameraImage(canvas.rgb, 0, "camera"), LENS, WOOD, "map", Transform()) == []
 
 
 def test_a_robot_without_a_camera_refuses(robot):
     locator = ObjectLocator(robot, TransformTree())
     assert not locator.configure()
-    assert locator.state is State.UNCONFIGURED
+    assert locator.state is LifecycleState.UNCONFIGURED
 
 
-def wait(body: Body, seconds: float) -> None:
+def wait(body: SimulatedRobot, seconds: float) -> None:
     body.clock.wait_until(body.clock.now() + round(seconds * 1e9), threading.Event())
 
 
 @pytest.fixture
-def body() -> Iterator[Body]:
+def body() -> Iterator[SimulatedRobot]:
     world = World(load_scene("house"), seed=1)
-    yield Body(world, camera=PictureSize(320, 240, 10.0))
+    yield SimulatedRobot(world, camera=CameraSettings(320, 240, 10.0))
     world.close()
 
 
 @pytest.fixture
-def locator(body: Body) -> ObjectLocator:
+def locator(body: SimulatedRobot) -> ObjectLocator:
     tree = TransformTree()
     frames = FrameBroadcaster(body, tree)
-    body.schedule.every(FrameBroadcaster.RATE, Rank.TRANSFORMS, frames.step)
+    body.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
     # The odometry of a robot that stands is where it began, which in the house is the map's origin.
     locator = ObjectLocator(body, tree, frame="odom")
     assert locator.configure()
     return locator
 
 
-def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(body: Body, locator: ObjectLocator):
+def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
+    body: SimulatedRobot, locator: ObjectLocator
+):
     assert locator.activate()
     body.look(-1.2, -0.15)
     wait(body, 2.6)
@@ -128,7 +132,7 @@ def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(body: Body, l
     assert {"counter_east", "table_south_east"} <= found
 
 
-def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: Body, locator: ObjectLocator):
+def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: SimulatedRobot, locator: ObjectLocator):
     locator.activate()
     body.look(-1.2, -0.15)
     wait(body, 2.6)
@@ -137,7 +141,7 @@ def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: Body, locat
     assert counter.centre[2] + counter.size[2] / 2 == pytest.approx(0.9, abs=0.03)
 
 
-def test_it_looks_only_while_it_is_active(body: Body, locator: ObjectLocator):
+def test_it_looks_only_while_it_is_active(body: SimulatedRobot, locator: ObjectLocator):
     body.look(-1.2, -0.15)
     wait(body, 2.0)
     assert locator.boxes == ()
@@ -155,7 +159,7 @@ def test_it_looks_only_while_it_is_active(body: Body, locator: ObjectLocator):
     assert locator.scene_moving() == {"boxes": []}
 
 
-def test_with_the_navigation_boxes_are_told_in_the_map(body: Body):
+def test_with_the_navigation_boxes_are_told_in_the_map(body: SimulatedRobot):
     chart = rasterise(body.world.scene)
     navigation = Navigation(body, chart, np.random.default_rng(1), folder())
     locator = ObjectLocator(body, navigation.transforms)

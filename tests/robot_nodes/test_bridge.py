@@ -3,11 +3,25 @@
 import numpy as np
 import pytest
 
-from robot_nodes.process.bridge import IMAGE, JOINT_COMMAND, JOINT_STATE, ODOMETRY, SCAN, Bridge
-from robot_nodes.process.executor import Executor
-from robot_nodes.process.messages import HeadCommand
-from robot_nodes.process.process import Process, Surroundings
-from robot_nodes.robot import HeadPosition, LaserScan, Odometry, Picture, Pose2D, Twist2D
+from btcore_robot.process.bridge import (
+    IMAGE,
+    JOINT_COMMAND,
+    JOINT_STATE,
+    ODOMETRY,
+    SCAN,
+    Bridge,
+)
+from btcore_robot.process.executor import Executor
+from btcore_robot.process.messages import HeadCommand
+from btcore_robot.process.process import Process, ProcessContext
+from btcore_robot.robot import (
+    CameraImage,
+    HeadPosition,
+    LaserScan,
+    Odometry,
+    Pose2D,
+    Twist2D,
+)
 
 
 class Bridged:
@@ -15,7 +29,7 @@ class Bridged:
 
     def __init__(self, robot) -> None:
         self.robot = robot
-        self.around = Surroundings(robot.clock, robot.schedule, lambda line: None, robot=robot)
+        self.around = ProcessContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
         self.other = Process("other", self.around)
         executor = Executor(robot.schedule, robot.clock)
         executor.add(Bridge(self.around))
@@ -77,16 +91,16 @@ def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: s
 
 def test_a_picture_is_asked_for_only_while_somebody_listens(bridged: Bridged):
     asked: list[int] = []
-    picture = Picture(np.zeros((2, 2, 3), dtype=np.uint8), 5, "camera")
+    picture = CameraImage(np.zeros((2, 2, 3), dtype=np.uint8), 5, "camera")
     bridged.robot.camera = lambda: (asked.append(1), picture)[1]
     bridged.sleep(0.5)
     assert asked == []
-    bridged.listen(IMAGE, Picture)
+    bridged.listen(IMAGE, CameraImage)
     bridged.sleep(0.5)
     assert bridged.heard == [picture]
 
 
 def test_a_bridge_without_a_robot_is_refused(robot):
-    around = Surroundings(robot.clock, robot.schedule, lambda line: None)
+    around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
     with pytest.raises(ValueError, match="a bridge is for a robot"):
         Bridge(around)

@@ -9,10 +9,10 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
-from sim.body import Body
-from sim.faults import parse_fault
-from sim.scene import load_scene
-from sim.world import World
+from btcore_sim.faults import parse_fault
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 TREES = Path(__file__).parents[2] / "trees"
 TENTH = 100_000_000
@@ -21,19 +21,19 @@ TENTH = 100_000_000
 @pytest.fixture
 def nodes() -> Registry:
     made = Registry.standard()
-    made.add_plugin("robot_nodes.leaves")
+    made.add_plugin("btcore_robot.leaves")
     return made
 
 
 @pytest.fixture
-def body(request) -> Iterator[Body]:
+def body(request) -> Iterator[SimulatedRobot]:
     world, *faults = request.param
-    made = Body(World(load_scene(world), seed=4), faults=[parse_fault(text) for text in faults])
+    made = SimulatedRobot(World(load_scene(world), seed=4), faults=[parse_fault(text) for text in faults])
     yield made
     made.world.close()
 
 
-def tick(tree: Tree, body: Body, seconds: float) -> None:
+def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:
     for _ in range(round(seconds * 10)):
         tree.tick_once()
         body.world.wait_until(body.world.now() + TENTH, threading.Event())
@@ -42,17 +42,17 @@ def tick(tree: Tree, body: Body, seconds: float) -> None:
 @pytest.mark.parametrize(
     ("name", "body"), [("bumpgo", ["arena"]), ("bumpgo_wide", ["arena_boxes"])], indirect=["body"]
 )
-def test_a_minute_without_a_bump(name: str, body: Body, nodes: Registry):
+def test_a_minute_without_a_bump(name: str, body: SimulatedRobot, nodes: Registry):
     tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body])
-    tree.count()
+    tree.count_ticks()
     tick(tree, body, 60)
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
     assert body.distance > 5.0
-    assert all(node.count().ticks > 0 for node in tree.nodes)
+    assert all(node.count_ticks().ticks > 0 for node in tree.nodes)
 
 
 @pytest.mark.parametrize("body", [["arena_boxes", "laser:20-25"]], indirect=True)
-def test_blind_for_five_seconds_it_stands_and_then_goes_on(body: Body, nodes: Registry):
+def test_blind_for_five_seconds_it_stands_and_then_goes_on(body: SimulatedRobot, nodes: Registry):
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body])
     tick(tree, body, 21)
     stopped = body.true_pose()
@@ -69,7 +69,7 @@ def test_blind_for_five_seconds_it_stands_and_then_goes_on(body: Body, nodes: Re
 @pytest.mark.parametrize("leaf", ["Forward", "Back", "Turn"])
 def test_whatever_it_is_doing_it_stands_within_a_second(leaf: str, nodes: Registry):
     """A first run tells when the leaf is amid its work; in a second one the laser dies then."""
-    seeing = Body(World(load_scene("arena_boxes"), seed=11))
+    seeing = SimulatedRobot(World(load_scene("arena_boxes"), seed=11))
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[seeing])
     working = next(node for node in tree.nodes if node.id == leaf)
     ticks = 0
@@ -79,7 +79,7 @@ def test_whatever_it_is_doing_it_stands_within_a_second(leaf: str, nodes: Regist
     moment = seeing.world.now() / 1e9
     seeing.world.close()
 
-    blind = Body(
+    blind = SimulatedRobot(
         World(load_scene("arena_boxes"), seed=11), faults=[parse_fault(f"laser:{moment}-{moment + 5}")]
     )
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[blind])

@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robot_nodes.robot import (
+from btcore_robot.robot import (
     CMD_VEL,
-    BaseFacts,
-    Battery,
-    CameraFacts,
-    Frame,
-    HeadFacts,
+    BaseInfo,
+    BatteryState,
+    CameraImage,
+    CameraInfo,
+    HeadInfo,
     HeadPosition,
-    LaserFacts,
+    LaserInfo,
     LaserScan,
     Odometry,
-    Picture,
+    Phase,
     Pose2D,
-    Rank,
     Robot,
     SonarReading,
-    TorsoFacts,
+    TorsoInfo,
+    TransformStamped,
     Twist2D,
 )
-from robot_nodes.testing import check_robot
+from btcore_robot.testing import check_robot
 
 SECOND = 1_000_000_000
 STEP = SECOND // 100
@@ -42,7 +42,7 @@ class PlainSchedule:
         self.tasks: list[list[Any]] = []
 
     def every(
-        self, hertz: float, rank: Rank, task: Callable[[int], None], *, first: int | None = None
+        self, hertz: float, rank: Phase, task: Callable[[int], None], *, first: int | None = None
     ) -> Callable[[], None]:
         period = round(SECOND / hertz)
         entry = [self.now + period if first is None else first, rank, period, task]
@@ -87,7 +87,7 @@ class PlainRobot(Robot):
         return wake.is_set()
 
     def step(self, seconds: float) -> None:
-        goal = self.asked()
+        goal = self.commanded_velocity()
         self.level -= (0.5 * math.hypot(goal.v, goal.w) + 0.01) * seconds
         v_step, w_step = self.base.v_rate * seconds, self.base.w_rate * seconds
         v = self.twist.v + min(max(goal.v - self.twist.v, -v_step), v_step)
@@ -103,16 +103,16 @@ class PlainRobot(Robot):
         return self.tasks
 
     @property
-    def base(self) -> BaseFacts:
-        return BaseFacts(-0.5, 0.5, 1.0, 1.0, 2.0, 0.5, 0.2)
+    def base(self) -> BaseInfo:
+        return BaseInfo(-0.5, 0.5, 1.0, 1.0, 2.0, 0.5, 0.2)
 
     @property
-    def laser(self) -> LaserFacts:
-        return LaserFacts(4, -1.5, 1.0, 0.1, 10.0, 10.0, 0.0, "laser")
+    def laser(self) -> LaserInfo:
+        return LaserInfo(4, -1.5, 1.0, 0.1, 10.0, 10.0, 0.0, "laser")
 
     @property
-    def neck(self) -> HeadFacts | None:
-        return HeadFacts(-1.0, 1.0, -0.5, 0.5, 1.0)
+    def head_info(self) -> HeadInfo | None:
+        return HeadInfo(-1.0, 1.0, -0.5, 0.5, 1.0)
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         if priority < self.rank and self.time - self.heard <= SECOND // 2:
@@ -126,7 +126,7 @@ class PlainRobot(Robot):
         self.rank = CMD_VEL
         self.goal, self.heard = Twist2D(0.0, 0.0), self.time
 
-    def asked(self) -> Twist2D:
+    def commanded_velocity(self) -> Twist2D:
         lapsed = self.time - self.heard > self.base.command_timeout * SECOND
         return Twist2D(0.0, 0.0) if lapsed else self.goal
 
@@ -146,62 +146,62 @@ class PlainRobot(Robot):
     def odometry(self) -> Odometry:
         return Odometry(self.pose, self.twist, self.time)
 
-    def look(self, pan: float, tilt: float) -> None:
+    def move_head(self, pan: float, tilt: float) -> None:
         self.gaze = (min(max(pan, -1.0), 1.0), min(max(tilt, -0.5), 0.5))
 
     def head(self) -> HeadPosition | None:
         return HeadPosition(*self.gaze, self.time)
 
     @property
-    def lens(self) -> CameraFacts | None:
-        return CameraFacts(3, 2, 2.0, 2.0, 1.0, 0.5, 0.1, 10.0, 10.0, "camera")
+    def camera_info(self) -> CameraInfo | None:
+        return CameraInfo(3, 2, 2.0, 2.0, 1.0, 0.5, 0.1, 10.0, 10.0, "camera")
 
-    def camera(self) -> Picture | None:
+    def camera(self) -> CameraImage | None:
         depth = np.array([[1.0, 2.0, np.inf], [0.5, 9.0, np.inf]], dtype=np.float32)
-        return Picture(np.zeros((2, 3, 3), dtype=np.uint8), self.time, "camera", depth)
+        return CameraImage(np.zeros((2, 3, 3), dtype=np.uint8), self.time, "camera", depth)
 
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[TransformStamped]:
         level = (0.0, 0.0, 0.0, 1.0)
         return [
-            Frame("base_link", "base_footprint", (0.0, 0.0, 0.1), level, self.time),
-            Frame("laser", "base_link", (0.2, 0.0, 0.0), level, self.time),
-            Frame("sonar", "base_link", (-0.2, 0.0, 0.0), level, self.time),
-            Frame("camera", "laser", (0.0, 0.0, 0.3), (-0.5, 0.5, -0.5, 0.5), self.time),
+            TransformStamped("base_link", "base_footprint", (0.0, 0.0, 0.1), level, self.time),
+            TransformStamped("laser", "base_link", (0.2, 0.0, 0.0), level, self.time),
+            TransformStamped("sonar", "base_link", (-0.2, 0.0, 0.0), level, self.time),
+            TransformStamped("camera", "laser", (0.0, 0.0, 0.3), (-0.5, 0.5, -0.5, 0.5), self.time),
         ]
 
     def sonars(self) -> Sequence[SonarReading]:
         return [SonarReading(math.inf, self.time, 0.5, 0.02, 1.0, "sonar")]
 
-    def battery(self) -> Battery | None:
-        return Battery(self.level, self.time)
+    def battery(self) -> BatteryState | None:
+        return BatteryState(self.level, self.time)
 
     def recharge(self) -> None:
         self.level = 100.0
 
     @property
-    def torso(self) -> TorsoFacts | None:
-        return TorsoFacts(0.0, 0.3, 0.1)
+    def torso(self) -> TorsoInfo | None:
+        return TorsoInfo(0.0, 0.3, 0.1)
 
     def lift(self, height: float) -> None:
         self.height = min(max(height, 0.0), 0.3)
 
-    def lifted(self) -> float | None:
+    def torso_height(self) -> float | None:
         return self.height
 
 
 class BareRobot(PlainRobot):
     """Says nothing of what not every robot has."""
 
-    torso, lens = Robot.torso, Robot.lens
+    torso, lens = Robot.torso, Robot.camera_info
     sonars, battery, recharge, lift, lifted = (
         Robot.sonars,
         Robot.battery,
         Robot.recharge,
         Robot.lift,
-        Robot.lifted,
+        Robot.torso_height,
     )
 
-    def camera(self) -> Picture | None:
+    def camera(self) -> CameraImage | None:
         return None
 
 
@@ -271,12 +271,12 @@ class InMilliseconds(PlainRobot):
 
 
 class StiffNeck(PlainRobot):
-    def look(self, pan: float, tilt: float) -> None:
+    def move_head(self, pan: float, tilt: float) -> None:
         pass
 
 
 class Owl(PlainRobot):
-    def look(self, pan: float, tilt: float) -> None:
+    def move_head(self, pan: float, tilt: float) -> None:
         self.gaze = (pan, tilt)
 
 
@@ -285,7 +285,7 @@ class Unstoppable(PlainRobot):
         pass
 
     @property
-    def base(self) -> BaseFacts:
+    def base(self) -> BaseInfo:
         return replace(super().base, command_timeout=1.0)
 
     def step(self, seconds: float) -> None:
@@ -320,35 +320,35 @@ class NeverEnds(PlainRobot):
 
 
 class NoLaserFrame(PlainRobot):
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[TransformStamped]:
         return [frame for frame in super().frames() if frame.child != "laser"]
 
 
 class InPieces(PlainRobot):
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[TransformStamped]:
         return [
             replace(frame, parent=frame.parent.replace("base_link", "torso")) for frame in super().frames()
         ]
 
 
 class TwoParents(PlainRobot):
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[TransformStamped]:
         return [*super().frames(), replace(super().frames()[1], parent="base_footprint")]
 
 
 class LongQuaternion(PlainRobot):
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[TransformStamped]:
         return [replace(frame, quaternion=(1.0, 0.0, 0.0, 1.0)) for frame in super().frames()]
 
 
 class Portrait(PlainRobot):
     @property
-    def lens(self) -> CameraFacts | None:
-        return CameraFacts(2, 3, 2.0, 2.0, 1.0, 0.5, 0.1, 10.0, 10.0, "camera")
+    def camera_info(self) -> CameraInfo | None:
+        return CameraInfo(2, 3, 2.0, 2.0, 1.0, 0.5, 0.1, 10.0, 10.0, "camera")
 
 
 class ShallowPicture(PlainRobot):
-    def camera(self) -> Picture | None:
+    def camera(self) -> CameraImage | None:
         picture = super().camera()
         assert picture is not None
         return replace(picture, depth=np.zeros((2, 3), dtype=np.float32))
@@ -365,18 +365,18 @@ class Elevator(PlainRobot):
 
 
 class Forgetful(PlainRobot):
-    def asked(self) -> Twist2D:
+    def commanded_velocity(self) -> Twist2D:
         return Twist2D(0.0, 0.0)
 
     def step(self, seconds: float) -> None:
-        self.asked = super().asked  # type: ignore[method-assign]
+        self.commanded_velocity = super().commanded_velocity  # type: ignore[method-assign]
         super().step(seconds)
-        del self.asked
+        del self.commanded_velocity
 
 
 class PerpetuumMobile(PlainRobot):
-    def battery(self) -> Battery | None:
-        return Battery(50.0, self.time)
+    def battery(self) -> BatteryState | None:
+        return BatteryState(50.0, self.time)
 
 
 class WornOut(PlainRobot):

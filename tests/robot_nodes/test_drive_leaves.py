@@ -10,7 +10,7 @@ TENTH = 100_000_000
 
 def tree_of(leaf: str, robot) -> Tree:
     nodes = Registry.standard()
-    nodes.add_plugin("robot_nodes.leaves")
+    nodes.add_plugin("btcore_robot.leaves")
     text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T"><Action ID="{leaf}"/></BehaviorTree></root>'
     return btcore.loads(text, nodes=nodes, resources=[robot])
 

@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from btcore import Registry, Status, Tree, load, loads
+from btcore import (
+    Registry,
+    Status,
+    Tree,
+    load,
+    loads,
+)
 from btcore.cli.main import main
-from robot_nodes.leaves import LocateObjects, TurnToFree, register
-from robot_nodes.leaves.drive import TURN_SPEED
-from robot_nodes.perception.boxes import Box
-from robot_nodes.process.lifecycle import LifecycleComponent, State
+from btcore_robot.leaves import LocateObjects, TurnToFree, register
+from btcore_robot.leaves.drive import TURN_SPEED
+from btcore_robot.perception.boxes import Box
+from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState
 
 ROOT = Path(__file__).parents[2]
 FREE_SPACE = ROOT / "trees/tutorials/free_space.xml"
@@ -105,14 +111,14 @@ def test_locate_objects_writes_what_is_new_and_deactivates_on_halt(robot):
     text = '<root BTCPP_format="4"><BehaviorTree ID="T"><LocateObjects boxes="{seen}"/></BehaviorTree></root>'
     tree = loads(text, nodes=nodes, resources=[locator], clock=robot.clock)
     assert tree.tick_once() is Status.RUNNING
-    assert locator.state is State.ACTIVE
+    assert locator.state is LifecycleState.ACTIVE
     assert tree.blackboard["seen"] == []
     box = Box("map", (1.0, 2.0, 0.4), (0.3, 0.4, 0.8), 5)
     locator.boxes = (box,)
     tree.tick_once()
     assert tree.blackboard["seen"] == [box]
     tree.halt()
-    assert locator.state is State.INACTIVE
+    assert locator.state is LifecycleState.INACTIVE
 
 
 def run(*arguments: str | Path) -> dict:

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from robot_nodes.control.keyboard import KeyFault, keys_in, script
+from btcore_robot.control.keyboard import KeyInputError, keys_in, script
 
 Run = Callable[..., Result]
 SECOND = 1_000_000_000
@@ -37,7 +37,7 @@ def test_a_script_holds_one_key_after_the_other() -> None:
 
 @pytest.mark.parametrize("text", ["", "f:2", "w:", "w:fast", "w:-1", "w:0", "w:nan", "5:w"])
 def test_a_script_that_says_nothing_is_told_so(text: str) -> None:
-    with pytest.raises(KeyFault, match="w"):
+    with pytest.raises(KeyInputError, match="w"):
         script(text)
 
 
@@ -54,7 +54,7 @@ def test_it_drives_as_the_keys_say(drive: Run) -> None:
 
 
 def test_it_makes_a_map_on_the_way(drive: Run, tmp_path: Path) -> None:
-    from robot_nodes.navigation.map import load_map
+    from btcore_robot.navigation.occupancy_map import load_map
 
     file = tmp_path / "arena.yaml"
     lines = [

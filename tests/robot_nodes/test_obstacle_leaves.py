@@ -13,7 +13,7 @@ INF = math.inf
 
 def tree_of(robot, leaf: str = "IsObstacle", **ports: float) -> Tree:
     nodes = Registry.standard()
-    nodes.add_plugin("robot_nodes.leaves")
+    nodes.add_plugin("btcore_robot.leaves")
     written = " ".join(f'{port}="{value}"' for port, value in ports.items())
     text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T"><{leaf} {written}/></BehaviorTree></root>'
     return btcore.loads(text, nodes=nodes, resources=[robot])

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from btcore import ConversionFault
-from robot_nodes.leaves.poses import PoseList, pose_from_text, pose_to_text
-from robot_nodes.robot import Pose2D
+from btcore import ConversionError
+from btcore_robot.leaves.poses import PoseList, pose_from_text, pose_to_text
+from btcore_robot.robot import Pose2D
 
 HALF = math.sqrt(0.5)
 """Of a quaternion for a quarter turn: its z, and its w."""
@@ -42,7 +42,7 @@ def test_a_pose_in_the_books_form_and_in_nav2s(text: str, pose: Pose2D) -> None:
     ],
 )
 def test_what_is_no_pose_in_the_map_is_told(text: str, why: str) -> None:
-    with pytest.raises(ConversionFault) as fault:
+    with pytest.raises(ConversionError) as fault:
         pose_from_text(text)
     assert why in str(fault.value)
 
@@ -78,6 +78,6 @@ def test_several_poses_are_written_with_a_bar_between_or_as_nav2_does(text: str,
     ],
 )
 def test_what_is_no_list_of_poses_is_told(text: str, why: str) -> None:
-    with pytest.raises(ConversionFault) as fault:
+    with pytest.raises(ConversionError) as fault:
         PoseList().from_text(text)
     assert why in str(fault.value)

@@ -4,59 +4,64 @@ from dataclasses import replace
 
 import pytest
 
-from robot_nodes.robot import Pose2D
-from sim.body import Body
-from sim.camera import PictureSize
-from sim.description import PERFECT, TIAGO, Description, load_description
-from sim.faults import Fault
-from sim.scene import Scene, Thing
-from sim.world import World
+from btcore_robot.robot import Pose2D
+from btcore_sim.camera import CameraSettings
+from btcore_sim.faults import Fault
+from btcore_sim.robot_description import (
+    PERFECT,
+    TIAGO,
+    RobotDescription,
+    load_description,
+)
+from btcore_sim.scene import Scene, SceneObject
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
-Stand = Callable[..., Body]
+Stand = Callable[..., SimulatedRobot]
 Pass = Callable[..., None]
 
 WHITE = (255, 255, 255, 255)
 
 
 @pytest.fixture
-def box() -> Callable[..., Thing]:
+def box() -> Callable[..., SceneObject]:
     def make(
         x: float, y: float, size: Sequence[float], *, yaw: float = 0.0, mass: float = 0.0, name: str = "box"
-    ) -> Thing:
-        return Thing(name, "box", (size[0], size[1], size[2]), (x, y, 0.0), yaw, mass, WHITE)
+    ) -> SceneObject:
+        return SceneObject(name, "box", (size[0], size[1], size[2]), (x, y, 0.0), yaw, mass, WHITE)
 
     return make
 
 
 @pytest.fixture
-def drum() -> Callable[..., Thing]:
-    def make(x: float, y: float, radius: float, *, mass: float = 0.0, name: str = "drum") -> Thing:
-        return Thing(name, "cylinder", (2 * radius, 2 * radius, 1.0), (x, y, 0.0), 0.0, mass, WHITE)
+def drum() -> Callable[..., SceneObject]:
+    def make(x: float, y: float, radius: float, *, mass: float = 0.0, name: str = "drum") -> SceneObject:
+        return SceneObject(name, "cylinder", (2 * radius, 2 * radius, 1.0), (x, y, 0.0), 0.0, mass, WHITE)
 
     return make
 
 
 @pytest.fixture
-def stand() -> Iterator[Stand]:
+def robot_at() -> Iterator[Stand]:
     """Stand a robot among things at a pose; worlds are closed when the test ends."""
     worlds: list[World] = []
 
     def make(
-        *things: Thing,
+        *things: SceneObject,
         pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
         seed: int = 0,
         faults: Sequence[Fault] = (),
-        description: Description | None = None,
+        description: RobotDescription | None = None,
         physics_rate: int = 240,
-        camera: PictureSize | None = None,
+        camera: CameraSettings | None = None,
         battery: float = 100.0,
-    ) -> Body:
+    ) -> SimulatedRobot:
         scene = Scene(
             "test", "", things, (-5, -5, 5, 5), 0.0, Pose2D(*pose), WHITE, physics_rate=physics_rate
         )
         worlds.append(World(scene, seed=seed))
         robot = description or load_description(TIAGO)
-        return Body(worlds[-1], robot, camera=camera, faults=faults, battery=battery)
+        return SimulatedRobot(worlds[-1], robot, camera=camera, faults=faults, battery=battery)
 
     yield make
     for world in worlds:
@@ -64,7 +69,7 @@ def stand() -> Iterator[Stand]:
 
 
 @pytest.fixture
-def exact() -> Description:
+def noiseless_tiago() -> RobotDescription:
     """A Tiago whose laser and wheels tell the truth."""
     tiago = load_description(TIAGO)
     facts = replace(tiago.laser.facts, sigma=0.0)
@@ -75,7 +80,7 @@ def exact() -> Description:
 def steer() -> Pass:
     """Command a velocity at 10 Hz for some seconds; None is silence."""
 
-    def drive(body: Body, seconds: float, command: tuple[float, float] | None) -> None:
+    def drive(body: SimulatedRobot, seconds: float, command: tuple[float, float] | None) -> None:
         for _ in range(round(seconds * 10)):
             if command is not None:
                 body.drive(*command)

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from sim.body import Body
-from sim.camera import PictureSize
-from sim.scene import load_scene
-from sim.world import World
+from btcore_sim.camera import CameraSettings
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
-CAMERA = PictureSize(64, 48, 10.0)
+CAMERA = CameraSettings(64, 48, 10.0)
 
 
-def test_a_picture_is_told_once_and_only_if_somebody_had_it_taken(stand, steer):
-    body = stand(camera=CAMERA)
+def test_a_picture_is_told_once_and_only_if_somebody_had_it_taken(robot_at, steer):
+    body = robot_at(camera=CAMERA)
     body.scene_static()
     steer(body, 0.5, (0.0, 0.0))
     assert "pictures" not in body.scene_moving()
@@ -29,8 +29,8 @@ def test_a_picture_is_told_once_and_only_if_somebody_had_it_taken(stand, steer):
     assert "pictures" in body.scene_moving()
 
 
-def test_the_camera_hangs_on_the_head(stand, steer):
-    body = stand(camera=CAMERA)
+def test_the_camera_hangs_on_the_head(robot_at, steer):
+    body = robot_at(camera=CAMERA)
     (camera,) = body.scene_static()["cameras"]
     assert camera["size"] == [64, 48]
     assert camera["focal"] == [body.lens.fx, body.lens.fy]
@@ -41,11 +41,11 @@ def test_the_camera_hangs_on_the_head(stand, steer):
     assert "head_2_link" in way
     assert way[-1] == "map"
     assert len(frames) == len(body.scene_moving()["frames"])
-    assert "cameras" not in stand().scene_static()
+    assert "cameras" not in robot_at().scene_static()
 
 
-def test_the_battery_is_told_as_it_drains(stand, steer):
-    body = stand(battery=60.0)
+def test_the_battery_is_told_as_it_drains(robot_at, steer):
+    body = robot_at(battery=60.0)
     assert body.scene_static()["battery"] == pytest.approx(60.0)
     steer(body, 10.0, (0.3, 0.0))
     told = body.scene_moving()["battery"]
@@ -55,7 +55,7 @@ def test_the_battery_is_told_as_it_drains(stand, steer):
 
 def test_a_worlds_places_are_told_by_name():
     world = World(load_scene("house"), seed=1)
-    places = {one["name"]: one["position"] for one in Body(world).scene_static()["places"]}
+    places = {one["name"]: one["position"] for one in SimulatedRobot(world).scene_static()["places"]}
     world.close()
     assert sorted(places) == ["recharge", "wp1", "wp2", "wp3"]
     assert places["wp1"] == [1.07, -12.38, 0.0]

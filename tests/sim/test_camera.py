@@ -7,17 +7,17 @@ import numpy as np
 import pybullet
 import pytest
 
-from robot_nodes.robot import CameraFacts, Picture
-from sim import faces
-from sim.body import Body
-from sim.camera import PictureSize
-from sim.render import SKY, Painter
+from btcore_robot.robot import CameraImage, CameraInfo
+from btcore_sim import meshes
+from btcore_sim.camera import CameraSettings
+from btcore_sim.renderer import SKY, Renderer
+from btcore_sim.simulated_robot import SimulatedRobot
 
-SIZE = PictureSize(160, 120, 10.0)
+SIZE = CameraSettings(160, 120, 10.0)
 RED = (230, 20, 20, 255)
 
 
-def engines(body: Body) -> tuple[np.ndarray, np.ndarray]:
+def engines(body: SimulatedRobot) -> tuple[np.ndarray, np.ndarray]:
     """What the engine's renderer makes of the same view: which body is in each pixel, and the depth (m)."""
     eye, turned = body._camera.pose(body.model, body._camera_link)
     axes = np.array(pybullet.getMatrixFromQuaternion(turned)).reshape(3, 3)
@@ -40,8 +40,8 @@ def engines(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("look", [(0.0, 0.0), (0.4, -0.5), (-0.9, 0.2), (0.0, -1.0)])
-def test_depth_agrees_with_the_engines_renderer(stand, steer, box, drum, look: tuple[float, float]):
-    body = stand(
+def test_depth_agrees_with_the_engines_renderer(robot_at, steer, box, drum, look: tuple[float, float]):
+    body = robot_at(
         box(4.0, 0.0, (0.2, 9.0, 2.4)),
         box(2.5, 1.0, (0.6, 0.8, 0.9), yaw=0.7, name="crate"),
         drum(2.2, -0.8, 0.3),
@@ -62,32 +62,32 @@ def test_depth_agrees_with_the_engines_renderer(stand, steer, box, drum, look: t
     assert np.median(off) < 0.01
 
 
-def test_the_floor_is_as_deep_as_geometry_has_it(stand, steer):
-    body = stand(camera=SIZE)
+def test_the_floor_is_as_deep_as_geometry_has_it(robot_at, steer):
+    body = robot_at(camera=SIZE)
     body.look(0.3, -0.6)
     steer(body, 1.5, None)
     depth, lens = body.camera().depth, body.lens
     eye, turned = body._camera.pose(body.model, body._camera_link)
     for row, column in ((60, 80), (119, 0), (90, 159), (30, 40)):
-        ray = faces.matrix(turned) @ (1.0, (lens.cx - column) / lens.fx, (lens.cy - row) / lens.fy)
+        ray = meshes.rotation_matrix(turned) @ (1.0, (lens.cx - column) / lens.fx, (lens.cy - row) / lens.fy)
         assert depth[row, column] == pytest.approx(-eye[2] / ray[2], rel=1e-4)
 
 
-def test_the_lens_is_a_pinhole_of_63_degrees(stand):
-    lens = stand(camera=PictureSize(640, 480, 10.0)).lens
+def test_the_lens_is_a_pinhole_of_63_degrees(robot_at):
+    lens = robot_at(camera=CameraSettings(640, 480, 10.0)).lens
     assert (lens.width, lens.height, lens.rate) == (640, 480, 10.0)
     assert lens.fx == lens.fy == pytest.approx(522.19, abs=0.01)
     assert (lens.cx, lens.cy) == (319.5, 239.5)
     assert lens.frame == "head_front_camera_rgb_optical_frame"
 
 
-def test_without_a_camera_there_is_no_lens(stand):
-    assert stand().lens is None
+def test_without_a_camera_there_is_no_lens(robot_at):
+    assert robot_at().lens is None
 
 
-def test_a_picture_has_depth_along_z_and_infinity_where_nothing_is(stand, box):
-    body = stand(box(3.1, 0.0, (0.2, 1.0, 2.0)), camera=SIZE)
-    picture: Picture = body.camera()
+def test_a_picture_has_depth_along_z_and_infinity_where_nothing_is(robot_at, box):
+    body = robot_at(box(3.1, 0.0, (0.2, 1.0, 2.0)), camera=SIZE)
+    picture: CameraImage = body.camera()
     assert picture.depth.dtype == np.float32
     assert picture.depth.shape == picture.rgb.shape[:2] == (120, 160)
     face = picture.depth[55:65, 70:90]
@@ -97,27 +97,27 @@ def test_a_picture_has_depth_along_z_and_infinity_where_nothing_is(stand, box):
     assert tuple(picture.rgb[0, 0]) == SKY
 
 
-def test_a_thing_is_drawn_where_the_pinhole_says(stand, box):
+def test_a_thing_is_drawn_where_the_pinhole_says(robot_at, box):
     far = replace(box(3.0, 0.6, (0.1, 0.1, 0.1)), position=(3.0, 0.6, 1.0165), color=RED)
-    body = stand(far, camera=PictureSize(320, 240, 10.0))
+    body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
     picture, lens = body.camera(), body.lens
     eye, turned = body._camera.pose(body.model, body._camera_link)
-    x, y, z = faces.matrix(turned).T @ (np.array((2.95, 0.6, 1.0665)) - eye)
+    x, y, z = meshes.rotation_matrix(turned).T @ (np.array((2.95, 0.6, 1.0665)) - eye)
     rows, columns = np.nonzero(picture.rgb[:, :, 0].astype(int) > picture.rgb[:, :, 1].astype(int) + 60)
     assert columns.mean() == pytest.approx(lens.cx - lens.fx * y / x, abs=0.6)
     assert rows.mean() == pytest.approx(lens.cy - lens.fy * z / x, abs=0.6)
 
 
-def test_a_picture_cannot_be_changed_by_who_reads_it(stand):
-    picture = stand(camera=SIZE).camera()
+def test_a_picture_cannot_be_changed_by_who_reads_it(robot_at):
+    picture = robot_at(camera=SIZE).camera()
     for pixels in (picture.rgb, picture.depth):
         with pytest.raises(ValueError, match="read-only"):
             pixels[0, 0] = 0
 
 
-def test_a_movable_thing_is_seen_where_it_is_now(stand, steer, box):
+def test_a_movable_thing_is_seen_where_it_is_now(robot_at, steer, box):
     crate = replace(box(2.0, 0.0, (0.4, 0.4, 1.6), mass=5.0), color=RED)
-    body = stand(crate, camera=SIZE)
+    body = robot_at(crate, camera=SIZE)
     assert body.camera().depth[60, 80] == pytest.approx(1.8 - 0.2158, abs=0.03)
     pybullet.resetBasePositionAndOrientation(
         body.world.movable[0], [3.0, 0.0, 0.8], [0, 0, 0, 1], physicsClientId=body.world.client
@@ -126,22 +126,22 @@ def test_a_movable_thing_is_seen_where_it_is_now(stand, steer, box):
     assert body.camera().depth[60, 80] == pytest.approx(2.8 - 0.2158, abs=0.03)
 
 
-def test_looking_down_the_robot_sees_itself(stand, steer):
-    body = stand(camera=SIZE)
+def test_looking_down_the_robot_sees_itself(robot_at, steer):
+    body = robot_at(camera=SIZE)
     floor = body.camera().depth[119, 80]
     body.look(0.0, -1.0)
     steer(body, 1.0, None)
     assert body.camera().depth[119, 80] < floor / 2
 
 
-FACTS = CameraFacts(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1, 20.0, 10.0, "lens")
+FACTS = CameraInfo(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1, 20.0, 10.0, "lens")
 
 
 def painted(*boxes: tuple[tuple[float, float, float], tuple[float, float, float], int]) -> tuple:
     """Boxes (size, place, shade of grey) before a camera at the origin that looks along z."""
-    shapes = [faces.moved(faces.box(size), np.eye(3), place) for size, place, _ in boxes]
+    shapes = [meshes.transformed(meshes.box(size), np.eye(3), place) for size, place, _ in boxes]
     colors = np.concatenate([np.full((6, 3), float(shade)) for *_, shade in boxes])
-    return Painter(FACTS).draw(np.concatenate(shapes), colors, np.zeros(3), np.eye(3))
+    return Renderer(FACTS).draw(np.concatenate(shapes), colors, np.zeros(3), np.eye(3))
 
 
 def test_the_nearer_of_two_is_seen_whatever_their_order():
@@ -154,12 +154,14 @@ def test_the_nearer_of_two_is_seen_whatever_their_order():
 
 
 def test_two_that_pierce_each_other_part_where_their_depths_are_equal():
-    slanted = faces.moved(
-        faces.box((4.0, 0.4, 0.02)), faces.matrix((0.0, math.sin(0.3), 0.0, math.cos(0.3))), (0, 0, 3)
+    slanted = meshes.transformed(
+        meshes.box((4.0, 0.4, 0.02)),
+        meshes.rotation_matrix((0.0, math.sin(0.3), 0.0, math.cos(0.3))),
+        (0, 0, 3),
     )
-    flat = faces.moved(faces.box((4.0, 4.0, 0.02)), np.eye(3), (0, 0, 3))
+    flat = meshes.transformed(meshes.box((4.0, 4.0, 0.02)), np.eye(3), (0, 0, 3))
     colors = np.concatenate((np.full((6, 3), 40.0), np.full((6, 3), 200.0)))
-    rgb, _ = Painter(FACTS).draw(np.concatenate((slanted, flat)), colors, np.zeros(3), np.eye(3))
+    rgb, _ = Renderer(FACTS).draw(np.concatenate((slanted, flat)), colors, np.zeros(3), np.eye(3))
     row = rgb[24, :, 0] < 100
     assert row[40:50].all() != row[14:24].all()
 
@@ -179,7 +181,7 @@ def test_what_is_beyond_reach_or_nearer_than_can_be_drawn_is_not_there():
     ("kind", "size"), [("box", (1.0, 2.0, 3.0)), ("cylinder", (1.0, 1.0, 2.0)), ("sphere", (0.7,))]
 )
 def test_faces_close_the_shape_and_look_outwards(kind: str, size: tuple[float, ...]):
-    found = faces.shape(kind, size)
+    found = meshes.shape(kind, size)
     normals = np.cross(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1]) / 2
     assert normals.sum(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
     assert (np.einsum("nk,nk->n", normals, found.mean(axis=1)) > 0.0).all()

@@ -9,58 +9,60 @@ import pytest
 WALL = (0.2, 8.0, 2.2)
 
 
-def test_driving_into_a_wall_head_on_is_a_collision(stand, steer, box):
-    body = stand(box(1.1, 0.0, WALL))
+def test_driving_into_a_wall_head_on_is_a_collision(robot_at, steer, box):
+    body = robot_at(box(1.1, 0.0, WALL))
     steer(body, 4.0, (0.3, 0.0))
     assert (body.contacts.collisions, body.contacts.grazes) == (1, 0)
     assert body.contacts.events[0].speed == pytest.approx(0.3, abs=0.02)
 
 
-def test_scraping_along_a_wall_at_nine_degrees_is_a_graze(stand, steer, box):
-    body = stand(box(0.45, 0.0, WALL), pose=(0.0, -3.0, math.radians(90 - 9)))
+def test_scraping_along_a_wall_at_nine_degrees_is_a_graze(robot_at, steer, box):
+    body = robot_at(box(0.45, 0.0, WALL), pose=(0.0, -3.0, math.radians(90 - 9)))
     steer(body, 6.0, (0.3, 0.0))
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 1)
     assert body.contacts.events[0].speed == pytest.approx(0.3 * math.sin(math.radians(9)), abs=0.01)
 
 
-def test_what_the_robot_stands_on_does_not_count(stand, steer):
-    body = stand()
+def test_what_the_robot_stands_on_does_not_count(robot_at, steer):
+    body = robot_at()
     steer(body, 2.0, (1.0, 1.0))
     assert body.contacts.events == []
 
 
-def test_pushing_on_is_one_event(stand, steer, box):
-    body = stand(box(1.1, 0.0, WALL))
+def test_pushing_on_is_one_event(robot_at, steer, box):
+    body = robot_at(box(1.1, 0.0, WALL))
     steer(body, 10.0, (0.3, 0.0))
     assert len(body.contacts.events) == 1
 
 
-def test_coming_back_after_half_a_second_is_another_event(stand, steer, box):
-    body = stand(box(1.1, 0.0, WALL))
+def test_coming_back_after_half_a_second_is_another_event(robot_at, steer, box):
+    body = robot_at(box(1.1, 0.0, WALL))
     steer(body, 4.0, (0.3, 0.0))
     steer(body, 2.0, (-0.2, 0.0))
     steer(body, 4.0, (0.3, 0.0))
     assert (body.contacts.collisions, body.contacts.grazes) == (2, 0)
 
 
-def test_two_things_are_two_events(stand, steer, box):
-    body = stand(box(1.1, 0.3, (0.2, 0.4, 1.0), name="left"), box(1.1, -0.3, (0.2, 0.4, 1.0), name="right"))
+def test_two_things_are_two_events(robot_at, steer, box):
+    body = robot_at(
+        box(1.1, 0.3, (0.2, 0.4, 1.0), name="left"), box(1.1, -0.3, (0.2, 0.4, 1.0), name="right")
+    )
     steer(body, 4.0, (0.3, 0.0))
     assert len({event.body for event in body.contacts.events}) == 2
 
 
-def test_a_table_top_above_the_base_is_hit_by_the_torso(stand, steer, box):
+def test_a_table_top_above_the_base_is_hit_by_the_torso(robot_at, steer, box):
     top = box(1.2, 0.0, (0.8, 2.0, 0.1))
-    body = stand(replace(top, position=(1.2, 0.0, 0.6)))
+    body = robot_at(replace(top, position=(1.2, 0.0, 0.6)))
     steer(body, 5.0, (0.3, 0.0))
     assert body.contacts.collisions == 1
     assert body.true_pose().x > 0.8 - 0.27 + 0.05
 
 
-def test_pushed_sideways_the_hull_touches_at_its_radius(stand, box):
+def test_pushed_sideways_the_hull_touches_at_its_radius(robot_at, box):
     """The wheels reach farther out than the hull, and don't count. On ice, so that they don't hold it."""
     face = 0.32
-    body = stand(box(0.0, face + 0.1, (8.0, 0.2, 2.2)))
+    body = robot_at(box(0.0, face + 0.1, (8.0, 0.2, 2.2)))
     pybullet.changeDynamics(body.world.floor, -1, lateralFriction=0.0, physicsClientId=body.world.client)
     while not body.contacts.events:
         pybullet.resetBaseVelocity(
@@ -72,8 +74,8 @@ def test_pushed_sideways_the_hull_touches_at_its_radius(stand, box):
     assert face - body.true_pose().y == pytest.approx(0.27, abs=0.005)
 
 
-def test_a_light_box_that_is_pushed_away_counts_once(stand, steer, box):
-    body = stand(box(0.8, 0.0, (0.3, 0.3, 0.3), mass=2.0))
+def test_a_light_box_that_is_pushed_away_counts_once(robot_at, steer, box):
+    body = robot_at(box(0.8, 0.0, (0.3, 0.3, 0.3), mass=2.0))
     steer(body, 3.0, (0.3, 0.0))
     assert body.contacts.collisions == 1
     assert body.true_pose().x > 0.5

@@ -5,17 +5,26 @@ import threading
 
 import pytest
 
-from robot_nodes.robot import Pose2D
-from sim.body import Body
-from sim.drive import wrap
-from sim.engine import pybullet
-from sim.events import AHEAD, CLEAR, FAR, SIDE, Event, Events, ahead_of, parse_event
-from sim.floor import Floor
-from sim.life import Life
-from sim.mistakes import SimError
-from sim.obstacles import FROM_WAYPOINTS, PASSAGE
-from sim.scene import load_scene
-from sim.world import World
+from btcore_robot.robot import Pose2D
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.differential_drive import wrap
+from btcore_sim.errors import SimError
+from btcore_sim.events import (
+    AHEAD,
+    CLEAR,
+    FAR,
+    SIDE,
+    Event,
+    EventRunner,
+    ahead_of,
+    parse_event,
+)
+from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE
+from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.scenario import Scenario
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 SECOND = 1_000_000_000
 
@@ -49,10 +58,10 @@ def meet():
     """A robot in a world in which *events* happen."""
     worlds = []
 
-    def make(name: str, *events: str, seed: int = 1, people: int = 0) -> tuple[Body, Events]:
-        life = Life(people, 0, [parse_event(text) for text in events])
+    def make(name: str, *events: str, seed: int = 1, people: int = 0) -> tuple[SimulatedRobot, EventRunner]:
+        life = Scenario(people, 0, [parse_event(text) for text in events])
         worlds.append(World(life.scene(load_scene(name), seed), seed=seed))
-        body = Body(worlds[-1])
+        body = SimulatedRobot(worlds[-1])
         begun = life.begin(worlds[-1], body, body.base.radius)
         assert begun is not None
         return body, begun
@@ -62,7 +71,7 @@ def meet():
         world.close()
 
 
-def go(body: Body, seconds: float, v: float = 0.3, w: float = 0.0) -> None:
+def go(body: SimulatedRobot, seconds: float, v: float = 0.3, w: float = 0.0) -> None:
     end = body.world.now() + round(seconds * SECOND)
     while body.world.now() < end:
         body.drive(v, w)
@@ -125,18 +134,18 @@ def test_where_a_box_fits(meet, pose: tuple[float, float, float], fits: bool):
 
 def test_wherever_a_box_fits_there_is_a_way_past_and_it_is_far_enough(meet):
     body, events = meet("aws_house", "box:100")
-    scene, floor, random = body.world.scene, Floor.of(body.world.scene), body.world.random("test")
+    scene, floor, random = body.world.scene, ClearanceMap.of(body.world.scene), body.world.random("test")
     parked = body.world.bodies[body.world.led("dropped")[0]]
     found = 0
     for _ in range(300):
-        place = floor.draw(random, 0.4)
+        place = floor.random_point(random, 0.4)
         pose = Pose2D(*place, random.uniform(-math.pi, math.pi))
         box = ahead_of(pose, 0.27, Event("box", 0.0), parked)
         if events.fits(box, pose):
             found += 1
             assert box.distance(pose.x, pose.y) - 0.27 == pytest.approx(AHEAD)
             assert all(box.distance(*point) >= FROM_WAYPOINTS for point in scene.waypoints.values())
-            after = floor.with_block(box)
+            after = floor.with_obstacle(box)
             assert after.connected(list(scene.waypoints.values()), 0.32)
             sides = [box_side(pose, box, side) for side in (1.0, -1.0)]
             assert max(scene.free(*side) for side in sides) >= PASSAGE / 2

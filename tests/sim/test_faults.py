@@ -2,8 +2,8 @@
 
 import pytest
 
-from sim.faults import Fault, Faults, parse_fault
-from sim.mistakes import SimError
+from btcore_sim.errors import SimError
+from btcore_sim.faults import Fault, FaultSchedule, parse_fault
 
 SECOND = 1_000_000_000
 
@@ -13,14 +13,14 @@ def fault(text: str) -> list[Fault]:
 
 
 def test_a_fault_lasts_from_its_start_to_its_end():
-    faults = Faults([parse_fault("laser:20-25"), parse_fault("laser:30-30.5")])
+    faults = FaultSchedule([parse_fault("laser:20-25"), parse_fault("laser:30-30.5")])
     moments = [19.9, 20.0, 24.9, 25.0, 30.4, 30.5]
     assert [faults.dead("laser", int(t * SECOND)) for t in moments] == [False, True, True, False, True, False]
     assert not faults.dead("camera", 22 * SECOND)
 
 
 def test_a_fault_without_an_end_lasts():
-    assert Faults([parse_fault("wheel:3-")]).dead("wheel", 10**6 * SECOND)
+    assert FaultSchedule([parse_fault("wheel:3-")]).dead("wheel", 10**6 * SECOND)
 
 
 @pytest.mark.parametrize(
@@ -39,16 +39,16 @@ def test_a_fault_written_wrongly_is_explained(text: str, said: str):
         parse_fault(text)
 
 
-def test_a_dead_laser_leaves_the_last_scan_with_its_old_stamp(stand, steer):
-    body = stand(faults=fault("laser:1-2"))
+def test_a_dead_laser_leaves_the_last_scan_with_its_old_stamp(robot_at, steer):
+    body = robot_at(faults=fault("laser:1-2"))
     steer(body, 1.9, None)
     assert body.scan().stamp == 9 * SECOND // 10
     steer(body, 0.1, None)
     assert body.scan().stamp == 2 * SECOND
 
 
-def test_dead_odometry_leaves_the_last_reading(stand, steer):
-    body = stand(faults=fault("odometry:1-2"))
+def test_dead_odometry_leaves_the_last_reading(robot_at, steer):
+    body = robot_at(faults=fault("odometry:1-2"))
     steer(body, 1.9, (0.3, 0.0))
     stuck = body.odometry()
     assert stuck.stamp == 980 * SECOND // 1000
@@ -56,19 +56,19 @@ def test_dead_odometry_leaves_the_last_reading(stand, steer):
     assert body.odometry().pose.x > stuck.pose.x + 0.3
 
 
-def test_with_a_dead_wheel_driving_straight_is_turning(stand, steer):
-    body = stand(faults=fault("wheel:0-"))
+def test_with_a_dead_wheel_driving_straight_is_turning(robot_at, steer):
+    body = robot_at(faults=fault("wheel:0-"))
     steer(body, 2.0, (0.2, 0.0))
     assert body.true_pose().yaw > 0.5
 
 
-def test_a_dead_camera_shows_the_last_picture(stand, steer):
-    from sim.body import Body
-    from sim.camera import PictureSize
-    from sim.world import World
+def test_a_dead_camera_shows_the_last_picture(robot_at, steer):
+    from btcore_sim.camera import CameraSettings
+    from btcore_sim.simulated_robot import SimulatedRobot
+    from btcore_sim.world import World
 
-    world = World(stand().world.scene)
-    body = Body(world, camera=PictureSize(32, 24, 10.0), faults=fault("camera:0.5-1"))
+    world = World(robot_at().world.scene)
+    body = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0), faults=fault("camera:0.5-1"))
     first = body.camera()
     steer(body, 0.7, None)
     assert body.camera() is first

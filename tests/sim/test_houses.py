@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from skimage.graph import MCP_Geometric
 
-from robot_nodes.robot import Pose2D
-from sim.body import Body
-from sim.camera import PictureSize
-from sim.floor import Floor
-from sim.outlines import Outlines
-from sim.rasterise import LASER_HEIGHT, rasterise
-from sim.scene import Scene, load_scene
-from sim.world import World
+from btcore_robot.robot import Pose2D
+from btcore_sim.camera import CameraSettings
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.map_rasteriser import LASER_HEIGHT, rasterise
+from btcore_sim.ray_casting import RayCaster
+from btcore_sim.scene import Scene, load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 HOUSES = ["house", "aws_house"]
 NAVIGATION_RADIUS = 0.3
@@ -97,12 +97,12 @@ def test_there_is_as_much_room_around_each_waypoint(house: Scene):
     for name, (x, y, clearance) in WAYPOINTS[house.name].items():
         seen = min(thing.distance(x, y) for thing in house.things if thing.meets(LASER_HEIGHT))
         assert seen == pytest.approx(clearance, abs=0.15), name
-        assert house.free(x, y) >= 0.75, f"{name}, with what the laser does not see"
+        assert house.clearance_at(x, y) >= 0.75, f"{name}, with what the laser does not see"
 
 
 def test_a_waypoints_every_way_to_another_is_as_long(house: Scene):
-    floor = Floor.of(house)
-    costs = np.where(floor.rooms >= NAVIGATION_RADIUS, 1.0, -1.0)
+    floor = ClearanceMap.of(house)
+    costs = np.where(floor.clearances >= NAVIGATION_RADIUS, 1.0, -1.0)
     found = {}
     for start, end in WAYS[house.name]:
         search = MCP_Geometric(costs, fully_connected=True)
@@ -112,7 +112,7 @@ def test_a_waypoints_every_way_to_another_is_as_long(house: Scene):
 
 
 def test_the_narrowest_place_is_as_wide(house: Scene):
-    floor, points = Floor.of(house), list(house.waypoints.values())
+    floor, points = ClearanceMap.of(house), list(house.waypoints.values())
     assert floor.connected(points, NAVIGATION_RADIUS)
     assert floor.connected(points, WIDEST[house.name] - 0.1)
     assert not floor.connected(points, WIDEST[house.name] + 0.2)
@@ -120,7 +120,7 @@ def test_the_narrowest_place_is_as_wide(house: Scene):
 
 def test_the_floor_is_as_large_and_the_house_too(house: Scene):
     map = rasterise(house)
-    area = np.count_nonzero(Floor(map).rooms >= NAVIGATION_RADIUS) * map.resolution**2
+    area = np.count_nonzero(ClearanceMap(map).clearances >= NAVIGATION_RADIUS) * map.resolution**2
     assert area == pytest.approx(FLOOR[house.name], rel=0.03)
     assert map.bounds == pytest.approx(BOUNDS[house.name], abs=0.25)
 
@@ -133,11 +133,11 @@ def test_every_door_is_as_wide(house: Scene):
 
 
 def test_no_ray_leaves_the_house(house: Scene):
-    outlines = Outlines.of(house.things)
+    outlines = RayCaster.of(house.things)
     around = np.linspace(-math.pi, math.pi, 3600, endpoint=False)
     map = rasterise(house)
     random = np.random.default_rng(5)
-    places = [*house.waypoints.values(), *(Floor(map).draw(random, 0.27) for _ in range(60))]
+    places = [*house.waypoints.values(), *(ClearanceMap(map).random_point(random, 0.27) for _ in range(60))]
     for (x, y), height in itertools.product(places, (LASER_HEIGHT, 1.07, 2.4)):
         assert np.isfinite(outlines.distances(x, y, height, around)).all(), (x, y, height)
 
@@ -197,7 +197,7 @@ def patrolled(scene: Scene) -> list[tuple[float, float]]:
 def seen_wood(scene: Scene, x: float, y: float, turn: int) -> float:
     """The share of a picture's pixels in the book's range, looking *turn* eighths of a turn to the left."""
     world = World(replace(scene, pose=Pose2D(x, y, turn * math.pi / 4)))
-    picture = Body(world, camera=PictureSize(80, 60, 10.0)).camera()
+    picture = SimulatedRobot(world, camera=CameraSettings(80, 60, 10.0)).camera()
     world.close()
     pixels = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2HSV)
     return float(cv2.inRange(pixels, (15, 50, 20), (20, 200, 200)).mean()) / 255

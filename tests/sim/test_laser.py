@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_nodes.robot import LaserFacts, Pose2D
-from sim.body import Body
-from sim.laser import Laser
-from sim.outlines import Outlines
-from sim.scene import Scene, Thing
-from sim.world import World
+from btcore_robot.robot import LaserInfo, Pose2D
+from btcore_sim.laser import Laser
+from btcore_sim.ray_casting import RayCaster
+from btcore_sim.scene import Scene, SceneObject
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
-FACTS = LaserFacts(180, -math.pi, 2 * math.pi / 180, 0.05, 25.0, 10.0, 0.06, "laser")
+FACTS = LaserInfo(180, -math.pi, 2 * math.pi / 180, 0.05, 25.0, 10.0, 0.06, "laser")
 HEIGHT = 0.1
 GREY = (128, 128, 128, 255)
 
@@ -25,7 +25,7 @@ yaws = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi]), st.
 
 
 @st.composite
-def things(draw: st.DrawFn) -> list[Thing]:
+def things(draw: st.DrawFn) -> list[SceneObject]:
     found = []
     for index in range(draw(st.integers(1, 6))):
         kind = draw(st.sampled_from(["box", "cylinder"]))
@@ -34,13 +34,13 @@ def things(draw: st.DrawFn) -> list[Thing]:
         around = draw(st.floats(0.0, 2 * math.pi))
         away = 2.2 + draw(st.floats(0.0, 8.0))
         place = (away * math.cos(around), away * math.sin(around), 0.0)
-        found.append(Thing(f"thing_{index}", kind, size, place, draw(yaws), 0.0, GREY))
+        found.append(SceneObject(f"thing_{index}", kind, size, place, draw(yaws), 0.0, GREY))
     return found
 
 
 @settings(max_examples=60, deadline=None)
 @given(things(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
-def test_geometry_agrees_with_the_engines_rays(scene: list[Thing], x: float, y: float, yaw: float):
+def test_geometry_agrees_with_the_engines_rays(scene: list[SceneObject], x: float, y: float, yaw: float):
     world = World(Scene("test", "", tuple(scene), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY))
     try:
         angles = FACTS.angle_min + FACTS.angle_increment * np.arange(FACTS.rays) + yaw
@@ -50,7 +50,7 @@ def test_geometry_agrees_with_the_engines_rays(scene: list[Thing], x: float, y: 
         theirs = np.array([hit[2] * 20 if hit[0] >= 0 else np.inf for hit in rays])
     finally:
         world.close()
-    ours = Outlines.of(scene).distances(x, y, HEIGHT, angles)
+    ours = RayCaster.of(scene).distances(x, y, HEIGHT, angles)
     ours[ours > 20.0] = np.inf
     differing = ~np.isclose(ours, theirs, atol=5e-3)
     # A ray that grazes an edge may hit for one and miss for the other: its neighbours then disagree too.
@@ -62,37 +62,37 @@ def test_geometry_agrees_with_the_engines_rays(scene: list[Thing], x: float, y: 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-310, -1e-310, 1e-200])
 def test_rays_parallel_to_a_side_are_as_good_as_others(box, tiny: float):
-    outlines = Outlines.of([box(3.0, 0.0, (2.0, 1.0, 1.0)), box(0.0, 3.0, (1.0, 2.0, 1.0), yaw=1e-14)])
+    outlines = RayCaster.of([box(3.0, 0.0, (2.0, 1.0, 1.0)), box(0.0, 3.0, (1.0, 2.0, 1.0), yaw=1e-14)])
     found = outlines.distances(0.0, 0.25, HEIGHT, np.array([tiny, math.pi / 2, math.pi]))
     assert found == pytest.approx([2.0, 1.75, math.inf])
 
 
-def sweep(outlines: Outlines, seed: int = 0, **changes: float) -> np.ndarray:
+def sweep(outlines: RayCaster, seed: int = 0, **changes: float) -> np.ndarray:
     facts = replace(FACTS, **changes)
     laser = Laser(facts, outlines, np.random.default_rng(seed))
     return laser.sweep(0.0, 0.0, HEIGHT, 0.0, 7).ranges
 
 
 def test_no_echo_is_infinite_and_never_the_maximum(box):
-    outlines = Outlines.of([box(30.0, 0.0, (1.0, 100.0, 1.0)), box(-2.0, 0.0, (1.0, 1.0, 1.0))])
+    outlines = RayCaster.of([box(30.0, 0.0, (1.0, 100.0, 1.0)), box(-2.0, 0.0, (1.0, 1.0, 1.0))])
     ranges = sweep(outlines, sigma=0.0)
     assert ranges[len(ranges) // 2] == np.inf
     assert np.isfinite(ranges).any()
 
 
 def test_an_echo_from_under_the_minimum_is_minus_infinite(box):
-    assert (sweep(Outlines.of([box(0.0, 0.0, (1.0, 1.0, 1.0))]), sigma=0.0) == -np.inf).all()
+    assert (sweep(RayCaster.of([box(0.0, 0.0, (1.0, 1.0, 1.0))]), sigma=0.0) == -np.inf).all()
 
 
 def test_what_ends_below_the_laser_is_not_seen(box):
-    assert (sweep(Outlines.of([box(2.0, 0.0, (1.0, 1.0, 0.09))])) == np.inf).all()
+    assert (sweep(RayCaster.of([box(2.0, 0.0, (1.0, 1.0, 0.09))])) == np.inf).all()
 
 
 def test_noise_has_the_sigma_of_the_description():
-    ring = Thing("wall", "box", (0.1, 20.0, 1.0), (2.05, 0.0, 0.0), 0.0, 0.0, GREY)
+    ring = SceneObject("wall", "box", (0.1, 20.0, 1.0), (2.05, 0.0, 0.0), 0.0, 0.0, GREY)
     errors = []
     for seed in range(50):
-        ranges = sweep(Outlines.of([ring]), seed)
+        ranges = sweep(RayCaster.of([ring]), seed)
         middle = slice(85, 96)
         angles = FACTS.angle_min + FACTS.angle_increment * np.arange(FACTS.rays)
         errors.append(ranges[middle] - 2.0 / np.cos(angles[middle]))
@@ -100,13 +100,13 @@ def test_noise_has_the_sigma_of_the_description():
     assert np.mean(errors) == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_movable_box_is_seen_where_it_is_now(stand, steer, box, exact):
-    body = stand(
+def test_a_movable_box_is_seen_where_it_is_now(robot_at, steer, box, noiseless_tiago):
+    body = robot_at(
         box(2.0, 0.0, (0.5, 0.5, 0.5), mass=5.0),
         box(4.0, 0.0, (0.2, 9.0, 1.0), name="wall"),
-        description=exact,
+        description=noiseless_tiago,
     )
-    ahead = exact.laser.facts.rays // 2
+    ahead = noiseless_tiago.laser.facts.rays // 2
     assert body.scan().ranges[ahead] == pytest.approx(1.75 - 0.202, abs=0.01)
     number = body.world.movable[0]
     pybullet.resetBasePositionAndOrientation(
@@ -123,9 +123,11 @@ def test_a_movable_box_is_seen_where_it_is_now(stand, steer, box, exact):
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.9), (0.6, 0.0, 0.3), (0.0, math.pi / 2, 0.0)])
 def test_a_movable_thing_is_seen_as_the_engine_has_it_however_it_lies(
-    stand, box, drum, exact, turned: tuple[float, float, float]
+    robot_at, box, drum, noiseless_tiago, turned: tuple[float, float, float]
 ):
-    body = stand(box(2.0, 0.0, (0.5, 0.4, 0.5), mass=5.0), drum(2.0, 1.5, 0.25, mass=5.0), description=exact)
+    body = robot_at(
+        box(2.0, 0.0, (0.5, 0.4, 0.5), mass=5.0), drum(2.0, 1.5, 0.25, mass=5.0), description=noiseless_tiago
+    )
     client = body.world.client
     for number, y in zip(body.world.movable, (0.0, 1.5), strict=True):
         pybullet.resetBasePositionAndOrientation(
@@ -143,12 +145,12 @@ def test_a_movable_thing_is_seen_as_the_engine_has_it_however_it_lies(
     assert (~np.isclose(ours, theirs, atol=5e-3)).sum() <= 4
 
 
-def test_the_robot_does_not_see_itself(stand):
-    body: Body = stand()
+def test_the_robot_does_not_see_itself(robot_at):
+    body: SimulatedRobot = robot_at()
     assert (body.scan().ranges == np.inf).all()
 
 
-def test_the_middle_of_666_rays_points_a_little_to_the_left(stand):
-    scan = stand().scan()
+def test_the_middle_of_666_rays_points_a_little_to_the_left(robot_at):
+    scan = robot_at().scan()
     assert len(scan.ranges) == 666
     assert math.degrees(scan.angles()[666 // 2]) == pytest.approx(0.165, abs=0.001)

@@ -4,20 +4,25 @@ import math
 
 import pytest
 
-from sim.floor import Floor
-from sim.life import Life
-from sim.mistakes import SimError
-from sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable, with_obstacles
-from sim.rasterise import rasterise
-from sim.scene import Thing, load_scene
-from sim.world import generator
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.errors import SimError
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.obstacles import (
+    FROM_WAYPOINTS,
+    PASSAGE,
+    passable,
+    with_obstacles,
+)
+from btcore_sim.scenario import Scenario
+from btcore_sim.scene import SceneObject, load_scene
+from btcore_sim.world import random_generator
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
 @pytest.mark.parametrize("seed", range(5))
 def test_boxes_leave_a_way_and_the_waypoints_alone(name: str, seed: int):
     bare = load_scene(name)
-    scene = Life(obstacles=6).scene(bare, seed)
+    scene = Scenario(obstacles=6).scene(bare, seed)
     boxes = [thing for thing in scene.things if thing not in bare.things]
     assert len(boxes) == 6
     points = list(scene.waypoints.values())
@@ -25,27 +30,27 @@ def test_boxes_leave_a_way_and_the_waypoints_alone(name: str, seed: int):
         assert box.mass > 0.0
         assert 0.3 <= min(box.size[:2]) <= max(box.size[:2]) <= 0.5
         assert min(box.distance(*point) for point in points) >= FROM_WAYPOINTS
-        assert bare.free(*box.position[:2]) >= math.hypot(*box.size[:2]) / 2
-    assert Floor.of(scene).connected(points, PASSAGE / 2)
+        assert bare.clearance_at(*box.position[:2]) >= math.hypot(*box.size[:2]) / 2
+    assert ClearanceMap.of(scene).connected(points, PASSAGE / 2)
     assert (rasterise(scene).cells == rasterise(bare).cells).all()
 
 
 def test_the_same_seed_puts_them_in_the_same_places():
     house = load_scene("house")
-    assert Life(obstacles=4).scene(house, 3) == Life(obstacles=4).scene(house, 3)
-    assert Life(obstacles=4).scene(house, 3) != Life(obstacles=4).scene(house, 4)
+    assert Scenario(obstacles=4).scene(house, 3) == Scenario(obstacles=4).scene(house, 3)
+    assert Scenario(obstacles=4).scene(house, 3) != Scenario(obstacles=4).scene(house, 4)
 
 
 def test_more_than_fit_are_refused():
     with pytest.raises(SimError, match=r"no room for 60 obstacles that block no way, only for \d+"):
-        with_obstacles(load_scene("arena"), 60, generator(1, "obstacles"))
+        with_obstacles(load_scene("arena"), 60, random_generator(1, "obstacles"))
 
 
 def test_a_box_can_be_passed_where_there_is_room_on_one_side(box):
-    floor = Floor.of(load_scene("arena"))  # free from -3 m to 3 m
+    floor = ClearanceMap.of(load_scene("arena"))  # free from -3 m to 3 m
     course = 0.0
 
-    def at(y: float, width: float) -> Thing:
+    def at(y: float, width: float) -> SceneObject:
         return box(0.0, y, (0.5, width, 0.5))
 
     assert passable(floor, at(0.0, 0.5), course)

@@ -5,11 +5,11 @@ import threading
 
 import pytest
 
-from robot_nodes.robot import Pose2D
-from sim.body import Body
-from sim.drive import wrap
-from sim.scene import Scene, load_scene
-from sim.world import World
+from btcore_robot.robot import Pose2D
+from btcore_sim.differential_drive import wrap
+from btcore_sim.scene import Scene, load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 SECOND = 1_000_000_000
 RATE = 120
@@ -33,13 +33,13 @@ def test_a_house_asks_for_120_steps_a_second(name: str):
 def test_ten_seconds_of_driving_end_where_the_commands_lead(v: float, w: float, way: float, turn: float):
     """*way* (m) and *turn* (rad) off at most; 2.956 m straight, 4.941 rad on the spot."""
     floor = Scene("floor", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255), physics_rate=RATE)
-    body = Body(World(floor))
+    body = SimulatedRobot(World(floor))
     x = y = yaw = 0.0
     step = 1.0 / RATE
     for tick in range(1, 10 * RATE + 1):
         body.drive(v, w)
         body.world.wait_until(tick * SECOND // RATE, threading.Event())
-        speed, rate = body.twist_asked()
+        speed, rate = body.ramped_twist()
         x += speed * step * math.cos(yaw + rate * step / 2)
         y += speed * step * math.sin(yaw + rate * step / 2)
         yaw += rate * step

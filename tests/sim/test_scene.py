@@ -8,15 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot_nodes.robot import Pose2D
-from sim.mistakes import SimError
-from sim.scene import Scene, Thing, load_scene, scene_names
+from btcore_robot.robot import Pose2D
+from btcore_sim.errors import SimError
+from btcore_sim.scene import (
+    Scene,
+    SceneObject,
+    load_scene,
+    scene_names,
+)
 
 RADIUS = 0.27
 WALLS = {"wall_east", "wall_north", "wall_west", "wall_south"}
 
 
-def outline(thing: Thing) -> np.ndarray:
+def outline(thing: SceneObject) -> np.ndarray:
     """The thing's outline on the floor as points at most 5 mm apart, shape (n, 2)."""
     x, y = thing.size[0] / 2, thing.size[1] / 2
     if thing.kind == "cylinder":
@@ -33,7 +38,7 @@ def outline(thing: Thing) -> np.ndarray:
     return points @ np.array([[cos, sin], [-sin, cos]]) + np.array(thing.position[:2])
 
 
-def gap(one: Thing, other: Thing) -> float:
+def gap(one: SceneObject, other: SceneObject) -> float:
     """The distance (m) between two things that don't overlap; to 3 mm, never too large."""
     return min(other.distance(*point) for point in outline(one)) - 0.0025
 
@@ -59,7 +64,7 @@ def test_the_walls_close_a_square(name: str, inside: float):
     for at in rim:
         for point in ((at, inside), (at, -inside), (inside, at), (-inside, at)):
             assert min(wall.distance(*point) for wall in walls) < 1e-9
-    assert scene.free(0.9 * inside, 0.9 * inside) == pytest.approx(0.1 * inside, abs=0.01)
+    assert scene.clearance_at(0.9 * inside, 0.9 * inside) == pytest.approx(0.1 * inside, abs=0.01)
 
 
 def test_every_gap_of_arena_boxes_lets_the_robot_back_blindly():
@@ -88,7 +93,7 @@ def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
 def test_start_poses_are_clear_and_all_over_the_place(name: str):
     scene = load_scene(name)
     poses = [scene.start(np.random.default_rng(seed), RADIUS) for seed in range(300)]
-    assert all(scene.free(pose.x, pose.y) >= 1.0 + RADIUS for pose in poses)
+    assert all(scene.clearance_at(pose.x, pose.y) >= 1.0 + RADIUS for pose in poses)
     quadrants = {(pose.x > 0, pose.y > 0, pose.yaw > 0) for pose in poses}
     assert len(quadrants) == 8
     assert len({pose.x for pose in poses}) == len(poses)

@@ -15,46 +15,46 @@ def heard(body) -> dict[str, float]:
     }
 
 
-def test_there_are_three_and_in_the_open_they_hear_nothing(stand):
-    assert heard(stand()) == {"sonar_01": math.inf, "sonar_02": math.inf, "sonar_03": math.inf}
+def test_there_are_three_and_in_the_open_they_hear_nothing(robot_at):
+    assert heard(robot_at()) == {"sonar_01": math.inf, "sonar_02": math.inf, "sonar_03": math.inf}
 
 
-def test_their_figures_are_those_of_the_data_sheet(stand):
-    for reading in stand().sonars():
+def test_their_figures_are_those_of_the_data_sheet(robot_at):
+    for reading in robot_at().sonars():
         assert (reading.range_min, reading.range_max, reading.fov) == (0.02, 1.0, 0.5)
 
 
-def test_a_wall_behind_is_heard_at_its_distance(stand, box):
-    body = stand(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
+def test_a_wall_behind_is_heard_at_its_distance(robot_at, box):
+    body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
     assert heard(body)["sonar_02"] == pytest.approx(0.9 + BACK, abs=0.005)
 
 
-def test_a_wall_ahead_is_not_heard(stand, box):
-    assert set(heard(stand(box(0.6, 0.0, (0.2, 4.0, 2.0)))).values()) == {math.inf}
+def test_a_wall_ahead_is_not_heard(robot_at, box):
+    assert set(heard(robot_at(box(0.6, 0.0, (0.2, 4.0, 2.0)))).values()) == {math.inf}
 
 
-def test_beyond_a_metre_there_is_no_echo(stand, box):
-    assert heard(stand(box(-1.5, 0.0, (0.2, 4.0, 2.0))))["sonar_02"] == math.inf
+def test_beyond_a_metre_there_is_no_echo(robot_at, box):
+    assert heard(robot_at(box(-1.5, 0.0, (0.2, 4.0, 2.0))))["sonar_02"] == math.inf
 
 
-def test_nearer_than_the_minimum_is_minus_infinite(stand, box):
-    assert heard(stand(box(-0.375, 0.0, (0.2, 0.2, 2.0))))["sonar_02"] == -math.inf
+def test_nearer_than_the_minimum_is_minus_infinite(robot_at, box):
+    assert heard(robot_at(box(-0.375, 0.0, (0.2, 0.2, 2.0))))["sonar_02"] == -math.inf
 
 
 @pytest.mark.parametrize(("y", "sonar"), [(-0.6, "sonar_01"), (0.6, "sonar_03")])
-def test_the_outer_ones_look_to_the_rear_corners(stand, drum, y: float, sonar: str):
-    found = heard(stand(drum(-0.6, y, 0.1)))
+def test_the_outer_ones_look_to_the_rear_corners(robot_at, drum, y: float, sonar: str):
+    found = heard(robot_at(drum(-0.6, y, 0.1)))
     assert found.pop(sonar) == pytest.approx(math.hypot(0.6 - 0.183, 0.6 - 0.183) - 0.1, abs=0.01)
     assert set(found.values()) == {math.inf}
 
 
-def test_a_table_top_that_the_laser_cannot_see_is_heard(stand, box):
+def test_a_table_top_that_the_laser_cannot_see_is_heard(robot_at, box):
     top = replace(box(-0.9, 0.0, (0.6, 1.0, 0.05)), position=(-0.9, 0.0, 0.3))
-    assert heard(stand(top))["sonar_02"] < 0.45
+    assert heard(robot_at(top))["sonar_02"] < 0.45
 
 
-def test_they_hear_five_times_a_second(stand, steer, box):
-    body = stand(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
+def test_they_hear_five_times_a_second(robot_at, steer, box):
+    body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
     stamps = set()
     for _ in range(10):
         steer(body, 0.1, None)
@@ -62,8 +62,8 @@ def test_they_hear_five_times_a_second(stand, steer, box):
     assert stamps == {0, *(k * SECOND // 5 for k in range(1, 6))}
 
 
-def test_backing_towards_a_wall_it_comes_nearer(stand, steer, box):
-    body = stand(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
+def test_backing_towards_a_wall_it_comes_nearer(robot_at, steer, box):
+    body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
     before = heard(body)["sonar_02"]
     steer(body, 1.0, (-0.2, 0.0))
     assert heard(body)["sonar_02"] == pytest.approx(before + body.true_pose().x, abs=0.01)

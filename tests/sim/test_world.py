@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from robot_nodes.robot import Pose2D, Rank
-from sim.body import Body
-from sim.scene import Scene, load_scene
-from sim.schedule import Schedule
-from sim.world import World
+from btcore_robot.robot import Phase, Pose2D
+from btcore_sim.scene import Scene, load_scene
+from btcore_sim.schedule import TaskSchedule
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 SECOND = 1_000_000_000
 EMPTY = Scene("empty", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255))
@@ -29,7 +29,7 @@ def world():
 
 def trace(seed: int, world: str = "arena_boxes", seconds: int = 8) -> str:
     """A digest of every scan, odometry and true pose of a run."""
-    body = Body(World(load_scene(world), seed=seed))
+    body = SimulatedRobot(World(load_scene(world), seed=seed))
     seen = sha256()
     for tick in range(1, seconds * 10 + 1):
         body.drive(0.3, 0.2 if tick % 40 < 20 else -0.3)
@@ -60,7 +60,7 @@ def test_another_seed_gives_another_run():
 
 def test_two_worlds_in_one_process_do_not_meet():
     alone = trace(3, seconds=4)
-    beside = Body(World(load_scene("arena"), seed=9))
+    beside = SimulatedRobot(World(load_scene("arena"), seed=9))
     assert trace(3, seconds=4) == alone
     beside.world.wait_until(SECOND, threading.Event())
     assert beside.contacts.events == []
@@ -81,7 +81,7 @@ def test_waiting_for_the_past_changes_nothing(world):
 def test_how_the_waiting_is_cut_does_not_matter():
     places = []
     for cuts in (10, 37):
-        body = Body(World(EMPTY))
+        body = SimulatedRobot(World(EMPTY))
         body.drive(0.1, 0.1)
         for cut in range(1, cuts + 1):
             body.world.wait_until(cut * SECOND // cuts, threading.Event())
@@ -92,7 +92,7 @@ def test_how_the_waiting_is_cut_does_not_matter():
 
 def test_a_wake_up_ends_the_waiting_early(world):
     wake = threading.Event()
-    world.schedule.every(10, Rank.SENSORS, lambda now: wake.set(), first=SECOND // 5)
+    world.schedule.every(10, Phase.SENSORS, lambda now: wake.set(), first=SECOND // 5)
     assert world.wait_until(SECOND, wake) is True
     assert world.now() == SECOND // 5
 
@@ -105,34 +105,34 @@ def test_a_wake_up_that_is_due_already_stops_time(world):
 
 
 def test_at_equal_times_the_order_is_fixed():
-    schedule = Schedule()
+    schedule = TaskSchedule()
     done: list[tuple[str, int]] = []
-    schedule.every(10, Rank.SENSORS, lambda now: done.append(("laser", now)), first=SECOND // 10)
-    schedule.every(50, Rank.SENSORS, lambda now: done.append(("wheels", now)), first=SECOND // 10)
-    schedule.every(240, Rank.PHYSICS, lambda now: done.append(("physics", now)), first=SECOND // 10)
+    schedule.every(10, Phase.SENSORS, lambda now: done.append(("laser", now)), first=SECOND // 10)
+    schedule.every(50, Phase.SENSORS, lambda now: done.append(("wheels", now)), first=SECOND // 10)
+    schedule.every(240, Phase.PHYSICS, lambda now: done.append(("physics", now)), first=SECOND // 10)
     for _ in range(3):
         schedule.run_next()
     assert done == [("physics", SECOND // 10), ("laser", SECOND // 10), ("wheels", SECOND // 10)]
 
 
 def test_periods_that_are_no_whole_ns_do_not_drift():
-    schedule = Schedule()
+    schedule = TaskSchedule()
     times: list[int] = []
-    schedule.every(240, Rank.PHYSICS, times.append, first=0)
+    schedule.every(240, Phase.PHYSICS, times.append, first=0)
     for _ in range(240 * 60 + 1):
         schedule.run_next()
     assert times[240 * 60] == 60 * SECOND
 
 
-def test_the_first_scan_precedes_the_first_wait(stand):
-    body = stand()
+def test_the_first_scan_precedes_the_first_wait(robot_at):
+    body = robot_at()
     assert body.world.now() == 0
     assert body.scan().stamp == 0
     assert body.odometry().stamp == 0
 
 
-def test_scans_come_at_ten_hertz_and_are_there_at_their_moment(stand, steer):
-    body = stand()
+def test_scans_come_at_ten_hertz_and_are_there_at_their_moment(robot_at, steer):
+    body = robot_at()
     for tick in range(1, 11):
         steer(body, 0.1, None)
         assert body.scan().stamp == tick * SECOND // 10

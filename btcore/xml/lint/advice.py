@@ -3,20 +3,25 @@
 from dataclasses import replace
 from typing import Final
 
-from btcore.manifest import Manifest
-from btcore.xml.faults import Faults
-from btcore.xml.places import Part
-from btcore.xml.plan import NodePlan
-from btcore.xml.source import Document
-from btcore.xml.stubs import StubAction, StubCondition, StubControl, StubDecorator
+from btcore.registry.manifest import Manifest
+from btcore.xml.models.stand_ins import (
+    StubAction,
+    StubCondition,
+    StubControl,
+    StubDecorator,
+)
+from btcore.xml.plan.plan import NodePlan
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document
+from btcore.xml.read.positions import ElementPart
 
 _STAND_INS: Final = (StubAction, StubCondition, StubControl, StubDecorator)
 
 
-class Advice:
+class LintReporter:
     """Takes the warnings, one of each sort a place: a tree that is called twice is one text."""
 
-    def __init__(self, faults: Faults) -> None:
+    def __init__(self, faults: DiagnosticCollector) -> None:
         self.faults = faults
         self._told = {(one.code, one.file, one.line, one.column) for one in faults.warnings}
 
@@ -28,7 +33,7 @@ class Advice:
         node: NodePlan,
         attribute: str = "",
         hint: str = "",
-        part: Part = "value",
+        part: ElementPart = "value",
         within: int = 0,
         width: int = 0,
     ) -> None:
@@ -45,7 +50,7 @@ class Advice:
             self.faults.add(found)
 
 
-def tag(node: NodePlan) -> str:
+def node_label(node: NodePlan) -> str:
     """*node* as messages name it."""
     if node.call is not None:
         return f'<SubTree ID="{node.call.tree}">'
@@ -57,7 +62,7 @@ def line_of(document: Document, node: NodePlan) -> str:
     return f"line {document.line(node.element)}"
 
 
-def is_stand_in(manifest: Manifest) -> bool:
+def is_stub(manifest: Manifest) -> bool:
     """Whether the node is known by a model alone: what it does, and which ports it can do without, isn't."""
     return issubclass(manifest.cls, _STAND_INS)
 

@@ -2,30 +2,36 @@
 
 from collections.abc import Iterator, Mapping
 
-from btcore.errors import ScriptFault
-from btcore.ports import pointer
+from btcore.blackboard.ports import remapped_key
+from btcore.errors import ScriptError
 from btcore.script.expressions import Assignment, Expression, Name
-from btcore.script.program import truth
-from btcore.xml.check import nodes_of
-from btcore.xml.dialect import BEFORE
-from btcore.xml.lint.advice import Advice, tag
-from btcore.xml.lint.rehearsal import SCRIPT_PORTS
-from btcore.xml.lint.scripts import constant_value, is_constant, statements, sure_to_raise
-from btcore.xml.plan import NodePlan, TreePlan
+from btcore.script.program import condition_result
+from btcore.xml.lint.advice import LintReporter, node_label
+from btcore.xml.lint.dry_run import SCRIPT_PORTS
+from btcore.xml.lint.script_analysis import (
+    constant_value,
+    find_certain_error,
+    is_constant,
+    parse_statements,
+)
+from btcore.xml.plan.document_checks import nodes_of
+from btcore.xml.plan.plan import NodePlan, TreePlan
+from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
 
 
-def check_script_results(plan: TreePlan, enums: Mapping[str, int], advice: Advice) -> None:
+def check_script_results(plan: TreePlan, enums: Mapping[str, int], advice: LintReporter) -> None:
     """Warn of the scripts of *plan* whose result is certain to be of no use."""
     document = plan.definition.document
     for node in nodes_of(plan):
         for attribute, text, decides in _scripts(node):
             try:
-                fault = sure_to_raise(text, enums)
-                last = statements(text, enums)[-1]
-            except ScriptFault:
+                fault = find_certain_error(text, enums)
+                last = parse_statements(text, enums)[-1]
+            except ScriptError:
                 continue  # said already
             if fault is not None:
-                said = f"the script in '{attribute}' of {tag(node)} raises whenever it runs: {fault.message}"
+                where = f"'{attribute}' of {node_label(node)}"
+                said = f"the script in {where} raises whenever it runs: {fault.message}"
                 advice.warn("W207", said, document, node, attribute, within=fault.column, width=fault.width)
             elif decides:
                 _decision(node, attribute, last, enums, plan, advice)
@@ -34,11 +40,11 @@ def check_script_results(plan: TreePlan, enums: Mapping[str, int], advice: Advic
 def _scripts(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
     """Each script of *node*: its attribute, its text, and whether its result decides something."""
     for attribute, text in node.scripts.items():
-        yield attribute, text, attribute in BEFORE
+        yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
     if node.manifest is not None:
         wanted = SCRIPT_PORTS.get(node.manifest.cls)
         for port, text, _ in node.ports:
-            if port.name == wanted and pointer(text, port.name) is None:
+            if port.name == wanted and remapped_key(text, port.name) is None:
                 yield port.name, text, node.id != "Script"
 
 
@@ -48,12 +54,12 @@ def _decision(
     last: Expression,
     enums: Mapping[str, int],
     plan: TreePlan,
-    advice: Advice,
+    advice: LintReporter,
 ) -> None:
     """Look at the statement whose value is the result of a condition."""
     document = plan.definition.document
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
-        said = f"'{attribute}' of {tag(node)} assigns to '{last.target.name}', and does not compare it"
+        said = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}', and does not compare it"
         hint = f"to compare, write {last.target.name} == …"
         advice.warn("W208", said, document, node, attribute, hint, within=last.column, width=last.width)
         return
@@ -62,9 +68,9 @@ def _decision(
         return
     result = constant_value(value)
     try:
-        truth(result)
-    except ScriptFault:
-        asked = f"'{attribute}' of {tag(node)} raises whenever it is asked"
+        condition_result(result)
+    except ScriptError:
+        asked = f"'{attribute}' of {node_label(node)} raises whenever it is asked"
         if isinstance(result, str):
             said = f"{asked}: its result is the text '{result}'"
             hint = f"write {result} without quotes" if result in ("true", "false") else "compare the text"

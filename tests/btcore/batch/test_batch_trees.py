@@ -5,11 +5,32 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import BlackboardFault, BtcoreError, In, InOut, Out, Put, Registry, SimClock, Status, TreeError
+from btcore import (
+    BlackboardError,
+    BtcoreError,
+    In,
+    InOut,
+    Out,
+    Put,
+    Registry,
+    SimClock,
+    Status,
+    TreeError,
+)
 
 np = pytest.importorskip("numpy")
 from btcore import batch  # noqa: E402
-from btcore.batch import AgentsRaised, BatchTree, Bools, Floats, Indices, Ints, Mask, Rows, Texts  # noqa: E402
+from btcore.batch import (  # noqa: E402
+    BatchNodeError,
+    BatchTree,
+    Bools,
+    Floats,
+    Indices,
+    Ints,
+    Mask,
+    Rows,
+    Texts,
+)
 
 
 def document(body: str, more: str = "") -> str:
@@ -229,12 +250,12 @@ def test_what_a_leaf_has_read_stays(is_held: bool) -> None:
 
 def test_what_a_leaf_has_read_is_not_to_be_written() -> None:
     @batch.action(ID="Grow")
-    def grow(n: In[Floats]) -> bool:
+    def make_tree(n: In[Floats]) -> bool:
         n += 1.0
         return True
 
-    tree = BatchTree.loads(document('<Grow n="{n}"/>'), 2, [grow], blackboard={"n": 0.0})
-    with pytest.raises(AgentsRaised, match="read-only"):
+    tree = BatchTree.loads(document('<Grow n="{n}"/>'), 2, [make_tree], blackboard={"n": 0.0})
+    with pytest.raises(BatchNodeError, match="read-only"):
         tree.tick()
     assert tree.blackboard["n"].tolist() == [0.0, 0.0]
 
@@ -247,15 +268,15 @@ def test_what_is_raised_in_the_same_words_is_one_error() -> None:
         document('<Above level="{level}"/>'), 30, [above], blackboard={"level": ["low"] * 29 + ["0.7"]}
     )
     with pytest.raises(
-        AgentsRaised, match=r"for agents 0, 1, 2, 3, 4 and 24 more: .*'low' is no number"
+        BatchNodeError, match=r"for agents 0, 1, 2, 3, 4 and 24 more: .*'low' is no number"
     ) as raised:
         tree.tick()
-    assert not raised.value.also
+    assert not raised.value.later_errors
     assert raised.value.statuses.tolist() == [0] * 29 + [2]
     tree.blackboard["level"] = [f"at {number}" for number in range(30)]
-    with pytest.raises(AgentsRaised, match=r"'at 9' is no number\n(.*\n)*and 20 more$") as raised:
+    with pytest.raises(BatchNodeError, match=r"'at 9' is no number\n(.*\n)*and 20 more$") as raised:
         tree.tick()
-    assert len(raised.value.also) == 29
+    assert len(raised.value.later_errors) == 29
 
 
 def test_who_raises_is_halted_and_the_others_tick_is_done() -> None:
@@ -265,7 +286,7 @@ def test_who_raises_is_halted_and_the_others_tick_is_done() -> None:
         [brittle],
         blackboard={"level": [1.0, 0.0, 2.0], "n": 0},
     )
-    with pytest.raises(AgentsRaised) as raised:
+    with pytest.raises(BatchNodeError) as raised:
         tree.tick()
     assert raised.value.agents.tolist() == [1]
     assert raised.value.statuses.tolist() == [2, 0, 2]
@@ -283,7 +304,7 @@ def test_an_exception_is_every_ones_who_was_asked() -> None:
         [brittle],
         blackboard={"level": [1.0, -1.0, 7.0]},
     )
-    with pytest.raises(AgentsRaised, match=r"for agents 0, 1: .*ValueError: below zero") as raised:
+    with pytest.raises(BatchNodeError, match=r"for agents 0, 1: .*ValueError: below zero") as raised:
         tree.tick()
     assert isinstance(raised.value.__cause__, ValueError)
     assert raised.value.statuses.tolist() == [0, 0, 4]
@@ -293,7 +314,7 @@ def test_who_has_no_value_raises_alone() -> None:
     tree = BatchTree.loads(document('<Above level="{level}"/>'), 3, [above])
     tree.blackboard.set("level", 0.9, np.array([True, False, True]))
     assert tree.blackboard.has("level").tolist() == [True, False, True]
-    with pytest.raises(AgentsRaised, match=r"port \[level\] reads \{level\}, which has never been written"):
+    with pytest.raises(BatchNodeError, match=r"port \[level\] reads \{level\}, which has never been written"):
         tree.tick()
     assert tree.status.tolist() == [2, 0, 2]
 
@@ -314,7 +335,7 @@ def test_a_leaf_returns_bools_or_statuses(returned: object, said: str) -> None:
         return returned
 
     tree = BatchTree.loads(document("<Leaf/>"), 3, [leaf])
-    with pytest.raises(AgentsRaised, match=said) as raised:
+    with pytest.raises(BatchNodeError, match=said) as raised:
         tree.tick()
     assert raised.value.agents.tolist() == [0, 1, 2]
 
@@ -414,7 +435,7 @@ def test_what_is_no_mask(mask: object) -> None:
 
 @pytest.mark.parametrize("values", [[], [1.0, 2.0, 3.0], [[1.0], [2.0, 3.0]]])
 def test_what_is_no_column(values: object) -> None:
-    with pytest.raises(BlackboardFault, match="the entry 'level' can't take the values: "):
+    with pytest.raises(BlackboardError, match="the entry 'level' can't take the values: "):
         BatchTree.loads(document('<Above level="{level}"/>'), 2, [above], blackboard={"level": values})
 
 
@@ -437,7 +458,7 @@ def test_a_port_is_used_as_it_is_declared() -> None:
         (Assigning, "'n' is an input: it can be read"),
     ):
         tree = BatchTree.loads(document(f'<{leaf.__name__} n="{{n}}"/>'), 2, [leaf], blackboard={"n": 0.0})
-        with pytest.raises(AgentsRaised, match=said):
+        with pytest.raises(BatchNodeError, match=said):
             tree.tick()
 
 
@@ -451,10 +472,10 @@ def test_a_column_keeps_its_type() -> None:
     tree.blackboard["level"] = np.array([0.25, 0.75], dtype=np.float32)
     assert tree.blackboard["level"].tolist() == [0.25, 0.75]
     for wrong in ("high", [1.0, 2.0, 3.0]):
-        with pytest.raises(BlackboardFault, match="the entry 'level' can't take the values"):
+        with pytest.raises(BlackboardError, match="the entry 'level' can't take the values"):
             tree.blackboard["level"] = wrong
     with pytest.raises(
-        BlackboardFault, match=r"'levle' of the blackboard is not there; did you mean 'level'\?"
+        BlackboardError, match=r"'levle' of the blackboard is not there; did you mean 'level'\?"
     ):
         tree.blackboard["levle"]
     assert list(tree.blackboard) == ["level"]

@@ -5,9 +5,9 @@ import random
 import pytest
 
 np = pytest.importorskip("numpy")
+from btcore.batch.agent_sets import AgentSets  # noqa: E402
 from btcore.batch.counters import Counters  # noqa: E402
-from btcore.batch.crowd import Crowd  # noqa: E402
-from btcore.batch.parallel import Tallies  # noqa: E402
+from btcore.batch.parallel import UnaryCounters  # noqa: E402
 from btcore.batch.timer import Timer  # noqa: E402
 
 DRAW = random.Random(5)
@@ -15,24 +15,24 @@ DRAW = random.Random(5)
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 1000])
 def test_a_set_becomes_a_mask_and_back(count: int) -> None:
-    crowd = Crowd(count)
-    for agents in (0, 1, crowd.everyone, DRAW.getrandbits(count)):
+    crowd = AgentSets(count)
+    for agents in (0, 1, crowd.all_agents, DRAW.getrandbits(count)):
         mask = crowd.mask(agents)
         assert mask.dtype == np.bool_
         assert mask.tolist() == [bool(agents >> at & 1) for at in range(count)]
-        assert crowd.of(mask) == agents
+        assert crowd.from_mask(mask) == agents
         assert crowd.indices(agents).tolist() == [at for at in range(count) if agents >> at & 1]
 
 
 def test_a_mask_is_not_to_be_written() -> None:
-    crowd = Crowd(3)
+    crowd = AgentSets(3)
     for agents in (0b111, 0b101):
         with pytest.raises(ValueError, match="read-only"):
             crowd.mask(agents)[0] = False
 
 
 def test_counters_count_as_numbers_do() -> None:
-    crowd, counters, counts = Crowd(50), Counters(), [0] * 50
+    crowd, counters, counts = AgentSets(50), Counters(), [0] * 50
     for _ in range(200):
         agents = DRAW.getrandbits(50)
         if DRAW.random() < 0.9:
@@ -51,7 +51,7 @@ def test_counters_count_as_numbers_do() -> None:
 
 
 def test_tallies_count_up_to_their_end() -> None:
-    tallies = Tallies(3)
+    tallies = UnaryCounters(3)
     tallies.add(0b011)
     tallies.add(0b001)
     assert [tallies.at_least(number) for number in (0, 1, 2, 3, 4)] == [-1, 0b011, 0b001, 0, 0]
@@ -61,12 +61,12 @@ def test_tallies_count_up_to_their_end() -> None:
 
 
 def test_each_agent_waits_for_its_own_moment() -> None:
-    timer = Timer(Crowd(3))
+    timer = Timer(AgentSets(3))
     timer.start(0b001, 0, 20)
     timer.start(0b010, 0, 10)
     assert timer.due(0b111, 9_999_999) == 0
     assert timer.due(0b111, 10_000_000) == 0b010
-    assert timer.woken(0b111, 10_000_000) == 0b010
-    assert timer.woken(0b111, 10_000_000) == 0
+    assert timer.take_due_wake_ups(0b111, 10_000_000) == 0b010
+    assert timer.take_due_wake_ups(0b111, 10_000_000) == 0
     timer.stop(0b001)
     assert timer.due(0b111, 99_000_000) == 0b010

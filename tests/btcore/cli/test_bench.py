@@ -44,7 +44,7 @@ def test_the_projects_own_run_and_write_what_they_measured(cli: Cli, tmp_path: P
     assert result.exit_code == 0, result.output
     [told] = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
     assert told["benchmark"] == "observers"
-    assert told["build"] == builds.running()
+    assert told["build"] == builds.active_build()
     assert "no status changes" in words(result)
 
 

@@ -22,7 +22,7 @@ def test_every_log_that_is_asked_for_is_written_down_to_the_last_halt(
     result = cli("run", tree, "--fast", "--duration", "1", *logs)
     assert result.exit_code == 0, result.output
     for name in names[:2]:
-        changes = read_log(tmp_path / name).changes
+        changes = read_log(tmp_path / name).transitions
         assert [change.status.name for change in changes] == ["RUNNING", "IDLE"], name
     trace = json.loads((tmp_path / "run.json").read_text())
     assert any(event.get("name") == "nap" for event in trace["traceEvents"])

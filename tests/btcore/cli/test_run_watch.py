@@ -210,7 +210,9 @@ def test_a_new_tree_gets_logs_of_its_own_and_the_old_ones_are_whole(
         for name, path in (("first", log), ("second", log.with_name(f"run.2{log.suffix}"))):
             recording = read_log(path)
             told = [
-                change.status.name for change in recording.changes if recording.nodes[change.uid].name == name
+                change.status.name
+                for change in recording.transitions
+                if recording.nodes[change.uid].name == name
             ]
             assert told == ["RUNNING", "IDLE"], path
             assert recording.damage == ""

@@ -7,9 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from btcore import SimClock, Status, Transition, Tree
-from btcore.logs import BtLog, LogFault, read_btlog
-from btcore.xml.write import tree_to_xml
+from btcore import (
+    SimClock,
+    Status,
+    Transition,
+    Tree,
+)
+from btcore.logs import BtLog, LogError, read_btlog
+from btcore.xml.render.tree_xml import tree_to_xml
 
 RUNNING, SUCCESS, FAILURE, IDLE = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.IDLE
 # The listing of the recorded session: what its client was told of the first run, up to the last answer.
@@ -40,11 +45,11 @@ def records(data: bytes) -> bytes:
 
 def test_the_recorded_file_is_read(captures: Path) -> None:
     recording = read_btlog(captures / "v4_sample.btlog")
-    assert [(change.uid, change.status) for change in recording.changes[:13]] == LISTED
-    assert len(recording.changes) == 57
+    assert [(change.uid, change.status) for change in recording.transitions[:13]] == LISTED
+    assert len(recording.transitions) == 57
     assert recording.start == 1795223146837310_000
-    assert recording.changes[0].stamp == recording.start + 16664_000
-    assert recording.changes[5] == (1795223146837310_000 + 18263_000, 5, RUNNING, SUCCESS)
+    assert recording.transitions[0].stamp == recording.start + 16664_000
+    assert recording.transitions[5] == (1795223146837310_000 + 18263_000, 5, RUNNING, SUCCESS)
     assert recording.xml.startswith('<root BTCPP_format="4">')
     assert recording.damage == ""
     assert set(recording.statuses().values()) == {IDLE}
@@ -68,7 +73,7 @@ def test_the_same_transitions_at_the_same_times_are_the_same_bytes(
         log.write(
             [
                 Transition(number, one.stamp - recording.start, 1, one.uid, one.previous, one.status)
-                for number, one in enumerate(recording.changes, 1)
+                for number, one in enumerate(recording.transitions, 1)
             ]
         )
     written = (tmp_path / "run.btlog").read_bytes()
@@ -85,7 +90,7 @@ def test_the_same_tree_makes_the_same_transitions(captures: Path, sample: Tree, 
         results = [sample.tick_while_running() for _ in range(3)]
     assert results == [SUCCESS, SUCCESS, FAILURE]
     ours, theirs = read_btlog(tmp_path / "run.btlog"), read_btlog(captures / "v4_sample.btlog")
-    assert [change[1:] for change in ours.changes] == [change[1:] for change in theirs.changes]
+    assert [change[1:] for change in ours.transitions] == [change[1:] for change in theirs.transitions]
     assert ours.xml == tree_to_xml(sample)
 
 
@@ -102,7 +107,7 @@ def test_stamps_are_wall_time_at_the_start_plus_the_trees_time_since(
         tree.tick_while_running(period=0.05)
     recording = read_btlog(tmp_path / "run.btlog")
     assert before - 1_000 <= recording.start <= after
-    since = [(change.stamp - recording.start, change.status) for change in recording.changes]
+    since = [(change.stamp - recording.start, change.status) for change in recording.transitions]
     assert since == [(2_000_000_000, RUNNING), (2_250_000_000, SUCCESS), (2_250_000_000, IDLE)]
 
 
@@ -115,25 +120,25 @@ def test_a_stamp_of_more_than_32_bits(small: Callable[..., Tree], tmp_path: Path
     data = (tmp_path / "run.btlog").read_bytes()
     assert records(data)[:9] == (5_000_000_000).to_bytes(6, "little") + b"\x01\x00\x02"
     recording = read_btlog(tmp_path / "run.btlog")
-    assert recording.changes[0].stamp - recording.start == 5_000_000_000_000
+    assert recording.transitions[0].stamp - recording.start == 5_000_000_000_000
 
 
 def test_transitions_to_idle_can_be_left_out(sample: Tree, tmp_path: Path) -> None:
     with BtLog(sample, tmp_path / "run.btlog", idle=False):
         sample.tick_while_running()
-    assert IDLE not in {change.status for change in read_btlog(tmp_path / "run.btlog").changes}
+    assert IDLE not in {change.status for change in read_btlog(tmp_path / "run.btlog").transitions}
 
 
 def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v4_sample.btlog").read_bytes()
-    whole = read_btlog(captures / "v4_sample.btlog").changes
+    whole = read_btlog(captures / "v4_sample.btlog").transitions
     first = HEADER + XML + 8
     path = tmp_path / "cut.btlog"
     for cut in range(first, len(data)):
         path.write_bytes(data[:cut])
         recording = read_btlog(path)
         count, rest = divmod(cut - first, 9)
-        assert recording.changes == whole[:count]
+        assert recording.transitions == whole[:count]
         assert bool(recording.damage) == bool(rest)
     assert recording.damage == ("the file is cut off within a transition, 8 bytes after the last whole one")
 
@@ -142,7 +147,7 @@ def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path,
 def test_a_file_that_ends_in_its_header_is_an_error(captures: Path, tmp_path: Path, cut: int) -> None:
     path = tmp_path / "cut.btlog"
     path.write_bytes((captures / "v4_sample.btlog").read_bytes()[:cut])
-    with pytest.raises(LogFault, match=r"this log ends in its header|this isn't a \.btlog"):
+    with pytest.raises(LogError, match=r"this log ends in its header|this isn't a \.btlog"):
         read_btlog(path)
 
 
@@ -155,7 +160,7 @@ def test_a_transition_of_a_node_that_the_tree_has_not_ends_the_reading(
     path = tmp_path / "bent.btlog"
     path.write_bytes(data)
     recording = read_btlog(path)
-    assert len(recording.changes) == 1
+    assert len(recording.transitions) == 1
     assert recording.damage == f"the file is damaged from byte {second} on: there is no node 200"
 
 
@@ -170,7 +175,7 @@ def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_pat
         path.write_bytes(bent)
         try:
             read_btlog(path)
-        except LogFault as fault:
+        except LogError as fault:
             faults.append(str(fault))
     assert 0 < len(faults) < 300
     assert all(said.startswith(f"{path}: ") for said in faults)
@@ -189,6 +194,6 @@ def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_pat
 def test_what_is_no_such_log_is_said(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "other.btlog"
     path.write_bytes(content)
-    with pytest.raises(LogFault) as caught:
+    with pytest.raises(LogError) as caught:
         read_btlog(path)
     assert said in str(caught.value)

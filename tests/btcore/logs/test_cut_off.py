@@ -8,9 +8,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from btcore import SimClock, Status, Tree
-from btcore.logs import BtLog, Change, LogFault, SqliteLog, read_btlog, read_log, read_sqlite
-from btcore.logs.btlog import BtLogFile
-from btcore.logs.database import Database
+from btcore.logs import (
+    BtLog,
+    LogError,
+    LoggedTransition,
+    SqliteLog,
+    read_btlog,
+    read_log,
+    read_sqlite,
+)
+from btcore.logs.btlog import BtLogWriter
+from btcore.logs.database import SqliteWriter
 
 NODES = 6
 RECORD = 9
@@ -43,29 +51,29 @@ def small_tree(small: Callable[..., Tree]) -> Tree:
 
 @pytest.fixture
 def xml(small_tree: Tree) -> str:
-    from btcore.xml.write import tree_to_xml
+    from btcore.xml.render.tree_xml import tree_to_xml
 
     return tree_to_xml(small_tree)
 
 
-def changes(rows: Written) -> list[Change]:
+def changes(rows: Written) -> list[LoggedTransition]:
     last = dict.fromkeys(range(1, NODES + 1), Status.IDLE)
     found = []
     for since, uid, status in rows:
-        found.append(Change((WALL + since) * 1000, uid, last[uid], status))
+        found.append(LoggedTransition((WALL + since) * 1000, uid, last[uid], status))
         last[uid] = status
     return found
 
 
 def write_btlog(path: Path, xml: str, rows: Written) -> None:
-    file = BtLogFile(path, xml.encode(), WALL)
+    file = BtLogWriter(path, xml.encode(), WALL)
     file.append(rows)
     file.close()
 
 
 def write_database(path: Path, xml: str, rows: Written) -> None:
     path.unlink(missing_ok=True)
-    base = Database(path, xml, [("leaf_1", 2)])
+    base = SqliteWriter(path, xml, [("leaf_1", 2)])
     base.begin_at(WALL)
     for change, (since, uid, status) in zip(changes(rows), rows, strict=True):
         base.add(since, uid, change.previous, status)
@@ -85,8 +93,8 @@ WRITERS = pytest.mark.parametrize(
 def test_what_is_written_is_read(write, name: str, tmp_path: Path, xml: str, rows: Written) -> None:
     write(tmp_path / name, xml, rows)
     recording = read_log(tmp_path / name)
-    assert recording.changes == changes(rows)
-    assert recording.remarks == []
+    assert recording.transitions == changes(rows)
+    assert recording.warnings == []
 
 
 @given(rows=runs(), data=st.data())
@@ -101,12 +109,12 @@ def test_a_btlog_cut_at_any_byte_is_a_beginning(
     path.write_bytes(whole[:cut])
     head = len(whole) - RECORD * len(rows)
     if cut < head:
-        with pytest.raises(LogFault):
+        with pytest.raises(LogError):
             read_btlog(path)
         return
     recording = read_btlog(path)
     count, rest = divmod(cut - head, RECORD)
-    assert recording.changes == changes(rows)[:count]
+    assert recording.transitions == changes(rows)[:count]
     assert bool(recording.damage) == bool(rest)
 
 
@@ -117,7 +125,7 @@ def long_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
     leaf = '<AlwaysSuccess name="leaf" _uid="2"/>'
     tree = f'<BehaviorTree ID="Main" _fullpath=""><Sequence name="Sequence" _uid="1">{leaf}</Sequence>'
     xml = f'<root BTCPP_format="4">{tree}</BehaviorTree><TreeNodesModel/></root>'
-    base = Database(path, xml, [("Sequence::1", 1), ("leaf", 2)])
+    base = SqliteWriter(path, xml, [("Sequence::1", 1), ("leaf", 2)])
     base.begin_at(WALL)
     for number in range(4_000):
         status = Status.SUCCESS if number % 2 else Status.RUNNING
@@ -134,27 +142,27 @@ def long_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_database_cut_at_any_byte_is_a_beginning_or_a_sentence(
     tmp_path: Path, long_database: Path, millionths: int
 ) -> None:
-    content, whole = long_database.read_bytes(), read_sqlite(long_database).changes
+    content, whole = long_database.read_bytes(), read_sqlite(long_database).transitions
     cut = len(content) * millionths // 1_000_000
     path = tmp_path / "cut.db3"
     path.write_bytes(content[:cut])
     if cut < 6 * PAGE:  # where the tables and the tree are
         with pytest.raises(
-            LogFault, match=r"this isn't an SQLite|this log ends in its|the file is cut off: it has"
+            LogError, match=r"this isn't an SQLite|this log ends in its|the file is cut off: it has"
         ):
             read_sqlite(path)
         return
     recording = read_sqlite(path)
-    assert recording.changes == whole[: len(recording.changes)]
+    assert recording.transitions == whole[: len(recording.transitions)]
     assert recording.damage == f"the file is cut off: it has {cut} of {len(content)} bytes"
-    assert recording.remarks[0].endswith(f"{len(recording.changes)} transitions are read")
+    assert recording.warnings[0].endswith(f"{len(recording.transitions)} transitions are read")
 
 
 def test_of_a_database_cut_in_half_about_half_is_read(tmp_path: Path, long_database: Path) -> None:
-    content, whole = long_database.read_bytes(), read_sqlite(long_database).changes
+    content, whole = long_database.read_bytes(), read_sqlite(long_database).transitions
     path = tmp_path / "cut.db3"
     path.write_bytes(content[: len(content) // 2])
-    assert 1_000 < len(read_sqlite(path).changes) < 3_000 < len(whole)
+    assert 1_000 < len(read_sqlite(path).transitions) < 3_000 < len(whole)
 
 
 def test_a_live_database_is_not_taken_for_one_that_is_cut_off(small_tree: Tree, tmp_path: Path) -> None:
@@ -162,17 +170,17 @@ def test_a_live_database_is_not_taken_for_one_that_is_cut_off(small_tree: Tree, 
     with SqliteLog(small_tree, path):
         small_tree.tick_exactly_once()
         recording = read_sqlite(path)
-        assert len(recording.changes) > 5
+        assert len(recording.transitions) > 5
         assert recording.damage == ""
 
 
 def test_gaps_are_told_by_both_formats(tmp_path: Path, xml: str) -> None:
-    file = BtLogFile(tmp_path / "run.btlog", xml.encode(), WALL)
+    file = BtLogWriter(tmp_path / "run.btlog", xml.encode(), WALL)
     file.append([(1, 1, Status.RUNNING)])
     file.gap("the transitions 2\nto 9 are lost")
     file.append([(50, 1, Status.SUCCESS)])
     file.close()
-    base = Database(tmp_path / "run.db3", xml, [])
+    base = SqliteWriter(tmp_path / "run.db3", xml, [])
     base.add(1, 1, Status.IDLE, Status.RUNNING)
     base.add(50, 1, Status.RUNNING, Status.SUCCESS, "gap: the transitions 2 to 9 are lost")
     base.finish()
@@ -180,7 +188,7 @@ def test_gaps_are_told_by_both_formats(tmp_path: Path, xml: str) -> None:
     for name in ("run.btlog", "run.db3"):
         recording = read_log(tmp_path / name)
         assert recording.gaps == ((1, "the transitions 2 to 9 are lost"),)
-        assert recording.remarks == [
+        assert recording.warnings == [
             f"{tmp_path / name}: a gap before transition 2: the transitions 2 to 9 are lost"
         ]
 
@@ -203,6 +211,6 @@ def test_a_session_is_named_after_the_file(small: Callable[..., Tree], tmp_path:
         with SqliteLog(tree, path, append=True):
             for _ in range(ticks):
                 tree.tick_exactly_once()
-    assert len(read_log(path).changes) == 2 * len(read_log(f"{path}#1").changes)
-    with pytest.raises(LogFault, match="this log has no session 3; there is 1 and 2"):
+    assert len(read_log(path).transitions) == 2 * len(read_log(f"{path}#1").transitions)
+    with pytest.raises(LogError, match="this log has no session 3; there is 1 and 2"):
         read_log(f"{path}#3")

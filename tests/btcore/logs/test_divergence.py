@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from btcore import Status
-from btcore.logs import Divergence, Step, divergence, read_btlog, read_fbl, read_sqlite, steps
+from btcore.logs import (
+    Divergence,
+    Step,
+    find_divergence,
+    read_btlog,
+    read_fbl,
+    read_sqlite,
+    steps,
+)
 
 IDLE, RUNNING, SUCCESS, FAILURE, _ = Status
 A = [Step(0, "a", IDLE, RUNNING), Step(5, "b", IDLE, SUCCESS), Step(9, "a", RUNNING, SUCCESS)]
@@ -16,44 +24,44 @@ step = st.builds(Step, st.integers(0, 9), st.sampled_from("ab"), st.just(IDLE), 
 
 def test_the_same_run_in_two_formats_is_the_same(captures: Path) -> None:
     first, second = read_btlog(captures / "v4_sample.btlog"), read_sqlite(captures / "v4_sample.db3")
-    assert divergence(steps(first), steps(second)) is None
-    assert divergence(steps(first), steps(second), tolerance=1_000_000) is None
-    by_a_microsecond = divergence(steps(first), steps(second), tolerance=0)
+    assert find_divergence(steps(first), steps(second)) is None
+    assert find_divergence(steps(first), steps(second), tolerance=1_000_000) is None
+    by_a_microsecond = find_divergence(steps(first), steps(second), tolerance=0)
     assert by_a_microsecond is None or by_a_microsecond.by_time
 
 
 def test_runs_of_two_trees_part_at_the_first_other_node(captures: Path) -> None:
     first, second = read_btlog(captures / "v4_sample.btlog"), read_fbl(captures / "v3_sample.fbl")
-    found = divergence(steps(first), steps(second))
+    found = find_divergence(steps(first), steps(second))
     assert found is not None
     assert (found.common, found.first.path, found.second.path) == (1, "Script::2", "SetBlackboard::2")
 
 
 def test_another_status_parts_them() -> None:
     other = [A[0], A[1]._replace(status=FAILURE), A[2]]
-    assert divergence(A, other) == Divergence(1, A[1], other[1])
+    assert find_divergence(A, other) == Divergence(1, A[1], other[1])
 
 
 def test_another_order_parts_them() -> None:
-    assert divergence(A, [A[0], A[2], A[1]]) == Divergence(1, A[1], A[2])
+    assert find_divergence(A, [A[0], A[2], A[1]]) == Divergence(1, A[1], A[2])
 
 
 def test_a_run_that_ends_earlier_parts_there() -> None:
-    assert divergence(A, A[:2]) == Divergence(2, A[2], None)
-    assert divergence([], A) == Divergence(0, None, A[0])
+    assert find_divergence(A, A[:2]) == Divergence(2, A[2], None)
+    assert find_divergence([], A) == Divergence(0, None, A[0])
 
 
 def test_times_count_only_if_asked_for() -> None:
     late = [*A[:2], A[2]._replace(since=20)]
-    assert divergence(A, late) is None
-    assert divergence(A, late, tolerance=11) is None
-    assert divergence(A, late, tolerance=10) == Divergence(2, A[2], late[2], by_time=True)
+    assert find_divergence(A, late) is None
+    assert find_divergence(A, late, tolerance=11) is None
+    assert find_divergence(A, late, tolerance=10) == Divergence(2, A[2], late[2], by_time=True)
 
 
 def test_transitions_to_idle_can_be_passed_over(captures: Path) -> None:
     recording = read_btlog(captures / "v4_sample.btlog")
     kept = steps(recording, idle=False)
-    assert 0 < len(kept) < len(recording.changes)
+    assert 0 < len(kept) < len(recording.transitions)
     assert all(one.status is not IDLE for one in kept)
 
 
@@ -61,8 +69,8 @@ def test_transitions_to_idle_can_be_passed_over(captures: Path) -> None:
 def test_what_is_common_is_the_longest_common_beginning(
     common: list[Step], first: list[Step], second: list[Step]
 ) -> None:
-    found = divergence(common + first, common + second)
-    back = divergence(common + second, common + first)
+    found = find_divergence(common + first, common + second)
+    back = find_divergence(common + second, common + first)
     if found is None:
         assert [one[1:] for one in first] == [one[1:] for one in second]
         assert back is None

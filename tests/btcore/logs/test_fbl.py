@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from btcore import NodeType, Status
-from btcore.logs import LogFault, read_fbl
+from btcore.logs import LogError, read_fbl
 
 # The listing of the recorded session: (seconds, µs, uid, previous, status).
 LISTED = [
@@ -35,12 +35,12 @@ LISTED = [
 
 def test_the_transitions_are_those_listed(captures: Path) -> None:
     recording = read_fbl(captures / "v3_sample.fbl")
-    assert recording.changes == [
+    assert recording.transitions == [
         (seconds * 10**9 + micros * 1000, uid, previous, status)
         for seconds, micros, uid, previous, status in LISTED
     ]
     assert recording.damage == ""
-    assert recording.start == recording.changes[0].stamp
+    assert recording.start == recording.transitions[0].stamp
     assert recording.statuses()[11] is Status.RUNNING
 
 
@@ -80,14 +80,14 @@ def test_the_tree_is_the_one_listed(captures: Path) -> None:
 
 def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v3_sample.fbl").read_bytes()
-    whole = read_fbl(captures / "v3_sample.fbl").changes
+    whole = read_fbl(captures / "v3_sample.fbl").transitions
     first = 4 + 5824
     path = tmp_path / "cut.fbl"
     for cut in range(first, len(data)):
         path.write_bytes(data[:cut])
         recording = read_fbl(path)
         count, rest = divmod(cut - first, 12)
-        assert recording.changes == whole[:count]
+        assert recording.transitions == whole[:count]
         assert bool(recording.damage) == bool(rest)
 
 
@@ -95,7 +95,7 @@ def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path,
 def test_a_file_that_ends_within_its_tree_is_an_error(captures: Path, tmp_path: Path, cut: int) -> None:
     path = tmp_path / "cut.fbl"
     path.write_bytes((captures / "v3_sample.fbl").read_bytes()[:cut])
-    with pytest.raises(LogFault, match=r"this isn't a \.fbl, or it ends within the tree"):
+    with pytest.raises(LogError, match=r"this isn't a \.fbl, or it ends within the tree"):
         read_fbl(path)
 
 
@@ -111,7 +111,7 @@ def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_pat
         path.write_bytes(bent)
         try:
             read_fbl(path)
-        except LogFault as fault:
+        except LogError as fault:
             faults.append(str(fault))
     assert 0 < len(faults) < 1000
     assert all(said.startswith(f"{path}: this isn't a .fbl") for said in faults)
@@ -124,5 +124,5 @@ def test_a_transition_that_makes_no_sense_ends_the_reading(captures: Path, tmp_p
     path = tmp_path / "bent.fbl"
     path.write_bytes(data)
     recording = read_fbl(path)
-    assert len(recording.changes) == 2
+    assert len(recording.transitions) == 2
     assert recording.damage == f"the file is damaged from byte {third} on: there is no status 0 or 7"

@@ -14,8 +14,22 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import NodeRaised, Registry, Status, Tree
-from btcore.logs import BtLog, ConsoleLog, Log, LogFault, SqliteLog, TraceLog, open_log, read_log
+from btcore import (
+    NodeExecutionError,
+    Registry,
+    Status,
+    Tree,
+)
+from btcore.logs import (
+    BtLog,
+    ConsoleLog,
+    Log,
+    LogError,
+    SqliteLog,
+    TraceLog,
+    open_log,
+    read_log,
+)
 
 PROGRAM = """
 import sys
@@ -78,7 +92,7 @@ def logged(path: Path) -> list[str]:
     if path.suffix != ".json":
         recording = read_log(path)
         assert recording.damage == ""
-        return [change.status.name for change in recording.changes]
+        return [change.status.name for change in recording.transitions]
     events = json.loads(path.read_text())["traceEvents"]
     return [event["args"].get("status", "RUNNING") for event in events]
 
@@ -138,7 +152,7 @@ def test_a_tick_that_raises_is_written_and_so_is_the_halt_after_it(
     nodes.add(broken)
     tree = small("<Sequence><AlwaysSuccess/><Broken/></Sequence>", nodes=nodes)
     with open_log(tree, tmp_path / name):
-        with pytest.raises(NodeRaised):
+        with pytest.raises(NodeExecutionError):
             tree.tick_once()
         assert logged(tmp_path / name) == ["RUNNING", "SUCCESS", "IDLE", "IDLE"]
 
@@ -209,7 +223,7 @@ def test_the_extension_says_which_log(
     ],
 )
 def test_an_extension_that_no_log_has(small: Callable[..., Tree], name: str, said: str) -> None:
-    with pytest.raises(LogFault) as caught:
+    with pytest.raises(LogError) as caught:
         open_log(small("<AlwaysSuccess/>"), name)
     assert str(caught.value) == said
 
@@ -217,10 +231,10 @@ def test_an_extension_that_no_log_has(small: Callable[..., Tree], name: str, sai
 def test_each_log_insists_on_its_extension(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small("<AlwaysSuccess/>")
     with pytest.raises(
-        LogFault, match=r"run.log: this log's file ends in .btlog; did you mean .*run.btlog\?"
+        LogError, match=r"run.log: this log's file ends in .btlog; did you mean .*run.btlog\?"
     ):
         BtLog(tree, tmp_path / "run.log")
-    with pytest.raises(LogFault, match=r"ends in .db3 or .btdb; did you mean .*run.db3\?"):
+    with pytest.raises(LogError, match=r"ends in .db3 or .btdb; did you mean .*run.db3\?"):
         SqliteLog(tree, tmp_path / "run.sqlite")
     assert list(tmp_path.iterdir()) == []
 
@@ -236,7 +250,7 @@ def test_a_place_where_no_file_can_be_is_said(small: Callable[..., Tree], tmp_pa
         (tmp_path / name, "this is a folder; name a file in it"),
     ):
         with pytest.raises(
-            LogFault, match=f"^{re.escape(str(place))}: a log can't be written here, .*{said}"
+            LogError, match=f"^{re.escape(str(place))}: a log can't be written here, .*{said}"
         ):
             open_log(tree, place)
 
@@ -247,7 +261,7 @@ def test_a_place_where_no_file_can_be_is_said(small: Callable[..., Tree], tmp_pa
 @pytest.mark.parametrize("name", ["run.btlog", "run.json"])
 def test_a_full_disk_is_said_at_the_start(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
     (tmp_path / name).symlink_to("/dev/full")
-    with pytest.raises(LogFault, match="a log can't be written here: no space left on device"):
+    with pytest.raises(LogError, match="a log can't be written here: no space left on device"):
         open_log(small("<AlwaysSuccess/>"), tmp_path / name)
 
 
@@ -269,7 +283,7 @@ def protected() -> Iterator[Path]:
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
 def test_a_write_protected_folder_is_said(small: Callable[..., Tree], protected: Path, name: str) -> None:
-    with pytest.raises(LogFault) as caught:
+    with pytest.raises(LogError) as caught:
         open_log(small("<AlwaysSuccess/>"), protected / name)
     assert str(caught.value) == (
         f"{protected / name}: a log can't be written here, {protected} is write-protected for you"
@@ -277,16 +291,16 @@ def test_a_write_protected_folder_is_said(small: Callable[..., Tree], protected:
 
 
 def test_a_write_protected_file_is_said(small: Callable[..., Tree], protected: Path) -> None:
-    with pytest.raises(LogFault, match=r"old\.btlog is write-protected for you$"):
+    with pytest.raises(LogError, match=r"old\.btlog is write-protected for you$"):
         BtLog(small("<AlwaysSuccess/>"), protected / "old.btlog")
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.fbl"])
 def test_a_log_that_is_not_there_is_said(tmp_path: Path, name: str) -> None:
-    with pytest.raises(LogFault, match="this log can't be read: no such file"):
+    with pytest.raises(LogError, match="this log can't be read: no such file"):
         read_log(tmp_path / name)
 
 
 def test_a_trace_is_no_log_to_read(tmp_path: Path) -> None:
-    with pytest.raises(LogFault, match=r"logs that can be read end in \.btlog, \.db3, \.btdb or \.fbl"):
+    with pytest.raises(LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb or \.fbl"):
         read_log(tmp_path / "run.json")

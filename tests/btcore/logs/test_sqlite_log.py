@@ -8,9 +8,21 @@ from typing import Any
 
 import pytest
 
-from btcore import SimClock, Status, Transition, Tree
-from btcore.logs import LogFault, Session, SqliteLog, read_btlog, read_sqlite, sessions
-from btcore.xml.write import tree_to_xml
+from btcore import (
+    SimClock,
+    Status,
+    Transition,
+    Tree,
+)
+from btcore.logs import (
+    LogError,
+    Session,
+    SqliteLog,
+    read_btlog,
+    read_sqlite,
+    sessions,
+)
+from btcore.xml.render.tree_xml import tree_to_xml
 
 
 def rows(path: Path, query: str) -> list[Any]:
@@ -28,7 +40,7 @@ def writer(tmp_path: Path) -> Iterator[sqlite3.Connection]:
 def test_the_recorded_file_is_read(captures: Path) -> None:
     recording = read_sqlite(captures / "v4_sample.db3")
     same_run = read_btlog(captures / "v4_sample.btlog")
-    assert [change[1:] for change in recording.changes] == [change[1:] for change in same_run.changes]
+    assert [change[1:] for change in recording.transitions] == [change[1:] for change in same_run.transitions]
     assert recording.nodes == same_run.nodes
     assert recording.start == 1795223146853974_000
     assert recording.damage == ""
@@ -63,7 +75,7 @@ def test_the_same_transitions_at_the_same_times_are_the_same_rows(
         log.write(
             [
                 Transition(number, one.stamp - recording.start, 1, one.uid, one.previous, one.status)
-                for number, one in enumerate(recording.changes, 1)
+                for number, one in enumerate(recording.transitions, 1)
             ]
         )
     query = (
@@ -80,7 +92,7 @@ def test_what_is_written_is_read_again(
     with SqliteLog(sample, tmp_path / "run.btdb"):
         sample.tick_while_running()
     recording = read_sqlite(tmp_path / "run.btdb")
-    assert [change[1:] for change in recording.changes] == [change[3:] for change in changes]
+    assert [change[1:] for change in recording.transitions] == [change[3:] for change in changes]
     assert recording.xml == tree_to_xml(sample)
 
 
@@ -113,8 +125,8 @@ def test_an_appended_session_stands_beside_the_ones_before(
     assert read_sqlite(path).nodes[1].id == "AlwaysFailure"
     first = read_sqlite(path, session=1)
     assert first.nodes[1].id == "AlwaysSuccess"
-    assert [change.status for change in first.changes] == [Status.SUCCESS, Status.IDLE]
-    with pytest.raises(LogFault, match="has no session 3; there is 1 and 2"):
+    assert [change.status for change in first.transitions] == [Status.SUCCESS, Status.IDLE]
+    with pytest.raises(LogError, match="has no session 3; there is 1 and 2"):
         read_sqlite(path, session=3)
 
 
@@ -129,7 +141,7 @@ def test_a_session_after_one_in_simulated_time_begins_right_after_it(
             tree.tick_once()
             clock.advance(3600.0)
             tree.tick_once()
-    first, second = (read_sqlite(path, session=number).changes for number in (1, 2))
+    first, second = (read_sqlite(path, session=number).transitions for number in (1, 2))
     assert second[0].stamp == first[-1].stamp + 1_000
     assert second[2].stamp - second[0].stamp == 3600 * 10**9
 
@@ -203,7 +215,7 @@ def test_a_database_that_another_program_holds_is_said(
 ) -> None:
     writer.execute("PRAGMA locking_mode = EXCLUSIVE")
     writer.execute("CREATE TABLE Mine (number)")
-    with pytest.raises(LogFault, match="database is locked; another program writes to it"):
+    with pytest.raises(LogError, match="database is locked; another program writes to it"):
         SqliteLog(sample, tmp_path / "run.db3")
 
 
@@ -211,13 +223,13 @@ def test_what_is_no_such_log_is_said(sample: Tree, tmp_path: Path) -> None:
     text, empty = tmp_path / "text.db3", tmp_path / "empty.db3"
     text.write_text("no database, but a text that is long enough to have a header" * 10)
     empty.touch()
-    with pytest.raises(LogFault, match="this isn't an SQLite database, it doesn't begin as one"):
+    with pytest.raises(LogError, match="this isn't an SQLite database, it doesn't begin as one"):
         read_sqlite(text)
-    with pytest.raises(LogFault, match="this isn't an SQLite database, it is empty"):
+    with pytest.raises(LogError, match="this isn't an SQLite database, it is empty"):
         read_sqlite(empty)
-    with pytest.raises(LogFault, match="this log can't be read: no such file"):
+    with pytest.raises(LogError, match="this log can't be read: no such file"):
         sessions(tmp_path / "missing.db3")
-    with pytest.raises(LogFault, match="a log can't be written here: file is not a database"):
+    with pytest.raises(LogError, match="a log can't be written here: file is not a database"):
         SqliteLog(sample, text)
 
 
@@ -228,5 +240,5 @@ def test_a_row_that_makes_no_sense_ends_the_reading(sample: Tree, tmp_path: Path
     with closing(sqlite3.connect(path)) as base, base:
         base.execute("UPDATE Transitions SET state = 9 WHERE node_uid = 3")
     recording = read_sqlite(path)
-    assert len(recording.changes) == 2
+    assert len(recording.transitions) == 2
     assert recording.damage.endswith("there is no status 9")

@@ -4,7 +4,14 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import BtcoreError, Registry, SimClock, Status, SyncAction, Tree
+from btcore import (
+    BtcoreError,
+    Registry,
+    SimClock,
+    Status,
+    SyncAction,
+    Tree,
+)
 from btcore.logs import TreeObserver
 from btcore.logs.statistics import NodeStatistics
 
@@ -90,7 +97,7 @@ def test_equal_paths_are_told_apart_by_uid(small: Callable[..., Tree]) -> None:
         observer.get_statistics("a")
 
 
-def test_who_is_not_there(sample: Tree) -> None:
+def test_an_unknown_node_raises_with_a_suggestion(sample: Tree) -> None:
     observer = TreeObserver(sample)
     with pytest.raises(BtcoreError, match="the tree has no node 'root_sq'; did you mean 'root_seq'\\?"):
         observer.get_statistics("root_sq")

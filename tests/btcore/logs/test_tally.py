@@ -4,14 +4,23 @@ from collections.abc import Callable
 from pathlib import Path
 
 from btcore import SimClock, Status, Tree
-from btcore.logs import BtLog, Change, NodeTally, Recording, TreeObserver, read_btlog, read_fbl, tallies
+from btcore.logs import (
+    BtLog,
+    LoggedTransition,
+    RecordedStatistics,
+    Recording,
+    TreeObserver,
+    read_btlog,
+    read_fbl,
+    recorded_statistics,
+)
 
 SECOND = 10**9
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = Status
 
 
-def by_path(recording: Recording) -> dict[str, NodeTally]:
-    return {one.path: one for one in tallies(recording)}
+def by_path(recording: Recording) -> dict[str, RecordedStatistics]:
+    return {one.path: one for one in recorded_statistics(recording)}
 
 
 def test_a_run_is_counted_and_timed(small: Callable[..., Tree], tmp_path: Path) -> None:
@@ -32,25 +41,27 @@ def recording_of(changes: list[tuple[float, Status]]) -> Recording:
 
     last, made = IDLE, []
     for seconds, status in changes:
-        made.append(Change(round(seconds * SECOND), 1, last, status))
+        made.append(LoggedTransition(round(seconds * SECOND), 1, last, status))
         last = status
     node = RecordedNode(1, "A", "A", NodeType.ACTION, "A::1", ())
     return Recording(Path("run.btlog"), "", 0, {1: node}, made)
 
 
 def test_results_that_come_at_once_take_no_time() -> None:
-    (one,) = tallies(recording_of([(1, SUCCESS), (1, IDLE), (2, FAILURE), (2, IDLE), (3, SKIPPED)]))
+    (one,) = recorded_statistics(
+        recording_of([(1, SUCCESS), (1, IDLE), (2, FAILURE), (2, IDLE), (3, SKIPPED)])
+    )
     assert (one.success, one.failure, one.skipped, one.results) == (1, 1, 1, 3)
     assert (one.runs, one.total, one.mean, one.rate) == (0, 0, 0.0, 0.5)
 
 
 def test_a_halt_ends_a_run_without_a_result() -> None:
-    (one,) = tallies(recording_of([(1, RUNNING), (4, IDLE), (5, RUNNING), (6, FAILURE)]))
+    (one,) = recorded_statistics(recording_of([(1, RUNNING), (4, IDLE), (5, RUNNING), (6, FAILURE)]))
     assert (one.halted, one.failure, one.runs, one.total, one.longest) == (1, 1, 2, 4 * SECOND, 3 * SECOND)
 
 
 def test_a_node_that_is_running_at_the_end_ran_until_then(captures: Path) -> None:
-    (one,) = tallies(recording_of([(1, RUNNING)]))
+    (one,) = recorded_statistics(recording_of([(1, RUNNING)]))
     assert (one.running, one.runs, one.total, one.rate) == (True, 1, 0, None)
     recorded = by_path(read_fbl(captures / "v3_sample.fbl"))
     assert recorded["root_seq"].running
@@ -61,4 +72,4 @@ def test_nodes_with_the_same_path_are_told_apart(small: Callable[..., Tree], tmp
     tree = small('<Sequence><AlwaysSuccess name="same"/><AlwaysSuccess name="same"/></Sequence>')
     with BtLog(tree, tmp_path / "run.btlog"):
         tree.tick_once()
-    assert list(by_path(read_btlog(tmp_path / "run.btlog"))) == list(tree.keys())
+    assert list(by_path(read_btlog(tmp_path / "run.btlog"))) == list(tree.nodes_by_path())

@@ -9,13 +9,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import btcore
-from btcore import NodeRaised, Registry, SimClock, Status, Transition, Tree
+from btcore import (
+    NodeExecutionError,
+    Registry,
+    SimClock,
+    Status,
+    Transition,
+    Tree,
+)
 from btcore.logs import TraceLog
-from btcore.testing.planned import Journal
-from btcore.testing.recorded_trees import planned_registry
-from btcore.testing.strategies import documents
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
+from btcore.testing.strategies import xml_documents
 
-NODES = planned_registry()
+NODES = conformance_registry()
 
 
 def events(path: Path) -> list[dict[str, Any]]:
@@ -136,12 +143,12 @@ def test_a_log_attached_while_nodes_run_shows_them_from_their_next_start(
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-@given(text=documents(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
+@given(text=xml_documents(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
 def test_slices_are_nested_and_ended_in_every_tree(
     text: str, ticks: int, halt: bool, tmp_path_factory: Any
 ) -> None:
     path = tmp_path_factory.mktemp("trace") / "run.json"
-    tree = btcore.loads(text, nodes=NODES, resources=[Journal()], clock=SimClock(), format=4)
+    tree = btcore.loads(text, nodes=NODES, resources=[CallLog()], clock=SimClock(), format=4)
     with TraceLog(tree, path):
         try:
             for _ in range(ticks):
@@ -151,7 +158,7 @@ def test_slices_are_nested_and_ended_in_every_tree(
             if halt:
                 tree.halt()
                 assert still_open(events(path)) == []
-        except NodeRaised:
+        except NodeExecutionError:
             assert still_open(events(path)) == []
     assert still_open(events(path)) == []
 

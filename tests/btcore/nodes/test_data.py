@@ -5,8 +5,16 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import In, NodeRaised, Registry, Status, Tree, TreeError, condition
-from btcore.testing.recorded_trees import planned_registry
+from btcore import (
+    In,
+    NodeExecutionError,
+    Registry,
+    Status,
+    Tree,
+    TreeError,
+    condition,
+)
+from btcore.testing.conformance_trees import conformance_registry
 
 Grow = Callable[..., Tree]
 
@@ -16,24 +24,24 @@ S, F = Status.SUCCESS, Status.FAILURE
 # --- UnsetBlackboard
 
 
-def test_unset_removes_the_entry_and_succeeds_also_without_one(grow: Grow) -> None:
-    tree = grow('<UnsetBlackboard key="x"/>')
+def test_unset_removes_the_entry_and_succeeds_also_without_one(make_tree: Grow) -> None:
+    tree = make_tree('<UnsetBlackboard key="x"/>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
     assert tree.blackboard.find("x") is None
     assert tree.tick_once() is S
 
 
-def test_an_entry_that_was_removed_may_come_back_with_another_type(grow: Grow) -> None:
-    tree = grow('<UnsetBlackboard key="x"/>')
+def test_an_entry_that_was_removed_may_come_back_with_another_type(make_tree: Grow) -> None:
+    tree = make_tree('<UnsetBlackboard key="x"/>')
     tree.blackboard["x"] = 1
     tree.tick_once()
     tree.blackboard["x"] = 2.5
     assert tree.blackboard["x"] == 2.5
 
 
-def test_the_key_may_itself_be_a_pointer(grow: Grow) -> None:
-    tree = grow('<UnsetBlackboard key="{which}"/>')
+def test_the_key_may_itself_be_a_pointer(make_tree: Grow) -> None:
+    tree = make_tree('<UnsetBlackboard key="{which}"/>')
     tree.blackboard["which"] = "x"
     tree.blackboard["x"] = 1
     tree.tick_once()
@@ -41,47 +49,47 @@ def test_the_key_may_itself_be_a_pointer(grow: Grow) -> None:
     assert "which" in tree.blackboard
 
 
-def test_it_removes_from_its_own_scope_only(grow: Grow) -> None:
+def test_it_removes_from_its_own_scope_only(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Sub"><UnsetBlackboard key="x"/></BehaviorTree>'
     for attributes in ('x="{x}"', '_autoremap="true"'):
-        tree = grow(f'<SubTree ID="Sub" {attributes}/>', others=inner)
+        tree = make_tree(f'<SubTree ID="Sub" {attributes}/>', others=inner)
         tree.blackboard["x"] = 1
         assert tree.tick_once() is S
         assert tree.blackboard["x"] == 1
 
 
-def test_a_key_that_is_not_given_is_an_error_at_the_tick(grow: Grow) -> None:
-    with pytest.raises(NodeRaised, match="key"):
-        grow("<UnsetBlackboard/>").tick_once()
+def test_a_key_that_is_not_given_is_an_error_at_the_tick(make_tree: Grow) -> None:
+    with pytest.raises(NodeExecutionError, match="key"):
+        make_tree("<UnsetBlackboard/>").tick_once()
 
 
 # --- SetBlackboard, where the entry has a type
 
 
-def test_a_text_becomes_what_the_entry_is(grow: Grow) -> None:
-    tree = grow('<SetBlackboard value="42" output_key="x"/>')
+def test_a_text_becomes_what_the_entry_is(make_tree: Grow) -> None:
+    tree = make_tree('<SetBlackboard value="42" output_key="x"/>')
     tree.blackboard["x"] = 7
     tree.tick_once()
     assert tree.blackboard["x"] == 42
 
 
-def test_a_text_that_does_not_convert_is_an_error(grow: Grow) -> None:
-    tree = grow('<SetBlackboard value="many" output_key="x"/>')
+def test_a_text_that_does_not_convert_is_an_error(make_tree: Grow) -> None:
+    tree = make_tree('<SetBlackboard value="many" output_key="x"/>')
     tree.blackboard["x"] = 7
-    with pytest.raises(NodeRaised, match="many"):
+    with pytest.raises(NodeExecutionError, match="many"):
         tree.tick_once()
 
 
-def test_a_pointer_copies_the_value_whatever_it_is(grow: Grow) -> None:
+def test_a_pointer_copies_the_value_whatever_it_is(make_tree: Grow) -> None:
     something = object()
-    tree = grow('<SetBlackboard value="{a}" output_key="b"/>')
+    tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
     tree.blackboard["a"] = something
     tree.tick_once()
     assert tree.blackboard["b"] is something
 
 
-def test_an_empty_entry_can_not_be_copied(grow: Grow) -> None:
-    assert grow('<SetBlackboard value="{a}" output_key="b"/>').tick_once() is F
+def test_an_empty_entry_can_not_be_copied(make_tree: Grow) -> None:
+    assert make_tree('<SetBlackboard value="{a}" output_key="b"/>').tick_once() is F
 
 
 # --- ports of enums
@@ -99,40 +107,40 @@ def drives(gear: In[Gear]) -> bool:
 
 @pytest.fixture
 def nodes() -> Registry:
-    made = planned_registry()
+    made = conformance_registry()
     made.add(drives)
     return made
 
 
 @pytest.mark.parametrize(("text", "status"), [("DRIVE", S), ("3", S), ("PARK", F), ("0", F)])
 def test_an_enum_is_written_by_name_or_by_number(
-    text: str, status: Status, nodes: Registry, grow: Grow
+    text: str, status: Status, nodes: Registry, make_tree: Grow
 ) -> None:
-    assert grow(f'<Drives gear="{text}"/>', nodes=nodes).tick_once() is status
+    assert make_tree(f'<Drives gear="{text}"/>', nodes=nodes).tick_once() is status
 
 
 @pytest.mark.parametrize("value", [Gear.DRIVE, 3, "DRIVE", "3"])
 def test_on_the_blackboard_it_may_be_a_member_a_number_or_a_text(
-    value: object, nodes: Registry, grow: Grow
+    value: object, nodes: Registry, make_tree: Grow
 ) -> None:
-    tree = grow('<Drives gear="{g}"/>', nodes=nodes)
+    tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
     entry = tree.blackboard.find("g")
     assert entry is not None
     entry.put(value, 0)
     assert tree.tick_once() is S
 
 
-def test_a_script_may_set_it_by_a_registered_name(nodes: Registry, grow: Grow) -> None:
+def test_a_script_may_set_it_by_a_registered_name(nodes: Registry, make_tree: Grow) -> None:
     nodes.add_enum(Gear)
-    tree = grow('<Sequence><Script code="g := DRIVE"/><Drives gear="{g}"/></Sequence>', nodes=nodes)
+    tree = make_tree('<Sequence><Script code="g := DRIVE"/><Drives gear="{g}"/></Sequence>', nodes=nodes)
     assert tree.tick_once() is S
 
 
-def test_a_name_registered_for_a_number_counts_in_ports_too(nodes: Registry, grow: Grow) -> None:
+def test_a_name_registered_for_a_number_counts_in_ports_too(nodes: Registry, make_tree: Grow) -> None:
     nodes.add_enum({"FORWARD": 3})
-    assert grow('<Drives gear="FORWARD"/>', nodes=nodes).tick_once() is S
+    assert make_tree('<Drives gear="FORWARD"/>', nodes=nodes).tick_once() is S
 
 
-def test_what_is_no_member_is_an_error_that_names_the_members(nodes: Registry, grow: Grow) -> None:
-    with pytest.raises((TreeError, NodeRaised), match="PARK, DRIVE"):
-        grow('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()
+def test_what_is_no_member_is_an_error_that_names_the_members(nodes: Registry, make_tree: Grow) -> None:
+    with pytest.raises((TreeError, NodeExecutionError), match="PARK, DRIVE"):
+        make_tree('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()

@@ -4,8 +4,13 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeRaised, Status, Tree, TreeError
-from btcore.testing.planned import Journal
+from btcore import (
+    NodeExecutionError,
+    Status,
+    Tree,
+    TreeError,
+)
+from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
 
@@ -36,15 +41,15 @@ def check(kind: str, a: str, b: str, more: str = "", plan: str = "S") -> str:
     ],
 )
 def test_the_child_is_ticked_if_both_values_are_equal_as_that_type(
-    kind: str, a: str, b: str, equal: bool, grow: Grow, journal: Journal
+    kind: str, a: str, b: str, equal: bool, make_tree: Grow, journal: CallLog
 ) -> None:
-    tree = grow(check(kind, a, b), format=3)
+    tree = make_tree(check(kind, a, b), format=3)
     assert tree.tick_once() is (S if equal else F)
     assert journal.calls == (["a:start"] if equal else [])
 
 
-def test_values_are_read_from_the_blackboard_at_every_tick(grow: Grow) -> None:
-    tree = grow(check("Int", "{x}", "3"), format=3)
+def test_values_are_read_from_the_blackboard_at_every_tick(make_tree: Grow) -> None:
+    tree = make_tree(check("Int", "{x}", "3"), format=3)
     tree.blackboard["x"] = 3
     assert tree.tick_once() is S
     tree.blackboard["x"] = 4
@@ -52,23 +57,25 @@ def test_values_are_read_from_the_blackboard_at_every_tick(grow: Grow) -> None:
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "RUNNING"])
-def test_a_mismatch_gives_what_it_is_told_to(written: str, grow: Grow) -> None:
-    tree = grow(check("Int", "1", "2", f'return_on_mismatch="{written}"'), format=3)
+def test_a_mismatch_gives_what_it_is_told_to(written: str, make_tree: Grow) -> None:
+    tree = make_tree(check("Int", "1", "2", f'return_on_mismatch="{written}"'), format=3)
     assert tree.tick_once() is Status[written]
 
 
 @pytest.mark.parametrize("kind", ["Int", "Double", "String", "Bool"])
-def test_a_missing_value_is_a_mismatch(kind: str, grow: Grow) -> None:
-    assert grow(check(kind, "{x}", "{y}"), format=3).tick_once() is F
+def test_a_missing_value_is_a_mismatch(kind: str, make_tree: Grow) -> None:
+    assert make_tree(check(kind, "{x}", "{y}"), format=3).tick_once() is F
 
 
-def test_a_value_that_is_no_such_type_is_a_mismatch(grow: Grow) -> None:
-    assert grow(check("Int", "seven", "seven"), format=3).tick_once() is F
-    assert grow(check("Bool", "yes", "yes"), format=3).tick_once() is F
+def test_a_value_that_is_no_such_type_is_a_mismatch(make_tree: Grow) -> None:
+    assert make_tree(check("Int", "seven", "seven"), format=3).tick_once() is F
+    assert make_tree(check("Bool", "yes", "yes"), format=3).tick_once() is F
 
 
-def test_it_is_asked_again_while_the_child_runs_which_a_mismatch_halts(grow: Grow, journal: Journal) -> None:
-    tree = grow(check("Int", "{x}", "1", plan="RRR"), format=3)
+def test_it_is_asked_again_while_the_child_runs_which_a_mismatch_halts(
+    make_tree: Grow, journal: CallLog
+) -> None:
+    tree = make_tree(check("Int", "{x}", "1", plan="RRR"), format=3)
     tree.blackboard["x"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [R, R]
     tree.blackboard["x"] = 2
@@ -77,9 +84,9 @@ def test_it_is_asked_again_while_the_child_runs_which_a_mismatch_halts(grow: Gro
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_format_4_does_not_have_them(grow: Grow) -> None:
+def test_format_4_does_not_have_them(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="BlackboardCheckInt"):
-        grow(check("Int", "1", "1"))
+        make_tree(check("Int", "1", "1"))
 
 
 # --- SubTreePlus
@@ -90,120 +97,122 @@ COUNT = (
 )
 
 
-def test_braces_connect_two_entries(grow: Grow) -> None:
-    tree = grow('<SubTreePlus ID="Count" n="{outside}"/>', others=COUNT, format=3)
+def test_braces_connect_two_entries(make_tree: Grow) -> None:
+    tree = make_tree('<SubTreePlus ID="Count" n="{outside}"/>', others=COUNT, format=3)
     tree.blackboard["outside"] = 41
     assert tree.tick_once() is S
     assert tree.blackboard["outside"] == 42
     assert "said" not in tree.blackboard
 
 
-def test_anything_else_is_a_constant_of_the_inner_tree(grow: Grow) -> None:
+def test_anything_else_is_a_constant_of_the_inner_tree(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
-    tree = grow('<SubTreePlus ID="Check" plan="F"/>', others=inner, format=3)
+    tree = make_tree('<SubTreePlus ID="Check" plan="F"/>', others=inner, format=3)
     assert tree.tick_once() is F
     assert "plan" not in tree.blackboard
 
 
-def test_a_constant_is_a_text_even_if_it_reads_as_a_number(grow: Grow) -> None:
-    tree = grow('<SubTreePlus ID="Count" n="41"/>', others=COUNT, format=3)
+def test_a_constant_is_a_text_even_if_it_reads_as_a_number(make_tree: Grow) -> None:
+    tree = make_tree('<SubTreePlus ID="Count" n="41"/>', others=COUNT, format=3)
     assert tree.subtrees[1].blackboard["n"] == "41"
 
 
-def test_without_autoremap_the_inner_tree_is_alone(grow: Grow) -> None:
+def test_without_autoremap_the_inner_tree_is_alone(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
-    tree = grow('<SubTreePlus ID="Check"/>', others=inner, format=3)
+    tree = make_tree('<SubTreePlus ID="Check"/>', others=inner, format=3)
     tree.blackboard["plan"] = "S"
-    with pytest.raises(NodeRaised, match="plan"):
+    with pytest.raises(NodeExecutionError, match="plan"):
         tree.tick_once()
 
 
 @pytest.mark.parametrize("written", ["true", "1"])
-def test_with_autoremap_the_names_of_the_inner_tree_are_those_of_the_outer(written: str, grow: Grow) -> None:
-    tree = grow(f'<SubTreePlus ID="Count" __autoremap="{written}"/>', others=COUNT, format=3)
+def test_with_autoremap_the_names_of_the_inner_tree_are_those_of_the_outer(
+    written: str, make_tree: Grow
+) -> None:
+    tree = make_tree(f'<SubTreePlus ID="Count" __autoremap="{written}"/>', others=COUNT, format=3)
     tree.blackboard["n"] = 41
     assert tree.tick_once() is S
     assert tree.blackboard["n"] == 42
 
 
-def test_with_autoremap_a_remapping_that_is_written_comes_first(grow: Grow) -> None:
-    tree = grow('<SubTreePlus ID="Count" __autoremap="true" n="{m}"/>', others=COUNT, format=3)
+def test_with_autoremap_a_remapping_that_is_written_comes_first(make_tree: Grow) -> None:
+    tree = make_tree('<SubTreePlus ID="Count" __autoremap="true" n="{m}"/>', others=COUNT, format=3)
     tree.blackboard["n"] = 0
     tree.blackboard["m"] = 41
     tree.tick_once()
     assert (tree.blackboard["n"], tree.blackboard["m"]) == (0, 42)
 
 
-def test_its_node_is_called_as_its_tree_whatever_its_name(grow: Grow) -> None:
-    tree = grow('<SubTreePlus ID="Count" name="mine" n="{n}"/>', others=COUNT, format=3)
+def test_its_node_is_called_as_its_tree_whatever_its_name(make_tree: Grow) -> None:
+    tree = make_tree('<SubTreePlus ID="Count" name="mine" n="{n}"/>', others=COUNT, format=3)
     assert tree.root.name == "Count"
 
 
-def test_format_4_does_not_have_it(grow: Grow) -> None:
+def test_format_4_does_not_have_it(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="SubTreePlus"):
-        grow('<SubTreePlus ID="Count"/>', others=COUNT)
+        make_tree('<SubTreePlus ID="Count"/>', others=COUNT)
 
 
 # --- what else format 3 reads differently
 
 
-def test_dollar_braces_point_to_an_entry_too(grow: Grow) -> None:
-    tree = grow('<PlanSync plan="${plan}"/>', format=3)
+def test_dollar_braces_point_to_an_entry_too(make_tree: Grow) -> None:
+    tree = make_tree('<PlanSync plan="${plan}"/>', format=3)
     tree.blackboard["plan"] = "F"
     assert tree.tick_once() is F
 
 
-def test_an_output_may_be_named_without_braces(grow: Grow) -> None:
-    tree = grow('<Inc in="1" out="n"/>', format=3)
+def test_an_output_may_be_named_without_braces(make_tree: Grow) -> None:
+    tree = make_tree('<Inc in="1" out="n"/>', format=3)
     tree.tick_once()
     assert tree.blackboard["n"] == 2
 
 
-def test_a_loop_takes_one_tick(grow: Grow, journal: Journal) -> None:
-    tree = grow('<Repeat num_cycles="3"><PlanSync name="p" plan="S"/></Repeat>', format=3)
+def test_a_loop_takes_one_tick(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree('<Repeat num_cycles="3"><PlanSync name="p" plan="S"/></Repeat>', format=3)
     assert tree.tick_exactly_once() is S
     assert journal.calls == ["p:tick"] * 3
 
 
-def test_while_do_else_has_exactly_three_children(grow: Grow) -> None:
-    tree = grow("<WhileDoElse><AlwaysSuccess/><AlwaysSuccess/></WhileDoElse>", format=3)
-    with pytest.raises(NodeRaised, match="two branches, not 2 children"):
+def test_while_do_else_has_exactly_three_children(make_tree: Grow) -> None:
+    tree = make_tree("<WhileDoElse><AlwaysSuccess/><AlwaysSuccess/></WhileDoElse>", format=3)
+    with pytest.raises(NodeExecutionError, match="two branches, not 2 children"):
         tree.tick_once()
 
 
-def test_spaces_around_braces_make_a_text_of_them(grow: Grow) -> None:
+def test_spaces_around_braces_make_a_text_of_them(make_tree: Grow) -> None:
     for text, status in (("{plan}", F), (" {plan}", None), ("{plan} ", None)):
-        tree = grow(f'<PlanSync plan="{text}"/>', format=3)
+        tree = make_tree(f'<PlanSync plan="{text}"/>', format=3)
         tree.blackboard["plan"] = "F"
         if status is None:
-            with pytest.raises(NodeRaised):
+            with pytest.raises(NodeExecutionError):
                 tree.tick_once()
         else:
             assert tree.tick_once() is status
 
 
-def test_an_equals_sign_means_the_entry_that_is_called_as_the_port(grow: Grow) -> None:
-    tree = grow('<Sequence><PlanSync plan="="/><Inc in="1" out="="/></Sequence>', format=3)
+def test_an_equals_sign_means_the_entry_that_is_called_as_the_port(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><PlanSync plan="="/><Inc in="1" out="="/></Sequence>', format=3)
     tree.blackboard["plan"] = "S"
     assert tree.tick_once() is S
     assert tree.blackboard["out"] == 2
 
 
-def test_every_attribute_is_a_port_even_with_an_underscore(grow: Grow) -> None:
+def test_every_attribute_is_a_port_even_with_an_underscore(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="_note"):
-        grow('<AlwaysSuccess _note="1"/>', format=3)
-    assert grow('<AlwaysSuccess _description="so"/>', format=3).tick_once() is S
+        make_tree('<AlwaysSuccess _note="1"/>', format=3)
+    assert make_tree('<AlwaysSuccess _description="so"/>', format=3).tick_once() is S
 
 
-def test_some_control_nodes_may_be_empty(grow: Grow) -> None:
-    assert grow("<ReactiveSequence/>", format=3).tick_once() is S
+def test_some_control_nodes_may_be_empty(make_tree: Grow) -> None:
+    assert make_tree("<ReactiveSequence/>", format=3).tick_once() is S
     for tag in ("Sequence", "SequenceStar", "Fallback"):
         with pytest.raises(TreeError, match=tag):
-            grow(f"<{tag}/>", format=3)
+            make_tree(f"<{tag}/>", format=3)
 
 
-def test_retrying_takes_one_tick_too(grow: Grow, journal: Journal) -> None:
-    tree = grow(
+def test_retrying_takes_one_tick_too(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
         '<RetryUntilSuccessful num_attempts="3"><PlanSync name="p" plan="F"/></RetryUntilSuccessful>',
         format=3,
     )
@@ -211,8 +220,8 @@ def test_retrying_takes_one_tick_too(grow: Grow, journal: Journal) -> None:
     assert journal.calls == ["p:tick"] * 3
 
 
-def test_a_mismatch_whose_result_is_not_on_the_blackboard_is_a_failure(grow: Grow) -> None:
-    tree = grow(check("Int", "1", "2", 'return_on_mismatch="{result}"'), format=3)
+def test_a_mismatch_whose_result_is_not_on_the_blackboard_is_a_failure(make_tree: Grow) -> None:
+    tree = make_tree(check("Int", "1", "2", 'return_on_mismatch="{result}"'), format=3)
     assert tree.tick_once() is F
     tree.blackboard["result"] = S
     assert tree.tick_once() is S

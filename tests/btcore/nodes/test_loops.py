@@ -6,8 +6,14 @@ from typing import Any
 
 import pytest
 
-from btcore import In, Status, Tree, TreeError, action
-from btcore.testing.planned import Journal
+from btcore import (
+    In,
+    Status,
+    Tree,
+    TreeError,
+    action,
+)
+from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
 
@@ -44,46 +50,50 @@ def ticks(tree: Tree, count: int) -> list[Status]:
     ],
 )
 def test_one_element_a_tick_and_one_tick_more_to_end(
-    tag: str, text: str, elements: list[object], grow: Grow, sink: Sink
+    tag: str, text: str, elements: list[object], make_tree: Grow, sink: Sink
 ) -> None:
-    tree = grow(f'<{tag} queue="{text}" value="{{v}}"><Take value="{{v}}"/></{tag}>', take, resources=[sink])
+    tree = make_tree(
+        f'<{tag} queue="{text}" value="{{v}}"><Take value="{{v}}"/></{tag}>', take, resources=[sink]
+    )
     assert ticks(tree, len(elements) + 1) == [R] * len(elements) + [S]
     assert sink.got == elements
     assert [type(one) for one in sink.got] == [type(one) for one in elements]
 
 
-def test_no_wake_up_is_emitted(grow: Grow, sink: Sink) -> None:
-    tree = grow('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
+def test_no_wake_up_is_emitted(make_tree: Grow, sink: Sink) -> None:
+    tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.tick_once()
     assert tree.ticks == 1
 
 
-def test_a_written_list_starts_anew_with_the_node(grow: Grow, sink: Sink) -> None:
-    tree = grow('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
+def test_a_written_list_starts_anew_with_the_node(make_tree: Grow, sink: Sink) -> None:
+    tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     assert ticks(tree, 6) == [R, R, S, R, R, S]
     assert sink.got == [1, 2, 1, 2]
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "SKIPPED"])
-def test_an_empty_queue_gives_if_empty(written: str, grow: Grow) -> None:
-    tree = grow(f'<LoopInt queue="" if_empty="{written}" value="{{v}}"><AlwaysSuccess/></LoopInt>')
+def test_an_empty_queue_gives_if_empty(written: str, make_tree: Grow) -> None:
+    tree = make_tree(f'<LoopInt queue="" if_empty="{written}" value="{{v}}"><AlwaysSuccess/></LoopInt>')
     assert tree.tick_once() is Status[written]
 
 
-def test_a_failure_ends_the_loop_and_drops_the_rest_of_a_written_list(grow: Grow, journal: Journal) -> None:
-    tree = grow('<LoopInt queue="1;2;3" value="{v}"><PlanSync name="p" plan="SFSSS"/></LoopInt>')
+def test_a_failure_ends_the_loop_and_drops_the_rest_of_a_written_list(
+    make_tree: Grow, journal: CallLog
+) -> None:
+    tree = make_tree('<LoopInt queue="1;2;3" value="{v}"><PlanSync name="p" plan="SFSSS"/></LoopInt>')
     assert ticks(tree, 2) == [R, F]
     assert tree.blackboard["v"] == 2
     assert ticks(tree, 4) == [R, R, R, S]
 
 
-def test_a_skipped_child_takes_its_element_and_the_loop_runs_on(grow: Grow) -> None:
-    tree = grow('<LoopInt queue="1;2" value="{v}"><PlanSync plan="K"/></LoopInt>')
+def test_a_skipped_child_takes_its_element_and_the_loop_runs_on(make_tree: Grow) -> None:
+    tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanSync plan="K"/></LoopInt>')
     assert ticks(tree, 3) == [R, R, S]
 
 
-def test_a_child_that_runs_keeps_its_element(grow: Grow, journal: Journal) -> None:
-    tree = grow('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="RRS"/></LoopInt>')
+def test_a_child_that_runs_keeps_its_element(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="RRS"/></LoopInt>')
     assert ticks(tree, 3) == [R, R, R]
     assert tree.blackboard["v"] == 1
     assert ticks(tree, 1) == [R]
@@ -91,8 +101,8 @@ def test_a_child_that_runs_keeps_its_element(grow: Grow, journal: Journal) -> No
     assert journal.calls == ["a:start", "a:running", "a:running", "a:start"]
 
 
-def test_a_halt_halts_the_child_and_starts_a_written_list_anew(grow: Grow, journal: Journal) -> None:
-    tree = grow('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="S|RR|S"/></LoopInt>')
+def test_a_halt_halts_the_child_and_starts_a_written_list_anew(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2
     tree.halt()
@@ -101,8 +111,8 @@ def test_a_halt_halts_the_child_and_starts_a_written_list_anew(grow: Grow, journ
     assert tree.blackboard["v"] == 1
 
 
-def test_a_deque_on_the_blackboard_is_consumed_in_place(grow: Grow, sink: Sink) -> None:
-    tree = grow('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
+def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: Grow, sink: Sink) -> None:
+    tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     queue: deque[int] = deque([1, 2])
     tree.blackboard["q"] = queue
     ticks(tree, 1)
@@ -112,8 +122,8 @@ def test_a_deque_on_the_blackboard_is_consumed_in_place(grow: Grow, sink: Sink) 
     assert sink.got == [1, 2, 3]
 
 
-def test_what_a_failure_leaves_in_a_deque_stays_there(grow: Grow) -> None:
-    tree = grow('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
+def test_what_a_failure_leaves_in_a_deque_stays_there(make_tree: Grow) -> None:
+    tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     queue: deque[int] = deque([1, 2, 3])
     tree.blackboard["q"] = queue
     assert ticks(tree, 2) == [F, F]
@@ -122,9 +132,9 @@ def test_what_a_failure_leaves_in_a_deque_stays_there(grow: Grow) -> None:
 
 @pytest.mark.parametrize("given", [[1, 2], "1;2"])
 def test_a_list_or_a_text_on_the_blackboard_is_taken_once_an_activation_and_left_as_it_is(
-    given: object, grow: Grow, sink: Sink
+    given: object, make_tree: Grow, sink: Sink
 ) -> None:
-    tree = grow('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
+    tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.blackboard["q"] = given
     ticks(tree, 1)
     tree.blackboard["q"] = [7, 8] if isinstance(given, list) else "7;8"
@@ -132,19 +142,19 @@ def test_a_list_or_a_text_on_the_blackboard_is_taken_once_an_activation_and_left
     assert sink.got == [1, 2, 7, 8]
 
 
-def test_an_entry_that_is_missing_or_empty_is_an_empty_queue(grow: Grow) -> None:
-    assert grow('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>').tick_once() is S
+def test_an_entry_that_is_missing_or_empty_is_an_empty_queue(make_tree: Grow) -> None:
+    assert make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>').tick_once() is S
 
 
-def test_the_value_need_not_be_wanted(grow: Grow) -> None:
-    assert ticks(grow('<LoopInt queue="1"><AlwaysSuccess/></LoopInt>'), 2) == [R, S]
+def test_the_value_need_not_be_wanted(make_tree: Grow) -> None:
+    assert ticks(make_tree('<LoopInt queue="1"><AlwaysSuccess/></LoopInt>'), 2) == [R, S]
 
 
-def test_a_queue_that_is_not_given_is_an_error_of_the_tree(grow: Grow) -> None:
+def test_a_queue_that_is_not_given_is_an_error_of_the_tree(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="queue"):
-        grow('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>')
+        make_tree('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>')
 
 
-def test_an_element_that_does_not_convert_is_an_error_of_the_tree(grow: Grow) -> None:
+def test_an_element_that_does_not_convert_is_an_error_of_the_tree(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="two"):
-        grow('<LoopInt queue="1;two" value="{v}"><AlwaysSuccess/></LoopInt>')
+        make_tree('<LoopInt queue="1;two" value="{v}"><AlwaysSuccess/></LoopInt>')

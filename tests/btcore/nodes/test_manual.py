@@ -6,8 +6,8 @@ import sys
 import pytest
 
 import btcore
-from btcore import NodeRaised, Registry, Status
-from btcore.nodes.manual import Prompt
+from btcore import NodeExecutionError, Registry, Status
+from btcore.nodes.manual_selector import Prompt
 
 
 class Answers(Prompt):
@@ -60,5 +60,5 @@ def test_at_the_terminal_a_wrong_answer_is_asked_for_again(
 
 def test_without_anybody_there_it_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    with pytest.raises(NodeRaised, match="nobody is there to choose"):
+    with pytest.raises(NodeExecutionError, match="nobody is there to choose"):
         tree_of().tick_once()

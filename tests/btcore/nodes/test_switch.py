@@ -5,9 +5,15 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import Blackboard, NodeRaised, Status, Tree, TreeError
-from btcore.testing.planned import Journal
-from btcore.testing.recorded_trees import planned_registry
+from btcore import (
+    Blackboard,
+    NodeExecutionError,
+    Status,
+    Tree,
+    TreeError,
+)
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
 
@@ -31,9 +37,9 @@ def switch(cases: int, *plans: str, variable: str = "{v}") -> str:
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", SIZES)
 def test_the_child_of_the_case_that_equals_the_variable_is_ticked_and_else_the_last(
-    cases: int, format: int, grow: Grow, journal: Journal
+    cases: int, format: int, make_tree: Grow, journal: CallLog
 ) -> None:
-    tree = grow(switch(cases), format=format)
+    tree = make_tree(switch(cases), format=format)
     for number in range(1, cases + 1):
         tree.blackboard["v"] = str(number)
         assert tree.tick_once() is S
@@ -44,16 +50,16 @@ def test_the_child_of_the_case_that_equals_the_variable_is_ticked_and_else_the_l
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_a_variable_that_can_not_be_read_is_no_case(format: int, grow: Grow, journal: Journal) -> None:
-    assert grow(switch(4), format=format).tick_once() is S
+def test_a_variable_that_can_not_be_read_is_no_case(format: int, make_tree: Grow, journal: CallLog) -> None:
+    assert make_tree(switch(4), format=format).tick_once() is S
     assert journal.calls == ["other:start"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_when_the_choice_changes_the_child_that_ran_is_halted(
-    format: int, grow: Grow, journal: Journal
+    format: int, make_tree: Grow, journal: CallLog
 ) -> None:
-    tree = grow(switch(4, "R", "RS"), format=format)
+    tree = make_tree(switch(4, "R", "RS"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is R
     tree.blackboard["v"] = "2"
@@ -63,8 +69,8 @@ def test_when_the_choice_changes_the_child_that_ran_is_halted(
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_a_halt_halts_the_child_that_runs(format: int, grow: Grow, journal: Journal) -> None:
-    tree = grow(switch(5, "R"), format=format)
+def test_a_halt_halts_the_child_that_runs(format: int, make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(switch(5, "R"), format=format)
     tree.blackboard["v"] = "1"
     tree.tick_once()
     tree.halt()
@@ -72,28 +78,30 @@ def test_a_halt_halts_the_child_that_runs(format: int, grow: Grow, journal: Jour
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_its_failure_is_the_switchs(format: int, grow: Grow) -> None:
-    tree = grow(switch(6, "F"), format=format)
+def test_its_failure_is_the_switchs(format: int, make_tree: Grow) -> None:
+    tree = make_tree(switch(6, "F"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is F
 
 
-def test_a_skipped_child_makes_it_skipped(grow: Grow) -> None:
-    tree = grow(switch(4, "K"))
+def test_a_skipped_child_makes_it_skipped(make_tree: Grow) -> None:
+    tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is K
 
 
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", [4, 6])
-def test_the_children_are_one_more_than_the_cases(cases: int, format: int, grow: Grow) -> None:
+def test_the_children_are_one_more_than_the_cases(cases: int, format: int, make_tree: Grow) -> None:
     children = "<AlwaysSuccess/>" * cases
-    with pytest.raises((NodeRaised, TreeError), match=f"Switch{cases}"):
-        grow(f'<Switch{cases} variable="1" case_1="1">{children}</Switch{cases}>', format=format).tick_once()
+    with pytest.raises((NodeExecutionError, TreeError), match=f"Switch{cases}"):
+        make_tree(
+            f'<Switch{cases} variable="1" case_1="1">{children}</Switch{cases}>', format=format
+        ).tick_once()
 
 
-def test_a_case_that_is_not_given_is_passed_over(grow: Grow, journal: Journal) -> None:
-    tree = grow(
+def test_a_case_that_is_not_given_is_passed_over(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
         '<Switch4 variable="b" case_3="b"><PlanSync name="a" plan="S"/><PlanSync name="b" plan="S"/>'
         '<PlanSync name="c" plan="S"/><PlanSync name="d" plan="S"/><PlanSync name="e" plan="S"/></Switch4>'
     )
@@ -101,8 +109,8 @@ def test_a_case_that_is_not_given_is_passed_over(grow: Grow, journal: Journal) -
     assert journal.calls == ["c:tick"]
 
 
-def test_the_first_of_two_equal_cases_counts(grow: Grow, journal: Journal) -> None:
-    tree = grow(
+def test_the_first_of_two_equal_cases_counts(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
         '<Switch2 variable="b" case_1="b" case_2="b"><PlanSync name="a" plan="S"/>'
         '<PlanSync name="b" plan="S"/><PlanSync name="c" plan="S"/></Switch2>'
     )
@@ -134,31 +142,31 @@ class Colour(enum.Enum):
     ],
 )
 def test_equal_is_the_same_text_in_format_3_and_the_same_meaning_in_format_4(
-    variable: str, case: str, matches: bool, in_format_3: bool, grow: Grow
+    variable: str, case: str, matches: bool, in_format_3: bool, make_tree: Grow
 ) -> None:
-    nodes = planned_registry()
+    nodes = conformance_registry()
     nodes.add_enum(Colour)
     children = "<AlwaysSuccess/><AlwaysFailure/><AlwaysFailure/>"
     body = f'<Switch2 variable="{variable}" case_1="{case}">{children}</Switch2>'
-    assert grow(body, nodes=nodes).tick_once() is (S if matches else F)
-    assert grow(body, nodes=nodes, format=3).tick_once() is (S if in_format_3 else F)
+    assert make_tree(body, nodes=nodes).tick_once() is (S if matches else F)
+    assert make_tree(body, nodes=nodes, format=3).tick_once() is (S if in_format_3 else F)
 
 
-def test_a_number_that_a_script_wrote_is_compared_by_its_value(grow: Grow, journal: Journal) -> None:
-    tree = grow(f'<Sequence><Script code="v := 2"/>{switch(4)}</Sequence>')
+def test_a_number_that_a_script_wrote_is_compared_by_its_value(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(f'<Sequence><Script code="v := 2"/>{switch(4)}</Sequence>')
     tree.tick_once()
     assert journal.calls == ["c2:start"]
 
 
-def test_an_entry_of_another_type_than_text_is_refused_when_the_tree_is_made(grow: Grow) -> None:
+def test_an_entry_of_another_type_than_text_is_refused_when_the_tree_is_made(make_tree: Grow) -> None:
     board = Blackboard()
     board["v"] = 1
     with pytest.raises(TreeError, match="'variable' of <Switch4>"):
-        grow(switch(4), blackboard=board)
+        make_tree(switch(4), blackboard=board)
 
 
-def test_it_does_not_set_itself_running_before_its_child_has_been_ticked(grow: Grow) -> None:
-    tree = grow(switch(4, "K"))
+def test_it_does_not_set_itself_running_before_its_child_has_been_ticked(make_tree: Grow) -> None:
+    tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
     tree.tick_once()
     assert tree.root.status is Status.IDLE

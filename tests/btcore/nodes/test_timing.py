@@ -4,8 +4,14 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeRaised, SimClock, Status, Tree, TreeError
-from btcore.testing.planned import Journal
+from btcore import (
+    NodeExecutionError,
+    SimClock,
+    Status,
+    Tree,
+    TreeError,
+)
+from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
 MS = 1_000_000
@@ -25,50 +31,50 @@ def after(tree: Tree, clock: SimClock, *milliseconds: float) -> list[Status]:
 # --- Sleep
 
 
-def test_sleep_runs_until_its_time_is_over_and_succeeds(grow: Grow, clock: SimClock) -> None:
-    assert after(grow('<Sleep msec="100"/>'), clock, 0, 50, 49.999999, 0.000001) == [R, R, R, S]
+def test_sleep_runs_until_its_time_is_over_and_succeeds(make_tree: Grow, clock: SimClock) -> None:
+    assert after(make_tree('<Sleep msec="100"/>'), clock, 0, 50, 49.999999, 0.000001) == [R, R, R, S]
 
 
-def test_a_sleep_of_no_time_succeeds_at_once(grow: Grow, clock: SimClock) -> None:
-    assert after(grow('<Sleep msec="0"/>'), clock, 0) == [S]
+def test_a_sleep_of_no_time_succeeds_at_once(make_tree: Grow, clock: SimClock) -> None:
+    assert after(make_tree('<Sleep msec="0"/>'), clock, 0) == [S]
 
 
-def test_sleep_wakes_the_tree_at_its_end(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Sleep msec="100"/>')
+def test_sleep_wakes_the_tree_at_its_end(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Sleep msec="100"/>')
     assert tree.tick_while_running(period=60.0) is S
     assert clock.now() == 100 * MS
 
 
-def test_a_halted_sleep_wakes_nobody_and_starts_anew(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Sleep msec="100"/>')
+def test_a_halted_sleep_wakes_nobody_and_starts_anew(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Sleep msec="100"/>')
     after(tree, clock, 0, 60)
     tree.halt()
     assert tree.sleep(0.06) is False
     assert after(tree, clock, 0, 60, 40) == [R, R, S]
 
 
-def test_how_long_is_read_when_it_starts(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Sleep msec="{t}"/>')
+def test_how_long_is_read_when_it_starts(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Sleep msec="{t}"/>')
     tree.blackboard["t"] = 50
     after(tree, clock, 0)
     tree.blackboard["t"] = 1000
     assert after(tree, clock, 50) == [S]
 
 
-def test_a_duration_is_no_negative_number(grow: Grow) -> None:
+def test_a_duration_is_no_negative_number(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="-5"):
-        grow('<Sleep msec="-5"/>')
-    with pytest.raises(NodeRaised, match="msec"):
-        grow("<Sleep/>").tick_once()
+        make_tree('<Sleep msec="-5"/>')
+    with pytest.raises(NodeExecutionError, match="msec"):
+        make_tree("<Sleep/>").tick_once()
 
 
 # --- Delay
 
 
 def test_delay_ticks_its_child_only_when_the_time_has_passed(
-    grow: Grow, clock: SimClock, journal: Journal
+    make_tree: Grow, clock: SimClock, journal: CallLog
 ) -> None:
-    tree = grow('<Delay delay_msec="100"><PlanAction name="a" plan="RS"/></Delay>')
+    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS"/></Delay>')
     assert after(tree, clock, 0, 99) == [R, R]
     assert journal.calls == []
     assert after(tree, clock, 1, 0) == [R, S]
@@ -76,25 +82,25 @@ def test_delay_ticks_its_child_only_when_the_time_has_passed(
 
 
 def test_a_child_that_runs_is_not_delayed_again_and_one_that_has_completed_is(
-    grow: Grow, clock: SimClock
+    make_tree: Grow, clock: SimClock
 ) -> None:
-    tree = grow('<Delay delay_msec="100"><PlanAction name="a" plan="RS|F"/></Delay>')
+    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS|F"/></Delay>')
     assert after(tree, clock, 0, 100, 0, 0, 99, 1) == [R, R, S, R, R, F]
 
 
-def test_even_no_delay_takes_a_tick(grow: Grow, clock: SimClock, journal: Journal) -> None:
-    tree = grow('<Delay delay_msec="0"><PlanSync name="a" plan="S"/></Delay>')
+def test_even_no_delay_takes_a_tick(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+    tree = make_tree('<Delay delay_msec="0"><PlanSync name="a" plan="S"/></Delay>')
     assert after(tree, clock, 0, 0) == [R, S]
     assert journal.calls == ["a:tick"]
 
 
-def test_delay_wakes_the_tree_when_the_child_is_due(grow: Grow, clock: SimClock) -> None:
-    assert grow('<Delay delay_msec="70"><AlwaysFailure/></Delay>').tick_while_running(period=60.0) is F
+def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: Grow, clock: SimClock) -> None:
+    assert make_tree('<Delay delay_msec="70"><AlwaysFailure/></Delay>').tick_while_running(period=60.0) is F
     assert clock.now() == 70 * MS
 
 
-def test_a_halt_ends_the_delay_and_the_child(grow: Grow, clock: SimClock, journal: Journal) -> None:
-    tree = grow('<Delay delay_msec="100"><PlanAction name="a" plan="RRR"/></Delay>')
+def test_a_halt_ends_the_delay_and_the_child(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RRR"/></Delay>')
     after(tree, clock, 0, 60)
     tree.halt()
     assert tree.sleep(0.06) is False
@@ -104,48 +110,50 @@ def test_a_halt_ends_the_delay_and_the_child(grow: Grow, clock: SimClock, journa
     assert journal.take() == ["a:halted"]
 
 
-def test_a_skipped_child_is_ticked_again_without_a_new_delay(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Delay delay_msec="100"><PlanAction name="a" plan="K|S"/></Delay>')
+def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="K|S"/></Delay>')
     assert after(tree, clock, 0, 100, 0) == [R, K, S]
 
 
 # --- Timeout
 
 
-def test_a_child_that_completes_in_time_gives_its_own_result(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="RS|RF"/></Timeout>')
+def test_a_child_that_completes_in_time_gives_its_own_result(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS|RF"/></Timeout>')
     assert after(tree, clock, 0, 99, 0, 99) == [R, S, R, F]
 
 
 def test_a_child_that_still_runs_at_the_limit_is_halted_and_the_node_fails(
-    grow: Grow, clock: SimClock, journal: Journal
+    make_tree: Grow, clock: SimClock, journal: CallLog
 ) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="RRRRR"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RRRRR"/></Timeout>')
     assert after(tree, clock, 0, 99.999999, 0.000001) == [R, R, F]
     assert journal.calls == ["a:start", "a:running", "a:halted"]
     assert {node.status for node in tree} == {Status.IDLE}
 
 
 def test_the_child_is_not_ticked_once_more_at_the_limit(
-    grow: Grow, clock: SimClock, journal: Journal
+    make_tree: Grow, clock: SimClock, journal: CallLog
 ) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="RS"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS"/></Timeout>')
     assert after(tree, clock, 0, 100) == [R, F]
     assert "a:running" not in journal.calls
 
 
-def test_timeout_wakes_the_tree_at_the_limit(grow: Grow, clock: SimClock) -> None:
-    assert grow('<Timeout msec="70"><PlanAction plan="R"/></Timeout>').tick_while_running(period=60.0) is F
+def test_timeout_wakes_the_tree_at_the_limit(make_tree: Grow, clock: SimClock) -> None:
+    assert (
+        make_tree('<Timeout msec="70"><PlanAction plan="R"/></Timeout>').tick_while_running(period=60.0) is F
+    )
     assert clock.now() == 70 * MS
 
 
-def test_no_limit_is_zero(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Timeout msec="0"><PlanAction plan="RRRS"/></Timeout>')
+def test_no_limit_is_zero(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Timeout msec="0"><PlanAction plan="RRRS"/></Timeout>')
     assert after(tree, clock, 0, 1e6, 1e6, 1e6) == [R, R, R, S]
 
 
-def test_the_time_counts_anew_after_a_result_and_after_a_halt(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction plan="RS|RRR|RRR"/></Timeout>')
+def test_the_time_counts_anew_after_a_result_and_after_a_halt(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Timeout msec="100"><PlanAction plan="RS|RRR|RRR"/></Timeout>')
     assert after(tree, clock, 0, 80) == [R, S]
     assert after(tree, clock, 0, 80) == [R, R]
     tree.halt()
@@ -153,8 +161,8 @@ def test_the_time_counts_anew_after_a_result_and_after_a_halt(grow: Grow, clock:
     assert after(tree, clock, 0, 80, 20) == [R, R, F]
 
 
-def test_a_child_that_completed_in_time_leaves_no_wake_up_behind(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction plan="RS"/></Timeout>')
+def test_a_child_that_completed_in_time_leaves_no_wake_up_behind(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree('<Timeout msec="100"><PlanAction plan="RS"/></Timeout>')
     assert after(tree, clock, 0, 10) == [R, S]
     assert tree.sleep(1.0) is False
     assert clock.now() == 1010 * MS
@@ -168,8 +176,10 @@ def test_a_child_that_completed_in_time_leaves_no_wake_up_behind(grow: Grow, clo
         '<Timeout msec="100"><PlanAction plan="R"/></Timeout>',
     ],
 )
-def test_what_its_parent_halts_while_it_waits_wakes_nobody(waiting: str, grow: Grow, clock: SimClock) -> None:
-    tree = grow(
+def test_what_its_parent_halts_while_it_waits_wakes_nobody(
+    waiting: str, make_tree: Grow, clock: SimClock
+) -> None:
+    tree = make_tree(
         f'<WhileDoElse><PlanCondition plan="SF"/>{waiting}<PlanAction name="b" plan="RRR"/></WhileDoElse>'
     )
     assert after(tree, clock, 0, 10) == [R, R]
@@ -177,20 +187,22 @@ def test_what_its_parent_halts_while_it_waits_wakes_nobody(waiting: str, grow: G
     assert clock.now() == 1010 * MS
 
 
-def test_a_skipped_child_passes(grow: Grow, clock: SimClock) -> None:
-    assert after(grow('<Timeout msec="100"><PlanAction plan="K"/></Timeout>'), clock, 0) == [K]
+def test_a_skipped_child_passes(make_tree: Grow, clock: SimClock) -> None:
+    assert after(make_tree('<Timeout msec="100"><PlanAction plan="K"/></Timeout>'), clock, 0) == [K]
 
 
 def test_a_child_that_does_not_run_at_the_limit_is_not_halted_and_has_no_limit_any_more(
-    grow: Grow, clock: SimClock, journal: Journal
+    make_tree: Grow, clock: SimClock, journal: CallLog
 ) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="K|RRS"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="K|RRS"/></Timeout>')
     assert after(tree, clock, 0, 100, 1e6, 1e6) == [K, R, R, S]
     assert "a:halted" not in journal.calls
 
 
-def test_in_format_3_a_halt_does_not_stop_the_time(grow: Grow, clock: SimClock, journal: Journal) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="R"/></Timeout>', format=3)
+def test_in_format_3_a_halt_does_not_stop_the_time(
+    make_tree: Grow, clock: SimClock, journal: CallLog
+) -> None:
+    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R"/></Timeout>', format=3)
     after(tree, clock, 0, 60)
     tree.halt()
     assert after(tree, clock, 0, 39, 1) == [R, R, F]
@@ -198,15 +210,17 @@ def test_in_format_3_a_halt_does_not_stop_the_time(grow: Grow, clock: SimClock, 
     assert after(tree, clock, 0, 99, 1) == [R, R, F]
 
 
-def test_in_format_3_a_time_that_ends_between_two_starts_is_no_limit(grow: Grow, clock: SimClock) -> None:
-    tree = grow('<Timeout msec="100"><PlanAction name="a" plan="R|RRS"/></Timeout>', format=3)
+def test_in_format_3_a_time_that_ends_between_two_starts_is_no_limit(
+    make_tree: Grow, clock: SimClock
+) -> None:
+    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R|RRS"/></Timeout>', format=3)
     after(tree, clock, 0)
     tree.halt()
     assert after(tree, clock, 100, 1e6, 1e6) == [R, R, S]
 
 
-def test_the_inner_of_two_limits_ends_first(grow: Grow, clock: SimClock, journal: Journal) -> None:
-    tree = grow(
+def test_the_inner_of_two_limits_ends_first(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+    tree = make_tree(
         '<Timeout msec="200"><Fallback><Timeout msec="50"><PlanAction name="a" plan="R"/></Timeout>'
         '<PlanAction name="b" plan="R"/></Fallback></Timeout>'
     )
@@ -216,7 +230,7 @@ def test_the_inner_of_two_limits_ends_first(grow: Grow, clock: SimClock, journal
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_both_formats_have_delay_and_timeout(format: int, grow: Grow, clock: SimClock) -> None:
+def test_both_formats_have_delay_and_timeout(format: int, make_tree: Grow, clock: SimClock) -> None:
     body = '<Timeout msec="100"><Delay delay_msec="30"><PlanAction plan="RRRR"/></Delay></Timeout>'
-    tree = grow(body, format=format)
+    tree = make_tree(body, format=format)
     assert after(tree, clock, 0, 30, 69, 1) == [R, R, R, F]

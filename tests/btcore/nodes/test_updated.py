@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import Status, Tree, TreeError
-from btcore.testing.planned import Journal
+from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
 
@@ -16,9 +16,9 @@ DECORATORS = [("SkipUnlessUpdated", K), ("WaitValueUpdate", R)]
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_the_child_is_ticked_only_when_the_entry_was_written_since_the_last_look(
-    tag: str, otherwise: Status, grow: Grow, journal: Journal
+    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
-    tree = grow(f'<{tag} entry="{{x}}"><PlanSync name="p" plan="SF"/></{tag}>')
+    tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync name="p" plan="SF"/></{tag}>')
     assert tree.tick_once() is otherwise
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
@@ -30,18 +30,18 @@ def test_the_child_is_ticked_only_when_the_entry_was_written_since_the_last_look
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_an_entry_that_was_written_before_the_first_look_counts_as_updated(
-    tag: str, otherwise: Status, grow: Grow
+    tag: str, otherwise: Status, make_tree: Grow
 ) -> None:
-    tree = grow(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
+    tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_a_child_that_runs_is_ticked_without_a_look(
-    tag: str, otherwise: Status, grow: Grow, journal: Journal
+    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
-    tree = grow(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="RRS"/></{tag}>')
+    tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="RRS"/></{tag}>')
     tree.blackboard["x"] = 1
     assert [tree.tick_once() for _ in range(4)] == [R, R, S, otherwise]
     assert journal.calls == ["a:start", "a:running", "a:running"]
@@ -49,9 +49,9 @@ def test_a_child_that_runs_is_ticked_without_a_look(
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_a_halt_halts_the_child_and_what_was_seen_stays_seen(
-    tag: str, otherwise: Status, grow: Grow, journal: Journal
+    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
-    tree = grow(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="R"/></{tag}>')
+    tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="R"/></{tag}>')
     tree.blackboard["x"] = 1
     tree.tick_once()
     tree.halt()
@@ -60,25 +60,25 @@ def test_a_halt_halts_the_child_and_what_was_seen_stays_seen(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, grow: Grow) -> None:
-    tree = grow(f'<{tag} entry="x"><AlwaysSuccess/></{tag}>')
+def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make_tree: Grow) -> None:
+    tree = make_tree(f'<{tag} entry="x"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [S, otherwise]
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_an_entry_that_is_not_there_was_not_updated(
-    tag: str, otherwise: Status, grow: Grow, journal: Journal
+    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
-    tree = grow(f'<{tag} entry="x"><PlanSync name="p" plan="S"/></{tag}>')
+    tree = make_tree(f'<{tag} entry="x"><PlanSync name="p" plan="S"/></{tag}>')
     assert tree.blackboard.find("x") is None
     assert tree.tick_once() is otherwise
     assert journal.calls == []
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_it_is_the_number_of_writes_that_is_compared(tag: str, otherwise: Status, grow: Grow) -> None:
-    tree = grow(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
+def test_it_is_the_number_of_writes_that_is_compared(tag: str, otherwise: Status, make_tree: Grow) -> None:
+    tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
     tree.blackboard.unset("x")
@@ -90,8 +90,8 @@ def test_it_is_the_number_of_writes_that_is_compared(tag: str, otherwise: Status
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_what_the_child_gives_is_the_result(tag: str, otherwise: Status, grow: Grow) -> None:
-    tree = grow(f'<{tag} entry="{{x}}"><PlanSync plan="KFS"/></{tag}>')
+def test_what_the_child_gives_is_the_result(tag: str, otherwise: Status, make_tree: Grow) -> None:
+    tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync plan="KFS"/></{tag}>')
     statuses = []
     for value in range(3):
         tree.blackboard["x"] = value
@@ -101,20 +101,20 @@ def test_what_the_child_gives_is_the_result(tag: str, otherwise: Status, grow: G
 
 @pytest.mark.parametrize("entry", ["", 'entry=""'])
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_the_entry_must_be_given(tag: str, otherwise: Status, entry: str, grow: Grow) -> None:
+def test_the_entry_must_be_given(tag: str, otherwise: Status, entry: str, make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="entry"):
-        grow(f"<{tag} {entry}><AlwaysSuccess/></{tag}>")
+        make_tree(f"<{tag} {entry}><AlwaysSuccess/></{tag}>")
 
 
-def test_two_nodes_look_each_for_itself(grow: Grow) -> None:
+def test_two_nodes_look_each_for_itself(make_tree: Grow) -> None:
     one = '<SkipUnlessUpdated entry="{x}"><AlwaysSuccess/></SkipUnlessUpdated>'
-    tree = grow(f"<Sequence>{one}{one}</Sequence>")
+    tree = make_tree(f"<Sequence>{one}{one}</Sequence>")
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
 
 
-def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_look(grow: Grow) -> None:
-    tree = grow('<WasEntryUpdated entry="{x}"/>')
+def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_look(make_tree: Grow) -> None:
+    tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     assert tree.tick_once() is F
     tree.blackboard["x"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
@@ -123,31 +123,31 @@ def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_look
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_it_sees_what_scripts_and_leaves_write(grow: Grow) -> None:
-    tree = grow('<Sequence><Script code="x := 1"/><WasEntryUpdated entry="{x}"/></Sequence>')
+def test_it_sees_what_scripts_and_leaves_write(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><Script code="x := 1"/><WasEntryUpdated entry="{x}"/></Sequence>')
     assert [tree.tick_once(), tree.tick_once()] == [S, S]
 
 
-def test_it_looks_through_the_remapping_of_a_subtree(grow: Grow) -> None:
+def test_it_looks_through_the_remapping_of_a_subtree(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Sub"><WasEntryUpdated entry="{inside}"/></BehaviorTree>'
-    tree = grow('<SubTree ID="Sub" inside="{outside}"/>', others=inner)
+    tree = make_tree('<SubTree ID="Sub" inside="{outside}"/>', others=inner)
     assert tree.tick_once() is F
     tree.blackboard["outside"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_an_entry_that_is_missing_is_a_failure(grow: Grow) -> None:
-    assert grow('<WasEntryUpdated entry="x"/>').tick_once() is F
+def test_an_entry_that_is_missing_is_a_failure(make_tree: Grow) -> None:
+    assert make_tree('<WasEntryUpdated entry="x"/>').tick_once() is F
 
 
-def test_what_it_has_seen_stays_seen_after_a_halt(grow: Grow) -> None:
-    tree = grow('<WasEntryUpdated entry="{x}"/>')
+def test_what_it_has_seen_stays_seen_after_a_halt(make_tree: Grow) -> None:
+    tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
     tree.halt()
     assert tree.tick_once() is F
 
 
-def test_it_must_be_told_which(grow: Grow) -> None:
+def test_was_entry_updated_requires_its_entry_port(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="entry"):
-        grow("<WasEntryUpdated/>")
+        make_tree("<WasEntryUpdated/>")

@@ -145,7 +145,7 @@ def sweep(folder: Path) -> Callable[..., Result]:
 
 
 @pytest.fixture
-def told() -> Callable[[Result], dict[str, Any]]:
+def last_json() -> Callable[[Result], dict[str, Any]]:
     """The JSON object in the last line of stdout."""
 
     def read(result: Result) -> dict[str, Any]:

@@ -48,13 +48,13 @@ def until(holds: Callable[[], object]) -> None:
 
 
 def test_episodes_are_what_run_does_and_the_replay_makes_them_again(
-    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
 ) -> None:
     file = tree('<Sequence><Walk most="9"/><Lucky odds="{odds}"/></Sequence>')
     words = ["--seeds", "12", "--param", "bb.odds=0.2,0.9", "--scheduler", scheduler, "--json"]
     result = sweep(file, *words)
     assert result.exit_code == 1, result.stderr
-    data = told(result)
+    data = last_json(result)
     assert (data["episodes"], data["done"], data["of"]) == (24, 24, 24)
     assert data["by"]["bb.odds"]["0.2"]["succeeded"] < data["by"]["bb.odds"]["0.9"]["succeeded"]
     assert data["interval"][0] < data["rate"] < data["interval"][1]
@@ -89,27 +89,27 @@ def test_the_same_sweep_gives_the_same_table_to_the_byte(sweep: Sweep, tree: Tre
 
 
 def test_a_leaf_that_raises_is_counted_and_nothing_of_what_it_prints_is_seen(
-    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
 ) -> None:
     file = tree('<Explode when="{lit}"/>')
     words = ["--seeds", "2", "--param", "bb.lit=false,true", "--scheduler", scheduler, "--json"]
     result = sweep(file, *words)
     assert result.exit_code == 3
     assert "tick tack" not in result.output
-    assert told(result)["statuses"] == {"SUCCESS": 2, "RAISED": 2}
-    (node,) = told(result)["failing"]
+    assert last_json(result)["statuses"] == {"SUCCESS": 2, "RAISED": 2}
+    (node,) = last_json(result)["failing"]
     assert (node["node"], node["ended"]) == ("Explode::1", 2)
     assert {row["error"] for row in rows()} == {"", "ValueError: the fuse was lit"}
 
 
 def test_success_may_be_what_the_user_says_and_judging_anew_plays_nothing(
-    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
 ) -> None:
     words = [tree("<Walk/>"), "--seeds", "10", "--scheduler", scheduler, "--json"]
-    assert told(sweep(*words))["rate"] == 1.0
+    assert last_json(sweep(*words))["rate"] == 1.0
     result = sweep(*words, "--success-if", "ticks > 4")
-    assert 0 < told(result)["rate"] < 1
-    assert told(result)["workers"]["count"] == 0
+    assert 0 < last_json(result)["rate"] < 1
+    assert last_json(result)["workers"]["count"] == 0
     mistaken = sweep(*words, "--success-if", "tiks > 4")
     assert mistaken.exit_code == 2
     assert "did you mean 'ticks'?" in mistaken.stderr
@@ -137,23 +137,23 @@ def test_a_folder_with_another_sweep_is_refused(sweep: Sweep, tree: Tree, schedu
 
 
 def test_the_episode_of_a_worker_that_dies_is_played_again(
-    sweep: Sweep, tree: Tree, told: Told, folder: Path, scheduler: str
+    sweep: Sweep, tree: Tree, last_json: Told, folder: Path, scheduler: str
 ) -> None:
     file = tree(f'<Sequence><Die mark="{folder / "mark"}"/><Walk/></Sequence>')
-    data = told(sweep(file, "--seeds", "8", "--scheduler", scheduler, "--json"))
+    data = last_json(sweep(file, "--seeds", "8", "--scheduler", scheduler, "--json"))
     assert data["statuses"] == {"SUCCESS": 8}
     assert data["workers"]["deaths"] >= 1
     assert sorted(journal()) == list(range(8))
 
 
 def test_an_episode_that_kills_its_workers_is_recorded_and_the_others_go_on(
-    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
 ) -> None:
     file = tree('<Sequence><Die when="{deadly}"/><Walk/></Sequence>')
     words = ["--seeds", "3..3", "--param", "bb.deadly=false,true", "--attempts", "2"]
     result = sweep(file, *words, "--scheduler", scheduler, "--json")
     assert result.exit_code == 1, result.stderr
-    assert told(result)["statuses"] == {"SUCCESS": 1, "KILLED": 1}
+    assert last_json(result)["statuses"] == {"SUCCESS": 1, "KILLED": 1}
     assert rows()[1]["error"] == "its worker died, 2 times"
 
 
@@ -172,7 +172,7 @@ def started(*words: str) -> subprocess.Popen[str]:
 
 
 def test_after_kill_9_no_worker_is_left_and_the_same_command_goes_on_without_loss(
-    sweep: Sweep, tree: Tree, told: Told, scheduler: str
+    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
 ) -> None:
     words = [tree("<Sequence><Toil/><Walk/></Sequence>"), "--seeds", "24", "--json"]
     with started(*words, "--workers", "2") as process:
@@ -190,7 +190,7 @@ def test_after_kill_9_no_worker_is_left_and_the_same_command_goes_on_without_los
     assert result.exit_code == 0, result.stderr
     assert journal()[: len(before)] == before
     assert sorted(journal()) == list(range(24))
-    assert told(result)["statuses"] == {"SUCCESS": 24}
+    assert last_json(result)["statuses"] == {"SUCCESS": 24}
     sweep(*words, "--scheduler", scheduler, "--output", "whole")
     assert Path("whole/results.csv").read_bytes() == Path("tree.sweep/results.csv").read_bytes()
 

@@ -11,13 +11,13 @@ import pytest
 
 from btcore.script.program import compile_script
 from btcore.sweep import charts, table
-from btcore.sweep.definition import Definition
-from btcore.sweep.figures import Rate, figures, wilson
-from btcore.sweep.parameters import Choices
-from btcore.sweep.report import Told, page
-from btcore.sweep.success import judge
+from btcore.sweep.definition import SweepDefinition
+from btcore.sweep.parameters import RunOptions
+from btcore.sweep.report import ReportData, render_report
+from btcore.sweep.success import is_success
+from btcore.sweep.sweep_statistics import SuccessRate, compute_statistics, wilson
 
-SWEEP = Definition("walk", (), {"bb.x": ("1", "2.5")}, Choices({}, {}), tuple(range(4)), {}, "1")
+SWEEP = SweepDefinition("walk", (), {"bb.x": ("1", "2.5")}, RunOptions({}, {}), tuple(range(4)), {}, "1")
 
 
 def record(number: int, status: str = "SUCCESS", **more: Any) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def rows(count: int = 8) -> list[table.Row]:
         failed = number % 4 == 3
         kept = record(number, "FAILURE" if failed else "SUCCESS", blamed="a" if failed else None)
         row = table.row(SWEEP.episode(number), kept)
-        found.append({**row, "success": judge(row, None)})
+        found.append({**row, "success": is_success(row, None)})
     return found
 
 
@@ -108,12 +108,12 @@ def test_the_interval_is_scipys(good: int, count: int) -> None:
 
 def test_of_no_episodes_nothing_is_known() -> None:
     assert wilson(0, 0) == (0.0, 1.0)
-    assert math.isnan(Rate(0, 0, 0.0, 1.0).share)
+    assert math.isnan(SuccessRate(0, 0, 0.0, 1.0).share)
     assert charts.percent(math.nan) == "–"
 
 
 def test_rates_by_parameter_times_and_failing_nodes() -> None:
-    found = figures(rows(), SWEEP)
+    found = compute_statistics(rows(), SWEEP)
     assert (found.rate.good, found.rate.count) == (6, 8)
     assert {value: (one.good, one.count) for value, one in found.by["bb.x"].items()} == {
         "1": (4, 4),
@@ -128,11 +128,11 @@ def test_rates_by_parameter_times_and_failing_nodes() -> None:
 
 def test_success_may_be_a_script_over_the_columns() -> None:
     row = table.row(SWEEP.episode(3), record(3))
-    assert judge(row, compile_script("status == 'SUCCESS' && robot_distance_m > 1"))
-    assert not judge(row, compile_script("param_bb_x < 2"))
-    assert not judge(row, compile_script("failed_at == 'a'")), "what has no value is no answer"
+    assert is_success(row, compile_script("status == 'SUCCESS' && robot_distance_m > 1"))
+    assert not is_success(row, compile_script("param_bb_x < 2"))
+    assert not is_success(row, compile_script("failed_at == 'a'")), "what has no value is no answer"
     killed = table.row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3})
-    assert not judge(killed, compile_script("seed < 100"))
+    assert not is_success(killed, compile_script("seed < 100"))
 
 
 def test_a_histogram_counts_everything() -> None:
@@ -144,8 +144,8 @@ def test_a_histogram_counts_everything() -> None:
 
 
 def test_the_report_tells_of_what_was_varied_and_escapes_what_users_wrote() -> None:
-    found = figures(rows(), SWEEP)
-    text = page(Told(SWEEP, found, "1 < 2 && '<b>' != ''", (0.5,) * 8))
+    found = compute_statistics(rows(), SWEEP)
+    text = render_report(ReportData(SWEEP, found, "1 < 2 && '<b>' != ''", (0.5,) * 8))
     assert "75.0 %" in text
     assert "bb.x" in text
     assert "&lt;b&gt;" in text

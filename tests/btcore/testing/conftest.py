@@ -4,8 +4,13 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import Out, Registry, SyncAction, condition
-from btcore.testing import Harness, Outcomes, with_planned_leaves
+from btcore import (
+    Out,
+    Registry,
+    SyncAction,
+    condition,
+)
+from btcore.testing import Harness, Outcomes, with_mock_leaves
 
 PATROL = """
 <root BTCPP_format="4" main_tree_to_execute="Main">
@@ -44,7 +49,7 @@ def patrol() -> Callable[..., Harness]:
     def make(*entries: str) -> Harness:
         nodes = Registry.standard()
         nodes.add(battery_ok, Drive)
-        made = Harness.loads(PATROL, nodes=with_planned_leaves(nodes))
+        made = Harness.loads(PATROL, nodes=with_mock_leaves(nodes))
         Outcomes(*entries).attach(made.tree)
         return made
 

@@ -6,8 +6,20 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import Blackboard, NodeRaised, Registry, Status, action, sleep
-from btcore.testing import Change, Harness, PlanFault, Trace
+from btcore import (
+    Blackboard,
+    NodeExecutionError,
+    Registry,
+    Status,
+    action,
+    sleep,
+)
+from btcore.testing import (
+    Harness,
+    LeafPlanError,
+    StatusChange,
+    Trace,
+)
 
 Patrol = Callable[..., Harness]
 
@@ -122,8 +134,8 @@ def test_a_step_tells_the_changes_the_results_what_was_written_and_how_all_stand
     step = harness.last
     assert (step.tick, step.stamp, step.status) == (1, 0, Status.RUNNING)
     assert step.changes[:2] == (
-        Change("patrol", Status.IDLE, Status.RUNNING),
-        Change("BatteryOk::2", Status.IDLE, Status.SUCCESS),
+        StatusChange("patrol", Status.IDLE, Status.RUNNING),
+        StatusChange("BatteryOk::2", Status.IDLE, Status.SUCCESS),
     )
     assert step.results["round/out"] == (Status.SUCCESS,)
     assert step.results["round/back"] == (Status.RUNNING,)
@@ -154,9 +166,9 @@ def test_a_halt_between_ticks_is_a_step_of_its_own(patrol: Patrol) -> None:
 
 def test_a_node_that_raises_ends_the_step_and_gave_nothing(patrol: Patrol) -> None:
     harness = patrol("S", "X")
-    with pytest.raises(NodeRaised) as raised:
+    with pytest.raises(NodeExecutionError) as raised:
         harness.tick()
-    assert isinstance(raised.value.cause, PlanFault)
+    assert isinstance(raised.value.cause, LeafPlanError)
     step = harness.last
     assert step.error is raised.value
     assert step.results["BatteryOk::2"] == (Status.SUCCESS,)
@@ -186,6 +198,6 @@ def test_a_trace_that_was_stopped_hears_no_more(patrol: Patrol) -> None:
     tree = patrol("S").tree
     trace = Trace(tree)
     tree.tick_once()
-    trace.stop()
+    trace.unsubscribe()
     tree.tick_once()
     assert len(trace) == 1

@@ -5,8 +5,24 @@ from collections.abc import Callable
 import pytest
 
 import btcore
-from btcore import In, NodeRaised, Registry, SimClock, Status, Tree, action, condition
-from btcore.testing import Harness, Outcomes, PlanFault, PlannedAction, PlannedCondition, with_planned_leaves
+from btcore import (
+    In,
+    NodeExecutionError,
+    Registry,
+    SimClock,
+    Status,
+    Tree,
+    action,
+    condition,
+)
+from btcore.testing import (
+    Harness,
+    LeafPlanError,
+    MockAction,
+    MockCondition,
+    Outcomes,
+    with_mock_leaves,
+)
 
 Patrol = Callable[..., Harness]
 
@@ -14,7 +30,7 @@ Patrol = Callable[..., Harness]
 def planned(body: str) -> Tree:
     return btcore.loads(
         f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>',
-        nodes=with_planned_leaves(Registry.standard()),
+        nodes=with_mock_leaves(Registry.standard()),
         clock=SimClock(),
     )
 
@@ -49,9 +65,9 @@ def test_after_the_last_entry_comes_the_first() -> None:
 
 
 def test_a_plan_may_raise() -> None:
-    with pytest.raises(NodeRaised) as raised:
+    with pytest.raises(NodeExecutionError) as raised:
         Outcomes("RX").drive(planned("<Act/>"))
-    assert isinstance(raised.value.cause, PlanFault)
+    assert isinstance(raised.value.cause, LeafPlanError)
 
 
 def test_without_a_plan_leaves_succeed() -> None:
@@ -104,8 +120,8 @@ def test_leaves_of_a_registry_follow_the_plan_and_need_no_resources() -> None:
         '<root BTCPP_format="4"><BehaviorTree ID="Main">'
         '<Fallback><Holding/><Grasp force="3"/><AlwaysFailure/></Fallback></BehaviorTree></root>'
     )
-    tree = btcore.loads(text, nodes=with_planned_leaves(nodes), clock=SimClock())
-    assert [type(node) for node in tree][1:3] == [PlannedCondition, PlannedAction]
+    tree = btcore.loads(text, nodes=with_mock_leaves(nodes), clock=SimClock())
+    assert [type(node) for node in tree][1:3] == [MockCondition, MockAction]
     assert tree.nodes[2].get_input("force") == 3
     assert Outcomes("F", "RS").drive(tree, ticks=2) == [Status.RUNNING, Status.SUCCESS]
     assert "Act" not in nodes
@@ -117,7 +133,7 @@ def test_a_rule_that_is_there_already_stays() -> None:
     nodes.add(holding)
     nodes.substitute("Holding", "AlwaysFailure")
     text = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Holding/></BehaviorTree></root>'
-    tree = btcore.loads(text, nodes=with_planned_leaves(nodes), clock=SimClock())
+    tree = btcore.loads(text, nodes=with_mock_leaves(nodes), clock=SimClock())
     assert tree.tick_once() is Status.FAILURE
 
 
@@ -128,5 +144,5 @@ def test_a_tree_whose_leaves_follow_no_plan_is_refused_with_advice() -> None:
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Inverter><Holding/></Inverter></BehaviorTree></root>'
     )
     tree = btcore.loads(text, nodes=nodes, resources=[Arm()], clock=SimClock())
-    with pytest.raises(ValueError, match=r"not even 'Holding::2'; load it with nodes=with_planned_leaves"):
+    with pytest.raises(ValueError, match=r"not even 'Holding::2'; load it with nodes=with_mock_leaves"):
         Outcomes("S").drive(tree)

@@ -36,7 +36,7 @@ def run(folder: Path, test: str, *options: str, without: str = "") -> subprocess
         )
     paths = [str(folder / "blocked")] * bool(without) + [str(HOME)]
     return subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "btcore.testing.plugin", "-W", "error", *options],
+        [sys.executable, "-m", "pytest", "-q", "-p", "btcore.testing.pytest_plugin", "-W", "error", *options],
         cwd=folder,
         env={
             **os.environ,

@@ -25,8 +25,15 @@ from btcore import (
     Tree,
     condition,
 )
-from btcore.testing import Journal, Outcomes, blackboards, documents, outcomes, trees
-from btcore.testing.recorded_trees import planned_registry
+from btcore.testing import (
+    CallLog,
+    Outcomes,
+    blackboards,
+    outcomes,
+    trees,
+    xml_documents,
+)
+from btcore.testing.conformance_trees import conformance_registry
 
 RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 SMALLEST = settings(
@@ -58,7 +65,7 @@ def tags(text: str) -> set[str]:
 
 
 def test_the_smallest_tree_is_one_leaf() -> None:
-    (leaf,) = smallest(documents(), lambda _: True)
+    (leaf,) = smallest(xml_documents(), lambda _: True)
     assert leaf.startswith("Plan")
 
 
@@ -68,7 +75,7 @@ def test_the_smallest_tree_is_one_leaf() -> None:
 def test_a_tree_shrinks_to_the_node_that_matters(tag: str) -> None:
     children = 2 if tag == "TryCatch" else 1
     for seed in range(4):
-        found = smallest(documents(max_nodes=40), lambda text: f"<{tag} " in text, seed)
+        found = smallest(xml_documents(max_nodes=40), lambda text: f"<{tag} " in text, seed)
         if len(found) == 1 + children:
             break  # one search in twenty stops at a tree of a node or two more
     assert found[0] == tag
@@ -77,27 +84,27 @@ def test_a_tree_shrinks_to_the_node_that_matters(tag: str) -> None:
 
 
 def test_a_subtree_shrinks_away_unless_it_matters() -> None:
-    assert "SubTree" not in smallest(documents(subtrees=3), lambda text: "<Inverter" in text)
-    found = smallest(documents(subtrees=3), lambda text: "<SubTree" in text)
+    assert "SubTree" not in smallest(xml_documents(subtrees=3), lambda text: "<Inverter" in text)
+    found = smallest(xml_documents(subtrees=3), lambda text: "<SubTree" in text)
     assert found[-3:] == ["SubTree", "BehaviorTree", found[-1]]
     assert found[-1].startswith("Plan")
 
 
 @RELAXED
-@given(documents(max_nodes=12, max_depth=3))
+@given(xml_documents(max_nodes=12, max_depth=3))
 def test_a_tree_keeps_to_its_size_and_depth(text: str) -> None:
     assert text.count(" name=") <= 12
     assert levels(text) <= 3
 
 
 @RELAXED
-@given(documents(nodes=["Sequence", "Inverter", "AlwaysSuccess"]))
+@given(xml_documents(nodes=["Sequence", "Inverter", "AlwaysSuccess"]))
 def test_only_chosen_nodes_occur(text: str) -> None:
     assert tags(text) <= {"Sequence", "Inverter", "AlwaysSuccess"}
 
 
 @RELAXED
-@given(documents(nodes=["Fallback", "Sequence"]))
+@given(xml_documents(nodes=["Fallback", "Sequence"]))
 def test_where_no_leaf_is_chosen_leaves_are_planned(text: str) -> None:
     assert tags(text) <= {"Fallback", "Sequence", "PlanAction", "PlanCondition", "PlanSync"}
 
@@ -116,24 +123,24 @@ def test_where_no_leaf_is_chosen_leaves_are_planned(text: str) -> None:
     ],
 )
 def test_what_may_occur_does(options: dict[str, Any], tag: str) -> None:
-    assert tag in smallest(documents(max_nodes=40, **options), lambda text: f"<{tag} " in text)
+    assert tag in smallest(xml_documents(max_nodes=40, **options), lambda text: f"<{tag} " in text)
 
 
 @pytest.mark.parametrize("key", ["_skipIf", "_while", "_failureIf", "_onHalted", "_post"])
 def test_conditions_of_every_kind_occur(key: str) -> None:
-    assert len(smallest(documents(conditions=True), lambda text: f" {key}=" in text)) == 1
+    assert len(smallest(xml_documents(conditions=True), lambda text: f" {key}=" in text)) == 1
 
 
 @RELAXED
-@given(documents(skipped=False, conditions=True))
+@given(xml_documents(skipped=False, conditions=True))
 def test_without_skipping_nothing_skips(text: str) -> None:
     assert not re.search(r'_skipIf|_while|RunOnce|plan="[^"]*K', text)
 
 
 @RELAXED
-@given(documents(max_nodes=40, format=3, timed=True, subtrees=2))
+@given(xml_documents(max_nodes=40, format=3, timed=True, subtrees=2))
 def test_documents_of_format_3_load_as_such(text: str) -> None:
-    tree = btcore.loads(text, nodes=planned_registry(), resources=[Journal()], clock=SimClock())
+    tree = btcore.loads(text, nodes=conformance_registry(), resources=[CallLog()], clock=SimClock())
     assert tree.format == 3
 
 
@@ -222,7 +229,7 @@ def test_texts_for_ports_may_be_given(tree: Tree) -> None:
 
 def test_a_port_of_unknown_type_needs_a_text() -> None:
     with pytest.raises(InvalidArgument, match="the port 'where' of <Held>"):
-        find(documents(registry=OWN, nodes=["Held"]), lambda _: True)
+        find(xml_documents(registry=OWN, nodes=["Held"]), lambda _: True)
 
 
 @pytest.mark.parametrize(
@@ -235,7 +242,7 @@ def test_a_port_of_unknown_type_needs_a_text() -> None:
 )
 def test_a_tag_that_nobody_can_grow_is_refused(tag: str, said: str) -> None:
     with pytest.raises(InvalidArgument, match=said):
-        find(documents(registry=OWN, nodes=[tag]), lambda _: True)
+        find(xml_documents(registry=OWN, nodes=[tag]), lambda _: True)
 
 
 # --- plans and blackboards

@@ -10,7 +10,7 @@ from btcore import (
     Blackboard,
     ControlNode,
     In,
-    NodeRaised,
+    NodeExecutionError,
     NodeType,
     RegistrationError,
     Registry,
@@ -22,7 +22,12 @@ from btcore import (
     action,
     condition,
 )
-from btcore.testing import SubstitutionFault, TestNode, TestNodeConfig, load_substitution_rules
+from btcore.testing import (
+    SubstitutionError,
+    TestNode,
+    TestNodeConfig,
+    load_substitution_rules,
+)
 
 XML = """
 <root BTCPP_format="4" main_tree_to_execute="Main">
@@ -325,7 +330,7 @@ def test_a_script_may_tell_the_result_issue_995(script: str, status: Status) -> 
 
 @pytest.mark.parametrize("script", ["'MAYBE'", "7", "2.5"])
 def test_a_script_that_tells_no_status_is_an_error_that_lists_them(script: str) -> None:
-    with pytest.raises(NodeRaised, match="IDLE, RUNNING, SUCCESS, FAILURE or SKIPPED"):
+    with pytest.raises(NodeExecutionError, match="IDLE, RUNNING, SUCCESS, FAILURE or SKIPPED"):
         a_test_node(TestNodeConfig(return_status_script=script)).tick_once()
 
 
@@ -410,7 +415,7 @@ def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes:
     ],
 )
 def test_what_is_wrong_with_the_json_is_said(nodes: Registry, text: str, said: str) -> None:
-    with pytest.raises(SubstitutionFault) as refused:
+    with pytest.raises(SubstitutionError) as refused:
         load_substitution_rules(nodes, text)
     assert said in str(refused.value)
     assert list(nodes.substitutions) == ["Charged"]

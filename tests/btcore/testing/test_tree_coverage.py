@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeRaised, Status, Tree
+from btcore import NodeExecutionError, Status, Tree
 from btcore.testing import Coverage, Harness, Outcomes
 
 Patrol = Callable[..., Harness]
@@ -26,7 +26,7 @@ def test_nothing_ran_before_a_tick(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     assert (coverage.nodes, coverage.results) == (0, 0)
-    assert not any(one.ran for one in coverage.seen)
+    assert not any(one.ran for one in coverage.all_nodes)
 
 
 def test_the_report_shows_every_node_with_what_was_seen_of_it(tree: Tree) -> None:
@@ -55,7 +55,7 @@ def test_what_runs_again_adds_up_also_in_another_instance(patrol: Patrol) -> Non
         tree.tick_exactly_once()
     coverage.require(nodes=1.0, results=1.0)
     assert list(coverage.trees) == ["Main"]
-    assert len(coverage.seen) == 7
+    assert len(coverage.all_nodes) == 7
 
 
 def test_a_node_that_ends_in_one_way_only_misses_no_other(tree: Tree) -> None:
@@ -63,8 +63,8 @@ def test_a_node_that_ends_in_one_way_only_misses_no_other(tree: Tree) -> None:
     coverage.watch(tree)
     tick(tree, "S")
     seen = coverage.trees["Main"]
-    assert seen["round/note"].missing == []
-    assert seen["round/out"].missing == [Status.FAILURE]
+    assert seen["round/note"].missing_results == []
+    assert seen["round/out"].missing_results == [Status.FAILURE]
 
 
 def test_a_tree_in_which_too_little_was_seen_fails_with_the_report(tree: Tree) -> None:
@@ -85,7 +85,7 @@ def test_a_tree_in_which_too_little_was_seen_fails_with_the_report(tree: Tree) -
 def test_a_node_that_raised_was_not_running(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
-    with pytest.raises(NodeRaised):
+    with pytest.raises(NodeExecutionError):
         tick(tree, "S", "X")
     assert coverage.trees["Main"]["round/out"].results == set()
     assert coverage.trees["Main"]["BatteryOk::2"].results == {Status.SUCCESS}

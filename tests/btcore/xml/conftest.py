@@ -5,11 +5,21 @@ from typing import Protocol
 
 import pytest
 
-from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, SyncAction, action, condition
+from btcore import (
+    Blackboard,
+    In,
+    Put,
+    Registry,
+    StatefulAction,
+    Status,
+    SyncAction,
+    action,
+    condition,
+)
 from btcore.errors import Diagnostic, TreeError
 from btcore.xml.build import build
-from btcore.xml.source import read_text
-from btcore.xml.validate import validate_document
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_text
 
 
 @condition
@@ -79,7 +89,7 @@ class Checker:
         return self.found_in(text, given)
 
     def found_in(self, text: str, given: Collection[str] = ()) -> list[Diagnostic]:
-        return validate_document(read_text(text, "t.xml"), nodes=self.palette, given=given)
+        return validate_document(parse_text(text, "t.xml"), nodes=self.palette, given=given)
 
     def __call__(self, body: str, more: str = "", format: int = 4, given: Collection[str] = ()) -> str:
         """All that is said, as a user reads it."""
@@ -156,13 +166,15 @@ def document() -> Callable[..., str]:
 
 
 @pytest.fixture
-def refused(nodes: Registry, document: Callable[..., str]) -> Callable[[str | tuple[object, ...]], TreeError]:
+def tree_error(
+    nodes: Registry, document: Callable[..., str]
+) -> Callable[[str | tuple[object, ...]], TreeError]:
     """What is raised for a document: its text, or what the fixture *document* writes it from."""
 
     def make(source: str | tuple[object, ...]) -> TreeError:
         text = source if isinstance(source, str) else document(*source)
         with pytest.raises(TreeError) as caught:
-            build(read_text(text, "t.xml"), nodes, resources=[nodes])
+            build(parse_text(text, "t.xml"), nodes, resources=[nodes])
         return caught.value
 
     return make

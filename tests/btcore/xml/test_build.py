@@ -4,11 +4,19 @@ from pathlib import Path
 
 import pytest
 
-from btcore import In, Registry, Status, action, load, loads, wanted
-from btcore.blackboard import Blackboard
+from btcore import (
+    In,
+    Registry,
+    Status,
+    action,
+    load,
+    loads,
+    required_resources,
+)
+from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import SimClock
 from btcore.errors import TreeError
-from btcore.tree import Tree
+from btcore.tree.tree import Tree
 
 
 class Robot:
@@ -264,8 +272,8 @@ def test_resources_fill_what_leaves_ask_for(nodes: Registry) -> None:
 def test_what_a_tree_asks_for_is_known_before_it_is_made(nodes: Registry, tmp_path: Path) -> None:
     path = tmp_path / "t.xml"
     path.write_text(root_of(sub("<AlwaysSuccess/>", "M"), sub('<Drive speed="1"/>', "D")))
-    assert wanted(path, nodes=nodes) == []
-    assert wanted(path, nodes=nodes, tree="D") == [Robot]
+    assert required_resources(path, nodes=nodes) == []
+    assert required_resources(path, nodes=nodes, tree="D") == [Robot]
 
 
 def test_one_blackboard_may_serve_two_trees() -> None:

@@ -14,14 +14,14 @@ from btcore import (
     SimClock,
     Status,
     TreeError,
-    UnknownNode,
+    UnknownNodeError,
     action,
+    blackboard_key,
     condition,
-    key,
 )
-from btcore.xml.compose import Twig
-from btcore.xml.source import read_text
-from btcore.xml.write import tree_to_xml
+from btcore.xml.builder import NodeSpec
+from btcore.xml.read.document import parse_text
+from btcore.xml.render.tree_xml import tree_to_xml
 
 
 class Gear(enum.Enum):
@@ -58,7 +58,7 @@ def b(nodes: Registry) -> Builder:
 
 
 def test_a_tree_in_code_is_printed_as_one_would_write_it(b: Builder) -> None:
-    look = b.Sequence(b.Measure(distance=key("d")), b.Near(distance="{d}", limit=0.8), name="look")
+    look = b.Sequence(b.Measure(distance=blackboard_key("d")), b.Near(distance="{d}", limit=0.8), name="look")
     assert b.xml(b.Fallback(look, b.Repeat(b.AlwaysFailure(), num_cycles=3)), "Watch") == (
         '<root BTCPP_format="4" main_tree_to_execute="Watch">\n'
         '    <BehaviorTree ID="Watch">\n'
@@ -78,7 +78,9 @@ def test_a_tree_in_code_is_printed_as_one_would_write_it(b: Builder) -> None:
 
 def test_without_a_registry_it_is_that_of_the_built_in_nodes() -> None:
     b = btcore.Builder()
-    main = b.Sequence(b.Script(code="n := 1"), b.Repeat(b.AlwaysSuccess(), num_cycles=btcore.key("n")))
+    main = b.Sequence(
+        b.Script(code="n := 1"), b.Repeat(b.AlwaysSuccess(), num_cycles=btcore.blackboard_key("n"))
+    )
     assert b.build(main, clock=SimClock()).tick_while_running() is Status.SUCCESS
 
 
@@ -105,7 +107,7 @@ def test_a_word_that_python_has_takes_an_underscore(b: Builder) -> None:
 
 
 def test_the_function_itself_names_its_node(b: Builder) -> None:
-    assert b.of(near, distance=0.5).id == "Near"
+    assert b.node(near, distance=0.5).id == "Near"
     assert b["Near"](distance=0.5).id == "Near"
 
 
@@ -117,7 +119,7 @@ def test_a_twig_may_stand_in_several_places(b: Builder) -> None:
 
 def test_what_stands_in_texts_is_escaped(b: Builder) -> None:
     text = b.xml(b.Script(code="a := 'x' .. \"<&\n\"", name="<é>"))
-    script = next(read_text(text).root.iter("Script"))
+    script = next(parse_text(text).root.iter("Script"))
     assert (script.get("code"), script.get("name")) == ("a := 'x' .. \"<&\n\"", "<é>")
 
 
@@ -147,17 +149,17 @@ def test_a_mistake_is_told_at_the_line_of_the_code_with_all_others(b: Builder) -
 def test_a_node_says_which_line_of_the_code_made_it(b: Builder) -> None:
     tree = b.build(b.Sequence(b.Near(distance="{never}")))
     line = this_line() - 1
-    with pytest.raises(btcore.NodeRaised, match=rf"test_compose\.py:{line}: node 'Near::2'"):
+    with pytest.raises(btcore.NodeExecutionError, match=rf"test_compose\.py:{line}: node 'Near::2'"):
         tree.tick_exactly_once()
 
 
 def test_an_unknown_node_is_refused_at_once(b: Builder) -> None:
     with pytest.raises(
-        UnknownNode, match=r"test_compose\.py:\d+: E101 unknown node Sequnce\n +did you mean Sequence"
+        UnknownNodeError, match=r"test_compose\.py:\d+: E101 unknown node Sequnce\n +did you mean Sequence"
     ):
         b.Sequnce()
-    with pytest.raises(UnknownNode, match="'print' is not registered"):
-        b.of(print)
+    with pytest.raises(UnknownNodeError, match="'print' is not registered"):
+        b.node(print)
 
 
 def test_a_child_that_is_no_node_and_a_value_without_a_text_are_refused(b: Builder) -> None:
@@ -167,7 +169,7 @@ def test_a_child_that_is_no_node_and_a_value_without_a_text_are_refused(b: Build
         b.Near(distance=object())
 
 
-def chain(b: Builder, levels: int) -> Twig:
+def chain(b: Builder, levels: int) -> NodeSpec:
     twig = b.AlwaysSuccess()
     for _ in range(levels - 1):
         twig = b.ForceFailure(twig)

@@ -1,9 +1,14 @@
 """Who writes and who reads each entry: across subtrees, remappings, constants and scripts."""
 
-from btcore import In, Put, Registry, action
-from btcore.xml.check import examine
-from btcore.xml.dataflow import DataRow, as_data, data_rows
-from btcore.xml.source import read_text
+from btcore import (
+    In,
+    Put,
+    Registry,
+    action,
+)
+from btcore.xml.lint.data_flow import DataflowRow, dataflow_to_dicts, trace_dataflow
+from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.read.document import parse_text
 
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -33,15 +38,15 @@ def drive(goal: In[str], reach: In[float], shout: Put[str]) -> bool:
     return reach > 0
 
 
-def table() -> dict[str, DataRow]:
+def table() -> dict[str, DataflowRow]:
     nodes = Registry.standard()
     nodes.add(find, drive)
-    examined = examine(read_text(TEXT, "t.xml"), nodes)
-    examined.faults.raise_errors()
-    return {f"{row.scope}/{row.key}": row for row in data_rows(examined, nodes)}
+    examined = analyse_document(parse_text(TEXT, "t.xml"), nodes)
+    examined.diagnostics.raise_errors()
+    return {f"{row.scope}/{row.key}": row for row in trace_dataflow(examined, nodes)}
 
 
-def places(row: DataRow) -> tuple[list[str], list[str]]:
+def places(row: DataflowRow) -> tuple[list[str], list[str]]:
     return (
         [f"{one.node} {one.attribute}" for one in row.writers],
         [f"{one.node} {one.attribute}" for one in row.readers],
@@ -83,7 +88,7 @@ def test_set_blackboard_writes_the_entry_that_it_names() -> None:
 
 
 def test_rows_come_sorted_and_as_plain_data_with_lines() -> None:
-    data = as_data(table().values())
+    data = dataflow_to_dicts(table().values())
     names = [(row["scope"], row["key"]) for row in data]
     assert names == sorted(names)
     goal = next(row for row in data if row["key"] == "goal")

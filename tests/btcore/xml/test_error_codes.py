@@ -8,8 +8,8 @@ import pytest
 
 from btcore import Registry
 from btcore.errors import TreeError
-from btcore.xml.source import read_text
-from btcore.xml.validate import validate_document
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_text
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
@@ -57,8 +57,8 @@ def test_an_example_gives_its_code(code: str, example: str) -> None:
         )
     nodes = Registry.standard()
     try:
-        found = [one.code for one in validate_document(read_text(text), nodes=nodes)]
-    except TreeError as refused:
-        found = [one.code for one in refused.diagnostics]
+        found = [one.code for one in validate_document(parse_text(text), nodes=nodes)]
+    except TreeError as tree_error:
+        found = [one.code for one in tree_error.diagnostics]
     # A missing file is what W107 is told beside.
     assert set(found) == ({code, "E007"} if code == "W107" else {code})

@@ -7,11 +7,11 @@ from textwrap import dedent
 import pytest
 
 from btcore import Registry
-from btcore.errors import SyntaxFault, TreeError, UnknownNode
+from btcore.errors import TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.xml.build import build
-from btcore.xml.check import examine
-from btcore.xml.source import read_file, read_text
-from btcore.xml.validate import validate
+from btcore.xml.lint.validate import validate
+from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.read.document import parse_file, parse_text
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]
@@ -25,7 +25,7 @@ def searched(nodes: Registry) -> str:
 CASES = {
     "an unknown node": (
         ("<ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>",),
-        UnknownNode,
+        UnknownNodeError,
         """
         t.xml:3:5: E101 unknown node <ReactiveSeqence>
            3 |      <ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>
@@ -35,7 +35,7 @@ CASES = {
     ),
     "an unknown node by its explicit tag": (
         ('<Action ID="Drvie" speed="1"/>',),
-        UnknownNode,
+        UnknownNodeError,
         """
         t.xml:3:17: E101 unknown node 'Drvie'
            3 |      <Action ID="Drvie" speed="1"/>
@@ -45,7 +45,7 @@ CASES = {
     ),
     "a node of format 3 in format 4": (
         ("<SequenceStar><AlwaysSuccess/></SequenceStar>",),
-        UnknownNode,
+        UnknownNodeError,
         """
         t.xml:3:5: E101 unknown node <SequenceStar>
            3 |      <SequenceStar><AlwaysSuccess/></SequenceStar>
@@ -55,7 +55,7 @@ CASES = {
     ),
     "a node of format 4 in format 3": (
         ('<Script code="a := 1"/>', {}, 'main_tree_to_execute="Main"'),
-        UnknownNode,
+        UnknownNodeError,
         """
         t.xml:3:5: E101 unknown node <Script>
            3 |      <Script code="a := 1"/>
@@ -65,7 +65,7 @@ CASES = {
     ),
     "a node that only a model declares": (
         ("<Weld/>", '  <TreeNodesModel><Action ID="Weld"/></TreeNodesModel>\n'),
-        UnknownNode,
+        UnknownNodeError,
         """
         t.xml:3:5: E101 unknown node <Weld>
            3 |      <Weld/>
@@ -75,7 +75,7 @@ CASES = {
     ),
     "a tree used as a tag": (
         ("<Charge/>", {"Charge": "<AlwaysSuccess/>"}),
-        UnknownNode,
+        UnknownNodeError,
         """
         t.xml:3:5: E101 unknown node <Charge>
            3 |      <Charge/>
@@ -195,7 +195,7 @@ CASES = {
     ),
     "a document of something else": (
         "<svg/>",
-        SyntaxFault,
+        XmlSyntaxError,
         """
         t.xml:1:1: E008 the outermost element is <svg>, not <root>
            1 |  <svg/>
@@ -205,7 +205,7 @@ CASES = {
     ),
     "a root in capital letters": (
         '<Root BTCPP_format="4"/>',
-        SyntaxFault,
+        XmlSyntaxError,
         """
         t.xml:1:1: E008 the outermost element is <Root>, not <root>
            1 |  <Root BTCPP_format="4"/>
@@ -215,7 +215,7 @@ CASES = {
     ),
     "a format that is not known": (
         ("<Say/>", {}, 'BTCPP_format="5"'),
-        SyntaxFault,
+        XmlSyntaxError,
         """
         t.xml:1:21: E009 BTCPP_format '5' is not known
            1 |  <root BTCPP_format="5">
@@ -274,7 +274,7 @@ CASES = {
     ),
     "an included file that is missing": (
         ("<Say/>", '  <include path="nope.xml"/>\n'),
-        SyntaxFault,
+        XmlSyntaxError,
         """
         t.xml:5:18: E007 the included file 'nope.xml': no such file
            5 |    <include path="nope.xml"/>
@@ -283,7 +283,7 @@ CASES = {
     ),
     "an included file of a ROS package": (
         ("<Say/>", '  <include ros_pkg="nav" path="nope.xml"/>\n'),
-        SyntaxFault,
+        XmlSyntaxError,
         """
         t.xml:5:21: E007 the ROS package 'nav' is not known
            5 |    <include ros_pkg="nav" path="nope.xml"/>
@@ -295,9 +295,9 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_message(case: str, nodes: Registry, refused: Refused) -> None:
+def test_the_message(case: str, nodes: Registry, tree_error: Refused) -> None:
     source, kind, said = CASES[case]
-    fault = refused(source)
+    fault = tree_error(source)
     assert str(fault) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes))
     assert type(fault) is kind
 
@@ -308,7 +308,7 @@ def test_all_faults_are_told_at_once_in_the_order_of_the_text(nodes: Registry, d
         {"Unused": "<Nonsense/>"},
     )
     with pytest.raises(TreeError) as caught:
-        build(read_text(text, "t.xml"), nodes)
+        build(parse_text(text, "t.xml"), nodes)
     assert [(one.code, one.line) for one in caught.value.diagnostics] == [
         ("E101", 4), ("E201", 5), ("E202", 5), ("E104", 6), ("E206", 6), ("E101", 9),
     ]  # fmt: skip
@@ -322,7 +322,7 @@ def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry, 
     with pytest.raises(
         TreeError, match=r"t\.xml:2:21: E117 with all its subtrees the tree has more than 65,535 nodes"
     ):
-        build(read_text(text, "t.xml"), nodes)
+        build(parse_text(text, "t.xml"), nodes)
 
 
 # --- warnings
@@ -330,8 +330,8 @@ def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry, 
 
 def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry, document: Write) -> None:
     text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"})
-    assert build(read_text(text), nodes).root.id == "AlwaysSuccess"
-    assert [str(one) for one in examine(read_text(text, "t.xml"), nodes).faults.warnings] == [
+    assert build(parse_text(text), nodes).root.id == "AlwaysSuccess"
+    assert [str(one) for one in analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings] == [
         dedent(
             """\
             t.xml:5:21: W102 there are two trees 'Main'; this one replaces that of t.xml:2
@@ -344,8 +344,8 @@ def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry, d
 
 def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry, document: Write) -> None:
     text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"}, 'main_tree_to_execute="Main"')
-    assert build(read_text(text), nodes).root.id == "AlwaysFailure"
-    (warning,) = examine(read_text(text, "t.xml"), nodes).faults.warnings
+    assert build(parse_text(text), nodes).root.id == "AlwaysFailure"
+    (warning,) = analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings
     assert str(warning).startswith(
         "t.xml:5:21: W102 there are two trees 'Main'; that of t.xml:2 is used, not this one"
     )
@@ -353,8 +353,8 @@ def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry, d
 
 def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry, document: Write) -> None:
     text = document("<Root/><Say/>", {}, 'main_tree_to_execute="Main"')
-    assert build(read_text(text), nodes).root.id == "Say"
-    (warning,) = examine(read_text(text, "t.xml"), nodes).faults.warnings
+    assert build(parse_text(text), nodes).root.id == "Say"
+    (warning,) = analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings
     assert str(warning).startswith("t.xml:3:5: W103 <Root> is obsolete and is skipped")
 
 
@@ -364,8 +364,8 @@ def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry, docume
 def test_files_that_include_each_other(tmp_path: Path, nodes: Registry) -> None:
     (tmp_path / "a.xml").write_text('<root BTCPP_format="4"><include path="b.xml"/></root>')
     (tmp_path / "b.xml").write_text('<root BTCPP_format="4">\n  <include path="a.xml"/>\n</root>')
-    with pytest.raises(SyntaxFault) as caught:
-        build(read_file(tmp_path / "a.xml"), nodes)
+    with pytest.raises(XmlSyntaxError) as caught:
+        build(parse_file(tmp_path / "a.xml"), nodes)
     assert str(caught.value.diagnostics[0]) == (
         f"{tmp_path}/b.xml:2:18: E007 the files include each other: a.xml → b.xml → a.xml\n"
         '   2 |    <include path="a.xml"/>\n'

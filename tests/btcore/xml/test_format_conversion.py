@@ -11,20 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore import Registry, TreeError
-from btcore.testing.recorded_trees import planned_registry, run_case
-from btcore.xml.conversion.changes import changes_meaning
-from btcore.xml.conversion.convert import Conversion, convert
-from btcore.xml.lenient import START_TAG, start_tags
-from btcore.xml.source import read_text
+from btcore.testing.conformance_trees import conformance_registry, run_case
+from btcore.xml.convert.changes import changes_meaning
+from btcore.xml.convert.convert import Conversion, convert
+from btcore.xml.read.document import parse_text
+from btcore.xml.read.tinyxml2_compat import START_TAG, iter_start_tags
 
 RECORDED = Path(__file__).parents[2] / "conformance" / "data" / "v3_full.jsonl.gz"
-NODES = planned_registry()
+NODES = conformance_registry()
 THREE = "<AlwaysSuccess/>" * 3
 
 
 def converted(body: str, *, others: str = "", nodes: Registry = NODES) -> Conversion:
     text = f'<root><BehaviorTree ID="Main">{body}</BehaviorTree>{others}</root>'
-    return convert(read_text(text), nodes)
+    return convert(parse_text(text), nodes)
 
 
 def body_of(result: Conversion) -> str:
@@ -207,13 +207,13 @@ def test_a_node_of_the_users_that_is_called_as_one_of_format_4_is_told() -> None
 
 def test_an_included_file_is_not_touched_but_told() -> None:
     text = '<root><include path="other.xml"/><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree></root>'
-    assert "C301" in codes(convert(read_text(text), NODES))
+    assert "C301" in codes(convert(parse_text(text), NODES))
 
 
 @pytest.mark.parametrize("text", ["<roots/>", '<root BTCPP_format="5"/>'])
 def test_what_is_of_neither_format_is_refused(text: str) -> None:
     with pytest.raises(TreeError):
-        convert(read_text(text), NODES)
+        convert(parse_text(text), NODES)
 
 
 # --- what stays
@@ -227,7 +227,7 @@ def test_comments_layout_order_and_quotes_stay() -> None:
         "<AlwaysSuccess />\r\n"
         "\t\t</SequenceStar>\r\n\t</BehaviorTree>\r\n</root>\r\n\r\n<!-- end -->"
     )
-    assert convert(read_text(text), NODES).text == text.replace(
+    assert convert(parse_text(text), NODES).text == text.replace(
         "<root  main", '<root BTCPP_format="4"  main'
     ).replace("\t<SequenceStar", "\t<SequenceWithMemory").replace("</SequenceStar", "</SequenceWithMemory")
 
@@ -238,7 +238,7 @@ def test_the_model_of_a_subtree_is_one_in_format_4_too() -> None:
         '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree>'
         '<TreeNodesModel><SubTreePlus ID="B"><input_port name="x"/></SubTreePlus></TreeNodesModel></root>'
     )
-    found = convert(read_text(text), NODES)
+    found = convert(parse_text(text), NODES)
     assert found.text == text.replace("<root>", '<root BTCPP_format="4">').replace("SubTreePlus", "SubTree")
     assert [(one.code, one.message) for one in found.changes[2:]] == [
         ("C102", "the model of a <SubTreePlus> becomes one of a <SubTree>")
@@ -247,7 +247,7 @@ def test_the_model_of_a_subtree_is_one_in_format_4_too() -> None:
 
 def test_format_4_is_given_back_as_it_is() -> None:
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><SequenceStar/></BehaviorTree></root>'
-    assert convert(read_text(text), NODES) == Conversion(text, [], [])
+    assert convert(parse_text(text), NODES) == Conversion(text, [], [])
 
 
 GAPS = st.sampled_from([" ", "  ", "\n    ", "\t", "\r\n"])
@@ -264,14 +264,14 @@ def test_whatever_the_layout_only_tags_are_touched_and_a_second_time_changes_not
         return re.sub(r" (?=[\w]+=)", lambda _: data.draw(GAPS), tag[0]) + data.draw(BETWEEN)
 
     text = START_TAG.sub(spread, case["xml"])
-    result = convert(read_text(text), NODES)
+    result = convert(parse_text(text), NODES)
     assert re.split(r"<[^<>!?]*>", result.text) == re.split(r"<[^<>!?]*>", text)
     told = {(one.line, one.source) for one in result.changes}
-    for before, after in zip(start_tags(text), start_tags(result.text), strict=True):
+    for before, after in zip(iter_start_tags(text), iter_start_tags(result.text), strict=True):
         if before[0] != after[0]:
             line = text.count("\n", 0, before.start()) + 1
             assert any(line <= at <= line + before[0].count("\n") for at, _ in told)
-    assert convert(read_text(result.text), NODES).text == result.text
+    assert convert(parse_text(result.text), NODES).text == result.text
 
 
 # --- what it does
@@ -282,7 +282,7 @@ def test_recorded_trees_load_as_format_4_and_tick_the_same_unless_a_change_is_to
     for case in CASES:
         # Format 3 calls a SubTree node by its tree's ID, whatever its name.
         old = {**case, "xml": re.sub(r'<SubTree name="[^"]*"', "<SubTree", case["xml"])}
-        result = convert(read_text(old["xml"]), NODES)
+        result = convert(parse_text(old["xml"]), NODES)
         assert result.remaining == []
         found = run_case({**old, "xml": result.text, "format": 4}, NODES)
         assert "load_error" not in found, case["id"]

@@ -4,8 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from btcore import Registry, Status, TreeError, load, loads
-from btcore.xml.validate import validate
+from btcore import (
+    Registry,
+    Status,
+    TreeError,
+    load,
+    loads,
+)
+from btcore.xml.lint.validate import validate
 
 
 def write(path: Path, *trees: str, include: str = "", main: str = "") -> Path:

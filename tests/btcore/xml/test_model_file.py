@@ -5,12 +5,19 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
-from btcore.xml.model_file import add_explicit, add_models, read_project
-from btcore.xml.models import write_models
-from btcore.xml.source import read_file, read_text
-from btcore.xml.stubs import Plans
-from btcore.xml.validate import validate
+from btcore import (
+    Direction,
+    NodeType,
+    Registry,
+    SimClock,
+    Status,
+    TreeError,
+)
+from btcore.xml.lint.validate import validate
+from btcore.xml.models.model_file import add_explicit_nodes, add_models, read_project
+from btcore.xml.models.stand_ins import StubPlans
+from btcore.xml.models.tree_nodes_model import write_models
+from btcore.xml.read.document import parse_file, parse_text
 
 MODELS = """<root BTCPP_format="4">
   <TreeNodesModel>
@@ -77,7 +84,7 @@ def test_names_and_defaults_that_only_the_code_understands_are_no_mistakes(tmp_p
 def test_an_explicit_tag_of_format_3_may_have_any_port() -> None:
     nodes = Registry.standard()
     body = '<BehaviorTree ID="Main"><Action ID="Scan" laser.range="{r}"/></BehaviorTree>'
-    add_explicit(nodes, [read_text(f"<root>{body}</root>")])
+    add_explicit_nodes(nodes, [parse_text(f"<root>{body}</root>")])
     assert list(nodes.manifests_of(3)["Scan"].ports) == ["laser.range"]
 
 
@@ -112,7 +119,7 @@ def test_a_stand_in_succeeds_at_once_or_does_as_planned(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     assert btcore.loads(TREE, nodes=nodes).tick_exactly_once() is Status.SUCCESS
-    plans = Plans({"Move": "RS|F", "door": "F"})
+    plans = StubPlans({"Move": "RS|F", "door": "F"})
     tree = btcore.loads(TREE, nodes=nodes, resources=[plans], clock=SimClock())
     assert [tree.tick_exactly_once().name for _ in range(4)] == ["RUNNING", "FAILURE", "FAILURE", "RUNNING"]
 
@@ -120,9 +127,9 @@ def test_a_stand_in_succeeds_at_once_or_does_as_planned(models: Path) -> None:
 def test_a_plan_of_other_letters_is_told_when_it_is_due(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
-    tree = btcore.loads(TREE, nodes=nodes, resources=[Plans({"Move": "RX"})])
+    tree = btcore.loads(TREE, nodes=nodes, resources=[StubPlans({"Move": "RX"})])
     tree.tick_exactly_once()
-    with pytest.raises(btcore.NodeRaised, match=r"the plan of 'Move' says 'X'"):
+    with pytest.raises(btcore.NodeExecutionError, match=r"the plan of 'Move' says 'X'"):
         tree.tick_exactly_once()
 
 
@@ -149,7 +156,7 @@ def test_a_file_of_trees_brings_its_own_models_and_its_explicit_tags(tmp_path: P
 def test_a_compact_tag_that_no_model_has_stays_a_mistake() -> None:
     nodes = Registry.standard()
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><Sequense/></BehaviorTree></root>'
-    assert add_explicit(nodes, [read_text(text)]) == []
+    assert add_explicit_nodes(nodes, [parse_text(text)]) == []
     assert "Sequense" not in nodes
 
 
@@ -209,4 +216,4 @@ def test_a_project_that_names_a_missing_file_says_where(project: Path) -> None:
 def test_any_tree_can_be_read_as_a_project(project: Path) -> None:
     path = project.parent / "trees" / "main.xml"
     assert read_project(path).name == "main"
-    assert read_project(path).documents[0].text == read_file(path).text
+    assert read_project(path).documents[0].text == parse_file(path).text

@@ -10,11 +10,11 @@ from lxml import etree
 
 import btcore
 from btcore import Registry
-from btcore.xml.check import examine
-from btcore.xml.drawing.picture import sketch_to_svg, tree_to_svg
-from btcore.xml.drawing.sketch import sketch_of_document
-from btcore.xml.drawing.tidy import Box, Gaps, tidy
-from btcore.xml.source import read_text
+from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.read.document import parse_text
+from btcore.xml.render.svg import diagram_to_svg, tree_to_svg
+from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
+from btcore.xml.render.tree_drawing import diagram_of_document
 
 SVG = "{http://www.w3.org/2000/svg}"
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
@@ -65,8 +65,10 @@ def test_a_subtree_has_a_frame_around_its_content_alone(drawing: etree._Element)
 
 def test_a_checked_document_is_drawn_as_the_tree_made_of_it() -> None:
     nodes = Registry.standard()
-    examined = examine(read_text(TEXT), nodes)
-    assert sketch_to_svg(sketch_of_document(examined), "Main") == tree_to_svg(btcore.loads(TEXT, nodes=nodes))
+    examined = analyse_document(parse_text(TEXT), nodes)
+    assert diagram_to_svg(diagram_of_document(examined), "Main") == tree_to_svg(
+        btcore.loads(TEXT, nodes=nodes)
+    )
 
 
 def test_a_tree_that_is_too_wide_grows_to_the_right() -> None:
@@ -127,29 +129,29 @@ def test_no_card_covers_another(drawing: etree._Element) -> None:
 
 SIZES = st.floats(1, 200)
 BOXES = st.recursive(
-    st.builds(Box, SIZES, SIZES),
+    st.builds(LayoutBox, SIZES, SIZES),
     lambda inner: st.one_of(
         st.builds(
-            lambda b, d, c: Box(b, d, children=c), SIZES, SIZES, st.lists(inner, min_size=1, max_size=4)
+            lambda b, d, c: LayoutBox(b, d, children=c), SIZES, SIZES, st.lists(inner, min_size=1, max_size=4)
         ),
-        st.builds(lambda b, d, c: Box(b, d, True, [c]), SIZES, SIZES, inner),
+        st.builds(lambda b, d, c: LayoutBox(b, d, True, [c]), SIZES, SIZES, inner),
     ),
     max_leaves=25,
 )
 
 
-def area(box: Box) -> Rectangle:
+def area(box: LayoutBox) -> Rectangle:
     return box.middle - box.breadth / 2, box.top, box.middle + box.breadth / 2, box.top + box.depth
 
 
-def below(box: Box) -> list[Box]:
+def below(box: LayoutBox) -> list[LayoutBox]:
     return [one for child in box.children for one in (child, *below(child))]
 
 
 @settings(max_examples=300, deadline=None)
 @given(BOXES)
-def test_boxes_stand_apart_parents_over_the_middle_and_frames_hold_what_is_theirs(root: Box) -> None:
-    breadth, depth = tidy(root, Gaps(siblings=5, levels=20, frame=6))
+def test_boxes_stand_apart_parents_over_the_middle_and_frames_hold_what_is_theirs(root: LayoutBox) -> None:
+    breadth, depth = layout_tree(root, Spacing(siblings=5, levels=20, frame=6))
     boxes = [root, *below(root)]
     slack = 1e-6
     for one, other in combinations(boxes, 2):

@@ -6,10 +6,10 @@ from textwrap import dedent
 import pytest
 
 from btcore import Registry
-from btcore.blackboard import Blackboard
-from btcore.errors import PortFault, TreeError
+from btcore.blackboard.blackboard import Blackboard
+from btcore.errors import PortError, TreeError
 from btcore.xml.build import build
-from btcore.xml.source import read_text
+from btcore.xml.read.document import parse_text
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]
@@ -17,7 +17,7 @@ Refused = Callable[[object], TreeError]
 CASES = {
     "an unknown port": (
         ('<Say txt="hello"/>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:10: E201 <Say> has no port 'txt'
            3 |      <Say txt="hello"/>
@@ -27,7 +27,7 @@ CASES = {
     ),
     "a parameter that is not marked as a port": (
         ('<Turn angle="1"/>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:11: E201 <Turn> has no port 'angle'
            3 |      <Turn angle="1"/>
@@ -55,7 +55,7 @@ CASES = {
     ),
     "a port of a node that has none": (
         ('<AlwaysSuccess speed="1"/>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:20: E201 <AlwaysSuccess> has no port 'speed'
            3 |      <AlwaysSuccess speed="1"/>
@@ -65,7 +65,7 @@ CASES = {
     ),
     "a wrong type": (
         ('<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: 'many' is no integer
            3 |      <Repeat num_cycles="many"><AlwaysSuccess/></Repeat>
@@ -75,7 +75,7 @@ CASES = {
     ),
     "an empty attribute of a typed port": (
         ('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:24: E202 the port 'num_cycles' of <Repeat> takes int: '' is no integer
            3 |      <Repeat num_cycles=""><AlwaysSuccess/></Repeat>
@@ -84,7 +84,7 @@ CASES = {
     ),
     "a blackboard entry with spaces around": (
         ('<Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: ' {n}' is no integer
            3 |      <Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>
@@ -94,7 +94,7 @@ CASES = {
     ),
     "two types for one entry": (
         ('<RunOnce then_skip="{n}"><Repeat num_cycles="{n}"><Say/></Repeat></RunOnce>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:50: E203 the port 'num_cycles' of <Repeat> is int, but its entry is bool
            3 |      <RunOnce then_skip="{n}"><Repeat num_cycles="{n}"><Say/></Repeat></RunOnce>
@@ -104,7 +104,7 @@ CASES = {
     ),
     "a script with a mistake": (
         ('<Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>',),
-        PortFault,
+        PortError,
         """
         t.xml:3:43: E206 the script in '_skipIf' of <Say>: a value is wanted, but '=' stands here
            3 |      <Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>
@@ -113,7 +113,7 @@ CASES = {
     ),
     "a Script without its script": (
         ("<Script/>",),
-        PortFault,
+        PortError,
         """
         t.xml:3:5: E205 <Script> needs port [code], which the tree does not give
            3 |      <Script/>
@@ -157,7 +157,7 @@ CASES = {
             '<BehaviorTree ID="A"><Say/></BehaviorTree>'
             '<TreeNodesModel><SubTree ID="A"><input_port name="goal"/></SubTree></TreeNodesModel>',
         ),
-        PortFault,
+        PortError,
         """
         t.xml:3:5: E204 <SubTree> is not given the port 'goal', which the model of 'A' demands
            3 |      <SubTree ID="A"/>
@@ -176,7 +176,7 @@ CASES = {
     ),
     "_autoremap that is no truth": (
         ('<SubTree ID="A" _autoremap="yes"/>', {"A": "<AlwaysSuccess/>"}),
-        PortFault,
+        PortError,
         """
         t.xml:3:33: E207 _autoremap is 'true' or 'false', not 'yes'
            3 |      <SubTree ID="A" _autoremap="yes"/>
@@ -187,9 +187,9 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_message(case: str, refused: Refused) -> None:
+def test_the_message(case: str, tree_error: Refused) -> None:
     source, kind, said = CASES[case]
-    fault = refused(source)
+    fault = tree_error(source)
     assert str(fault) == dedent(said).strip("\n")
     assert type(fault) is kind
 
@@ -198,13 +198,13 @@ def test_what_is_wrong_in_an_unused_tree_beyond_its_shape_does_not_refuse_the_ma
     nodes: Registry, document: Write
 ) -> None:
     text = document("<Say/>", {"Unused": '<Say txt="1"/>'})
-    assert build(read_text(text), nodes).id == "Main"
+    assert build(parse_text(text), nodes).id == "Main"
 
 
 def test_an_entry_of_a_given_blackboard_counts(nodes: Registry, document: Write) -> None:
     blackboard = Blackboard()
     blackboard["n"] = True
     text = document('<Repeat num_cycles="{n}"><Say/></Repeat>')
-    with pytest.raises(PortFault) as caught:
-        build(read_text(text, "t.xml"), nodes, blackboard=blackboard)
+    with pytest.raises(PortError) as caught:
+        build(parse_text(text, "t.xml"), nodes, blackboard=blackboard)
     assert caught.value.diagnostics[0].hint.startswith("it was on the blackboard before the tree")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from btcore.xml.places import Part, place_at
-from btcore.xml.source import Document, read_text
+from btcore.xml.read.document import Document, parse_text
+from btcore.xml.read.positions import ElementPart, span_at
 
 TEXT = """<?xml version="1.0"?>
 <!-- <A/> is a comment -->
@@ -20,7 +20,7 @@ TEXT = """<?xml version="1.0"?>
 
 @pytest.fixture
 def document() -> Document:
-    return read_text(TEXT, "t.xml")
+    return parse_text(TEXT, "t.xml")
 
 
 @pytest.mark.parametrize(
@@ -41,10 +41,10 @@ def document() -> Document:
     ],
 )
 def test_elements_attributes_and_values_are_found(
-    document: Document, tag: str, attribute: str, part: Part, place: tuple[int, int, str]
+    document: Document, tag: str, attribute: str, part: ElementPart, place: tuple[int, int, str]
 ) -> None:
     element = next(document.root.iter(tag))
-    found = document.place(element, attribute, part)
+    found = document.span(element, attribute, part)
     assert found is not None
     meant = found.source[found.column - 1 : found.column - 1 + found.width]
     assert (found.line, found.column, meant) == place
@@ -54,7 +54,7 @@ def test_a_character_of_a_value_is_found_behind_references(document: Document) -
     value = "a < b && c"
     element = next(document.root.iter("A"))
     for number, char in enumerate(value, 1):
-        found = document.place(element, "y", "value", number)
+        found = document.span(element, "y", "value", number)
         assert found is not None
         assert found.source[found.column - 1] == ("&" if char == "&" else char)
 
@@ -62,9 +62,9 @@ def test_a_character_of_a_value_is_found_behind_references(document: Document) -
 def test_an_element_may_be_named_by_its_number(document: Document) -> None:
     elements = list(document.root.iter())
     for number, element in enumerate(elements):
-        assert document.places.index(element) == number
-        assert document.place(number) == document.place(element)
-    assert document.place(len(elements)) is None
+        assert document.source_map.index(element) == number
+        assert document.span(number) == document.span(element)
+    assert document.span(len(elements)) is None
 
 
 def test_the_line_of_an_element_is_where_its_tag_begins(document: Document) -> None:
@@ -75,11 +75,11 @@ def test_the_line_of_an_element_is_where_its_tag_begins(document: Document) -> N
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_lines_end_as_files_of_any_system_end_them(end: str) -> None:
     text = end.join(["<root>", "  <A/>", "  <B x='1'/>", "</root>"])
-    document = read_text(text)
-    found = document.place(next(document.root.iter("B")), "x")
+    document = parse_text(text)
+    found = document.span(next(document.root.iter("B")), "x")
     assert found is not None
     assert (found.line, found.column, found.source) == (3, 9, "  <B x='1'/>")
 
 
 def test_the_end_of_a_text_is_a_place_too() -> None:
-    assert place_at("ab\n", 3) == (2, 1, 1, "")
+    assert span_at("ab\n", 3) == (2, 1, 1, "")

@@ -9,11 +9,16 @@ import pytest
 from lxml import etree
 
 import btcore
-from btcore import In, Put, Registry, action
-from btcore.testing.planned import Journal
-from btcore.testing.recorded_trees import planned_registry
+from btcore import (
+    In,
+    Put,
+    Registry,
+    action,
+)
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
+from btcore.xml.render.tree_xml import tree_to_xml
 from btcore.xml.schema import write_schema
-from btcore.xml.write import tree_to_xml
 
 ROOT = Path(__file__).parents[3]
 RECORDED = ROOT / "tests" / "conformance" / "data"
@@ -37,7 +42,7 @@ def schema_of(nodes: Registry, format: int = 4) -> etree.XMLSchema:
 
 @pytest.fixture(scope="module")
 def schema() -> etree.XMLSchema:
-    nodes = planned_registry()
+    nodes = conformance_registry()
     nodes.add(drive)
     return schema_of(nodes)
 
@@ -51,7 +56,7 @@ def accepts(schema: etree.XMLSchema, body: str) -> bool:
     ("name", "format"), [("v4_full", 4), ("v4_control", 4), ("v4_once", 4), ("v3_full", 3)]
 )
 def test_every_recorded_tree_is_valid(name: str, format: int) -> None:
-    schema = schema_of(planned_registry(), format)
+    schema = schema_of(conformance_registry(), format)
     with gzip.open(RECORDED / f"{name}.jsonl.gz", "rt", encoding="utf-8") as lines:
         for line in lines:
             case = json.loads(line)
@@ -59,14 +64,14 @@ def test_every_recorded_tree_is_valid(name: str, format: int) -> None:
 
 
 def test_what_a_running_tree_is_written_as_is_valid(schema: etree.XMLSchema) -> None:
-    nodes = planned_registry()
+    nodes = conformance_registry()
     nodes.add(drive)
     text = (
         '<root BTCPP_format="4" main_tree_to_execute="A"><BehaviorTree ID="A"><Sequence _skipIf="late">'
         '<SubTree ID="B" goal="{g}"/><PlanSync plan="S" _onSuccess="x := 1"/></Sequence></BehaviorTree>'
         '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree></root>'
     )
-    written = tree_to_xml(btcore.loads(text, nodes=nodes, resources=[Journal()]))
+    written = tree_to_xml(btcore.loads(text, nodes=nodes, resources=[CallLog()]))
     assert schema.validate(etree.fromstring(written.encode())), schema.error_log.last_error
 
 

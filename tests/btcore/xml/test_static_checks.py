@@ -7,7 +7,12 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import Registry, StatefulAction, Status, SyncAction
+from btcore import (
+    Registry,
+    StatefulAction,
+    Status,
+    SyncAction,
+)
 
 Check = Callable[..., str]
 
@@ -130,7 +135,7 @@ def test_children_that_only_the_first_tick_refuses_are_an_error_and_do_not_keep_
     told = [one for one in check.found(body) if one.is_error]
     assert [(one.code, one.line, one.message) for one in told] == [("E119", 3, has)]
     tree = btcore.loads(document(body), nodes=palette)
-    with pytest.raises(btcore.NodeRaised):
+    with pytest.raises(btcore.NodeExecutionError):
         tree.tick_once()
 
 
@@ -238,7 +243,7 @@ def test_reactive_nodes_that_are_fine(check: Check, body: str) -> None:
 
 def test_an_asynchronous_leaf_may_say_that_it_ends_at_once(check: Check, palette: Registry) -> None:
     class WaitForScan(StatefulAction):
-        may_end_at_once = True
+        may_complete_on_start = True
 
         def on_start(self) -> Status:
             return self.on_running()

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import NodeRaised, Registry
+from btcore import NodeExecutionError, Registry
 from btcore.clock import SimClock
 
 Check = Callable[..., str]
@@ -227,7 +227,7 @@ def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
     )
     made = btcore.loads(text.replace('<Say text="{n}"/>', '<Say text="{n}" _skipIf="true"/>'), nodes=palette,
                         clock=SimClock())  # fmt: skip
-    with pytest.raises(NodeRaised):
+    with pytest.raises(NodeExecutionError):
         made.tick_once()
 
 

@@ -6,7 +6,7 @@ from textwrap import dedent
 import pytest
 
 import btcore
-from btcore import NodeRaised, Registry
+from btcore import NodeExecutionError, Registry
 from btcore.clock import SimClock
 
 Check = Callable[..., str]
@@ -178,7 +178,7 @@ def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{CASES[name][0]}</BehaviorTree></root>'
     made = btcore.loads(text, nodes=palette, clock=SimClock())
     made.blackboard["a"] = 1
-    with pytest.raises(NodeRaised):
+    with pytest.raises(NodeExecutionError):
         made.tick_once()
 
 
@@ -263,7 +263,7 @@ def test_what_a_leaf_of_format_3_will_not_be_able_to_read_is_an_error(
         """
     )
     tree = btcore.loads(document(body), nodes=palette, format=3)
-    with pytest.raises(NodeRaised, match="'many' is no integer"):
+    with pytest.raises(NodeExecutionError, match="'many' is no integer"):
         tree.tick_once()
 
 

@@ -10,14 +10,14 @@ import pytest
 
 import btcore
 from btcore.errors import Diagnostic, TreeError
-from btcore.testing.conformance import cases
-from btcore.testing.planned import Journal
-from btcore.testing.recorded_trees import planned_registry
-from btcore.xml.source import read_text
-from btcore.xml.validate import validate_document
+from btcore.testing.conformance import read_cases
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_text
 
 DATA = Path(__file__).parents[2] / "conformance" / "data"
-NODES = planned_registry()
+NODES = conformance_registry()
 WHOLE = ["v4_control", "v4_full", "v4_once", "v4_scopes", "v3_full"]
 MUTATED = ["v4_mutated", "v3_mutated"]
 
@@ -26,9 +26,9 @@ Case = dict[str, Any]
 
 def checked(case: Case) -> list[Diagnostic]:
     try:
-        document = read_text(case["xml"])
-    except TreeError as refused:
-        return list(refused.diagnostics)
+        document = parse_text(case["xml"])
+    except TreeError as tree_error:
+        return list(tree_error.diagnostics)
     return validate_document(
         document, nodes=NODES, tree=case.get("tree"), format=case["format"], given=case.get("bb", {}).keys()
     )
@@ -37,7 +37,7 @@ def checked(case: Case) -> list[Diagnostic]:
 @cache
 def validated(name: str) -> list[tuple[Case, list[Diagnostic]]]:
     """The cases in the file *name*, with what the validator says of each."""
-    return [(case, checked(case)) for case in cases(DATA / f"{name}.jsonl.gz")]
+    return [(case, checked(case)) for case in read_cases(DATA / f"{name}.jsonl.gz")]
 
 
 def names_of(xml: str, found: list[Diagnostic], code: str) -> Iterator[str]:
@@ -69,15 +69,15 @@ def test_what_can_be_run_has_no_errors(name: str) -> None:
 
 @pytest.mark.parametrize("name", MUTATED)
 def test_the_errors_are_those_of_the_loader(name: str) -> None:
-    refused = 0
-    for case in cases(DATA / f"{name}.jsonl.gz"):
+    tree_error = 0
+    for case in read_cases(DATA / f"{name}.jsonl.gz"):
         found = [str(one) for one in checked(case) if one.is_error]
         try:
             btcore.loads(
-                case["xml"], nodes=NODES, tree=case.get("tree"), format=case["format"], resources=[Journal()]
+                case["xml"], nodes=NODES, tree=case.get("tree"), format=case["format"], resources=[CallLog()]
             )
         except TreeError as fault:
-            refused += 1
+            tree_error += 1
             # Without a main tree a document is a library, and the blackboard may come with a script.
             loader = {
                 str(one)
@@ -85,4 +85,4 @@ def test_the_errors_are_those_of_the_loader(name: str) -> None:
                 if one.code != "E108" and "which has never been written" not in one.message
             }
             assert loader <= set(found), case["id"]
-    assert refused > 200
+    assert tree_error > 200

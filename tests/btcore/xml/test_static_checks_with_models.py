@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from btcore import Registry
-from btcore.xml.model_file import add_models
-from btcore.xml.validate import validate
+from btcore.xml.lint.validate import validate
+from btcore.xml.models.model_file import add_models
 
 PALETTE = """<root BTCPP_format="4"><TreeNodesModel>
   <Control ID="Alternate"/>

@@ -5,11 +5,16 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from btcore import Registry, StatefulAction, Status, loads
-from btcore.ports import Direction, Port
+from btcore import (
+    Registry,
+    StatefulAction,
+    Status,
+    loads,
+)
+from btcore.blackboard.ports import Direction, Port
 from btcore.values import DOUBLE, INT
-from btcore.xml.models import write_models
-from btcore.xml.write import tree_to_xml
+from btcore.xml.models.tree_nodes_model import write_models
+from btcore.xml.render.tree_xml import tree_to_xml
 
 
 class Count(StatefulAction):

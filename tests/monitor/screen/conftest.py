@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from monitor.picture import (
+from btcore_monitor.events import (
     BlackboardSeen,
+    ConnectionChanged,
     Event,
-    Link,
-    Picture,
-    PictureNode,
+    ObservedNode,
+    ObservedTree,
     SceneMoving,
     SceneStatic,
     StatusChanged,
     Ticked,
     TreeSeen,
 )
-from monitor.screen.sinks import Outlets
-from monitor.screen.stream import Screen
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.sinks import RecordingSinks
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 PERIOD = 100_000_000
@@ -31,20 +31,20 @@ WALL = 1_700_000_000 * 10**9
 ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
 
 
-def bumpgo(tree_id: str = "a" * 32) -> Picture:
+def bumpgo(tree_id: str = "a" * 32) -> ObservedTree:
     nodes = (
-        PictureNode(ROOT, "bumpgo", "ReactiveSequence", "control", "bumpgo", 0, (AVOID, FORWARD)),
-        PictureNode(AVOID, "avoid", "Fallback", "control", "avoid", ROOT, (CLEAR, ESCAPE)),
-        PictureNode(CLEAR, "clear", "Inverter", "decorator", "clear", AVOID, (OBSTACLE,)),
-        PictureNode(
+        ObservedNode(ROOT, "bumpgo", "ReactiveSequence", "control", "bumpgo", 0, (AVOID, FORWARD)),
+        ObservedNode(AVOID, "avoid", "Fallback", "control", "avoid", ROOT, (CLEAR, ESCAPE)),
+        ObservedNode(CLEAR, "clear", "Inverter", "decorator", "clear", AVOID, (OBSTACLE,)),
+        ObservedNode(
             OBSTACLE, "IsObstacle", "IsObstacle", "condition", "IsObstacle", CLEAR, (), {"distance": "1.0"}
         ),
-        PictureNode(ESCAPE, "escape", "Sequence", "control", "escape", AVOID, (BACK, TURN)),
-        PictureNode(BACK, "Back", "Back", "action", "Back", ESCAPE),
-        PictureNode(TURN, "Turn", "Turn", "action", "Turn", ESCAPE),
-        PictureNode(FORWARD, "Forward", "Forward", "action", "Forward", ROOT),
+        ObservedNode(ESCAPE, "escape", "Sequence", "control", "escape", AVOID, (BACK, TURN)),
+        ObservedNode(BACK, "Back", "Back", "action", "Back", ESCAPE),
+        ObservedNode(TURN, "Turn", "Turn", "action", "Turn", ESCAPE),
+        ObservedNode(FORWARD, "Forward", "Forward", "action", "Forward", ROOT),
     )
-    return Picture(tree_id, "BumpGo", nodes, {"": "BumpGo"})
+    return ObservedTree(tree_id, "BumpGo", nodes, {"": "BumpGo"})
 
 
 def _changes(tick: int) -> list[tuple[int, int]]:
@@ -104,7 +104,7 @@ def _moving(tick: int, t: int) -> dict[str, Any]:
 def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:
     picture = bumpgo(tree_id)
     status = {node.uid: IDLE for node in picture.nodes}
-    yield Link("connected", "a script")
+    yield ConnectionChanged("connected", "a script")
     yield TreeSeen(picture, 0, WALL, dict(status))
     if scene:
         yield SceneStatic(_scene())
@@ -121,7 +121,7 @@ def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:
             yield BlackboardSeen(t, WALL + t, {"": {"bumps": tick // 60, "goal": None}})
         if scene:
             yield SceneMoving(t, WALL + t, _moving(tick, t))
-    yield Link("ended", "")
+    yield ConnectionChanged("ended", "")
 
 
 @pytest.fixture
@@ -175,7 +175,7 @@ def recorded():
     """
 
     def record(events: list[Event], path: Path, **look: Any) -> Recording:
-        screen = Screen(Outlets(save=path), **look)
+        screen = RobotView(RecordingSinks(save=path), **look)
         for event in events:
             screen.show(event)
         screen.close()
@@ -185,7 +185,7 @@ def recorded():
     return record
 
 
-def _big_tree(count: int) -> Picture:
+def _big_tree(count: int) -> ObservedTree:
     """A root over subtrees of a Sequence with eight leaves each, *count* nodes in all."""
     nodes: list[dict[str, Any]] = []
 
@@ -204,8 +204,8 @@ def _big_tree(count: int) -> Picture:
         steps = add("Steps", "control", task, path) if len(nodes) < count else 0
         for _ in range(min(8, count - len(nodes))):
             add(f"Leaf{len(nodes)}", "action", steps, path)
-    made = tuple(PictureNode(**node) for node in nodes)
-    return Picture("e" * 32, "Day", made, {"": "Day"})
+    made = tuple(ObservedNode(**node) for node in nodes)
+    return ObservedTree("e" * 32, "Day", made, {"": "Day"})
 
 
 @pytest.fixture

@@ -1,9 +1,9 @@
 """Trees too big for a window: subtrees folded, lanes of what ran, nodes found by name."""
 
-from monitor.picture import Raised, StatusChanged, TreeSeen
-from monitor.screen.branch import below, shares
-from monitor.screen.style import GROOT
-from monitor.screen.tree import FOLDED_AT_MOST, folded, matching
+from btcore_monitor.events import ExceptionRaised, StatusChanged, TreeSeen
+from btcore_monitor.screen.style import GROOT
+from btcore_monitor.screen.subtree_drawing import entity_path, split_by_subtree
+from btcore_monitor.screen.tree import FOLDED_AT_MOST, fold_subtrees, matching
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
@@ -27,8 +27,8 @@ def named(picture, name):
 def colours(recording, picture, origin, t):
     """uid → colour of its pill at *t*, from the entities of all subtrees."""
     found = {}
-    for path, indices in shares(picture).items():
-        row = recording.at(f"/{below(origin, path)}/pills", "LineStrips2D:colors", t)
+    for path, indices in split_by_subtree(picture).items():
+        row = recording.at(f"/{entity_path(origin, path)}/pills", "LineStrips2D:colors", t)
         found.update(zip((picture.nodes[at].uid for at in indices), row, strict=True))
     return found
 
@@ -42,7 +42,7 @@ def drawn(recording, origin, part, component, t):
 
 def test_folding_leaves_so_many_nodes_as_can_be_read_and_all_of_the_main_tree(big_tree):
     picture = big_tree(400)
-    small = folded(picture)
+    small = fold_subtrees(picture)
     assert len(small.nodes) <= FOLDED_AT_MOST
     kept = {node.uid for node in small.nodes}
     assert {node.uid for node in picture.nodes if node.subtree == ""} <= kept
@@ -53,7 +53,7 @@ def test_folding_leaves_so_many_nodes_as_can_be_read_and_all_of_the_main_tree(bi
 
 def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree):
     picture = big_tree(1500)
-    small = folded(picture)
+    small = fold_subtrees(picture)
     assert {node.subtree for node in small.nodes} == {""}
     assert len(small.nodes) == len([node for node in picture.nodes if node.subtree == ""])
 
@@ -62,7 +62,7 @@ def test_a_big_tree_is_drawn_folded_and_whole_and_a_folded_subtree_runs_with_its
     big_tree, tmp_path, recorded
 ):
     picture = big_tree(400)
-    small = folded(picture)
+    small = fold_subtrees(picture)
     task = next(node for node in small.nodes if node.kind == "subtree" and not node.children)
     steps = picture.by_uid[picture.by_uid[task.uid].children[0]]
     path = [picture.root.uid, task.uid, steps.uid, steps.children[0]]
@@ -138,7 +138,7 @@ def test_a_node_that_raised_is_ringed_until_it_runs_again(run, tmp_path, recorde
     events = run(50)  # Forward is reset at 4.1 s and idle since
     t = events[-2].t
     events[-1:] = [
-        Raised(t, t, path, "no laser"),
+        ExceptionRaised(t, t, path, "no laser"),
         StatusChanged(10_000, t + SECOND, t, 60, forward, IDLE, RUNNING),
         StatusChanged(10_001, t + 2 * SECOND, t, 70, forward, RUNNING, IDLE),
         StatusChanged(10_002, t + 3 * SECOND, t, 80, forward, IDLE, RUNNING),
@@ -152,7 +152,7 @@ def test_a_node_that_raised_is_ringed_until_it_runs_again(run, tmp_path, recorde
 def test_what_raised_last_stays_in_the_panel_of_what_runs_now(run, tmp_path, recorded):
     events = run(50)
     message = "/a/t.xml:7: node 'avoid' <Avoid> raised while ticking: Fault: no laser\n  bumpgo\n    avoid"
-    events.append(Raised(6 * SECOND, 0, "avoid|x", message))
+    events.append(ExceptionRaised(6 * SECOND, 0, "avoid|x", message))
     recording = recorded(events, tmp_path / "run.rrd")
     said = recording.of("/now", "TextDocument:text")[-1][1][0]
     assert said.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
@@ -160,10 +160,10 @@ def test_what_raised_last_stays_in_the_panel_of_what_runs_now(run, tmp_path, rec
 
 def test_an_error_inside_a_folded_subtree_rings_the_subtree(big_tree, tmp_path, recorded):
     picture = big_tree(400)
-    small = folded(picture)
+    small = fold_subtrees(picture)
     leaf = picture.nodes[-1]
     assert leaf.uid not in {node.uid for node in small.nodes}
-    events = [TreeSeen(picture, 0, 0, {}), Raised(SECOND, SECOND, leaf.path, "no laser")]
+    events = [TreeSeen(picture, 0, 0, {}), ExceptionRaised(SECOND, SECOND, leaf.path, "no laser")]
     recording = recorded(events, tmp_path / "run.rrd")
     place = recording.of("/folded/rims", "LineStrips2D:strips")[0][1][-1]  # the last of the main tree
     assert small.nodes[-1].subtree == ""

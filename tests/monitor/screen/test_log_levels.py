@@ -3,14 +3,21 @@
 import pytest
 from rerun.chunk import RrdReader
 
-from monitor.look import LOG_LEVELS
-from monitor.picture import Gap, Picture, PictureNode, Raised, StatusChanged, TreeSeen
-from monitor.screen.levels import LEVELS
-from monitor.screen.sinks import Outlets
-from monitor.screen.stream import Screen
+from btcore_monitor.display_options import LOG_LEVELS
+from btcore_monitor.events import (
+    ExceptionRaised,
+    ObservedNode,
+    ObservedTree,
+    StatusChanged,
+    TransitionsLost,
+    TreeSeen,
+)
+from btcore_monitor.screen.levels import LEVELS
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.sinks import RecordingSinks
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
-PICTURE = Picture("a" * 32, "T", (PictureNode(1, "Go", "Go", "action", "Go"),), {"": "T"})
+PICTURE = ObservedTree("a" * 32, "T", (ObservedNode(1, "Go", "Go", "action", "Go"),), {"": "T"})
 
 
 def events() -> list:
@@ -18,7 +25,12 @@ def events() -> list:
     changes = [
         StatusChanged(number, number, number, number, 1, *step) for number, step in enumerate(steps, start=1)
     ]
-    return [TreeSeen(PICTURE, 0, 0, {1: 0}), *changes, Gap(6, 7), Raised(9, 9, "Go", "no")]
+    return [
+        TreeSeen(PICTURE, 0, 0, {1: 0}),
+        *changes,
+        TransitionsLost(6, 7),
+        ExceptionRaised(9, 9, "Go", "no"),
+    ]
 
 
 def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
@@ -41,7 +53,7 @@ def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
 )
 def test_the_window_shows_the_levels_asked_for_and_the_recording_has_them_all(level, shown, tmp_path, read):
     path = tmp_path / "x.rrd"
-    screen = Screen(Outlets(save=path), level=level)
+    screen = RobotView(RecordingSinks(save=path), level=level)
     for event in events():
         screen.show(event)
     screen.close()

@@ -4,8 +4,13 @@ import re
 
 import pytest
 
-from monitor.picture import Picture, PictureNode, StatusChanged, TreeSeen
-from monitor.screen.statistics import EVERY_NS, ROWS_AT_MOST
+from btcore_monitor.events import (
+    ObservedNode,
+    ObservedTree,
+    StatusChanged,
+    TreeSeen,
+)
+from btcore_monitor.screen.statistics_table import EVERY_NS, ROWS_AT_MOST
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
 SECOND = 10**9
@@ -19,7 +24,7 @@ def table(document: str) -> dict[str, list[str]]:
 
 def leaf_events(*changes: tuple[float, int], first: int = IDLE) -> list[object]:
     """A tree of one leaf that goes to a status at each time (s)."""
-    picture = Picture("d" * 32, "One", (PictureNode(1, "Dock|it", "Dock", "action", "Dock|it"),))
+    picture = ObservedTree("d" * 32, "One", (ObservedNode(1, "Dock|it", "Dock", "action", "Dock|it"),))
     events: list[object] = [TreeSeen(picture, 0, 0, {1: first})]
     status = first
     for number, (seconds, new) in enumerate(changes, start=1):

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from monitor.look import PALETTES as NAMES
-from monitor.picture import StatusChanged
-from monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES
+from btcore_monitor.display_options import PALETTE_NAMES as NAMES
+from btcore_monitor.events import StatusChanged
+from btcore_monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = range(1, 5)
 # Machado, Oliveira and Fernandes 2009: full deficiency, in linear RGB.

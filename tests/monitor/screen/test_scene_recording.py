@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from monitor.picture import SceneMoving, SceneStatic, TreeSeen
-from monitor.screen.marks import LOOKS
-from monitor.screen.style import GROOT
+from btcore_monitor.events import SceneMoving, SceneStatic, TreeSeen
+from btcore_monitor.screen.navigation_markers import LOOKS
+from btcore_monitor.screen.style import GROOT
 
 SECOND = 10**9
 
@@ -164,7 +164,7 @@ def test_a_footprint_that_is_told_of_is_where_it_is_told(show):
     assert parents == [(SECOND, ["base_link"]), (2 * SECOND, ["map"])]
 
 
-def test_what_trembles_stands_and_what_creeps_moves(show):
+def test_jitter_is_ignored_and_slow_motion_is_recorded(show):
     def at(x: float) -> dict:
         return {"frames": [["thing", "map", [x, 0.0, 0.0], [0, 0, 0, 1]]]}
 

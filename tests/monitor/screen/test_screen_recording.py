@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
-from monitor.picture import BlackboardSeen, Gap, Raised, StatusChanged, Ticked, TreeSeen
-from monitor.screen.moments import SAID
-from monitor.screen.sinks import Outlets
-from monitor.screen.stream import Screen
-from monitor.screen.style import GROOT
+from btcore_monitor.events import (
+    BlackboardSeen,
+    ExceptionRaised,
+    StatusChanged,
+    Ticked,
+    TransitionsLost,
+    TreeSeen,
+)
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.sinks import RecordingSinks
+from btcore_monitor.screen.style import GROOT
+from btcore_monitor.screen.tick_states import RESET_OFFSET
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
@@ -48,8 +55,8 @@ def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand):
     for event in events:
         if isinstance(event, TreeSeen):
             status = dict(event.statuses)
-            uids = [node.uid for node in event.picture.nodes]
-            inner = {node.uid for node in event.picture.nodes if node.children}
+            uids = [node.uid for node in event.tree.nodes]
+            inner = {node.uid for node in event.tree.nodes if node.children}
         elif isinstance(event, StatusChanged):
             status[event.uid] = event.status
         elif isinstance(event, Ticked) and event.tick % 7 == 0:
@@ -57,7 +64,7 @@ def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand):
             for uid, colour in zip(uids, colours, strict=True):
                 allowed = {int(GROOT.fill[status[uid]])}
                 if status[uid] == IDLE:
-                    allowed |= {int(one) for one in GROOT.fill[SAID + SUCCESS :]}
+                    allowed |= {int(one) for one in GROOT.fill[RESET_OFFSET + SUCCESS :]}
                 if status[uid] == RUNNING and uid in inner:
                     allowed = {GROOT.busy}
                 assert colour in allowed, (event.tick, uid)
@@ -142,7 +149,11 @@ def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand):
 
 
 def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path, recorded):
-    events = [*run(3), Gap(40, 44), Raised(10**9, 10**9, "avoid/Back", "division by zero")]
+    events = [
+        *run(3),
+        TransitionsLost(40, 44),
+        ExceptionRaised(10**9, 10**9, "avoid/Back", "division by zero"),
+    ]
     lines = [values[0] for _, values in recorded(events, tmp_path / "run.rrd").of("/log", "TextLog:text")]
     assert any("#40 to #44 are missing" in line for line in lines)
     assert any("avoid/Back raised: division by zero" in line for line in lines)
@@ -150,7 +161,7 @@ def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path, recorded):
 
 def test_a_robot_that_comes_back_with_another_tree_gets_a_recording_of_its_own(run, tmp_path, read):
     path = tmp_path / "run.rrd"
-    screen = Screen(Outlets(save=path))
+    screen = RobotView(RecordingSinks(save=path))
     for event in [*run(20), *run(30, tree_id="b" * 32)]:
         screen.show(event)
     screen.close()
@@ -180,7 +191,7 @@ def test_a_saver_keeps_up_with_a_run_ten_times_faster_than_it_has_to(run, tmp_pa
 
     events = run(1200)
     start = time.process_time()
-    recorded_ticks = Screen(Outlets(save=tmp_path / "run.rrd"))
+    recorded_ticks = RobotView(RecordingSinks(save=tmp_path / "run.rrd"))
     for event in events:
         recorded_ticks.show(event)
     recorded_ticks.close()

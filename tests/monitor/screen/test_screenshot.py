@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from monitor.screen.screenshot import screenshot
-from monitor.screen.sinks import Outlets, ScreenFault
-from monitor.screen.stream import Screen
-from monitor.screen.style import GROOT, PILL_HEIGHT
-from monitor.screen.tree import TreeView
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.screenshot import screenshot
+from btcore_monitor.screen.sinks import RecordingSinks, ScreenError
+from btcore_monitor.screen.style import GROOT, PILL_HEIGHT
+from btcore_monitor.screen.tree import TreeView
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 TREE = "Behavior tree"
@@ -22,28 +22,28 @@ def vulkan(tmp_path_factory):
     """Skips where no picture can be drawn; CI has a driver, and skips nothing."""
     folder = tmp_path_factory.mktemp("probe")
     path = folder / "empty.rrd"
-    screen = Screen(Outlets(save=path))
+    screen = RobotView(RecordingSinks(save=path))
     screen.show(_one_node())
     screen.close()
     try:
         screenshot(path, folder / "probe.png", size=(640, 480))
-    except ScreenFault as fault:
+    except ScreenError as fault:
         if os.environ.get("CI") == "true" or "graphics driver" not in str(fault):
             raise
         pytest.skip(str(fault))
 
 
 def _one_node():
-    from monitor.picture import Picture, PictureNode, TreeSeen
+    from btcore_monitor.events import ObservedNode, ObservedTree, TreeSeen
 
-    picture = Picture("c" * 32, "One", (PictureNode(1, "One", "One", "action", "One"),))
+    picture = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
     return TreeSeen(picture, 0, 0, {1: IDLE})
 
 
 @pytest.fixture
 def recording(run, tmp_path):
     path = tmp_path / "run.rrd"
-    screen = Screen(Outlets(save=path))
+    screen = RobotView(RecordingSinks(save=path))
     events = run(70)
     for event in events:
         screen.show(event)
@@ -121,10 +121,10 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
 
 def test_a_view_that_is_not_there_is_named_with_those_that_are(vulkan, recording, tmp_path):
     path, _ = recording
-    with pytest.raises(ScreenFault, match=r"no view 'Camera'.*Blackboard.*Transitions"):
+    with pytest.raises(ScreenError, match=r"no view 'Camera'.*Blackboard.*Transitions"):
         screenshot(path, tmp_path / "none.png", view="Camera")
 
 
 def test_a_recording_that_is_not_there_is_said(tmp_path):
-    with pytest.raises(ScreenFault, match=r"there is no recording .*nowhere\.rrd"):
+    with pytest.raises(ScreenError, match=r"there is no recording .*nowhere\.rrd"):
         screenshot(tmp_path / "nowhere.rrd", tmp_path / "none.png")

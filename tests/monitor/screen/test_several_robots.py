@@ -4,10 +4,15 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
-from monitor.picture import Picture, PictureNode, StatusChanged, TreeSeen
-from monitor.screen.sinks import Outlets
-from monitor.screen.stage import Together
-from monitor.screen.stream import Screen
+from btcore_monitor.events import (
+    ObservedNode,
+    ObservedTree,
+    StatusChanged,
+    TreeSeen,
+)
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.sinks import RecordingSinks
+from btcore_monitor.screen.viewer_windows import SharedWindow
 
 SECOND = 10**9
 
@@ -29,10 +34,10 @@ def blueprint(path: Path) -> dict[str, list]:
     return max(sent, key=lambda one: one[0])[1]
 
 
-def shown(path: Path, *runs: tuple[str, list]) -> Together:
+def shown(path: Path, *runs: tuple[str, list]) -> SharedWindow:
     """Each run's events on a seat of its own, in turns."""
-    together = Together(Outlets(save=path), [label for label, _ in runs])
-    screens = [Screen(seat) for seat in together.seats]
+    together = SharedWindow(RecordingSinks(save=path), [label for label, _ in runs])
+    screens = [RobotView(seat) for seat in together.slots]
     for turn in range(max(len(events) for _, events in runs)):
         for screen, (_, events) in zip(screens, runs, strict=True):
             if turn < len(events):
@@ -45,10 +50,10 @@ def shown(path: Path, *runs: tuple[str, list]) -> Together:
 
 def seen(tree_id: str, name: str, t: int, wall: int) -> TreeSeen:
     nodes = (
-        PictureNode(1, "root", "Sequence", "control", "root", 0, (2,)),
-        PictureNode(2, "Go", "Go", "action", "Go", 1),
+        ObservedNode(1, "root", "Sequence", "control", "root", 0, (2,)),
+        ObservedNode(2, "Go", "Go", "action", "Go", 1),
     )
-    return TreeSeen(Picture(tree_id * 32, name, nodes, {"": name}), t, wall, {1: 0, 2: 0})
+    return TreeSeen(ObservedTree(tree_id * 32, name, nodes, {"": name}), t, wall, {1: 0, 2: 0})
 
 
 def test_all_robots_are_in_one_file_and_each_has_its_place(run, read, tmp_path):

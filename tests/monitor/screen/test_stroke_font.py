@@ -6,8 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.screen.font import elide, glyph, strokes_of, width_of
-from monitor.screen.symbols import placed, symbol
+from btcore_monitor.screen.font import (
+    elide,
+    glyph,
+    strokes_of,
+    width_of,
+)
+from btcore_monitor.screen.symbols import placed, symbol
 
 BOX = glyph("漢")
 """What stands for a character that has no letter here."""

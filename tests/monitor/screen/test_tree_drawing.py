@@ -4,25 +4,30 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from monitor.picture import Picture, PictureNode, TreeSeen
-from monitor.screen.branch import BRANCHES_AT_MOST, PARTS, node_entities, shares
-from monitor.screen.captions import captions
-from monitor.screen.lanes import told_apart
-from monitor.screen.rows import Rows
-from monitor.screen.style import GROOT, NAME_ROOM, NOTE_ROOM
-from monitor.screen.tree import BIG, TreeView
-from monitor.screen.words import brief
+from btcore_monitor.events import ObservedNode, ObservedTree, TreeSeen
+from btcore_monitor.screen.captions import captions
+from btcore_monitor.screen.lanes import distinct_names
+from btcore_monitor.screen.markdown_text import brief
+from btcore_monitor.screen.row_buffer import RowBuffer
+from btcore_monitor.screen.style import GROOT, NAME_ROOM, NOTE_ROOM
+from btcore_monitor.screen.subtree_drawing import (
+    BRANCHES_AT_MOST,
+    PARTS,
+    node_entities,
+    split_by_subtree,
+)
+from btcore_monitor.screen.tree import BIG, TreeView
 
 ROOM = (1000.0, 500.0)
 
 
-def node(uid: int, name: str, parent: int = 0, children=(), **more) -> PictureNode:
+def node(uid: int, name: str, parent: int = 0, children=(), **more) -> ObservedNode:
     defaults = {"id": name, "kind": "control" if children else "action", "path": f"{name}::{uid}"}
-    return PictureNode(uid, name, parent=parent, children=tuple(children), **{**defaults, **more})
+    return ObservedNode(uid, name, parent=parent, children=tuple(children), **{**defaults, **more})
 
 
-def picture(*nodes: PictureNode, subtrees=None) -> Picture:
-    return Picture("f" * 32, "Main", nodes, subtrees or {"": "Main"})
+def picture(*nodes: ObservedNode, subtrees=None) -> ObservedTree:
+    return ObservedTree("f" * 32, "Main", nodes, subtrees or {"": "Main"})
 
 
 NESTED = picture(
@@ -35,7 +40,7 @@ NESTED = picture(
 )
 
 
-def noted(one: PictureNode, whole: Picture | None = None) -> str:
+def noted(one: ObservedNode, whole: ObservedTree | None = None) -> str:
     whole = whole or picture(one)
     return captions(whole, whole, noted=True)[one.uid].note
 
@@ -74,17 +79,17 @@ def test_a_small_tree_has_notes_and_one_that_is_too_small_to_read_them_has_none(
         node(1, "Root", children=range(2, 62)),
         *(node(uid, "Sleep", 1, ports={"msec": "500"}) for uid in range(2, 62)),
     )
-    assert TreeView(Rows(rr.RecordingStream("test")), few, GROOT, ROOM).captions[1].note == "msec=500"
-    assert TreeView(Rows(rr.RecordingStream("test")), many, GROOT, ROOM).captions[2].note == ""
+    assert TreeView(RowBuffer(rr.RecordingStream("test")), few, GROOT, ROOM).captions[1].note == "msec=500"
+    assert TreeView(RowBuffer(rr.RecordingStream("test")), many, GROOT, ROOM).captions[2].note == ""
 
 
 def test_every_subtree_has_a_branch_and_every_node_is_in_one(big_tree):
-    assert shares(NESTED) == {"": [0, 1, 4], "Drive": [2, 3]}
+    assert split_by_subtree(NESTED) == {"": [0, 1, 4], "Drive": [2, 3]}
     big = big_tree(1000)
-    parts = shares(big)
+    parts = split_by_subtree(big)
     assert len(parts) == BRANCHES_AT_MOST
     assert sorted(at for one in parts.values() for at in one) == list(range(1000))
-    assert shares(big, most=1) == {"": list(range(1000))}
+    assert split_by_subtree(big, most=1) == {"": list(range(1000))}
 
 
 def test_subtrees_inside_one_without_a_branch_are_drawn_with_what_is_around_them():
@@ -93,7 +98,7 @@ def test_subtrees_inside_one_without_a_branch_are_drawn_with_what_is_around_them
         node(2, "B", 1, (3,), id="SubTree", kind="subtree", path="A/B", subtree="A"),
         node(3, "C", 2, path="A/B/C", subtree="A/B"),
     )
-    assert shares(inner, most=2) == {"": [0], "A": [1, 2]}
+    assert split_by_subtree(inner, most=2) == {"": [0], "A": [1, 2]}
 
 
 def test_entities_stand_as_nodes_do_and_keep_off_the_parts_of_the_drawing(big_tree):
@@ -150,7 +155,7 @@ def test_the_legend_is_in_view_and_in_the_colours_of_the_palette(recorded, tmp_p
 def test_the_tree_is_in_view_with_the_legend_below_it_and_a_single_node_does_not_fill_the_window(
     big_tree, count
 ):
-    view = TreeView(Rows(rr.RecordingStream("test")), big_tree(count), GROOT, ROOM)
+    view = TreeView(RowBuffer(rr.RecordingStream("test")), big_tree(count), GROOT, ROOM)
     x0, y0, x1, y1 = view.bounds()
     width, height = view.layout.size
     assert (x1 - x0) / (y1 - y0) == pytest.approx(ROOM[0] / ROOM[1])
@@ -166,7 +171,7 @@ def test_lanes_of_namesakes_are_told_apart_by_their_ports():
         node(3, "Move", ports={"goal": "x" * 99}),
         node(4, "Turn", ports={"angle": "1"}),
     ]
-    assert told_apart(drives) == ["Move {home}", "Move {shop}", "Move", "Turn"]
+    assert distinct_names(drives) == ["Move {home}", "Move {shop}", "Move", "Turn"]
 
 
 @pytest.mark.parametrize(

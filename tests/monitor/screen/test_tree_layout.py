@@ -7,7 +7,7 @@ import time
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from monitor.screen.layout import Box, Layout, lay_out
+from btcore_monitor.screen.layout import Box, Layout, lay_out
 
 HEIGHT = 42.0
 PROTOTYPE = {100: (2849, 1976), 1000: (12151, 7438)}

@@ -6,7 +6,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
-from monitor.screen.page import PageServer, free_port
+from btcore_monitor.screen.page import PageServer, free_port
 
 PAGE = b'<html><head><link rel="x" href="https://elsewhere.org/font"></head><canvas></html>'
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 import zmq
 
-from monitor.picture import Event
-from monitor.watch.feed import Feed
+from btcore_monitor.events import Event
+from btcore_monitor.watch.feed import Feed
 
 CAPTURES = Path(__file__).parents[1] / "captures"
 REPLY_HEADER = struct.Struct("<BBI16s")

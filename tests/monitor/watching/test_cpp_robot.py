@@ -5,10 +5,18 @@ import time
 
 import pytest
 
-from monitor.picture import BlackboardSeen, Gap, Link, StatusChanged, Ticked, TreeSeen, Unseen
-from monitor.serve import serve
-from monitor.watch.address import parse_address
-from monitor.watch.groot2 import Groot2Client
+from btcore_monitor.events import (
+    BlackboardSeen,
+    ConnectionChanged,
+    DataMissed,
+    StatusChanged,
+    Ticked,
+    TransitionsLost,
+    TreeSeen,
+)
+from btcore_monitor.serve import serve
+from btcore_monitor.watch.address import parse_address
+from btcore_monitor.watch.groot2_client import Groot2Client
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
@@ -86,7 +94,7 @@ def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch_cpp, u
     until(lambda: len(changes(viewer)) >= len(expected), "all transitions")
     assert changes(viewer) == expected
     assert [one.number for one in viewer.of(StatusChanged)] == list(range(1, len(expected) + 1))
-    assert not viewer.of(Unseen)
+    assert not viewer.of(DataMissed)
     assert len(viewer.of(TreeSeen)) == 1
     walls = [one.wall for one in viewer.of(StatusChanged)]
     assert walls == sorted(walls)
@@ -130,8 +138,8 @@ def test_more_transitions_than_the_robot_keeps_are_a_hole(cpp_robot, watch_cpp, 
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
     robot.change(*ROUND * 200, (4, RUNNING))
-    until(lambda: viewer.of(Unseen), "the hole")
-    hole = viewer.of(Unseen)[0]
+    until(lambda: viewer.of(DataMissed), "the hole")
+    hole = viewer.of(DataMissed)[0]
     assert hole.topic == "transitions"
     assert "keeps 1000 transitions, and older ones are dropped" in hole.reason
     assert hole.since <= hole.t
@@ -142,7 +150,7 @@ def test_more_transitions_than_the_robot_keeps_are_a_hole(cpp_robot, watch_cpp, 
     robot.change((4, SUCCESS), (4, IDLE))
     until(lambda: len(changes(viewer)) == 2, "what comes after the hole")
     assert changes(viewer) == [(4, RUNNING, SUCCESS), (4, SUCCESS, IDLE)]
-    assert not viewer.of(Gap)
+    assert not viewer.of(TransitionsLost)
 
 
 def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, watch_cpp, until):
@@ -166,7 +174,7 @@ def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, wat
     finally:
         done.set()
         thread.join()
-    assert viewer.of(Unseen)[-1].reason == "somebody else reads this robot's recording too"
+    assert viewer.of(DataMissed)[-1].reason == "somebody else reads this robot's recording too"
     assert "somebody else reads this robot's recording too" in wire(viewer).lacks["transitions"]
     assert wire(viewer).name == "Groot 2, sampled"
     drained = robot.asked["t"]
@@ -184,8 +192,8 @@ def test_a_recording_that_somebody_else_begins_anew_is_left_to_them(cpp_robot, w
     with Groot2Client(parse_address(robot.address)) as other:
         other.start_recording()
     robot.change((4, RUNNING))
-    until(lambda: viewer.of(Unseen), "the hole")
-    assert "somebody else began a recording" in viewer.of(Unseen)[0].reason
+    until(lambda: viewer.of(DataMissed), "the hole")
+    assert "somebody else began a recording" in viewer.of(DataMissed)[0].reason
     until(lambda: "transitions" in wire(viewer).lacks, "that the recording is left")
     assert viewer.of(TreeSeen)[-1].statuses[4] == RUNNING
     assert robot.recording, "theirs goes on"
@@ -197,7 +205,7 @@ def test_a_robot_that_changes_faster_than_it_can_be_asked_is_sampled(cpp_robot, 
     until(lambda: viewer.of(TreeSeen), "the tree")
     for count in (1, 2, 3):
         robot.change(*ROUND * 200)
-        until(lambda count=count: len(viewer.of(Unseen)) == count, "a hole")
+        until(lambda count=count: len(viewer.of(DataMissed)) == count, "a hole")
     assert "changes faster than it can be asked" in wire(viewer).lacks["transitions"]
     until(lambda: not robot.recording, "that the recording, which was ours, is stopped")
 
@@ -241,12 +249,12 @@ def test_a_robot_that_is_not_there_yet_is_waited_for(cpp_robot, watch_cpp, until
     gone = cpp_robot()
     gone.close()
     viewer = watch_cpp(gone.address)
-    until(lambda: viewer.of(Link), "a word")
-    assert viewer.of(Link)[0].state == "waiting"
+    until(lambda: viewer.of(ConnectionChanged), "a word")
+    assert viewer.of(ConnectionChanged)[0].state == "waiting"
     cpp_robot(port=gone.port)
     until(lambda: viewer.of(TreeSeen), "the tree")
-    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
-    assert viewer.of(Link)[1].detail == f"{gone.address}, by Groot 2's protocol"
+    assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
+    assert viewer.of(ConnectionChanged)[1].detail == f"{gone.address}, by Groot 2's protocol"
 
 
 def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch_cpp, until):
@@ -263,7 +271,7 @@ def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch_cpp, until):
     assert [one.picture.name for one in viewer.of(TreeSeen)] == ["Main", "Other"]
     assert [one.picture.tree_id for one in viewer.of(TreeSeen)] == [first.tree_id.hex(), second.tree_id.hex()]
     assert [one.number for one in viewer.of(StatusChanged)][5:] == [1, 2]
-    assert not viewer.of(Unseen)
+    assert not viewer.of(DataMissed)
 
 
 def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, watch_cpp, until):
@@ -278,7 +286,7 @@ def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, wa
     until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
     assert viewer.of(TreeSeen)[1].statuses == {1: RUNNING}
     until(lambda: robot.recording, "a recording of it")
-    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+    assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
 
 
 def test_a_short_silence_loses_nothing_that_the_robot_kept(cpp_robot, watch_cpp, until):
@@ -288,13 +296,18 @@ def test_a_short_silence_loses_nothing_that_the_robot_kept(cpp_robot, watch_cpp,
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "a tick")
     robot.deaf_to = "S"
-    until(lambda: viewer.of(Link)[-1].state == "lost", "the silence")
+    until(lambda: viewer.of(ConnectionChanged)[-1].state == "lost", "the silence")
     robot.change((5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
     robot.hear()
     until(lambda: len(changes(viewer)) == 8 + len(ROUND) * 20, "what happened meanwhile")
     assert changes(viewer) == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
-    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected", "lost", "connected"]
-    assert not viewer.of(Unseen)
+    assert [link.state for link in viewer.of(ConnectionChanged)] == [
+        "waiting",
+        "connected",
+        "lost",
+        "connected",
+    ]
+    assert not viewer.of(DataMissed)
     assert len(viewer.of(TreeSeen)) == 1
 
 
@@ -307,7 +320,7 @@ def test_an_answer_may_take_longer_than_the_first_time_out(cpp_robot, watch_cpp,
     until(lambda: viewer.of(TreeSeen), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "the tick")
-    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+    assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
 
 
 def test_several_robots_are_followed_at_once(cpp_robot, watch_cpp, until):
@@ -346,9 +359,9 @@ def test_blackboards_that_are_refused_together_are_asked_for_one_by_one(cpp_robo
     robot = cpp_robot()
     robot.refused["B"] = "two different root blackboards"
     viewer = watch_cpp(robot.address, blackboard_rate=50)
-    until(lambda: len(viewer.of(Unseen)) == 2, "a word on each")
+    until(lambda: len(viewer.of(DataMissed)) == 2, "a word on each")
     assert robot.names == []
-    for hole, name in zip(viewer.of(Unseen), ("Main", "Sub::6"), strict=True):
+    for hole, name in zip(viewer.of(DataMissed), ("Main", "Sub::6"), strict=True):
         assert hole.topic == "blackboard"
         assert f"{name} isn't shown" in hole.reason
         assert "two different root blackboards" in hole.reason
@@ -356,7 +369,7 @@ def test_blackboards_that_are_refused_together_are_asked_for_one_by_one(cpp_robo
     robot.change((4, RUNNING))
     until(lambda: changes(viewer), "that the rest goes on")
     assert robot.asked["B"] == asked == 3
-    assert [link.state for link in viewer.of(Link)] == ["waiting", "connected"]
+    assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
 
 
 def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until, capture):
@@ -378,5 +391,5 @@ def test_our_own_robot_is_followed_through_groot_2_as_well(endless, watch_cpp, u
         for tick in range(1, 21):
             endless.tick_exactly_once()
             until(lambda number=told.count: len(viewer.of(StatusChanged)) == number, f"tick {tick}")
-        assert not viewer.of(Unseen)
+        assert not viewer.of(DataMissed)
         assert wire(viewer).name == "Groot 2, recorded"

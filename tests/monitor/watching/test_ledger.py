@@ -4,8 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.watch.recorded import Hole, Ledger, Overflow, RobotClock
-from monitor.wire.groot2 import RecordedTransition, StatusRecord
+from btcore_monitor.watch.recording_validator import (
+    MissingTransitionsError,
+    RecordingOverflowError,
+    RecordingValidator,
+    RobotClock,
+)
+from btcore_monitor.wire.groot2 import RecordedTransition, StatusRecord
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
 NODES = 4
@@ -35,7 +40,7 @@ class Robot:
 
 @given(WALK, WALK, WALK)
 def test_what_was_recorded_completely_passes_wherever_the_look_falls(one, two, three):
-    robot, ledger = Robot(), Ledger(START)
+    robot, ledger = Robot(), RecordingValidator(START)
     batch = robot.walk(one)
     look = robot.looked()
     batch += robot.walk(two)
@@ -49,7 +54,7 @@ def test_what_was_recorded_completely_passes_wherever_the_look_falls(one, two, t
 
 @given(WALK, WALK, WALK, st.data())
 def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was_told(one, two, three, data):
-    robot, ledger = Robot(), Ledger(START)
+    robot, ledger = Robot(), RecordingValidator(START)
     batch = robot.walk(one)
     look = robot.looked()
     batch += robot.walk(two)
@@ -58,7 +63,7 @@ def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was
     for found in (kept, robot.walk(three), []):
         try:
             ledger.enter(look, found)
-        except Hole:
+        except MissingTransitionsError:
             told = True
         look = robot.looked()
     now = {uid: record.status for uid, record in ledger.statuses.items()}
@@ -66,32 +71,32 @@ def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was
 
 
 def test_a_missing_beginning_is_a_hole():
-    robot, ledger = Robot(), Ledger(START)
+    robot, ledger = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1), (1, 1), (2, 1)])
-    with pytest.raises(Hole, match="do not lead to its statuses"):
+    with pytest.raises(MissingTransitionsError, match="do not lead to its statuses"):
         ledger.enter(robot.looked(), batch[2:])
     assert ledger.statuses == robot.statuses
     assert ledger.enter(robot.looked(), []) == []
 
 
 def test_a_node_can_not_go_to_where_it_is():
-    ledger = Ledger(START)
+    ledger = RecordingValidator(START)
     twice = [RecordedTransition(0, 1, RUNNING), RecordedTransition(1, 1, RUNNING)]
-    with pytest.raises(Hole, match="node 1 went twice to the same status"):
+    with pytest.raises(MissingTransitionsError, match="node 1 went twice to the same status"):
         ledger.enter({**START, 1: StatusRecord(RUNNING, 0)}, twice)
 
 
 def test_a_full_buffer_is_a_hole_even_if_it_would_pass():
-    robot, ledger = Robot(), Ledger(START)
+    robot, ledger = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1)] * 1000)
-    with pytest.raises(Overflow, match="keeps 1000 transitions"):
+    with pytest.raises(RecordingOverflowError, match="keeps 1000 transitions"):
         ledger.enter(robot.looked(), batch)
     assert ledger.statuses[1].status == robot.statuses[1].status
     assert len(ledger.enter(robot.looked(), robot.walk([(1, 1)] * 999))) == 999
 
 
 def test_nodes_that_the_tree_does_not_have_are_not_reported():
-    assert Ledger(START).enter(START, [RecordedTransition(0, 99, RUNNING)]) == []
+    assert RecordingValidator(START).enter(START, [RecordedTransition(0, 99, RUNNING)]) == []
 
 
 def test_the_robots_clock_is_ours_until_it_tells_its_own():

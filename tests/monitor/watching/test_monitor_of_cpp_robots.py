@@ -9,30 +9,32 @@ from pathlib import Path
 import pytest
 from rerun.chunk import RrdReader
 
-from monitor.picture import (
+from btcore_monitor.events import (
     BlackboardSeen,
-    Gap,
-    Picture,
-    PictureNode,
+    DataMissed,
+    DataSource,
+    ObservedNode,
+    ObservedTree,
     StatusChanged,
     Ticked,
+    TransitionsLost,
     TreeSeen,
-    Unseen,
-    Wire,
 )
-from monitor.screen.sinks import Outlets
-from monitor.screen.stream import Screen
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.sinks import RecordingSinks
 
 ROOT = Path(__file__).parents[3]
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 MS = 1_000_000
-WIRE = Wire("Groot 2, sampled", {"ticks": "not sent", "blackboard": "polled", "exceptions": "no errors"})
-PICTURE = Picture(
+WIRE = DataSource(
+    "Groot 2, sampled", {"ticks": "not sent", "blackboard": "polled", "exceptions": "no errors"}
+)
+PICTURE = ObservedTree(
     "a" * 32,
     "Main",
     (
-        PictureNode(1, "root", "Sequence", "control", "root", 0, (2,)),
-        PictureNode(2, "Go", "Go", "action", "Go", 1),
+        ObservedNode(1, "root", "Sequence", "control", "root", 0, (2,)),
+        ObservedNode(2, "Go", "Go", "action", "Go", 1),
     ),
     {"": "Main"},
 )
@@ -54,11 +56,11 @@ def documents(path: Path, entity: str) -> list[str]:
 
 @pytest.fixture
 def seen() -> TreeSeen:
-    return TreeSeen(PICTURE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, wire=WIRE)
+    return TreeSeen(PICTURE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, source=WIRE)
 
 
 def shown(events, path: Path) -> Path:
-    screen = Screen(Outlets(save=path))
+    screen = RobotView(RecordingSinks(save=path))
     for event in events:
         screen.show(event)
     screen.close()
@@ -91,7 +93,7 @@ def test_what_runs_now_is_told_without_ticks_too(seen, tmp_path):
 
 
 def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
-    screen = Screen(Outlets(save=tmp_path / "x.rrd"))
+    screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
     for event in (seen, StatusChanged(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
         screen.show(event)
     screen.flush()
@@ -103,10 +105,10 @@ def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
 def test_what_is_missing_is_counted_and_shown(seen, tmp_path):
     events = [
         seen,
-        Unseen(10 * MS, 10 * MS, 4 * MS, "transitions", "the buffer ran over"),
+        DataMissed(10 * MS, 10 * MS, 4 * MS, "transitions", "the buffer ran over"),
         seen,
-        Gap(3, 7),
-        Unseen(11 * MS, 11 * MS, 11 * MS, "blackboard", "Main isn't shown: it refuses"),
+        TransitionsLost(3, 7),
+        DataMissed(11 * MS, 11 * MS, 11 * MS, "blackboard", "Main isn't shown: it refuses"),
         StatusChanged(8, 20 * MS, 20 * MS, 0, 2, IDLE, RUNNING),
     ]
     path = shown(events, tmp_path / "x.rrd")
@@ -119,7 +121,7 @@ def test_what_is_missing_is_counted_and_shown(seen, tmp_path):
 
 
 def test_a_robot_that_is_heard_by_another_wire_gets_a_recording_of_its_own(seen, tmp_path):
-    screen = Screen(Outlets(save=tmp_path / "x.rrd"))
+    screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
     for event in (seen, TreeSeen(PICTURE, 10**12, 0, {1: IDLE, 2: IDLE})):
         screen.show(event)
     screen.close()
@@ -128,7 +130,7 @@ def test_a_robot_that_is_heard_by_another_wire_gets_a_recording_of_its_own(seen,
 
 def test_several_robots_are_watched_in_one_window_and_in_one_recording(cpp_robot, until, tmp_path):
     robots = [cpp_robot(), cpp_robot()]
-    command = ["-m", "monitor", *(robot.address for robot in robots), "--no-view", "--save"]
+    command = ["-m", "btcore_monitor", *(robot.address for robot in robots), "--no-view", "--save"]
     process = subprocess.Popen(
         [sys.executable, *command, str(tmp_path / "two.rrd"), "--blackboard-rate", "0"],
         stderr=subprocess.PIPE,
@@ -156,7 +158,16 @@ def test_several_robots_are_watched_in_one_window_and_in_one_recording(cpp_robot
 
 def test_with_no_record_the_command_leaves_the_buffer_alone(cpp_robot, tmp_path):
     robot = cpp_robot()
-    command = [sys.executable, "-m", "monitor", robot.address, "--no-view", "--no-record", "--for", "2"]
+    command = [
+        sys.executable,
+        "-m",
+        "btcore_monitor",
+        robot.address,
+        "--no-view",
+        "--no-record",
+        "--for",
+        "2",
+    ]
     done = subprocess.run(
         [*command, "--save", str(tmp_path / "x.rrd")],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -5,16 +5,21 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import Blackboard, Registry, SimClock, Tree
-from btcore.testing.planned import Journal
-from btcore.testing.recorded_trees import planned_registry
+from btcore import (
+    Blackboard,
+    Registry,
+    SimClock,
+    Tree,
+)
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
 
 
 class Grower:
     """Makes trees out of the planned leaves and others; their calls stand in ``journal``."""
 
     def __init__(self) -> None:
-        self.journal = Journal()
+        self.journal = CallLog()
 
     def __call__(
         self,
@@ -26,7 +31,7 @@ class Grower:
         blackboard: Blackboard | None = None,
     ) -> Tree:
         """The tree with *body* as its main tree's element, and *others* beside it."""
-        registry = nodes if nodes is not None else planned_registry()
+        registry = nodes if nodes is not None else conformance_registry()
         registry.add(*leaves)
         return btcore.loads(
             f'<root BTCPP_format="{format}" main_tree_to_execute="Main">\n'

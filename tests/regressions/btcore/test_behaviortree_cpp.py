@@ -10,21 +10,21 @@ import btcore
 from btcore import (
     DecoratorNode,
     In,
-    NodeRaised,
+    NodeExecutionError,
     Out,
-    PortFault,
+    PortError,
     Registry,
     SimClock,
     Status,
     SyncAction,
-    SyntaxFault,
     Tree,
     TreeError,
+    XmlSyntaxError,
     action,
 )
 from btcore.testing import load_substitution_rules
-from btcore.xml.source import read_text
-from btcore.xml.validate import validate_document
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_text
 
 Grow = Callable[..., Tree]
 
@@ -148,7 +148,7 @@ def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_warned_of() -
         '<Delay delay_msec="5"><AlwaysFailure/></Delay>\n<Sleep msec="7"/>\n'
         "</ReactiveFallback></BehaviorTree></root>"
     )
-    found = validate_document(read_text(text, "t.xml"), nodes=Registry.standard())
+    found = validate_document(parse_text(text, "t.xml"), nodes=Registry.standard())
     assert [(one.code, one.line) for one in found] == [("W106", 3)]
 
 
@@ -193,7 +193,7 @@ EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Ask answer=""/></Sequence>'
 
 
 def test_cpp_716_empty_output_ports_are_refused_at_load_by_name_and_place(grow: Grow) -> None:
-    with pytest.raises(PortFault) as refused:
+    with pytest.raises(PortError) as refused:
         grow(EMPTY_OUTPUTS, Measure, Ask)
     assert [(one.line, one.column) for one in refused.value.diagnostics] == [(3, 17), (4, 13)]
     assert "the port 'length' of <Measure>" in str(refused.value)
@@ -202,7 +202,7 @@ def test_cpp_716_empty_output_ports_are_refused_at_load_by_name_and_place(grow: 
 
 def test_cpp_716_in_format_3_writing_one_names_the_port_and_never_a_clash_of_types(grow: Grow) -> None:
     tree = grow(EMPTY_OUTPUTS, Measure, Ask, format=3)
-    with pytest.raises(NodeRaised, match=r"<Measure>.*port \[length\].*no blackboard entry"):
+    with pytest.raises(NodeExecutionError, match=r"<Measure>.*port \[length\].*no blackboard entry"):
         tree.tick_once()
     assert list(tree.blackboard) == []
 
@@ -275,7 +275,7 @@ def nested(levels: int, format: int = 4) -> str:
 @pytest.mark.parametrize("format", [3, 4])
 @pytest.mark.parametrize("levels", [257, 5_000, 50_000])
 def test_cpp_672_hostile_xml_nesting_is_refused(levels: int, format: int) -> None:
-    with pytest.raises(SyntaxFault, match=r"nested more than (256|2048) deep"):
+    with pytest.raises(XmlSyntaxError, match=r"nested more than (256|2048) deep"):
         btcore.loads(nested(levels, format))
 
 

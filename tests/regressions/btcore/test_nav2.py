@@ -5,9 +5,15 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import In, PortFault, Put, Registry, action
-from btcore.xml.model_file import add_models
-from btcore.xml.validate import validate
+from btcore import (
+    In,
+    PortError,
+    Put,
+    Registry,
+    action,
+)
+from btcore.xml.lint.validate import validate
+from btcore.xml.models.model_file import add_models
 
 # As Groot saves it after its palette was of another version than the robot's nodes.
 TREE = """<root BTCPP_format="{format}" main_tree_to_execute="Navigate">
@@ -45,7 +51,7 @@ def follow_path(path: In[str], server: In[str] = "controller") -> bool:
 def test_nav2_3413_unknown_ports_are_all_told_at_load_with_their_places(format: int) -> None:
     nodes = Registry.standard()
     nodes.add(compute_path, follow_path)
-    with pytest.raises(PortFault) as refused:
+    with pytest.raises(PortError) as refused:
         btcore.loads(TREE.format(format=format), nodes=nodes)
     found = refused.value.diagnostics
     assert [(one.line, one.column, one.message) for one in found] == UNKNOWN

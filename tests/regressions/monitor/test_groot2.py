@@ -8,18 +8,27 @@ import pytest
 import zmq
 
 import btcore
-from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, SyncAction, values
+from btcore import (
+    Blackboard,
+    Direction,
+    Port,
+    Registry,
+    SimClock,
+    Status,
+    SyncAction,
+    values,
+)
 from btcore.errors import RegistrationError
-from btcore.xml.model_file import add_models
-from btcore.xml.source import read_text
-from btcore.xml.validate import validate, validate_document
-from monitor.picture import PictureNode
-from monitor.serve import Publisher, serve
-from monitor.watch.address import parse_address
-from monitor.watch.groot2 import Groot2Client
-from monitor.wire import groot2
-from monitor.wire.fault import RefusedByRobot
-from monitor.wire.groot2 import Request, RequestHeader
+from btcore.xml.lint.validate import validate, validate_document
+from btcore.xml.models.model_file import add_models
+from btcore.xml.read.document import parse_text
+from btcore_monitor.events import ObservedNode
+from btcore_monitor.serve import Publisher, serve
+from btcore_monitor.watch.address import parse_address
+from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.wire import groot2
+from btcore_monitor.wire.errors import RobotRefusedError
+from btcore_monitor.wire.groot2 import Request, RequestHeader
 
 Connect = Callable[[str], Groot2Client]
 
@@ -54,7 +63,7 @@ def published(xml: str, blackboard: Blackboard | None = None, nodes: Registry | 
     return serve(tree, groot2=0)
 
 
-def only(nodes: tuple[PictureNode, ...], kind: str) -> PictureNode:
+def only(nodes: tuple[ObservedNode, ...], kind: str) -> ObservedNode:
     (found,) = [node for node in nodes if node.kind == kind]
     return found
 
@@ -92,7 +101,7 @@ def test_cpp_pr_1168_there_is_no_root_beside_the_outermost_blackboard_itself(con
 def test_cpp_pr_1168_a_subtree_that_is_named_root_is_an_error_and_not_a_mixture(connect: Connect) -> None:
     with published(NESTED.format(ID="ROOT")) as publisher:
         client = connect(publisher.address)
-        with pytest.raises(RefusedByRobot, match="named ROOT"):
+        with pytest.raises(RobotRefusedError, match="named ROOT"):
             client.blackboards(["ROOT"])
         assert client.blackboards(["Main"]) == {"Main": {"inner": 2, "own": 2}}
 
@@ -119,8 +128,8 @@ def test_cpp_pr_1170_hook_insert_that_lacks_its_parts_is_an_error_and_the_publis
 ) -> None:
     with published(PLAIN) as publisher:
         client = connect(publisher.address)
-        with pytest.raises(RefusedByRobot, match="hooks are disabled"):
-            client.ask(Request.HOOK_INSERT, body)
+        with pytest.raises(RobotRefusedError, match="hooks are disabled"):
+            client.request(Request.HOOK_INSERT, body)
         assert client.fulltree().root.id == "AlwaysSuccess"
         assert set(client.statuses()) == {1}
 
@@ -201,6 +210,6 @@ def test_groot2_40_name_on_subtree_is_its_name_and_no_port(connect: Connect) -> 
 
 def test_groot2_40_an_attribute_that_the_subtree_does_not_use_is_warned_of_with_its_place() -> None:
     tree = NESTED.format(ID="Inner").replace("theirs=", 'naem="patrol" theirs=')
-    (found,) = validate_document(read_text(tree, "t.xml"), nodes=Registry.standard())
+    (found,) = validate_document(parse_text(tree, "t.xml"), nodes=Registry.standard())
     assert (found.is_error, found.line) == (False, 4)
     assert "naem" in found.message

@@ -9,29 +9,34 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.behaviours import BackUp, DriveOnHeading, Spin, Wait
-from robot_nodes.navigation.clearance import laser_pose
-from robot_nodes.navigation.controller import FollowGoal, FollowPath
-from robot_nodes.navigation.costmap import LocalCostmap
-from robot_nodes.navigation.parameters import ControllerParameters
-from robot_nodes.navigation.path import NavPath
-from robot_nodes.navigation.scan_filter import smoothed
-from robot_nodes.robot import (
+from btcore_robot.navigation.behaviours import (
+    BackUpBehaviour,
+    DriveOnHeadingBehaviour,
+    SpinBehaviour,
+    WaitBehaviour,
+)
+from btcore_robot.navigation.clearance import laser_pose
+from btcore_robot.navigation.controller import ControllerServer, FollowGoal
+from btcore_robot.navigation.costmap import LocalCostmap
+from btcore_robot.navigation.parameters import ControllerParameters
+from btcore_robot.navigation.path import NavPath
+from btcore_robot.navigation.scan_filter import smooth_scan
+from btcore_robot.robot import (
     CMD_VEL,
-    BaseFacts,
-    Frame,
-    LaserFacts,
+    BaseInfo,
+    LaserInfo,
     LaserScan,
     Odometry,
+    Phase,
     Pose2D,
-    Rank,
     Robot,
     SonarReading,
+    TransformStamped,
     Twist2D,
 )
-from robot_nodes.transforms import FrameBroadcaster, TransformTree
-from sim.drive import DifferentialBase
-from sim.schedule import NS_PER_S, Schedule
+from btcore_robot.transforms import FrameBroadcaster, TransformTree
+from btcore_sim.differential_drive import DifferentialDrive
+from btcore_sim.schedule import NS_PER_S, TaskSchedule
 
 Box = tuple[float, float, float, float]
 LASER_AHEAD = 0.202  # m from the base's middle
@@ -59,7 +64,7 @@ class Person:
 class FloorClock:
     """Simulated time over a schedule."""
 
-    def __init__(self, schedule: Schedule) -> None:
+    def __init__(self, schedule: TaskSchedule) -> None:
         self._schedule = schedule
 
     def now(self) -> int:
@@ -81,7 +86,7 @@ class FloorRobot(Robot):
     def __init__(
         self, boxes: Sequence[Box] = (), start: Pose2D | None = None, seed: int = 0, sigma: float = 0.06
     ) -> None:
-        self._schedule = Schedule()
+        self._schedule = TaskSchedule()
         self._clock = FloorClock(self._schedule)
         self.boxes = list(boxes)
         self.people: list[Person] = []
@@ -92,39 +97,39 @@ class FloorRobot(Robot):
         """The least distance (m) of the hull to anything, so far."""
         self._random = np.random.default_rng([seed, 5])
         self._sigma = sigma
-        self.facts = BaseFacts(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
-        self._base = DifferentialBase(self.facts, 0.0985, 0.4044)
+        self.facts = BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+        self._base = DifferentialDrive(self.facts, 0.0985, 0.4044)
         self._scan: LaserScan | None = None
         self._odometry = Odometry(self.pose, Twist2D(0.0, 0.0), 0)
         self.heard: list[SonarReading] = []
         self._sweep(0)
-        self._schedule.every(100.0, Rank.PHYSICS, self._move)
-        self._schedule.every(50.0, Rank.SENSORS, self._count)
-        self._schedule.every(10.0, Rank.SENSORS, self._sweep)
+        self._schedule.every(100.0, Phase.PHYSICS, self._move)
+        self._schedule.every(50.0, Phase.SENSORS, self._count)
+        self._schedule.every(10.0, Phase.SENSORS, self._sweep)
 
     @property
     def clock(self) -> FloorClock:
         return self._clock
 
     @property
-    def schedule(self) -> Schedule:
+    def schedule(self) -> TaskSchedule:
         return self._schedule
 
     @property
-    def base(self) -> BaseFacts:
+    def base(self) -> BaseInfo:
         return self.facts
 
     @property
-    def laser(self) -> LaserFacts:
+    def laser(self) -> LaserInfo:
         step = math.radians(220.0) / 665
-        return LaserFacts(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, self._sigma, "base_laser_link")
+        return LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, self._sigma, "base_laser_link")
 
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[TransformStamped]:
         now = self._clock.now()
         still = (0.0, 0.0, 0.0, 1.0)
         return (
-            Frame("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.0945), still, now),
-            Frame("sonar_link", "base_footprint", (-0.25, 0.0, 0.2), (0.0, 0.0, 1.0, 0.0), now),
+            TransformStamped("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.0945), still, now),
+            TransformStamped("sonar_link", "base_footprint", (-0.25, 0.0, 0.2), (0.0, 0.0, 1.0, 0.0), now),
         )
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
@@ -134,8 +139,8 @@ class FloorRobot(Robot):
     def stop(self) -> None:
         self.drive(0.0, 0.0)
 
-    def asked(self) -> Twist2D:
-        return self._base.asked(self._clock.now())
+    def commanded_velocity(self) -> Twist2D:
+        return self._base.commanded_twist(self._clock.now())
 
     def scan(self) -> LaserScan | None:
         return self._scan
@@ -207,7 +212,7 @@ class FloorRobot(Robot):
         )
 
 
-class Course:
+class NavigationRig:
     """A robot with everything that drives it, its map lying where its odometry began."""
 
     def __init__(self, robot: Robot, parameters: ControllerParameters | None = None) -> None:
@@ -219,23 +224,23 @@ class Course:
         broadcaster = FrameBroadcaster(robot, self.tree)
         broadcaster.step(robot.clock.now())
         figures = parameters or ControllerParameters()
-        self.follow_path = FollowPath(robot, self.tree, self.costmap, figures, hold=lambda: self.held)
-        self.spin = Spin(robot, self.tree, self.costmap)
-        self.back_up = BackUp(robot, self.tree, self.costmap)
-        self.drive_on_heading = DriveOnHeading(robot, self.tree, self.costmap)
-        self.wait = Wait()
+        self.follow_path = ControllerServer(robot, self.tree, self.costmap, figures, hold=lambda: self.held)
+        self.spin = SpinBehaviour(robot, self.tree, self.costmap)
+        self.back_up = BackUpBehaviour(robot, self.tree, self.costmap)
+        self.drive_on_heading = DriveOnHeadingBehaviour(robot, self.tree, self.costmap)
+        self.wait = WaitBehaviour()
         every = robot.schedule.every
-        every(50.0, Rank.TRANSFORMS, broadcaster.step)
-        every(5.0, Rank.COSTMAPS, self._see)
-        every(20.0, Rank.CONTROLLER, self.follow_path.step)
+        every(50.0, Phase.TRANSFORMS, broadcaster.step)
+        every(5.0, Phase.COSTMAPS, self._see)
+        every(20.0, Phase.CONTROLLER, self.follow_path.step)
         for behaviour in (self.spin, self.back_up, self.drive_on_heading, self.wait):
-            every(10.0, Rank.CONTROLLER, behaviour.step)
+            every(10.0, Phase.CONTROLLER, behaviour.step)
 
     def map_at(self, pose: tuple[float, float, float]) -> None:
         """Say where odom is in the map."""
         x, y, yaw = pose
         turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-        self.tree.set_static(Frame("odom", "map", (x, y, 0.0), turned, 0))
+        self.tree.set_static(TransformStamped("odom", "map", (x, y, 0.0), turned, 0))
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
         """Let time pass until something holds; the seconds that took."""
@@ -248,7 +253,7 @@ class Course:
     def _see(self, now: int) -> None:
         scan = self.robot.scan()
         if scan is not None:
-            self.costmap.observe(smoothed(scan), laser_pose(self.tree, "odom", scan))
+            self.costmap.observe(smooth_scan(scan), laser_pose(self.tree, "odom", scan))
         self.costmap.update(now, self.robot.odometry().pose)
 
 
@@ -267,19 +272,19 @@ def path_through(*points: tuple[float, float], yaw: float = 0.0, frame: str = "m
 
 
 @pytest.fixture
-def floor() -> Callable[..., Course]:
+def floor() -> Callable[..., NavigationRig]:
     """Put a robot on a floor: `floor(*boxes, start=…, seed=…, **controller_parameters)`."""
 
-    def make(*boxes: Box, start: Pose2D | None = None, seed: int = 0, **figures: float) -> Course:
-        return Course(FloorRobot(boxes, start, seed), replace(ControllerParameters(), **figures))
+    def make(*boxes: Box, start: Pose2D | None = None, seed: int = 0, **figures: float) -> NavigationRig:
+        return NavigationRig(FloorRobot(boxes, start, seed), replace(ControllerParameters(), **figures))
 
     return make
 
 
 @pytest.fixture
-def course_of() -> type[Course]:
+def course_of() -> type[NavigationRig]:
     """What drives a robot that is there already."""
-    return Course
+    return NavigationRig
 
 
 @pytest.fixture

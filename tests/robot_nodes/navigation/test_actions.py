@@ -1,6 +1,6 @@
 import pytest
 
-from robot_nodes.navigation.action import ActionServer, GoalHandle, GoalStatus
+from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
 
 
 class Counting(ActionServer[int, int, int]):

@@ -3,10 +3,15 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.action import GoalStatus
-from robot_nodes.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
-from robot_nodes.navigation.codes import Code
-from robot_nodes.robot import SonarReading
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.behaviours import (
+    BackUpGoal,
+    DriveOnHeadingGoal,
+    SpinGoal,
+    WaitGoal,
+)
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.robot import SonarReading
 
 
 def ended(course, handle, seconds=30.0):
@@ -70,7 +75,7 @@ def test_driving_on_stops_two_seconds_before_a_wall(floor):
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(3.0, 0.2, 60.0))
     ended(course, handle, 60.0)
     course.run(0.5)
-    assert handle.result.code == Code.DRIVE_ON_HEADING_COLLISION_AHEAD
+    assert handle.result.code == Nav2ErrorCode.DRIVE_ON_HEADING_COLLISION_AHEAD
     assert 0.25 < course.robot.nearest < 0.6
 
 
@@ -80,7 +85,7 @@ def test_a_wall_behind_that_was_seen_before_the_robot_turned_its_back_is_remembe
     handle = course.back_up.send_goal(BackUpGoal(1.0, 0.2, 20.0))
     ended(course, handle)
     course.run(0.5)
-    assert handle.result.code == Code.BACKUP_COLLISION_AHEAD
+    assert handle.result.code == Nav2ErrorCode.BACKUP_COLLISION_AHEAD
     assert course.robot.nearest > 0.1
 
 
@@ -90,7 +95,7 @@ def test_backwards_the_sonars_count(floor):
     course.robot.heard.append(SonarReading(0.2, 0, 0.5, 0.03, 1.0, "sonar_link"))
     handle = course.back_up.send_goal(BackUpGoal(0.5, 0.2))
     ended(course, handle)
-    assert handle.result.code == Code.BACKUP_COLLISION_AHEAD
+    assert handle.result.code == Nav2ErrorCode.BACKUP_COLLISION_AHEAD
     assert course.robot.pose.x > -0.05
 
 
@@ -104,9 +109,9 @@ def test_without_collision_checks_nobody_looks(floor):
 @pytest.mark.parametrize(
     ("server", "goal", "code"),
     [
-        ("spin", SpinGoal(6.0, 1.0), Code.SPIN_TIMEOUT),
-        ("back_up", BackUpGoal(1.0, 0.05, 1.0), Code.BACKUP_TIMEOUT),
-        ("drive_on_heading", DriveOnHeadingGoal(1.0, 0.05, 1.0), Code.DRIVE_ON_HEADING_TIMEOUT),
+        ("spin", SpinGoal(6.0, 1.0), Nav2ErrorCode.SPIN_TIMEOUT),
+        ("back_up", BackUpGoal(1.0, 0.05, 1.0), Nav2ErrorCode.BACKUP_TIMEOUT),
+        ("drive_on_heading", DriveOnHeadingGoal(1.0, 0.05, 1.0), Nav2ErrorCode.DRIVE_ON_HEADING_TIMEOUT),
     ],
 )
 def test_who_takes_too_long_fails_and_stands(floor, server, goal, code):
@@ -121,10 +126,10 @@ def test_who_takes_too_long_fails_and_stands(floor, server, goal, code):
 @pytest.mark.parametrize(
     ("server", "goal", "code"),
     [
-        ("drive_on_heading", DriveOnHeadingGoal(0.5, -0.1), Code.DRIVE_ON_HEADING_INVALID_INPUT),
-        ("back_up", BackUpGoal(0.5, 0.0), Code.BACKUP_INVALID_INPUT),
-        ("spin", SpinGoal(math.nan), Code.SPIN_UNKNOWN),
-        ("wait", WaitGoal(math.inf), Code.WAIT_UNKNOWN),
+        ("drive_on_heading", DriveOnHeadingGoal(0.5, -0.1), Nav2ErrorCode.DRIVE_ON_HEADING_INVALID_INPUT),
+        ("back_up", BackUpGoal(0.5, 0.0), Nav2ErrorCode.BACKUP_INVALID_INPUT),
+        ("spin", SpinGoal(math.nan), Nav2ErrorCode.SPIN_UNKNOWN),
+        ("wait", WaitGoal(math.inf), Nav2ErrorCode.WAIT_UNKNOWN),
     ],
 )
 def test_what_never_ends_is_refused(floor, server, goal, code):

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.action import GoalStatus
-from robot_nodes.navigation.codes import Code
-from robot_nodes.navigation.path import empty_path
-from robot_nodes.robot import Pose2D
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.path import empty_path
+from btcore_robot.robot import Pose2D
 
 CORRIDOR = (-1.0, -1.2, 7.0, -1.0), (-1.0, 1.0, 7.0, 1.2)
 
@@ -118,7 +118,7 @@ def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(floor, path, f
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.ABORTED
-    assert handle.result.code in (Code.PATIENCE_EXCEEDED, Code.FAILED_TO_MAKE_PROGRESS)
+    assert handle.result.code in (Nav2ErrorCode.PATIENCE_EXCEEDED, Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS)
     assert course.robot.nearest > 0.05
     assert course.robot.pose.x > 1.2
 
@@ -127,7 +127,7 @@ def test_without_patience_no_way_on_fails_at_once(floor, path, follow):
     course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=0.0)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     seconds = course.run(60.0, lambda: handle.done)
-    assert handle.result.code == Code.NO_VALID_CONTROL
+    assert handle.result.code == Nav2ErrorCode.NO_VALID_CONTROL
     assert seconds < 5.0
 
 
@@ -135,7 +135,7 @@ def test_no_progress_fails_after_ten_seconds(floor, path, follow):
     course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     seconds = course.run(60.0, lambda: handle.done)
-    assert handle.result.code == Code.FAILED_TO_MAKE_PROGRESS
+    assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS
     assert 10.0 <= seconds < 16.0
 
 
@@ -218,21 +218,21 @@ def test_replanning_once_a_second_does_not_hide_that_nothing_moves(floor, path, 
         course.run(1.0)
         if handle.done:
             break
-    assert handle.result.code == Code.FAILED_TO_MAKE_PROGRESS
+    assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS
 
 
 def test_a_path_without_poses_is_refused(floor, follow):
     course = floor()
     handle = course.follow_path.send_goal(follow(empty_path(0)))
     course.run(0.1)
-    assert handle.result.code == Code.INVALID_PATH
+    assert handle.result.code == Nav2ErrorCode.INVALID_PATH
 
 
 def test_a_path_in_an_unknown_frame_fails_with_the_frames_name(floor, path, follow):
     course = floor(failure_tolerance=0.0)
     handle = course.follow_path.send_goal(follow(path((0, 0), (1, 0), frame="mapp")))
     course.run(0.2)
-    assert handle.result.code == Code.FOLLOW_PATH_TF_ERROR
+    assert handle.result.code == Nav2ErrorCode.FOLLOW_PATH_TF_ERROR
     assert "did you mean 'map'?" in handle.result.message
 
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import pytest
 
-from robot_nodes.navigation.action import GoalStatus
-from robot_nodes.navigation.behaviours import BackUpGoal, SpinGoal
-from robot_nodes.robot import Pose2D
-from sim.body import Body
-from sim.description import load_description
-from sim.faults import parse_fault
-from sim.scene import load_scene
-from sim.world import World
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.behaviours import BackUpGoal, SpinGoal
+from btcore_robot.robot import Pose2D
+from btcore_sim.faults import parse_fault
+from btcore_sim.robot_description import load_description
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 START = (-4.8, -4.8)
 
@@ -28,7 +28,9 @@ def arena(course_of):
         # Nobody localises here: with wheels that slip as Tiago's, the path would wander off among the boxes.
         tiago = load_description()
         milder = replace(tiago, odometry=replace(tiago.odometry, slip=slip, slip_sigma=slip_sigma))
-        course = course_of(Body(worlds[-1], milder, faults=[parse_fault(fault) for fault in faults]))
+        course = course_of(
+            SimulatedRobot(worlds[-1], milder, faults=[parse_fault(fault) for fault in faults])
+        )
         course.map_at(at)
         return course
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.checkers import GoalChecker, ProgressChecker
-from robot_nodes.navigation.clearance import Clearance
-from robot_nodes.navigation.costmap import LocalCostmap
-from robot_nodes.navigation.detour import detour
-from robot_nodes.navigation.pursuit import Pursuit
-from robot_nodes.navigation.scan_filter import smoothed
-from robot_nodes.robot import LaserScan, Pose2D
+from btcore_robot.navigation.checkers import GoalChecker, ProgressChecker
+from btcore_robot.navigation.clearance import ClearanceGrid
+from btcore_robot.navigation.costmap import LocalCostmap
+from btcore_robot.navigation.detour import detour
+from btcore_robot.navigation.pure_pursuit import PurePursuit
+from btcore_robot.navigation.scan_filter import smooth_scan
+from btcore_robot.robot import LaserScan, Pose2D
 
 SECOND = 1_000_000_000
 STEP = math.radians(220.0) / 665
@@ -30,7 +30,7 @@ def test_a_smoothed_wall_is_much_nearer_to_the_truth():
     truth = wall_ahead(1.0)
     noisy = truth + 0.06 * np.random.default_rng(1).standard_normal(666)
     ahead = np.abs(-math.radians(110.0) + STEP * np.arange(666)) < 0.8
-    error = smoothed(scan_of(noisy)).ranges[ahead] - truth[ahead]
+    error = smooth_scan(scan_of(noisy)).ranges[ahead] - truth[ahead]
     assert error.std() < 0.03
     assert error.min() > -0.1 > (noisy[ahead] - truth[ahead]).min()
 
@@ -39,7 +39,7 @@ def test_a_table_leg_is_not_smoothed_away_and_a_lone_reading_is():
     ranges = np.full(666, 3.0)
     ranges[300:303] = 1.2
     ranges[400] = 1.2
-    after = smoothed(scan_of(ranges)).ranges
+    after = smooth_scan(scan_of(ranges)).ranges
     assert after[301] == pytest.approx(1.2)
     assert after[400] == pytest.approx(3.0)
 
@@ -48,7 +48,7 @@ def test_smoothing_keeps_what_no_echo_and_too_near_mean():
     ranges = np.full(666, np.inf)
     ranges[100:120] = -np.inf
     ranges[300] = np.nan
-    after = smoothed(scan_of(ranges)).ranges
+    after = smooth_scan(scan_of(ranges)).ranges
     assert (after[100:120] == -np.inf).all()
     assert (after[200:] == np.inf).all()
 
@@ -58,7 +58,7 @@ def seen():
     """Clearance at a place with a wall 1 m ahead of the laser, beside what a costmap remembers."""
 
     def make(costmap=None):
-        field = Clearance()
+        field = ClearanceGrid()
         field.update(scan_of(wall_ahead(1.0)), Pose2D(0.0, 0.0, 0.0), costmap or LocalCostmap())
         return field
 
@@ -93,7 +93,7 @@ def test_a_keep_out_stays_though_the_laser_sees_through_it(seen):
 
 
 def test_a_carrot_lies_ahead_on_the_path_and_gives_the_arc_through_it():
-    pursuit = Pursuit(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
+    pursuit = PurePursuit(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
     pose = Pose2D(0.5, 0.1, 0.0)
     pursuit.locate(pose)
     assert (pursuit.off, pursuit.left) == (pytest.approx(0.1), pytest.approx(1.5))
@@ -104,14 +104,14 @@ def test_a_carrot_lies_ahead_on_the_path_and_gives_the_arc_through_it():
 
 def test_a_path_that_crosses_itself_is_not_cut_short():
     loop = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (1.5, 2.0), (1.5, -2.0)])
-    pursuit = Pursuit(loop)
+    pursuit = PurePursuit(loop)
     for x in np.arange(0.0, 1.6, 0.1):
         pursuit.locate(Pose2D(float(x), 0.0, 0.0))
     assert pursuit.passed == pytest.approx(1.5)
 
 
 def test_a_path_of_one_place_is_at_its_end():
-    pursuit = Pursuit(np.array([(1.0, 0.0)]))
+    pursuit = PurePursuit(np.array([(1.0, 0.0)]))
     pursuit.locate(Pose2D(0.0, 0.0, 0.0))
     assert (pursuit.left, pursuit.off) == (0.0, 1.0)
 

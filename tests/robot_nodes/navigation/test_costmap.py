@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import distance_transform_edt
 
-from robot_nodes.navigation.costmap import (
+from btcore_robot.navigation.costmap import (
     FREE,
     INSCRIBED,
     LETHAL,
@@ -16,9 +16,9 @@ from robot_nodes.navigation.costmap import (
     GlobalCostmap,
     LocalCostmap,
 )
-from robot_nodes.navigation.layers import Inflation
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.robot import LaserScan, Pose2D
+from btcore_robot.navigation.costmap_layers import Inflation
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.robot import LaserScan, Pose2D
 
 HERE = Pose2D(2.025, 2.025, 0.0)
 """The middle of a cell of the maps below."""
@@ -241,7 +241,7 @@ def test_costs_kept_up_to_date_piece_by_piece_are_those_made_anew(scans):
     pieced = costmap.costs.copy()
     costmap.clear_except(Pose2D(2.0, 2.0, 0.0), 100.0)  # forgets nothing, makes everything anew
     assert np.array_equal(pieced, costmap.costs)
-    assert (costmap.floor[costmap.costs != UNKNOWN] <= costmap.costs[costmap.costs != UNKNOWN]).all()
+    assert (costmap.lower_bound[costmap.costs != UNKNOWN] <= costmap.costs[costmap.costs != UNKNOWN]).all()
 
 
 def test_the_version_tells_whether_anything_changed():

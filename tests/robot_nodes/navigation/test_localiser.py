@@ -7,11 +7,18 @@ import cv2
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.localiser import Localiser
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.parameters import AmclParameters
-from robot_nodes.robot import Frame, LaserFacts, LaserScan, Odometry, Pose2D, Twist2D
-from robot_nodes.transforms import FrameBroadcaster, TransformTree
+from btcore_robot.navigation.localiser import Localiser
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.parameters import AmclParameters
+from btcore_robot.robot import (
+    LaserInfo,
+    LaserScan,
+    Odometry,
+    Pose2D,
+    TransformStamped,
+    Twist2D,
+)
+from btcore_robot.transforms import FrameBroadcaster, TransformTree
 
 SECOND = 1_000_000_000
 LASER_AHEAD = 0.2
@@ -34,7 +41,7 @@ class Wanderer:
         self.told = [0.0, 0.0, 0.0]
         self.people = []
         step = math.radians(220.0) / 665
-        self.laser = LaserFacts(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "base_laser_link")
+        self.laser = LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "base_laser_link")
         self.newest = None
 
     def odometry(self):
@@ -42,7 +49,9 @@ class Wanderer:
 
     def frames(self):
         still = (0.0, 0.0, 0.0, 1.0)
-        return [Frame("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)]
+        return [
+            TransformStamped("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)
+        ]
 
     def scan(self):
         return self.newest
@@ -193,7 +202,7 @@ def test_map_to_odom_is_published_with_the_scans_time_and_holds_for_the_toleranc
     told = walk.tree.lookup("map", "base_footprint", stamp).to_pose()
     assert (told.x, told.y) == pytest.approx((walk.localiser.pose().x, walk.localiser.pose().y))
     assert walk.tree.lookup("map", "odom", stamp + SECOND) == walk.localiser.map_to_odom
-    assert not walk.tree.available("map", "odom", stamp + SECOND + 1)
+    assert not walk.tree.can_transform("map", "odom", stamp + SECOND + 1)
 
 
 def test_between_two_scans_the_pose_goes_with_the_odometry():

@@ -6,13 +6,13 @@ import threading
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.localiser import Localiser
-from robot_nodes.robot import Pose2D, Rank
-from robot_nodes.transforms import FrameBroadcaster, TransformTree
-from sim.body import Body
-from sim.rasterise import rasterise
-from sim.scene import load_scene
-from sim.world import World
+from btcore_robot.navigation.localiser import Localiser
+from btcore_robot.robot import Phase, Pose2D
+from btcore_robot.transforms import FrameBroadcaster, TransformTree
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 STEP = 100_000_000
 
@@ -21,12 +21,12 @@ class House:
     """A localiser on the schedule of the body that stands in the house."""
 
     def __init__(self, world):
-        self.body = Body(world)
+        self.body = SimulatedRobot(world)
         tree = TransformTree()
         frames = FrameBroadcaster(self.body, tree)
         self.localiser = Localiser(self.body, rasterise(world.scene), tree, np.random.default_rng(1))
-        self.body.schedule.every(FrameBroadcaster.RATE, Rank.TRANSFORMS, frames.step)
-        self.body.schedule.every(self.body.laser.rate, Rank.LOCALISER, self.localiser.step)
+        self.body.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
+        self.body.schedule.every(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
 
     def drive(self, v, w, seconds):
         """Drive so; the errors (m, rad) at 10 Hz."""

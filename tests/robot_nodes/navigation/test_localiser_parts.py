@@ -5,15 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.agreement import Visibility
-from robot_nodes.navigation.doubt import changed
-from robot_nodes.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
-from robot_nodes.navigation.likelihood import LikelihoodField, beams, distances
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.motion import decomposed, moved
-from robot_nodes.navigation.particles import best_cluster, cloud, resampled, sample_size
-from robot_nodes.navigation.scan_match import Faces
-from robot_nodes.robot import LaserScan, Pose2D
+from btcore_robot.navigation.distance_field import SignedDistanceField
+from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
+from btcore_robot.navigation.likelihood import LikelihoodField, beams, distances
+from btcore_robot.navigation.motion_model import decomposed, sample_motion_model
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.particles import (
+    best_cluster,
+    cloud,
+    resampled,
+    sample_size,
+)
+from btcore_robot.navigation.pose_validation import changed
+from btcore_robot.navigation.ray_casting import RayCaster
+from btcore_robot.robot import LaserScan, Pose2D
 
 ALPHAS = (0.2, 0.2, 0.2, 0.2)
 EYE = (0.0, 0.0)
@@ -133,7 +138,7 @@ def test_noise_of_a_straight_way_is_that_of_the_model_forwards_and_backwards(hea
     before, after = Pose2D(0.0, 0.0, heading), Pose2D(0.5, 0.0, heading)
     start = np.zeros((200_000, 3))
     start[:, 2] = heading
-    end = moved(start, before, after, ALPHAS, np.random.default_rng(1))
+    end = sample_motion_model(start, before, after, ALPHAS, np.random.default_rng(1))
     turn_noise, way_noise = math.sqrt(0.2 * 0.5**2), math.sqrt(0.2 * 0.5**2)
     assert np.std(np.hypot(end[:, 0], end[:, 1])) == pytest.approx(way_noise, rel=0.1)
     bearing = np.arctan2(end[:, 1], end[:, 0])[end[:, 0] > 0]
@@ -144,7 +149,7 @@ def test_noise_of_a_straight_way_is_that_of_the_model_forwards_and_backwards(hea
 
 
 def test_noise_of_a_turn_on_the_spot_is_that_of_the_model():
-    end = moved(
+    end = sample_motion_model(
         np.zeros((200_000, 3)),
         Pose2D(0, 0, 0),
         Pose2D(0, 0, 0.4),
@@ -181,7 +186,7 @@ def test_a_tight_cloud_needs_few_particles_and_a_wide_one_many():
     assert len(resampled(wide, even, random, **figures)) == 2000
 
 
-def test_who_weighs_more_survives_more_often_and_as_often_as_it_weighs():
+def test_resampling_is_proportional_to_weight():
     particles = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
     chosen = resampled(
         particles, np.array([0.25, 0.75]), np.random.default_rng(5), err=0.05, z=0.99, least=400, most=400
@@ -209,7 +214,7 @@ def test_a_match_brings_a_guess_to_the_pose_to_a_centimetre(off):
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
     points = seen_from(field_map, true)
     guess = Pose2D(true.x + off[0], true.y + off[1], true.yaw + off[2])
-    found = Faces(field_map).match(guess, points, EYE, trust=(0.2, 0.1))
+    found = SignedDistanceField(field_map).match(guess, points, EYE, trust=(0.2, 0.1))
     assert math.hypot(found.pose.x - true.x, found.pose.y - true.y) < 0.02
     assert abs(found.pose.yaw - true.yaw) < 0.01
     assert found.share == 1.0
@@ -220,7 +225,7 @@ def test_who_stands_in_the_way_does_not_pull_a_match():
     points = seen_from(field_map, true)
     points[40:60] *= 0.5
     guess = Pose2D(true.x + 0.05, true.y - 0.05, true.yaw + 0.02)
-    found = Faces(field_map).match(guess, points, EYE, trust=(0.05, 0.05))
+    found = SignedDistanceField(field_map).match(guess, points, EYE, trust=(0.05, 0.05))
     assert math.hypot(found.pose.x - true.x, found.pose.y - true.y) < 0.02
 
 
@@ -230,14 +235,14 @@ def test_along_a_corridor_a_match_leaves_the_place_as_it_was():
     field_map = OccupancyMap(cells, 0.05, (0.0, 0.0))
     points = seen_from(field_map, Pose2D(5.0, 5.0, 0.0), reach=4.0)
     points = points[np.abs(points[:, 1]) > 0.5]
-    found = Faces(field_map).match(Pose2D(5.3, 5.08, 0.0), points, EYE, trust=(0.1, 0.1))
+    found = SignedDistanceField(field_map).match(Pose2D(5.3, 5.08, 0.0), points, EYE, trust=(0.1, 0.1))
     assert found.pose.x == pytest.approx(5.3, abs=0.02)
     assert found.pose.y == pytest.approx(5.0, abs=0.01)
 
 
 def test_people_make_beams_short_and_a_wrong_pose_lets_them_go_through_walls():
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
-    visibility = Visibility(field_map)
+    visibility = RayCaster(field_map)
     points = seen_from(field_map, true)
     right, wrong = visibility.agreement([true, Pose2D(5.5, 8.0, -2.0)], EYE, points)
     assert (right.met, right.through) == (1.0, 0.0)

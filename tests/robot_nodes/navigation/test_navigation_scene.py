@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.controller import FollowGoal
-from robot_nodes.navigation.show import PARTICLES_AT_MOST
-from robot_nodes.navigation.stack import Navigation
-from robot_nodes.robot import Pose2D
-from sim.body import Body
-from sim.rasterise import rasterise
-from sim.scene import load_scene
-from sim.world import World
+from btcore_robot.navigation.controller import FollowGoal
+from btcore_robot.navigation.scene import PARTICLES_AT_MOST
+from btcore_robot.navigation.stack import Navigation
+from btcore_robot.robot import Pose2D
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 TREES = Path(__file__).parents[3] / "trees"
 SECOND = 1_000_000_000
@@ -26,7 +26,7 @@ class House:
     def __init__(self) -> None:
         scene = load_scene("house")
         self.world = World(scene, seed=1)
-        self.body = Body(self.world)
+        self.body = SimulatedRobot(self.world)
         self.navigation = Navigation(self.body, rasterise(scene), np.random.default_rng([1, 4]), TREES)
         self.told: list[dict] = []
 
@@ -152,7 +152,7 @@ def test_a_robot_that_was_carried_off_while_it_drives_says_so_and_turns_to_look_
     for _ in range(60):
         states.append(house.run(0.1)[-1]["notes"]["localisation"])
         if house.navigation.localiser.searching:
-            turns.append(house.body.twist_asked()[1])
+            turns.append(house.body.ramped_twist()[1])
     assert any("lost" in state for state in states)
     assert states[-1] == "sure"
     assert max(turns) > 0.3

@@ -3,10 +3,14 @@ from textwrap import dedent
 
 import pytest
 
-from robot_nodes.navigation.codes import CONTROLLER_RECOVERY_HELPS, PLANNER_RECOVERY_HELPS, Code
-from robot_nodes.navigation.parameters import (
+from btcore_robot.navigation.error_codes import (
+    CONTROLLER_RECOVERY_HELPS,
+    PLANNER_RECOVERY_HELPS,
+    Nav2ErrorCode,
+)
+from btcore_robot.navigation.parameters import (
     NavigationParameters,
-    ParameterFault,
+    ParameterError,
     load_parameters,
 )
 
@@ -199,7 +203,7 @@ def test_nav2s_own_keys_are_no_slips_of_others(written, key):
 )
 def test_a_value_of_the_wrong_kind_is_a_sentence_with_its_line(written, value, sentence):
     path = written(f"amcl:\n  ros__parameters:\n    {value}\n")
-    with pytest.raises(ParameterFault) as raised:
+    with pytest.raises(ParameterError) as raised:
         load_parameters(path)
     assert str(raised.value) == f"{path}, {sentence}"
 
@@ -211,7 +215,7 @@ def test_every_mistake_is_told_at_once(written):
         bt_navigator: {ros__parameters: {bt_loop_duration: y}}
         """
     )
-    with pytest.raises(ParameterFault) as raised:
+    with pytest.raises(ParameterError) as raised:
         load_parameters(path)
     assert str(raised.value).count("\n") == 1
 
@@ -229,12 +233,12 @@ def test_numbers_with_an_exponent_are_numbers(written):
     ],
 )
 def test_a_file_of_another_form_is_a_sentence(written, text, sentence):
-    with pytest.raises(ParameterFault, match=sentence):
+    with pytest.raises(ParameterError, match=sentence):
         load_parameters(written(text))
 
 
 def test_a_missing_file_is_a_sentence(tmp_path):
-    with pytest.raises(ParameterFault, match=r"can't be read: No such file"):
+    with pytest.raises(ParameterError, match=r"can't be read: No such file"):
         load_parameters(tmp_path / "none.yaml")
 
 
@@ -243,8 +247,8 @@ def test_an_empty_file_says_nothing(written):
 
 
 def test_the_codes_are_nav2s():
-    assert (Code.GOAL_OCCUPIED, Code.NO_VALID_PATH) == (206, 208)
-    assert (Code.FAILED_TO_MAKE_PROGRESS, Code.NO_VALID_CONTROL) == (105, 106)
-    assert (Code.SPIN_COLLISION_AHEAD, Code.BACKUP_COLLISION_AHEAD) == (703, 714)
+    assert (Nav2ErrorCode.GOAL_OCCUPIED, Nav2ErrorCode.NO_VALID_PATH) == (206, 208)
+    assert (Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, Nav2ErrorCode.NO_VALID_CONTROL) == (105, 106)
+    assert (Nav2ErrorCode.SPIN_COLLISION_AHEAD, Nav2ErrorCode.BACKUP_COLLISION_AHEAD) == (703, 714)
     assert {100, 104, 105, 106} == CONTROLLER_RECOVERY_HELPS
     assert {200, 207, 208, 300, 307, 308} == PLANNER_RECOVERY_HELPS

@@ -9,14 +9,26 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from robot_nodes.navigation.codes import Code
-from robot_nodes.navigation.costmap import INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap
-from robot_nodes.navigation.grid import WALL, Bounds, cheapest, connected, grid_costs
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.path import NavPath
-from robot_nodes.navigation.planner import PlanFault, Planner
-from robot_nodes.navigation.smoothing import DEARER, smoothed
-from robot_nodes.robot import LaserScan, Pose2D
+from btcore_robot.navigation.costmap import (
+    INSCRIBED,
+    LETHAL,
+    UNKNOWN,
+    Costmap,
+    GlobalCostmap,
+)
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.grid_search import (
+    WALL,
+    Bounds,
+    connected,
+    find_cheapest_path,
+    grid_costs,
+)
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.path import NavPath
+from btcore_robot.navigation.path_smoothing import DEARER, smooth_path
+from btcore_robot.navigation.planner import Planner, PlannerError
+from btcore_robot.robot import LaserScan, Pose2D
 
 ROOMS = """
 ########################################
@@ -124,7 +136,7 @@ def test_no_way_is_cheaper_than_the_one_found(grid, allow_unknown):
     values, start, goal = grid
     costs = grid_costs(values, allow_unknown=allow_unknown)
     least = least_prices(costs, start)
-    found = cheapest(costs, start, goal)
+    found = find_cheapest_path(costs, start, goal)
     assert np.array_equal(connected(costs, start), np.isfinite(least))
     if math.isinf(least[goal]):
         assert found is None
@@ -146,7 +158,7 @@ def test_bounds_of_an_emptier_floor_find_as_cheap_a_way(grid, data):
     for start in data.draw(st.lists(cells, min_size=1, max_size=4)):
         least = least_prices(costs, start)[goal] if costs[start] >= 0 else math.inf
         if math.isfinite(least):
-            found = cheapest(costs, start, goal, bounds)
+            found = find_cheapest_path(costs, start, goal, bounds)
             assert found is not None
             assert way_price(costs, found) == pytest.approx(least)
 
@@ -154,8 +166,8 @@ def test_bounds_of_an_emptier_floor_find_as_cheap_a_way(grid, data):
 def test_bounds_of_a_start_from_which_no_way_leads_serve_a_start_with_one():
     floor = grid_costs(np.array([[0, LETHAL, 0, 0, 0]], dtype=np.uint8))
     bounds = Bounds(floor, (0, 0), (0, 4))
-    assert cheapest(floor, (0, 2), (0, 4), bounds) == [(0, 2), (0, 3), (0, 4)]
-    assert cheapest(floor, (0, 0), (0, 4), bounds) is None
+    assert find_cheapest_path(floor, (0, 2), (0, 4), bounds) == [(0, 2), (0, 3), (0, 4)]
+    assert find_cheapest_path(floor, (0, 0), (0, 4), bounds) is None
 
 
 # -- smoothness
@@ -166,10 +178,10 @@ def test_a_smoothed_way_is_in_no_wall_and_hardly_dearer(grid):
     values, start, goal = grid
     costs = grid_costs(values.repeat(3, axis=0).repeat(3, axis=1))
     start, goal = (3 * start[0] + 1, 3 * start[1] + 1), (3 * goal[0] + 1, 3 * goal[1] + 1)
-    cells = cheapest(costs, start, goal)
+    cells = find_cheapest_path(costs, start, goal)
     assume(cells is not None and len(cells) > 2)
     way = np.array(cells, dtype=np.float64)
-    found = smoothed(costs, way)
+    found = smooth_path(costs, way)
     assert (found[0].tolist(), found[-1].tolist()) == (way[0].tolist(), way[-1].tolist())
     steps = np.diff(found, axis=0)
     lengths = np.hypot(*steps.T)
@@ -200,7 +212,7 @@ def test_a_path_turns_gently_and_keeps_away_from_corners(rooms):
 
 def test_a_path_is_shorter_than_the_cells_that_it_was_found_on(rooms):
     costs = grid_costs(rooms.costs)
-    cells = cheapest(costs, rooms.cell(WEST.x, WEST.y), rooms.cell(EAST.x, EAST.y))
+    cells = find_cheapest_path(costs, rooms.cell(WEST.x, WEST.y), rooms.cell(EAST.x, EAST.y))
     assert cells is not None
     on_cells = sum(math.dist(first, second) for first, second in pairwise(cells)) * 0.05
     straight = math.hypot(EAST.x - WEST.x, EAST.y - WEST.y)
@@ -217,7 +229,7 @@ def test_no_path_comes_nearer_to_an_obstacle_than_the_robot_is_wide(places):
     assume(costmap.cost(start.x, start.y) < INSCRIBED)
     try:
         path = Planner(costmap).plan(start, goal, 0)
-    except PlanFault:
+    except PlannerError:
         reached = connected(grid_costs(costmap.costs), costmap.cell(start.x, start.y))
         assert not reached[costmap.cell(goal.x, goal.y)]
         return
@@ -287,9 +299,9 @@ def test_unknown_floor_is_driven_over_only_where_nothing_else_leads_and_that_is_
     bridge = drawn("###########\n" + "#   ??    #\n" * 4 + "###########")
     start, goal = Pose2D(0.5, 0.6, 0.0), Pose2D(1.6, 0.6, 0.0)
     assert Planner(GlobalCostmap(bridge)).plan(start, goal, 0).goal == goal
-    with pytest.raises(PlanFault, match="something closes every way") as fault:
+    with pytest.raises(PlannerError, match="something closes every way") as fault:
         Planner(GlobalCostmap(bridge), allow_unknown=False).plan(start, goal, 0)
-    assert fault.value.code == Code.NO_VALID_PATH
+    assert fault.value.code == Nav2ErrorCode.NO_VALID_PATH
 
 
 # -- through poses
@@ -306,15 +318,17 @@ def test_a_path_through_poses_passes_each_in_turn(rooms):
 
 @pytest.mark.parametrize("poses", [[], [WEST]])
 def test_a_path_through_nothing_has_no_via_points(rooms, poses):
-    with pytest.raises(PlanFault) as fault:
+    with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan_through(poses, 0)
-    assert fault.value.code == Code.NO_VIAPOINTS_GIVEN
+    assert fault.value.code == Nav2ErrorCode.NO_VIAPOINTS_GIVEN
 
 
 def test_a_leg_that_fails_is_named_with_the_code_of_its_action(rooms):
-    with pytest.raises(PlanFault, match=r"leg 2 of 2: no path leads to the goal \(6\.90, 0\.70\)") as fault:
+    with pytest.raises(
+        PlannerError, match=r"leg 2 of 2: no path leads to the goal \(6\.90, 0\.70\)"
+    ) as fault:
         Planner(rooms).plan_through([WEST, NORTH, CLOSED], 0)
-    assert fault.value.code == Code.THROUGH_NO_VALID_PATH
+    assert fault.value.code == Nav2ErrorCode.THROUGH_NO_VALID_PATH
 
 
 # -- refusals
@@ -323,17 +337,21 @@ def test_a_leg_that_fails_is_named_with_the_code_of_its_action(rooms):
 @pytest.mark.parametrize(
     ("start", "goal", "code"),
     [
-        (WEST, Pose2D(3.9, 1.0, 0.0), Code.GOAL_OCCUPIED),
-        (WEST, Pose2D(3.6, 1.0, 0.0), Code.GOAL_OCCUPIED),  # 0.2 m from that wall: no room for the robot
-        (WEST, CLOSED, Code.NO_VALID_PATH),
-        (WEST, Pose2D(8.01, 1.0, 0.0), Code.GOAL_OUTSIDE_MAP),
-        (WEST, Pose2D(math.nan, 1.0, 0.0), Code.GOAL_OUTSIDE_MAP),
-        (Pose2D(-0.01, 1.0, 0.0), EAST, Code.START_OUTSIDE_MAP),
-        (Pose2D(3.9, 0.1, 0.0), EAST, Code.START_OCCUPIED),
+        (WEST, Pose2D(3.9, 1.0, 0.0), Nav2ErrorCode.GOAL_OCCUPIED),
+        (
+            WEST,
+            Pose2D(3.6, 1.0, 0.0),
+            Nav2ErrorCode.GOAL_OCCUPIED,
+        ),  # 0.2 m from that wall: no room for the robot
+        (WEST, CLOSED, Nav2ErrorCode.NO_VALID_PATH),
+        (WEST, Pose2D(8.01, 1.0, 0.0), Nav2ErrorCode.GOAL_OUTSIDE_MAP),
+        (WEST, Pose2D(math.nan, 1.0, 0.0), Nav2ErrorCode.GOAL_OUTSIDE_MAP),
+        (Pose2D(-0.01, 1.0, 0.0), EAST, Nav2ErrorCode.START_OUTSIDE_MAP),
+        (Pose2D(3.9, 0.1, 0.0), EAST, Nav2ErrorCode.START_OCCUPIED),
     ],
 )
 def test_a_goal_that_cannot_be_reached_is_refused_by_its_code(rooms, start, goal, code):
-    with pytest.raises(PlanFault) as fault:
+    with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan(start, goal, 0)
     assert fault.value.code == code
     assert fault.value.message == str(fault.value)
@@ -342,9 +360,9 @@ def test_a_goal_that_cannot_be_reached_is_refused_by_its_code(rooms, start, goal
 def test_a_goal_in_a_keepout_is_occupied():
     map = drawn(ROOMS)
     kept = OccupancyMap(map.cells, map.resolution, map.origin, ((5.0, 3.5, 6.0, 4.5),))
-    with pytest.raises(PlanFault, match="is in an obstacle") as fault:
+    with pytest.raises(PlannerError, match="is in an obstacle") as fault:
         Planner(GlobalCostmap(kept)).plan(WEST, NORTH, 0)
-    assert fault.value.code == Code.GOAL_OCCUPIED
+    assert fault.value.code == Nav2ErrorCode.GOAL_OCCUPIED
 
 
 def test_a_refused_goal_has_an_empty_path(rooms):
@@ -393,8 +411,11 @@ def test_with_a_tolerance_a_goal_that_can_be_reached_is_reached(rooms):
 
 
 def test_a_tolerance_that_reaches_nothing_refuses_as_none_does(rooms):
-    for goal, code in ((Pose2D(3.9, 1.0, 0.0), Code.GOAL_OCCUPIED), (CLOSED, Code.NO_VALID_PATH)):
-        with pytest.raises(PlanFault) as fault:
+    for goal, code in (
+        (Pose2D(3.9, 1.0, 0.0), Nav2ErrorCode.GOAL_OCCUPIED),
+        (CLOSED, Nav2ErrorCode.NO_VALID_PATH),
+    ):
+        with pytest.raises(PlannerError) as fault:
             Planner(rooms, tolerance=0.1).plan(WEST, goal, 0)
         assert fault.value.code == code
 

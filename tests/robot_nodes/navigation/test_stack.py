@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.action import GoalStatus
-from robot_nodes.navigation.codes import Code
-from robot_nodes.navigation.costmap import INSCRIBED
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.navigator import NavigateGoal
-from robot_nodes.navigation.parameters import NavigationParameters
-from robot_nodes.navigation.stack import SEARCH_PATIENCE, SEARCH_TURN, Navigation
-from robot_nodes.robot import Pose2D
-from sim.body import Body
-from sim.faults import Fault
-from sim.rasterise import rasterise
-from sim.scene import Scene, Thing
-from sim.world import World
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.costmap import INSCRIBED
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.navigator import NavigateGoal
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.parameters import NavigationParameters
+from btcore_robot.navigation.stack import SEARCH_PATIENCE, SEARCH_TURN, Navigation
+from btcore_robot.robot import Pose2D
+from btcore_sim.faults import Fault
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import Scene, SceneObject
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
 TREES = Path(__file__).parents[3] / "trees"
 NS_PER_S = 1_000_000_000
@@ -42,9 +42,9 @@ WALLS = {
 """x and y from, x and y to (m)."""
 
 
-def box(name: str, x0: float, y0: float, x1: float, y1: float) -> Thing:
+def box(name: str, x0: float, y0: float, x1: float, y1: float) -> SceneObject:
     size, middle = (x1 - x0, y1 - y0, 1.5), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
-    return Thing(name, "box", size, middle, 0.0, 0.0, GREY)
+    return SceneObject(name, "box", size, middle, 0.0, 0.0, GREY)
 
 
 class Flat:
@@ -62,7 +62,7 @@ class Flat:
         at = start or Pose2D(0.0, 0.0, 0.0)
         scene = Scene("flat", "", things, (-3, -2.5, 5, 2.5), 0.0, at, GREY, physics_rate=120)
         self.world = World(scene, seed=seed)
-        self.body = Body(self.world, faults=faults)
+        self.body = SimulatedRobot(self.world, faults=faults)
         random = np.random.default_rng([seed, 4])
         known = rasterise(scene) if map is None else map
         self.navigation = Navigation(self.body, known, random, TREES, parameters)
@@ -74,7 +74,7 @@ class Flat:
         end = began + round(seconds * NS_PER_S)
         while self.world.now() < end and not until():
             self.world.wait_until(self.world.now() + NS_PER_S // 20, threading.Event())
-            self.speeds.append(self.body.twist_asked()[0])
+            self.speeds.append(self.body.ramped_twist()[0])
         return (self.world.now() - began) / NS_PER_S
 
     def off(self, x: float, y: float) -> float:
@@ -123,7 +123,7 @@ def test_a_new_goal_takes_over_without_a_stop(flat):
     home = flat()
     first = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     home.run(6.0)
-    assert home.body.twist_asked()[0] > 0.25
+    assert home.body.ramped_twist()[0] > 0.25
     second = home.navigation.go_to(Pose2D(4.0, -0.7, 0.0))
     home.run(3.0)
     assert first.status is GoalStatus.CANCELED
@@ -141,7 +141,7 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat):
     handle.cancel()
     home.run(1.0)
     assert handle.status is GoalStatus.CANCELED
-    assert home.body.twist_asked() == pytest.approx((0.0, 0.0), abs=0.02)
+    assert home.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.02)
     assert not home.navigation.servers.follow_path.busy
     assert {node.status.name for node in home.navigation.navigate_to_pose.tree.nodes} == {"IDLE"}
     driven = home.body.distance
@@ -172,23 +172,23 @@ def test_where_nothing_fits_the_map_the_search_ends_and_a_new_goal_begins_anothe
     handle = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
     assert home.run(180.0, lambda: handle.done) == pytest.approx(SEARCH_PATIENCE, abs=3.0)
     assert handle.status is GoalStatus.ABORTED
-    assert handle.result.code == Code.NAVIGATE_TF_ERROR
+    assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
     assert "it doesn't know where it is" in handle.result.message
     home.run(2.0)
-    assert home.body.twist_asked() == pytest.approx((0.0, 0.0))
+    assert home.body.ramped_twist() == pytest.approx((0.0, 0.0))
     again = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
     home.run(2.0)
     assert not again.done
-    assert home.body.twist_asked()[1] == pytest.approx(SEARCH_TURN, abs=0.02)
+    assert home.body.ramped_twist()[1] == pytest.approx(SEARCH_TURN, abs=0.02)
     assert home.body.distance < 0.05
 
 
 @pytest.mark.parametrize(
     ("goal", "code", "seconds"),
     [
-        (Pose2D(1.05, 1.5, 0.0), Code.GOAL_OCCUPIED, 2.0),
-        (Pose2D(9.0, 0.0, 0.0), Code.GOAL_OUTSIDE_MAP, 2.0),
-        (Pose2D(4.3, 1.9, 0.0), Code.NO_VALID_PATH, 60.0),
+        (Pose2D(1.05, 1.5, 0.0), Nav2ErrorCode.GOAL_OCCUPIED, 2.0),
+        (Pose2D(9.0, 0.0, 0.0), Nav2ErrorCode.GOAL_OUTSIDE_MAP, 2.0),
+        (Pose2D(4.3, 1.9, 0.0), Nav2ErrorCode.NO_VALID_PATH, 60.0),
     ],
 )
 def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(flat, goal, code, seconds):
@@ -208,7 +208,7 @@ def test_the_reason_is_not_that_of_an_earlier_goal(flat):
     bad = NavigateGoal((Pose2D(1.0, 0.0, 0.0),), str(Path(__file__).parent / "no_such.xml"))
     again = home.navigation.navigate_to_pose.send_goal(bad)
     home.run(1.0, lambda: again.done)
-    assert again.result.code == Code.FAILED_TO_LOAD_BEHAVIOR_TREE
+    assert again.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
 
 
 def test_several_goals_are_passed_in_their_order(flat):
@@ -267,7 +267,7 @@ def test_a_broken_tree_fails_its_goal_and_no_other(flat, tmp_path, text):
     handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), str(file)))
     home.run(1.0, lambda: handle.done)
     assert handle.status is GoalStatus.ABORTED
-    assert handle.result.code == Code.FAILED_TO_LOAD_BEHAVIOR_TREE
+    assert handle.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
     assert "tree.xml" in handle.result.message
     after = home.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
     home.run(20.0, lambda: after.done)
@@ -288,7 +288,7 @@ def test_a_leaf_that_raises_fails_the_goal_and_the_robot_stands(flat, tmp_path):
     home.run(1.0)
     assert handle.status is GoalStatus.ABORTED
     assert "TransformAvailable" in handle.result.message
-    assert home.body.twist_asked()[0] == pytest.approx(0.0, abs=0.02)
+    assert home.body.ramped_twist()[0] == pytest.approx(0.0, abs=0.02)
 
 
 def test_a_laser_that_is_dead_for_five_seconds_stops_the_robot_and_nothing_fails(flat):

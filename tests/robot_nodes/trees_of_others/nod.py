@@ -1,8 +1,8 @@
 """A plug-in for navigation trees, as somebody else would write it."""
 
 from btcore import In, SyncAction, condition
-from robot_nodes.navigation.servers import Servers
-from robot_nodes.robot import Robot
+from btcore_robot.navigation.servers import Servers
+from btcore_robot.robot import Robot
 
 
 @condition
@@ -20,5 +20,5 @@ class Nod(SyncAction):
 
     def tick(self) -> bool:
         """Look down."""
-        self.robot.look(0.0, -0.3)
+        self.robot.move_head(0.0, -0.3)
         return True

@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robot_nodes.navigation.mapping.key_scan import KeyScan, Sweep, key_scan
-from robot_nodes.navigation.mapping.mapper import SWEEPS, Mapper
-from robot_nodes.rigid_transform import Transform
-from robot_nodes.robot import (
+from btcore_robot.navigation.mapping.key_scan import KeyScan, Sweep, key_scan
+from btcore_robot.navigation.mapping.mapper import SWEEPS, Mapper
+from btcore_robot.rigid_transform import Transform
+from btcore_robot.robot import (
     CMD_VEL,
-    BaseFacts,
-    Frame,
-    LaserFacts,
+    BaseInfo,
+    LaserInfo,
     LaserScan,
     Odometry,
     Pose2D,
     Robot,
     RobotClock,
     Schedule,
+    TransformStamped,
     Twist2D,
 )
-from robot_nodes.transforms import TransformTree
+from btcore_robot.transforms import TransformTree
 
 Box = tuple[float, float, float, float]
 RAYS = 666
@@ -88,19 +88,19 @@ class LedRobot(Robot):
         raise NotImplementedError
 
     @property
-    def base(self) -> BaseFacts:
-        return BaseFacts(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+    def base(self) -> BaseInfo:
+        return BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
 
     @property
-    def laser(self) -> LaserFacts:
+    def laser(self) -> LaserInfo:
         half = math.radians(110.0)
-        return LaserFacts(RAYS, -half, 2 * half / (RAYS - 1), 0.05, 25.0, 10.0, 0.06, "base_laser_link")
+        return LaserInfo(RAYS, -half, 2 * half / (RAYS - 1), 0.05, 25.0, 10.0, 0.06, "base_laser_link")
 
     @property
-    def neck(self) -> None:
+    def head_info(self) -> None:
         return None
 
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[TransformStamped]:
         return ()
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
@@ -109,7 +109,7 @@ class LedRobot(Robot):
     def stop(self) -> None:
         raise NotImplementedError
 
-    def asked(self) -> Twist2D:
+    def commanded_velocity(self) -> Twist2D:
         return Twist2D(0.0, 0.0)
 
     def scan(self) -> LaserScan | None:
@@ -118,7 +118,7 @@ class LedRobot(Robot):
     def odometry(self) -> Odometry:
         return self.told
 
-    def look(self, pan: float, tilt: float) -> None:
+    def move_head(self, pan: float, tilt: float) -> None:
         raise NotImplementedError
 
     def head(self) -> None:
@@ -128,7 +128,7 @@ class LedRobot(Robot):
         return None
 
 
-class Survey:
+class MappingRig:
     """A robot carried through *boxes*, and the mapper that works meanwhile.
 
     The wheels tell *stretch* of every metre and *slip* of every radian.
@@ -151,14 +151,16 @@ class Survey:
         self.robot = LedRobot()
         self.tree = TransformTree()
         still = (0.0, 0.0, 0.0, 1.0)
-        self.tree.set_static(Frame("base_laser_link", "base_footprint", (AHEAD, 0.0, 0.0945), still, 0))
+        self.tree.set_static(
+            TransformStamped("base_laser_link", "base_footprint", (AHEAD, 0.0, 0.0945), still, 0)
+        )
         self.time = 0
         self.mapper = Mapper(self.robot, self.tree, start=start, loops=loops)
         self.key_poses: list[Pose2D] = []
         for _ in range(SWEEPS):
             self._move(0.0, 0.0)
 
-    def along(self, *places: tuple[float, float], step: float = 0.1) -> "Survey":
+    def along(self, *places: tuple[float, float], step: float = 0.1) -> "MappingRig":
         """Carry the robot to one place after the other, turning on the spot between."""
         for (x0, y0), (x1, y1) in pairwise([(self.true.x, self.true.y), *places]):
             self.turn(math.remainder(math.atan2(y1 - y0, x1 - x0) - self.true.yaw, math.tau))
@@ -199,7 +201,7 @@ class Survey:
     def _see(self) -> None:
         pose = self.robot.told.pose
         turned = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
-        self.tree.set(Frame("base_footprint", "odom", (pose.x, pose.y, 0.0), turned, self.time))
+        self.tree.set(TransformStamped("base_footprint", "odom", (pose.x, pose.y, 0.0), turned, self.time))
         self.robot.seen = look(self.boxes, self.true, self.random, stamp=self.time)
         before = len(self.mapper.scans)
         self.mapper.step(self.time)
@@ -216,9 +218,9 @@ def _onward(pose: Pose2D, way: float, angle: float) -> Pose2D:
 
 
 @pytest.fixture
-def survey() -> type[Survey]:
+def survey() -> type[MappingRig]:
     """`survey(boxes, start, stretch=…, slip=…, loops=…).along((x, y), …)`."""
-    return Survey
+    return MappingRig
 
 
 @pytest.fixture(scope="session")

@@ -5,20 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_nodes.navigation.map import OccupancyMap, load_map, save_map
-from robot_nodes.navigation.mapping.chart import Chart, trimmed
-from robot_nodes.navigation.mapping.key_scan import KeyScan
-from robot_nodes.navigation.mapping.placing import row
-from robot_nodes.robot import Pose2D
+from btcore_robot.navigation.mapping.key_scan import KeyScan
+from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trimmed
+from btcore_robot.navigation.mapping.pose_arrays import pose_to_row
+from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map, save_map
+from btcore_robot.robot import Pose2D
 
 Seen = Callable[..., KeyScan]
 Boxes = tuple[tuple[float, float, float, float], ...]
 
 
-def charted(seen: Seen, room: Boxes, *poses: Pose2D, keepout: Boxes = ()) -> Chart:
-    chart = Chart(keepout=keepout)
+def charted(seen: Seen, room: Boxes, *poses: Pose2D, keepout: Boxes = ()) -> LogOddsGrid:
+    chart = LogOddsGrid(keepout=keepout)
     for seed, pose in enumerate(poses):
-        chart.add(seen(room, pose, seed), row(pose))
+        chart.add(seen(room, pose, seed), pose_to_row(pose))
     return chart
 
 
@@ -55,14 +55,14 @@ def test_what_one_scan_alone_has_hit_is_not_yet_occupied(seen: Seen, room: Boxes
 
 
 def test_what_has_gone_is_freed_by_being_seen_through(seen: Seen, room: Boxes) -> None:
-    chart, here = Chart(), Pose2D(0.0, 0.0, 0.0)
+    chart, here = LogOddsGrid(), Pose2D(0.0, 0.0, 0.0)
     box = (1.0, -0.6, 1.4, -0.2)
     for seed in range(3):
-        chart.add(seen((*room, box), here, seed), row(here))
+        chart.add(seen((*room, box), here, seed), pose_to_row(here))
     face = [(0.95, -0.4), (1.02, -0.4), (1.07, -0.4)]
     assert any(at(chart.map(), *place) == 100 for place in face)
     for seed in range(10):
-        chart.add(seen(room, here, seed), row(here))
+        chart.add(seen(room, here, seed), pose_to_row(here))
     assert all(at(chart.map(), *place) == 0 for place in face)
 
 

@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from robot_nodes.navigation.likelihood import distances
-from robot_nodes.navigation.map import OccupancyMap, load_map
-from sim.rasterise import rasterise
-from sim.scene import load_scene
+from btcore_robot.navigation.likelihood import distances
+from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import load_scene
 
 Run = Callable[..., Result]
 

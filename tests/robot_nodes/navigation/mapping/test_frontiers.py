@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.costmap import GlobalCostmap
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.mapping.frontiers import edges, frontiers, still_there
-from robot_nodes.robot import Pose2D
+from btcore_robot.navigation.costmap import GlobalCostmap
+from btcore_robot.navigation.mapping.frontiers import find_frontiers, frontier_mask, still_there
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.robot import Pose2D
 
 HERE = Pose2D(1.0, 2.0, 0.0)
 
@@ -31,7 +31,7 @@ def known(*, beyond: bool = False, door: float = 1.0) -> OccupancyMap:
 
 def test_the_end_of_the_known_floor_is_a_frontier_and_one_looks_that_way() -> None:
     map = known()
-    [found] = frontiers(map, GlobalCostmap(map), HERE)
+    [found] = find_frontiers(map, GlobalCostmap(map), HERE)
     assert found.place[0] == pytest.approx(4.1, abs=0.1)
     assert found.place[1] == pytest.approx(2.0, abs=0.6)
     assert found.goal.x < found.place[0]
@@ -42,25 +42,25 @@ def test_the_end_of_the_known_floor_is_a_frontier_and_one_looks_that_way() -> No
 
 def test_where_all_is_known_there_is_none() -> None:
     map = known(beyond=True)
-    assert not frontiers(map, GlobalCostmap(map), HERE)
+    assert not find_frontiers(map, GlobalCostmap(map), HERE)
 
 
 def test_a_gap_that_no_robot_fits_through_is_none() -> None:
     map = known(door=0.3)
-    assert not frontiers(map, GlobalCostmap(map), HERE)
+    assert not find_frontiers(map, GlobalCostmap(map), HERE)
 
 
 def test_what_was_left_out_is_none() -> None:
     map = known()
-    [found] = frontiers(map, GlobalCostmap(map), HERE)
-    assert not frontiers(map, GlobalCostmap(map), HERE, [found.place, (4.1, 2.0)])
+    [found] = find_frontiers(map, GlobalCostmap(map), HERE)
+    assert not find_frontiers(map, GlobalCostmap(map), HERE, [found.place, (4.1, 2.0)])
 
 
 def test_the_nearer_of_two_comes_first() -> None:
     map = known()
     map.cells[40:56, 0:3] = 0
     map.cells[40:56, 0] = -1
-    west, east = frontiers(map, GlobalCostmap(map), HERE)
+    west, east = find_frontiers(map, GlobalCostmap(map), HERE)
     assert west.place[0] < 0.3 < east.place[0]
     assert west.way < east.way
 
@@ -69,7 +69,7 @@ def test_what_lies_behind_something_unknown_is_out_of_reach() -> None:
     map = known(beyond=True)
     map.cells[30:50, 76:84] = -1
     map.cells[10:70, 150:158] = -1
-    found = frontiers(map, GlobalCostmap(map), HERE)
+    found = find_frontiers(map, GlobalCostmap(map), HERE)
     assert found
     assert all(one.place[0] < 4.5 for one in found)
 
@@ -78,11 +78,11 @@ def test_the_inside_of_a_wall_is_nothing_to_look_at() -> None:
     map = known(beyond=True)
     map.cells[20:60, 77] = -1
     map.cells[20:60, 78] = 100
-    assert not edges(map).any()
+    assert not frontier_mask(map).any()
 
 
 def test_it_is_noticed_when_a_frontier_is_gone() -> None:
     before, after = known(), known(beyond=True)
-    [found] = frontiers(before, GlobalCostmap(before), HERE)
+    [found] = find_frontiers(before, GlobalCostmap(before), HERE)
     assert still_there(before, found.place)
     assert not still_there(after, found.place)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robot_nodes.robot import Pose2D
+from btcore_robot.robot import Pose2D
 
 Boxes = tuple[tuple[float, float, float, float], ...]
 Survey = Any
@@ -85,7 +85,7 @@ def test_the_same_drive_gives_the_same_map(survey: Survey, room: Boxes) -> None:
 
 
 def test_before_the_first_scan_nothing_is_known(survey: Survey, room: Boxes) -> None:
-    from robot_nodes.navigation.mapping.mapper import Mapper
+    from btcore_robot.navigation.mapping.mapper import Mapper
 
     led = survey(room, Pose2D(0.0, 0.0, 0.0))
     fresh = Mapper(led.robot, led.tree)

@@ -8,10 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_nodes.navigation.mapping.key_scan import KeyScan
-from robot_nodes.navigation.mapping.matcher import NEARBY, Trust, Walls, Window
-from robot_nodes.navigation.mapping.placing import between, row
-from robot_nodes.robot import Pose2D
+from btcore_robot.navigation.mapping.correlative_matcher import (
+    NEARBY,
+    CorrelationGrid,
+    PoseUncertainty,
+    SearchWindow,
+)
+from btcore_robot.navigation.mapping.key_scan import KeyScan
+from btcore_robot.navigation.mapping.pose_arrays import pose_to_row, relative_pose
+from btcore_robot.robot import Pose2D
 
 Seen = Callable[..., KeyScan]
 Boxes = tuple[tuple[float, float, float, float], ...]
@@ -20,10 +25,10 @@ AROUND = (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, -0.2, 0.8), Pose2D(-0.4, 0.1, -0.9)
 
 
 @pytest.fixture(scope="module")
-def walls(seen: Seen, room: Boxes) -> Walls:
+def walls(seen: Seen, room: Boxes) -> CorrelationGrid:
     """The room as four scans show it."""
     scans = [(seen(room, pose, seed), pose) for seed, pose in enumerate(AROUND, 10)]
-    return Walls([scan.outline.at(row(pose)) for scan, pose in scans])
+    return CorrelationGrid([scan.outline.at(pose_to_row(pose)) for scan, pose in scans])
 
 
 offsets = st.tuples(st.floats(-0.28, 0.28, allow_nan=False), st.floats(-0.28, 0.28), st.floats(-0.19, 0.19))
@@ -33,7 +38,7 @@ places = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-math.p
 @settings(max_examples=40, deadline=None)
 @given(offset=offsets, place=places, seed=st.integers(0, 1000))
 def test_an_offset_within_the_window_is_recovered(
-    walls: Walls,
+    walls: CorrelationGrid,
     seen: Seen,
     room: Boxes,
     offset: tuple[float, float, float],
@@ -44,22 +49,22 @@ def test_an_offset_within_the_window_is_recovered(
     guess = np.array(place) + np.array(offset)
     best = walls.search(guess, scan.outline.points, NEARBY)
     found = walls.refine(best, scan.outline)
-    off = between(np.array(place), found.pose)
+    off = relative_pose(np.array(place), found.pose)
     assert math.hypot(off[0], off[1]) < 0.04
     assert abs(off[2]) < 0.015
     assert found.score > 0.5
 
 
-def test_a_wider_window_finds_what_is_farther_off(walls: Walls, seen: Seen, room: Boxes) -> None:
+def test_a_wider_window_finds_what_is_farther_off(walls: CorrelationGrid, seen: Seen, room: Boxes) -> None:
     scan, true = seen(room, Pose2D(0.2, 0.1, 0.4), 1), np.array((0.2, 0.1, 0.4))
     guess = true + np.array((0.9, -0.7, 0.3))
-    best = walls.search(guess, scan.outline.points, Window(1.2, 0.4, 2, 0.035))
-    assert np.abs(between(true, walls.refine(best, scan.outline).pose)).max() < 0.03
+    best = walls.search(guess, scan.outline.points, SearchWindow(1.2, 0.4, 2, 0.035))
+    assert np.abs(relative_pose(true, walls.refine(best, scan.outline).pose)).max() < 0.03
     near = walls.search(guess, scan.outline.points, NEARBY)
-    assert np.abs(between(true, near)).max() > 0.3
+    assert np.abs(relative_pose(true, near)).max() > 0.3
 
 
-def test_the_score_tells_a_match_from_a_miss(walls: Walls, seen: Seen, room: Boxes) -> None:
+def test_the_score_tells_a_match_from_a_miss(walls: CorrelationGrid, seen: Seen, room: Boxes) -> None:
     scan, true = seen(room, Pose2D(0.2, 0.1, 0.4), 1), np.array((0.2, 0.1, 0.4))
     assert walls.score(true, scan.outline.points) > 2 * walls.score(
         true + np.array((0.4, 0.3, 0.2)), scan.outline.points
@@ -69,12 +74,12 @@ def test_the_score_tells_a_match_from_a_miss(walls: Walls, seen: Seen, room: Box
 
 def test_along_a_bare_corridor_nothing_is_claimed_and_the_guess_stays(seen: Seen) -> None:
     corridor = ((-40.0, 0.8, 40.0, 1.0), (-40.0, -1.0, 40.0, -0.8))
-    walls = Walls(
+    walls = CorrelationGrid(
         [seen(corridor, Pose2D(x, 0.0, 0.0), 5).outline.at(np.array((x, 0.0, 0.0))) for x in (0.0, 0.5)]
     )
     scan = seen(corridor, Pose2D(0.9, 0.1, 0.0), 6)
     guess = np.array((1.0, 0.0, 0.05))
-    found = walls.refine(guess, scan.outline, guess, Trust(0.05, 0.05))
+    found = walls.refine(guess, scan.outline, guess, PoseUncertainty(0.05, 0.05))
     assert found.pose[0] == pytest.approx(1.0, abs=0.02)
     assert found.pose[1:] == pytest.approx((0.1, 0.0), abs=0.03)
     assert found.information[0, 0] < 0.02 * found.information[1, 1]
@@ -82,8 +87,8 @@ def test_along_a_bare_corridor_nothing_is_claimed_and_the_guess_stays(seen: Seen
 
 def test_the_two_sides_of_a_thin_wall_are_not_taken_for_one_another(seen: Seen) -> None:
     thin = ((1.0, -5.0, 1.1, 5.0), (-3.0, 2.0, 5.0, 2.1), (-3.0, -2.1, 5.0, -2.0))
-    walls = Walls([seen(thin, Pose2D(0.0, 0.0, 0.0), 7).outline])
+    walls = CorrelationGrid([seen(thin, Pose2D(0.0, 0.0, 0.0), 7).outline])
     true = np.array((2.1, 0.0, math.pi))
-    found = walls.refine(true, seen(thin, Pose2D(*true), 8).outline, trust=Trust(0.05, 0.05))
+    found = walls.refine(true, seen(thin, Pose2D(*true), 8).outline, trust=PoseUncertainty(0.05, 0.05))
     # Its face is another: nothing draws it to the one that was seen, 0.1 m away.
     assert found.pose[0] == pytest.approx(2.1, abs=0.02)

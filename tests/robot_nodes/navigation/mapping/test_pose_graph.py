@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_nodes.navigation.mapping.placing import Floats, between, onward
-from robot_nodes.navigation.mapping.pose_graph import PoseGraph
+from btcore_robot.navigation.mapping.pose_arrays import Floats, compose, relative_pose
+from btcore_robot.navigation.mapping.pose_graph import PoseGraph
 
 SURE = np.diag((1e4, 1e4, 1e5))
 
@@ -17,14 +17,14 @@ def circle(count: int = 40, radius: float = 5.0) -> Floats:
     """Poses along a circle, back to the first."""
     angles = np.linspace(0.0, math.tau, count + 1)
     poses = np.stack((radius * np.sin(angles), radius * (1 - np.cos(angles)), angles), axis=1)
-    return np.asarray(onward(np.zeros(3), poses))
+    return np.asarray(compose(np.zeros(3), poses))
 
 
 def driven(true: Floats, noise: Floats) -> PoseGraph:
     """A graph of the steps between *true* poses, each with its *noise*."""
     graph = PoseGraph(true[0])
     for start, end, error in zip(true[:-1], true[1:], noise, strict=True):
-        graph.add(between(start, end) + error, SURE)
+        graph.add(relative_pose(start, end) + error, SURE)
     return graph
 
 
@@ -53,10 +53,10 @@ def test_exact_measurements_are_met_exactly(seed: int, count: int) -> None:
     steps = random.uniform((-0.5, -0.3, -0.8), (1.0, 0.3, 0.8), (count, 3))
     true = [random.uniform(-3.0, 3.0, 3)]
     for step in steps:
-        true.append(onward(true[-1], step))
+        true.append(compose(true[-1], step))
     poses = np.array(true)
     graph = driven(poses, np.zeros((count, 3)))
-    graph.close(0, count, between(poses[0], poses[count]), SURE)
+    graph.close(0, count, relative_pose(poses[0], poses[count]), SURE)
     graph.poses[1:] += random.normal(0.0, 0.05, (count, 3))
     graph.optimise()
     assert off(graph, poses) < 1e-3
@@ -74,7 +74,7 @@ def test_one_wrong_loop_among_right_ones_does_little() -> None:
     last = len(true) - 1
     graph = driven(true, np.zeros((last, 3)))
     for back in range(3):
-        graph.close(back, last - back, between(true[back], true[last - back]), SURE)
-    graph.close(5, 25, between(true[5], true[25]) + np.array((1.5, 0.0, 0.0)), SURE)
+        graph.close(back, last - back, relative_pose(true[back], true[last - back]), SURE)
+    graph.close(5, 25, relative_pose(true[5], true[25]) + np.array((1.5, 0.0, 0.0)), SURE)
     graph.optimise()
     assert off(graph, true) < 0.1

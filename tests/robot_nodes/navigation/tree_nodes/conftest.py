@@ -8,15 +8,15 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
-from btcore.testing import Journal, PlanAction
-from robot_nodes.navigation import nodes as nav2_nodes
-from robot_nodes.navigation.costmap import GlobalCostmap
-from robot_nodes.navigation.map import OccupancyMap
-from robot_nodes.navigation.plan_server import ComputePath
-from robot_nodes.navigation.planner import Planner
-from robot_nodes.navigation.servers import Servers
-from robot_nodes.robot import Pose2D, Rank
-from robot_nodes.transforms import TransformTree
+from btcore.testing import CallLog, PlanAction
+from btcore_robot.navigation import nodes as nav2_nodes
+from btcore_robot.navigation.costmap import GlobalCostmap
+from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.planner import Planner
+from btcore_robot.navigation.planner_server import PlannerServer
+from btcore_robot.navigation.servers import Servers
+from btcore_robot.robot import Phase, Pose2D
+from btcore_robot.transforms import TransformTree
 
 HALF = 5.0  # m from the middle of the hall to its walls
 CELL = 0.05  # m
@@ -57,10 +57,10 @@ class Bench:
     def __init__(self, course) -> None:
         self.course = course
         self.robot = course.robot
-        self.journal = Journal()
+        self.journal = CallLog()
         self.localiser = Surveyed(course.tree)
         self.costmap = GlobalCostmap(hall())
-        self.compute_path = ComputePath(Planner(self.costmap), self.localiser.pose)
+        self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
         self.servers = Servers(
             course.robot,
             course.tree,
@@ -74,7 +74,7 @@ class Bench:
             course.drive_on_heading,
             course.wait,
         )
-        self.robot.schedule.every(20.0, Rank.PLANNER, self.compute_path.step)
+        self.robot.schedule.every(20.0, Phase.PLANNER, self.compute_path.step)
 
     def tree(self, inside: str, **board: object) -> Tree:
         """A tree of *inside* on a blackboard with the entries *board*."""
@@ -132,14 +132,14 @@ def plan(name: str, letters: str) -> str:
     return f'<PlanAction name="{name}" plan="{letters}"/>'
 
 
-def anew(name: str, letters: str) -> str:
+def restarting_leaf(name: str, letters: str) -> str:
     """The same, which starts anew when it is ticked again after it has ended, as a decorator makes it."""
     return f"<Inverter><Inverter>{plan(name, letters)}</Inverter></Inverter>"
 
 
 @pytest.fixture(name="anew")
 def planned_anew() -> Callable[[str, str], str]:
-    return anew
+    return restarting_leaf
 
 
 @pytest.fixture(name="plan")

@@ -5,9 +5,9 @@ import math
 import pytest
 
 from btcore import Status
-from robot_nodes.navigation.action import GoalStatus
-from robot_nodes.navigation.codes import Code
-from robot_nodes.robot import Pose2D, Twist2D
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.robot import Pose2D, Twist2D
 
 AHEAD = Pose2D(2.0, 0.0, 0.0)
 WALL = (1.0, -4.0, 1.4, 4.0)
@@ -37,7 +37,7 @@ def test_compute_path_empties_the_path_and_says_why_it_failed(bench, path):
     tree = bench.tree(PLAN % "", goal=Pose2D(4.99, 0.0, 0.0), path=path((0, 0), (1, 0)))
     assert bench.run(tree, 1.0) is Status.FAILURE
     assert len(tree.blackboard["path"]) == 0
-    assert tree.blackboard["code"] == Code.GOAL_OCCUPIED
+    assert tree.blackboard["code"] == Nav2ErrorCode.GOAL_OCCUPIED
     assert tree.blackboard["why"]
 
 
@@ -54,7 +54,7 @@ def test_compute_path_fails_where_the_robot_does_not_know_where_it_is(bench):
     tree = bench.tree(PLAN % "", goal=AHEAD)
     bench.localiser.confident = False
     assert bench.run(tree, 2.0) is Status.FAILURE
-    assert tree.blackboard["code"] == Code.COMPUTE_PATH_TF_ERROR
+    assert tree.blackboard["code"] == Nav2ErrorCode.COMPUTE_PATH_TF_ERROR
 
 
 def test_compute_path_waits_a_second_for_the_robot_to_know_where_it_is(bench):
@@ -81,7 +81,7 @@ def test_why_a_server_gave_up_is_logged_once_for_each_reason(bench, caplog):
 def test_compute_path_knows_its_planners(bench):
     tree = bench.tree(PLAN % 'planner_id="Other"', goal=AHEAD)
     assert bench.run(tree, 1.0) is Status.FAILURE
-    assert tree.blackboard["code"] == Code.INVALID_PLANNER
+    assert tree.blackboard["code"] == Nav2ErrorCode.INVALID_PLANNER
     assert bench.run(bench.tree(PLAN % 'planner_id="GridBased"', goal=AHEAD), 1.0) is Status.SUCCESS
 
 
@@ -132,10 +132,10 @@ def test_compute_path_through_poses_has_numbers_of_its_own(bench):
     text = '<ComputePathThroughPoses goals="{goals}" path="{path}" error_code_id="{code}"/>'
     tree = bench.tree(text, goals=[])
     assert bench.run(tree, 1.0) is Status.FAILURE
-    assert tree.blackboard["code"] == Code.NO_VIAPOINTS_GIVEN
+    assert tree.blackboard["code"] == Nav2ErrorCode.NO_VIAPOINTS_GIVEN
     tree = bench.tree(text, goals=[Pose2D(4.99, 0.0, 0.0)])
     assert bench.run(tree, 1.0) is Status.FAILURE
-    assert tree.blackboard["code"] == Code.THROUGH_GOAL_OCCUPIED
+    assert tree.blackboard["code"] == Nav2ErrorCode.THROUGH_GOAL_OCCUPIED
 
 
 # --- driving
@@ -207,7 +207,7 @@ def test_follow_path_tells_how_it_goes_and_then_that_it_does_not(bench, path):
 def test_follow_path_fails_on_a_path_of_no_poses(bench):
     tree = bench.tree(FOLLOW % "")
     assert bench.run(tree, 1.0) is Status.FAILURE
-    assert tree.blackboard["code"] == Code.INVALID_PATH
+    assert tree.blackboard["code"] == Nav2ErrorCode.INVALID_PATH
 
 
 def test_a_halt_cancels_the_goal_and_the_robot_stands(bench, path):
@@ -246,7 +246,7 @@ def test_spin_is_no_recovery_if_the_tree_says_so(bench):
 def test_spin_fails_when_it_takes_too_long(bench):
     tree = bench.tree('<Spin spin_dist="3" time_allowance="1" error_code_id="{code}" error_msg="{why}"/>')
     assert bench.run(tree, 15.0) is Status.FAILURE
-    assert tree.blackboard["code"] == Code.SPIN_TIMEOUT
+    assert tree.blackboard["code"] == Nav2ErrorCode.SPIN_TIMEOUT
     assert tree.blackboard["why"]
 
 
@@ -270,7 +270,7 @@ def test_drive_on_heading_fails_before_a_wall(among):
     bench.wait(0.3)
     tree = bench.tree('<DriveOnHeading dist_to_travel="2" speed="0.2" error_code_id="{code}"/>')
     assert bench.run(tree, 20.0) is Status.FAILURE
-    assert tree.blackboard["code"] == Code.DRIVE_ON_HEADING_COLLISION_AHEAD
+    assert tree.blackboard["code"] == Nav2ErrorCode.DRIVE_ON_HEADING_COLLISION_AHEAD
     assert bench.robot.nearest > 0.0
 
 

@@ -2,9 +2,14 @@
 
 import pytest
 
-from btcore import NodeRaised
-from robot_nodes.navigation.controller import FollowFeedback
-from robot_nodes.robot import Battery, Odometry, Pose2D, Twist2D
+from btcore import NodeExecutionError
+from btcore_robot.navigation.controller import FollowFeedback
+from btcore_robot.robot import (
+    BatteryState,
+    Odometry,
+    Pose2D,
+    Twist2D,
+)
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
@@ -78,7 +83,7 @@ def test_is_not_stuck_when_the_robot_brakes(bench):
 
 @pytest.mark.parametrize(("level", "letter"), [(100.0, "F"), (20.1, "F"), (20.0, "S"), (3.0, "S")])
 def test_is_battery_low_by_its_share(bench, monkeypatch, level, letter):
-    monkeypatch.setattr(bench.robot, "battery", lambda: Battery(level, 0))
+    monkeypatch.setattr(bench.robot, "battery", lambda: BatteryState(level, 0))
     assert bench.letters(bench.tree('<IsBatteryLow min_battery="0.2"/>'), 1) == letter
 
 
@@ -144,7 +149,7 @@ def test_transform_available_once_it_was_always(bench):
 
 
 def test_transform_available_wants_two_frames(bench):
-    with pytest.raises(NodeRaised, match="two frames"):
+    with pytest.raises(NodeExecutionError, match="two frames"):
         bench.tree('<TransformAvailable child="map"/>').tick_exactly_once()
 
 

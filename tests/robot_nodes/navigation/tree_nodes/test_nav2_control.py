@@ -2,19 +2,21 @@
 
 import pytest
 
-from btcore import BtcoreError, NodeRaised, Status
+from btcore import BtcoreError, NodeExecutionError, Status
 
 
-def test_pipeline_ticks_what_comes_before_again_while_the_later_runs(bench, plan, anew):
+def test_pipeline_ticks_what_comes_before_again_while_the_later_runs(bench, plan, restarting_leaf):
     tree = bench.tree(
-        f"<PipelineSequence>{anew('a', 'S')}{plan('b', 'R')}{plan('c', 'S')}</PipelineSequence>"
+        f"<PipelineSequence>{restarting_leaf('a', 'S')}{plan('b', 'R')}{plan('c', 'S')}</PipelineSequence>"
     )
     assert bench.letters(tree, 3) == "RRR"
     assert bench.journal.take() == ["a:start", "b:start", "a:start", "b:running", "a:start", "b:running"]
 
 
-def test_pipeline_goes_on_past_an_earlier_child_that_runs_again(bench, plan, anew):
-    tree = bench.tree(f"<PipelineSequence>{anew('a', 'S|RRS')}{plan('b', 'RRRS')}</PipelineSequence>")
+def test_pipeline_goes_on_past_an_earlier_child_that_runs_again(bench, plan, restarting_leaf):
+    tree = bench.tree(
+        f"<PipelineSequence>{restarting_leaf('a', 'S|RRS')}{plan('b', 'RRRS')}</PipelineSequence>"
+    )
     assert bench.letters(tree, 4) == "RRRS"
     assert [call for call in bench.journal.take() if call.startswith("b")] == [
         "b:start",
@@ -30,20 +32,20 @@ def test_pipeline_waits_for_a_child_that_runs_before_any_later_was_reached(bench
     assert bench.journal.take() == ["a:start", "a:running", "a:running", "b:start"]
 
 
-def test_pipeline_fails_and_halts_all_when_any_child_fails(bench, plan, anew):
-    tree = bench.tree(f"<PipelineSequence>{anew('a', 'S|F')}{plan('b', 'R')}</PipelineSequence>")
+def test_pipeline_fails_and_halts_all_when_any_child_fails(bench, plan, restarting_leaf):
+    tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|F')}{plan('b', 'R')}</PipelineSequence>")
     assert bench.letters(tree, 2) == "RF"
     assert bench.journal.take() == ["a:start", "b:start", "a:start", "b:halted"]
 
 
-def test_pipeline_halts_an_earlier_child_that_still_runs_when_the_last_succeeds(bench, plan, anew):
-    tree = bench.tree(f"<PipelineSequence>{anew('a', 'S|R')}{plan('b', 'RS')}</PipelineSequence>")
+def test_pipeline_halts_an_earlier_child_that_still_runs_when_the_last_succeeds(bench, plan, restarting_leaf):
+    tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'RS')}</PipelineSequence>")
     assert bench.letters(tree, 2) == "RS"
     assert bench.journal.take()[-2:] == ["b:running", "a:halted"]
 
 
-def test_pipeline_forgets_how_far_it_came_when_it_is_halted(bench, plan, anew):
-    tree = bench.tree(f"<PipelineSequence>{anew('a', 'S|R')}{plan('b', 'R')}</PipelineSequence>")
+def test_pipeline_forgets_how_far_it_came_when_it_is_halted(bench, plan, restarting_leaf):
+    tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'R')}</PipelineSequence>")
     bench.letters(tree, 1)
     tree.halt()
     bench.journal.take()
@@ -184,8 +186,8 @@ def test_nonblocking_sequence_ticks_every_child_whatever_the_others_do(bench, pl
     assert bench.journal.take() == ["a:start", "b:start", "a:running", "b:running"]
 
 
-def test_nonblocking_sequence_succeeds_only_when_all_do_in_one_tick(bench, plan, anew):
-    text = f"<NonblockingSequence>{anew('a', 'S|RS')}{plan('b', 'RS')}</NonblockingSequence>"
+def test_nonblocking_sequence_succeeds_only_when_all_do_in_one_tick(bench, plan, restarting_leaf):
+    text = f"<NonblockingSequence>{restarting_leaf('a', 'S|RS')}{plan('b', 'RS')}</NonblockingSequence>"
     assert bench.letters(bench.tree(text), 3) == "RRS"
 
 
@@ -219,5 +221,5 @@ def test_persistent_sequence_begins_anew_after_a_failure(bench, plan):
 
 def test_persistent_sequence_wants_its_place_to_be_there(bench, plan):
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "S"))
-    with pytest.raises(NodeRaised, match="current_child_idx"):
+    with pytest.raises(NodeExecutionError, match="current_child_idx"):
         bench.tree(text).tick_exactly_once()

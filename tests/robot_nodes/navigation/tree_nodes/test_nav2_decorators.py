@@ -2,9 +2,9 @@
 
 import pytest
 
-from btcore import NodeRaised, Status
-from robot_nodes.navigation.path import NavPath
-from robot_nodes.robot import Pose2D
+from btcore import NodeExecutionError, Status
+from btcore_robot.navigation.path import NavPath
+from btcore_robot.robot import Pose2D
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
@@ -123,7 +123,7 @@ def test_speed_controller_gives_what_its_child_gives(bench, plan):
 
 def test_speed_controller_wants_rates_above_zero(bench, plan):
     tree = bench.tree(f'<SpeedController min_rate="0">{plan("a", "S")}</SpeedController>')
-    with pytest.raises(NodeRaised, match="rates above 0"):
+    with pytest.raises(NodeExecutionError, match="rates above 0"):
         tree.tick_exactly_once()
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from robot_nodes.navigation.nodes.goals import WaypointState, WaypointStatus
-from robot_nodes.robot import Pose2D
+from btcore_robot.navigation.nodes.goals import WaypointState, WaypointStatus
+from btcore_robot.robot import Pose2D
 
 BOX = (1.8, -0.2, 2.2, 0.2)  # m, on the way along y = 0
 

@@ -1,0 +1,208 @@
+"""From an ordinary tree to the nodes of a batch, or a refusal with the place of each node that can't be."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from btcore.batch import (
+    branch,
+    decorators,
+    parallel,
+    script_nodes,
+    sequences,
+    timing,
+)
+from btcore.batch.column_table import ColumnTable
+from btcore.batch.context import BatchContext
+from btcore.batch.expressions import compile_batch_script
+from btcore.batch.guard import BatchConditions
+from btcore.batch.leaf_declaration import LeafDeclaration
+from btcore.batch.leaf_nodes import FunctionNode, StatefulNode
+from btcore.batch.node import BatchNode
+from btcore.batch.ports import BatchInput, BatchOutput
+from btcore.batch.script import Scope
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import remapped_key
+from btcore.engine.node import TreeNode
+from btcore.errors import Diagnostic, NodeError, TreeError
+from btcore.nodes.builtin_nodes import COMMON_NODES, FORMAT_4_NODES
+from btcore.suggestions import nearest_name
+from btcore.tree.tree import Tree
+
+REFUSED: Final = "E120"
+
+BATCH_NODES: Final[Mapping[str, type[BatchNode]]] = {
+    "AlwaysFailure": script_nodes.AlwaysFailure,
+    "AlwaysSuccess": script_nodes.AlwaysSuccess,
+    "AsyncFallback": sequences.AsyncFallback,
+    "AsyncSequence": sequences.AsyncSequence,
+    "Delay": timing.Delay,
+    "Fallback": sequences.Fallback,
+    "ForceFailure": decorators.ForceFailure,
+    "ForceSuccess": decorators.ForceSuccess,
+    "IfThenElse": branch.IfThenElse,
+    "Inverter": decorators.Inverter,
+    "KeepRunningUntilFailure": decorators.KeepRunningUntilFailure,
+    "Parallel": parallel.Parallel,
+    "ParallelAll": parallel.ParallelAll,
+    "Precondition": script_nodes.Precondition,
+    "ReactiveFallback": sequences.ReactiveFallback,
+    "ReactiveSequence": sequences.ReactiveSequence,
+    "Repeat": decorators.Repeat,
+    "RetryUntilSuccessful": decorators.RetryUntilSuccessful,
+    "RunOnce": decorators.RunOnce,
+    "Script": script_nodes.Script,
+    "ScriptCondition": script_nodes.ScriptCondition,
+    "Sequence": sequences.Sequence,
+    "SequenceWithMemory": sequences.SequenceWithMemory,
+    "SetBlackboard": script_nodes.SetBlackboard,
+    "Sleep": timing.Sleep,
+    "SubTree": script_nodes.SubTree,
+    **{f"Switch{number}": branch.Switch for number in range(2, 7)},
+    "Timeout": timing.Timeout,
+    "TryCatch": sequences.TryCatch,
+    "WhileDoElse": branch.WhileDoElse,
+}
+"""The built-in nodes that a batch runs, by ID."""
+
+_READ: Final[Mapping[str, Mapping[str, str]]] = {
+    "Delay": {"delay_msec": "delay_msec"},
+    "Parallel": {"success_count": "success_count", "failure_count": "failure_count"},
+    "ParallelAll": {"max_failures": "max_failures"},
+    "Precondition": {"else": "otherwise"},
+    "Repeat": {"num_cycles": "limit"},
+    "RetryUntilSuccessful": {"num_attempts": "limit"},
+    "RunOnce": {"then_skip": "then_skip"},
+    "Sleep": {"msec": "msec"},
+    "Timeout": {"msec": "msec"},
+    "TryCatch": {"catch_on_halt": "catch_on_halt"},
+}
+_SCRIPTS: Final = {"Precondition": "if", "Script": "code", "ScriptCondition": "code"}
+
+
+class BatchCompiler:
+    """Makes the nodes of a batch. *scopes* are the batch's, by the identity of the plan's blackboards."""
+
+    def __init__(
+        self,
+        context: BatchContext,
+        schema: ColumnTable,
+        scopes: Mapping[int, Blackboard],
+        leaves: Mapping[str, LeafDeclaration],
+        resources: Sequence[object],
+    ) -> None:
+        self.context = context
+        self.schema = schema
+        self.scopes = scopes
+        self.leaves = leaves
+        self.resources = resources
+        self.nodes: list[BatchNode] = []
+        self.faults: list[Diagnostic] = []
+
+    def compile(self, tree: Tree) -> BatchNode:
+        """The root, for a batch; *nodes* are all in pre-order. Raises TreeError with every refusal."""
+        if tree.format != 4:
+            where = tree.root.config
+            said = f"the batch engine runs trees of format 4, and '{tree.id}' is of format {tree.format}"
+            hint = "btcore convert makes one of format 4 of it"
+            raise TreeError([Diagnostic(REFUSED, said, where.file, where.line, hint=hint)])
+        root = self._node(tree.root)
+        if self.faults:
+            raise TreeError(self.faults)
+        self.nodes.sort(key=lambda node: node.uid)
+        return root
+
+    def _refuse(self, plan: TreeNode, said: str, hint: str) -> None:
+        config = plan.config
+        self.faults.append(Diagnostic(REFUSED, said, config.file, config.line, hint=hint))
+
+    def _node(self, plan: TreeNode) -> BatchNode:
+        children = [self._node(child) for child in plan.children]
+        node = self._made(plan, children)
+        self.nodes.append(node)
+        scope = self._scope(plan)
+        if plan.config.scripts:
+            programs = {
+                key: compile_batch_script(text, scope, node, self.context)
+                for key, text in plan.config.scripts.items()
+            }
+            node.conditions = BatchConditions(programs)
+        return node
+
+    def _scope(self, plan: TreeNode) -> Scope:
+        return Scope(self.schema, self.scopes[id(plan.blackboard)], plan.config.enums)
+
+    def _made(self, plan: TreeNode, children: list[BatchNode]) -> BatchNode:
+        built_in = COMMON_NODES.get(plan.id) or FORMAT_4_NODES.get(plan.id)
+        kind = BATCH_NODES.get(plan.id)
+        if kind is not None and type(plan) is built_in:
+            node = kind(plan, self.context, children)
+            self._connect(plan, node)
+            return node
+        leaf = self.leaves.get(plan.id)
+        if leaf is not None and not children:
+            made = FunctionNode if leaf.function is not None else StatefulNode
+            try:
+                return made(plan, self.context, leaf, self._connector(plan, leaf), self.resources)
+            except NodeError as fault:
+                self._refuse(plan, str(fault), "BatchTree.load(…, resources=[…]) takes the batch's own")
+        else:
+            self._refuse(plan, f"the batch engine doesn't run <{plan.id}>", self._hint(plan, children))
+        return BatchNode(plan, self.context, children)
+
+    def _hint(self, plan: TreeNode, children: list[BatchNode]) -> str:
+        if children:
+            return f"it runs {', '.join(sorted(BATCH_NODES))}"
+        guess = nearest_name(plan.id, self.leaves)
+        meant = f"did you mean <{guess}>? " if guess else ""
+        return (
+            f"{meant}write it for all agents at once, @batch.action(ID='{plan.id}'), and give it in nodes=[…]"
+        )
+
+    def _connector(self, plan: TreeNode, leaf: LeafDeclaration) -> Any:
+        declared = {port.name: port for port in leaf.ports}
+        board = self.scopes[id(plan.blackboard)]
+
+        def connect(node: BatchNode, name: str) -> BatchInput | BatchOutput:
+            if name.endswith("="):
+                bound = plan.config.outputs.get(name[:-1])
+                return BatchOutput(node, self.context, self.schema, board, name[:-1], bound)
+            given = plan.config.inputs.get(name)
+            return BatchInput(node, self.context, self.schema, board, name, given, declared[name])
+
+        return connect
+
+    def _reader(self, plan: TreeNode, node: BatchNode, name: str) -> BatchInput:
+        board = self.scopes[id(plan.blackboard)]
+        return BatchInput(node, self.context, self.schema, board, name, plan.config.inputs.get(name))
+
+    def _connect(self, plan: TreeNode, node: BatchNode) -> None:
+        """Give a built-in node its ports and its script."""
+        for port, attribute in _READ.get(plan.id, {}).items():
+            setattr(node, attribute, self._reader(plan, node, port))
+        if isinstance(node, branch.Switch):
+            node.variable = self._reader(plan, node, "variable")
+            count = int(plan.id.removeprefix("Switch"))
+            node.cases = [self._reader(plan, node, f"case_{number}") for number in range(1, count + 1)]
+        if plan.id in _SCRIPTS:
+            self._script(plan, node, _SCRIPTS[plan.id])
+        if isinstance(node, script_nodes.SetBlackboard):
+            self._set_blackboard(plan, node)
+
+    def _script(self, plan: TreeNode, node: Any, port: str) -> None:
+        bound = plan.config.inputs[port]
+        if bound.key is not None:
+            said = f"the script of <{plan.id}> is on the blackboard, where each agent may have another"
+            self._refuse(plan, said, f'write the script itself: {port}="…"')
+            return
+        node.program = compile_batch_script(str(bound.read()), self._scope(plan), node, self.context)
+
+    def _set_blackboard(self, plan: TreeNode, node: script_nodes.SetBlackboard) -> None:
+        inputs = plan.config.inputs
+        target, value = inputs.get("output_key"), inputs.get("value")
+        if target is None or target.key is not None or value is None:
+            said = '<SetBlackboard> of a batch needs value="…" and the name of an entry in output_key="…"'
+            self._refuse(plan, said, "write the name itself, without braces")
+            return
+        source = None if value.text in ("=", "{=}") else remapped_key(value.text, "value", 4)
+        scope = self._scope(plan)
+        node.connect(self.schema, scope.board, value.text, source, str(target.read()))

@@ -1,0 +1,87 @@
+"""The blackboard by the rules of format 3 (BehaviorTree.CPP 3.8)."""
+
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.errors import BlackboardError, ConversionError
+from btcore.values import (
+    STRING,
+    ValueType,
+    to_builtin_number,
+    type_of,
+)
+
+
+class LegacyBlackboard(Blackboard):
+    """A scope of a format-3 tree.
+
+    It differs from :class:`Blackboard` in that ``@`` and ``_`` mean nothing at the start of a key,
+    an entry found through a remapping is known to every scope on the way, an untyped entry never
+    becomes typed, and a typed one takes values of its very type alone, and texts if a port
+    declared it.
+    """
+
+    def find(self, key: str) -> Entry | None:
+        """The entry that *key* leads to, or None. It may hold no value yet."""
+        board: Blackboard = self
+        while True:
+            entry = board._entries.get(key)
+            if entry is not None:
+                return entry
+            outside = board._outside.get(key)
+            if board.parent is None or (outside is None and not board.autoremap):
+                return None
+            if outside is not None:
+                key = outside
+            board = board.parent
+
+    def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
+        """Write *value* to the entry of *key*, made where the route ends if there is none.
+
+        Raises BlackboardError when the entry is of another type.
+        """
+        if value is None:
+            raise BlackboardError(f"None can't be written to '{key}'")
+        value = to_builtin_number(value)
+        entry = self._entries.get(key)
+        if entry is None:
+            self._set_new(key, value, declared)
+            return
+        kind = entry.declared
+        if kind.strong and not kind.accepts(value):
+            if not isinstance(value, str) or entry.inferred:
+                raise self._clash(key, kind, STRING if isinstance(value, str) else declared or type_of(value))
+            try:
+                value = kind.from_text(value, 3)
+            except ConversionError as fault:
+                raise BlackboardError(f"the entry '{key}' is of type {kind.name}: {fault}") from fault
+        entry.put(value, self.now())
+
+    def _known(self, key: str) -> Entry | None:
+        return self._entries.get(key)
+
+    def _created(self, key: str, declared: ValueType) -> Entry:
+        return self._route(key, declared, False)
+
+    def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
+        """The entry where the remappings of *key* end; every scope on the way keeps it."""
+        way: list[tuple[Blackboard, str]] = []
+        board: Blackboard = self
+        while True:
+            entry = board._entries.get(key)
+            if entry is not None:
+                previous = entry.declared
+                if previous.strong and declared.strong and not previous.same(declared):
+                    raise self._clash(key, previous, declared)
+                break
+            way.append((board, key))
+            outside = board._outside.get(key)
+            if outside is None and not board.autoremap:
+                entry = Entry(declared, inferred)
+                break
+            if board.parent is None:
+                raise BlackboardError(f"the key '{key}' is remapped, but its blackboard has no parent")
+            if outside is not None:
+                key = outside
+            board = board.parent
+        for scope, inner in way:
+            scope._entries[inner] = entry
+        return entry

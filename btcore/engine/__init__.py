@@ -1,0 +1,1 @@
+"""What ticks: nodes, leaves, and what surrounds a tick."""

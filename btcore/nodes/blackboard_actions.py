@@ -1,0 +1,74 @@
+"""Actions on the blackboard."""
+
+from mypy_extensions import mypyc_attr
+
+from btcore.blackboard.ports import Direction, Port, remapped_key
+from btcore.engine.leaf import SyncAction
+from btcore.errors import BlackboardError
+from btcore.status import FAILURE, SUCCESS, Status
+from btcore.values import STRING
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SetBlackboard(SyncAction):
+    """Writes `value` to the entry whose name `output_key` gives (the name itself, without braces).
+
+    A text is converted where the entry already has a type. `value="{key}"` copies that entry, its
+    type too where the destination is new; FAILURE while it is empty.
+    """
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [
+            Port("value", description="what to write"),
+            Port("output_key", Direction.INOUT, description="the name of the entry to write"),
+        ]
+
+    def tick(self) -> Status:
+        """Write the entry."""
+        board = self._blackboard
+        key = str(self.get_input("output_key"))
+        text = self.config.inputs["value"].text if "value" in self.config.inputs else None
+        if text is None:
+            self.get_input("value")
+        source_key = remapped_key(text or "", "value", self.config.format)
+        value: object = text
+        if source_key is not None and text not in ("=", "{=}"):
+            source = board.find(source_key)
+            if source is None:
+                raise BlackboardError(f"port [value] reads {{{source_key}}}, which is not on the blackboard")
+            if board.find(key) is None:
+                board.create(key, source.declared)
+            value = source.value
+            if value is None:
+                return self.nothing_to_copy(key)
+        self.write(key, value)
+        return SUCCESS
+
+    def nothing_to_copy(self, key: str) -> Status:
+        """The result when the entry to copy is empty."""
+        return FAILURE
+
+    def write(self, key: str, value: object) -> None:
+        """Write *value*, converted from text where the entry's type asks for it."""
+        board = self._blackboard
+        entry = board.find(key)
+        if isinstance(value, str) and entry is not None and entry.declared.strong:
+            value = entry.declared.from_text(value, self.config.format)
+        board.set(key, value)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class UnsetBlackboard(SyncAction):
+    """Removes the entry named by `key` from this scope's own blackboard; succeeds also without one."""
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [Port("key", type=STRING, description="the name of the entry to remove")]
+
+    def tick(self) -> Status:
+        """Remove the entry."""
+        self._blackboard.unset(str(self.get_input("key")))
+        return SUCCESS

@@ -1,0 +1,125 @@
+"""What sequences and fallbacks share: children ticked in order, until one of them ends it."""
+
+from typing import ClassVar
+
+from mypy_extensions import mypyc_attr
+
+from btcore.engine.control import ControlNode
+from btcore.engine.node import execute_tick, halt_node, reset_status
+from btcore.status import (
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Status,
+)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class OrderedNode(ControlNode):
+    """Ticks its children in order, and remembers where it was.
+
+    A child that completes with *go_on* is followed by the next, one that completes with the
+    opposite ends the node with that result. When all were skipped the node is skipped.
+    """
+
+    continue_on: ClassVar[Status] = SUCCESS
+    yields: ClassVar[bool] = False
+
+    _next: int = 0
+    _skipped: int = 0
+    _going: Status = SUCCESS
+    _yields: bool = False
+
+    def prepare(self) -> None:
+        """Know the result that goes on."""
+        self._going = self.continue_on
+        self._yields = self.yields
+
+    def tick(self) -> Status:
+        """Tick from the child that is due."""
+        children = self._children
+        count = len(children)
+        before = self._status
+        if before is not RUNNING:
+            if before is IDLE or before is SKIPPED:
+                self._skipped = 0
+            self.set_status(RUNNING)
+        going = self._going
+        index = self._next
+        while index < count:
+            child = children[index]
+            was_idle = child._status is IDLE
+            status = execute_tick(child)
+            if status is RUNNING:
+                return RUNNING
+            if status is going:
+                self._next = index = index + 1
+                if self._yields and was_idle and index < count:
+                    self.wake_up()
+                    return RUNNING
+            elif status is SKIPPED:
+                self._next = index = index + 1
+                self._skipped += 1
+            elif status is IDLE:
+                raise self.idle_child(index)
+            else:
+                self.finish_early()
+                return status
+        all_skipped = self._skipped == count and count > 0
+        self._next = 0
+        self._skipped = 0
+        self.reset_children()
+        return SKIPPED if all_skipped else going
+
+    def finish_early(self) -> None:
+        """Clean up after the child that ended the node."""
+        self._next = 0
+        self.reset_children()
+
+    def halt(self) -> None:
+        """Halt the children, and begin at the first next time."""
+        self._next = 0
+        self._skipped = 0
+        self.reset_children()
+        self.reset_status()
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class ReactiveNode(ControlNode):
+    """Ticks its children from the first one on every tick, and lets only one of them run."""
+
+    continue_on: ClassVar[Status] = SUCCESS
+    _going: Status = SUCCESS
+
+    def prepare(self) -> None:
+        """Know the result that goes on."""
+        self._going = self.continue_on
+
+    def tick(self) -> Status:
+        """Tick from the first child."""
+        going = self._going
+        children = self._children
+        all_skipped = len(children) > 0
+        if self._status is not RUNNING:
+            self.set_status(RUNNING)
+        for index, child in enumerate(children):
+            status = execute_tick(child)
+            if status is RUNNING:
+                for other in children:
+                    if other is not child and other._status is not IDLE:
+                        if other._status is RUNNING:
+                            halt_node(other)
+                        reset_status(other)
+                return RUNNING
+            if status is going:
+                all_skipped = False
+            elif status is SKIPPED:
+                self.halt_child(index)
+            elif status is IDLE:
+                raise self.idle_child(index)
+            else:
+                self.reset_children()
+                return status
+        self.reset_children()
+        return SKIPPED if all_skipped else going

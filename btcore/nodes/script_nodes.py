@@ -1,0 +1,117 @@
+"""Nodes that run a script: Script, ScriptCondition and Precondition."""
+
+from typing import cast
+
+from mypy_extensions import mypyc_attr
+
+from btcore.blackboard.ports import Port
+from btcore.engine.control import DecoratorNode
+from btcore.engine.leaf import Condition, SyncAction
+from btcore.engine.node import TreeNode, execute_tick
+from btcore.script.program import Program, compile_script, condition_result
+from btcore.status import FAILURE, SUCCESS, Status
+from btcore.values import ANY, NODE_STATUS, STRING
+
+
+class PortScript:
+    """The script in an input port: compiled at load, and anew only when its text changes."""
+
+    def __init__(self, node: TreeNode, port: str) -> None:
+        self.node = node
+        self.port = port
+        self.text = ""
+        self.program: Program | None = None
+        self.load()
+
+    def load(self) -> Program:
+        """The program as the port says now. Raises NodeError, BlackboardError or ScriptError."""
+        text = str(self.node.get_input(self.port))
+        program = self.program
+        if program is None or text != self.text:
+            program = compile_script(text, self.node.config.enums)
+            self.program = program
+            self.text = text
+        return program
+
+    def run(self) -> object:
+        """Run it on the node's blackboard, and return its value."""
+        return self.load().run(self.node._blackboard)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Script(SyncAction):
+    """Runs the script `code`, and succeeds."""
+
+    _script: PortScript
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [Port("code", type=STRING, description="the script")]
+
+    def prepare(self) -> None:
+        """Compile the script."""
+        self._script = PortScript(self, "code")
+
+    def tick(self) -> Status:
+        """Run the script."""
+        self._script.run()
+        return SUCCESS
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class ScriptCondition(Condition):
+    """Succeeds if the script `code` is true, and fails if it is false."""
+
+    _script: PortScript
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [Port("code", type=ANY, description="the script, whose value is true or false")]
+
+    def prepare(self) -> None:
+        """Compile the script."""
+        self._script = PortScript(self, "code")
+
+    def tick(self) -> Status:
+        """Run the script."""
+        return SUCCESS if condition_result(self._script.run()) else FAILURE
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Precondition(DecoratorNode):
+    """Ticks its child if the script `if` is true, and gives `else` (default FAILURE) if not.
+
+    Once the child was ticked the script isn't asked again until the child completes; a halt or a
+    skipped child doesn't change that, as in BehaviorTree.CPP 4.10.
+    """
+
+    _script: PortScript
+    _going: bool = False
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """The ports."""
+        return [
+            Port("if", type=STRING, description="the script that decides"),
+            Port("else", type=NODE_STATUS, default="FAILURE", description="the result if it is false"),
+        ]
+
+    def prepare(self) -> None:
+        """Compile the script."""
+        self._script = PortScript(self, "if")
+
+    def tick(self) -> Status:
+        """Ask the script, then tick the child."""
+        program = self._script.load()
+        otherwise = cast(Status, self.get_input("else"))
+        if not self._going:
+            self._going = condition_result(program.run(self._blackboard))
+            if not self._going:
+                return otherwise
+        status = execute_tick(self.child)
+        if status is SUCCESS or status is FAILURE:
+            self._going = False
+            self.reset_child()
+        return status

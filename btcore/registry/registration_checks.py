@@ -1,0 +1,102 @@
+"""What can't be registered: names, methods and defaults of leaves that no tree could work with."""
+
+from collections.abc import Sequence
+from inspect import isabstract
+from typing import Final
+
+from btcore.blackboard.ports import UNSET, Port, remapped_key
+from btcore.engine.coroutine import CoroutineAction
+from btcore.engine.leaf import StatefulAction
+from btcore.engine.node import TreeNode
+from btcore.engine.threaded import ThreadedAction
+from btcore.errors import ConversionError, RegistrationError
+from btcore.names import forbidden_in, is_reserved, port_name_error
+from btcore.suggestions import join_names
+from btcore.values import (
+    STRING,
+    UserType,
+    ValueType,
+    VectorType,
+)
+
+_OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
+    (ThreadedAction, "work"),
+    (CoroutineAction, "begin"),
+    (StatefulAction, "on_start"),
+    (StatefulAction, "on_running"),
+)
+"""What each class of actions that last leaves to those that are derived from it."""
+
+
+def check_id(ID: str) -> None:
+    """Refuse an *ID* that no tag may have."""
+    if not ID:
+        raise RegistrationError("a node needs an ID that isn't empty")
+    if is_reserved(ID):
+        raise RegistrationError(f"'{ID}' is reserved in Groot, and can't be the ID of a node")
+    bad = forbidden_in(ID)
+    if bad:
+        raise RegistrationError(f"'{ID}' can't be the ID of a node: it holds {bad!r}")
+
+
+def check_ports(ID: str, ports: Sequence[Port], format: int = 4) -> None:
+    """Refuse *ports* whose names can't be written in a tree of *format*, or whose defaults don't fit."""
+    for port in ports:
+        fault = "" if port.name == "_autoremap" else port_name_error(port.name, format)
+        if fault:
+            said = f"<{ID}> can't have a port called '{port.name}': {fault}"
+            if format == 4 and port.name and not port_name_error(port.name, 3):
+                said += "; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)"
+            raise RegistrationError(said)
+        fault = default_value_error(port)
+        if fault:
+            default = port.default if port.value is UNSET else port.value
+            takes = f"the port '{port.name}' of <{ID}> takes {port.type.name}"
+            raise RegistrationError(f"{takes}, but its default is {default!r}: {fault}")
+
+
+def default_value_error(port: Port) -> str:
+    """Why the default of *port* is no value of its type, or ""."""
+    kind, text, value = port.type, port.default, port.value
+    # None says that there is nothing; what an output has before it is written is no value of its own.
+    if text is None or value is None or not port.reads or not kind.strong or not _is_known(kind):
+        return ""
+    try:
+        if value is not UNSET:
+            kind.cast(value)
+            return "a text is wanted" if kind is STRING else ""
+        if all(remapped_key(text, port.name, format) is None for format in (3, 4)):
+            kind.from_text(text)
+    except ConversionError as fault:
+        return str(fault)
+    return ""
+
+
+def _is_known(kind: ValueType) -> bool:
+    """Whether texts of *kind* can be read now: a user's type may get its converter later."""
+    if isinstance(kind, VectorType):
+        return _is_known(kind.item)
+    return kind.converts and not isinstance(kind, UserType)
+
+
+def check_class(ID: str, cls: type[TreeNode]) -> None:
+    """Refuse a class that no node can be made of, or whose nodes couldn't change."""
+    name = cls.__qualname__
+    if isabstract(cls):
+        lacking = join_names(f"{one}()" for one in sorted(getattr(cls, "__abstractmethods__", ())))
+        raise RegistrationError(f"<{ID}>: {name} is abstract: derive from it a class that has {lacking}")
+    dataclass = getattr(cls, "__dataclass_params__", None)
+    if dataclass is not None and dataclass.frozen:
+        raise RegistrationError(f"<{ID}>: {name} is a frozen dataclass, but a node changes when it is ticked")
+
+
+def check_methods(ID: str, cls: type[TreeNode]) -> None:
+    """Refuse an action that lasts, and lacks a method that its second tick would call."""
+    if cls.tick is not StatefulAction.tick:
+        return
+    for base, method in _OVERRIDDEN:
+        if issubclass(cls, base) and getattr(cls, method) is getattr(base, method):
+            kind = base.__name__
+            raise RegistrationError(
+                f"<{ID}>: {cls.__qualname__} is a {kind}, and lacks the method {method}(self)"
+            )

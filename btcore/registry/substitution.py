@@ -1,0 +1,70 @@
+"""Substitution rules: another node in the place of some of a tree's, as BehaviorTree.CPP has them."""
+
+import re
+from collections.abc import Mapping
+
+from btcore.engine.node_config import NodeConfig
+from btcore.errors import NodeError
+from btcore.registry.manifest import Manifest
+from btcore.status import NodeType
+from btcore.suggestions import nearest_name
+
+
+class SubstitutionRule:
+    """One rule: nodes that *filter* meets are made by *by*, a manifest or the ID of a registered node.
+
+    *filter* is a registration ID, an instance name, or a full path in which ``*`` stands for any text
+    and ``?`` for any character.
+    """
+
+    def __init__(self, filter: str, by: "Manifest | str") -> None:
+        self.filter = filter
+        self.by = by
+        parts = [".*" if char == "*" else "." if char == "?" else re.escape(char) for char in filter]
+        self._path = re.compile("".join(parts), re.DOTALL)
+
+    def matches(self, config: NodeConfig) -> bool:
+        """Whether the rule is for the node of *config*."""
+        return (
+            self.filter == config.name
+            or self.filter == config.id
+            or self._path.fullmatch(config.path) is not None
+        )
+
+    def replacement_manifest(
+        self, config: NodeConfig, children: int, known: Mapping[str, Manifest]
+    ) -> Manifest:
+        """What makes the node of *config*, which has *children*; *known* are the registered nodes by ID.
+
+        Raises NodeError where there is none of that ID, or one that wants other children.
+        """
+        found = self.by if isinstance(self.by, Manifest) else known.get(self.by)
+        if found is None:
+            guess = nearest_name(str(self.by), known)
+            hint = f"; did you mean '{guess}'?" if guess else ""
+            raise NodeError(
+                f"the substitution rule '{self.filter}' puts '{self.by}' in the place of <{config.id}>, "
+                f"but no node is registered as that{hint}"
+            )
+        if found.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
+            needs = "has exactly one child"
+        elif found.type is NodeType.CONTROL and not children:
+            needs = "has children"
+        else:
+            return found
+        raise NodeError(
+            f"the substitution rule '{self.filter}' puts <{found.id}>, which {needs}, in the place of "
+            f"<{config.id}>, which has {children or 'none'}"
+        )
+
+    def __repr__(self) -> str:
+        by = self.by if isinstance(self.by, str) else self.by.cls.__name__
+        return f"<SubstitutionRule '{self.filter}' → {by}>"
+
+
+def first_matching_rule(rules: dict[str, SubstitutionRule], config: NodeConfig) -> SubstitutionRule | None:
+    """The first of *rules*, in the order in which they were given, that is for the node of *config*."""
+    for rule in rules.values():
+        if rule.matches(config):
+            return rule
+    return None

@@ -1,0 +1,1 @@
+"""The Tree, and breakpoints in it."""

@@ -1,0 +1,146 @@
+"""Format 3 becomes format 4: what must be written differently is, and all else keeps its bytes."""
+
+import re
+from typing import Final, NamedTuple
+
+from btcore.errors import Diagnostic, TreeError
+from btcore.registry.registry import Registry
+from btcore.xml.convert.changes import (
+    COMPACT,
+    FORMAT_WRITTEN,
+    LAST_TREE,
+    MANUAL_STEP,
+    NODE_RENAMED,
+    ConversionContext,
+)
+from btcore.xml.convert.nodes import convert_node
+from btcore.xml.convert.ports import convert_ports
+from btcore.xml.convert.subtree import convert_subtree
+from btcore.xml.plan.document_checks import analyse_document, check_scripts
+from btcore.xml.read.diagnostics import sort_diagnostics
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, parse_format
+from btcore.xml.read.document import Document, parse_text
+from btcore.xml.read.element import Element
+
+_TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
+
+
+class Conversion(NamedTuple):
+    """A document in format 4.
+
+    *changes* tell what is written differently (codes ``C1…``), what means something else
+    (``C2…``) and what is left to the user (``C3…``), at their places in the original; *remaining*
+    are the errors that a loader of format 4 finds in *text* and one of format 3 didn't.
+    """
+
+    text: str
+    changes: list[Diagnostic]
+    remaining: list[Diagnostic]
+
+
+def convert(document: Document, registry: Registry) -> Conversion:
+    """*document* in format 4; one that is in format 4 is given back as it is.
+
+    Nodes that *registry* doesn't know are converted too, as far as that can be done without knowing
+    their ports. Included documents are not touched. Raises TreeError for a document that is of
+    neither format, or no tree.
+    """
+    root = document.root
+    if root.tag != "root":
+        said = f"the outermost element is <{root.tag}>, not <root>"
+        raise TreeError([document.diagnostic("E008", said, root)])
+    format = parse_format(root.get("BTCPP_format"))
+    if format is None:
+        said = f"BTCPP_format '{root.get('BTCPP_format')}' is not known"
+        raise TreeError([document.diagnostic("E009", said, root, "BTCPP_format")])
+    if format == 4:
+        return Conversion(document.text, [], [])
+    changes = ConversionContext(document, registry)
+    _root(changes, root)
+    _Trees(changes).convert()
+    text = changes.rewriter.text()
+    return Conversion(text, sort_diagnostics(changes.found), _remaining(document, text, registry))
+
+
+def _root(changes: ConversionContext, root: Element) -> None:
+    if root.get("BTCPP_format") is None:
+        changes.rewriter.insert_attribute(root, "BTCPP_format", "4")
+    else:
+        changes.rewriter.set_attribute(root, "BTCPP_format", "4")
+    changes.note(FORMAT_WRITTEN, 'BTCPP_format="4" is written', root)
+    for models in root.iterchildren("TreeNodesModel"):
+        for model in models.iterchildren("SubTreePlus"):
+            changes.rewriter.rename_element(model, "SubTree")
+            changes.note(NODE_RENAMED, "the model of a <SubTreePlus> becomes one of a <SubTree>", model)
+    for include in root.iterchildren("include"):
+        said = "the included file is read in the format of this one: convert it too"
+        changes.note(MANUAL_STEP, said, include, "path")
+
+
+class _Trees:
+    """Converts the trees of a document, one after the other."""
+
+    def __init__(self, changes: ConversionContext) -> None:
+        self._changes = changes
+        self._tags = DIALECTS[3].subtree_tags
+
+    def convert(self) -> None:
+        """Convert all."""
+        seen: set[str] = set()
+        for tree in self._changes.document.root.iterchildren("BehaviorTree"):
+            id = tree.get("ID") or ""
+            if id in seen:
+                said = f"of the trees '{id}' this one counts in format 4, and the first one in format 3"
+                self._changes.note(LAST_TREE, said, tree, "ID", hint="remove the one that isn't wanted")
+            seen.add(id)
+            names: set[str] = set()
+            pending = [(child, tree) for child in reversed(tree.children)]
+            while pending:
+                element, parent = pending.pop()
+                if element.tag != "Root":
+                    self._element(element, parent, names)
+                    pending += [(child, element) for child in reversed(element.children)]
+
+    def _element(self, element: Element, parent: Element, names: set[str]) -> None:
+        tag = element.tag
+        if tag in self._tags:
+            convert_subtree(self._changes, element, names)
+            return
+        id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
+        new = convert_node(self._changes, element, id)
+        if new != id:
+            self._changes.note(NODE_RENAMED, f"<{id}> becomes <{new}>", element)
+        if new != "Precondition" or id == new:
+            convert_ports(self._changes, element, id, new)
+        if tag not in EXPLICIT_TAGS:
+            if new != id:
+                self._changes.rewriter.rename_element(element, new)
+        elif "ReactiveSequence" in (parent.tag, parent.get("ID")) and _TAG.match(new):
+            self._changes.rewriter.rename_element(element, new)
+            self._changes.rewriter.remove_attribute(element, "ID")
+            said = (
+                f'<{tag} ID="{new}"> becomes <{new}>: C++ takes no <{tag}> in a ReactiveSequence of format 4'
+            )
+            self._changes.note(COMPACT, said, element)
+        elif new != id:
+            self._changes.rewriter.set_attribute(element, "ID", new)
+
+
+def _remaining(document: Document, text: str, registry: Registry) -> list[Diagnostic]:
+    """The errors of the result that the original doesn't have."""
+    before = {_fault(one) for one in _errors(document, registry)}
+    after = _errors(parse_text(text, document.file), registry)
+    return sort_diagnostics([one for one in after if _fault(one) not in before])
+
+
+def _fault(one: Diagnostic) -> tuple[str, str]:
+    # A node is quoted by its tag or by its ID, and the tag may have changed.
+    return one.code, re.sub("[<>']", "", one.message)
+
+
+def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
+    planner, _, faults = analyse_document(document, registry)
+    for definition in planner.definitions.by_id.values():
+        check_scripts(planner.plan(definition), registry, faults)
+    # The converter looks at this file alone, which may be one of several.
+    return [one for one in faults.errors if one.file == document.file and one.code != "E108"]

@@ -1,0 +1,141 @@
+"""SubTree and SubTreePlus of format 3 as format 4 writes them."""
+
+import re
+from typing import Final
+
+from btcore.blackboard.ports import remapped_key
+from btcore.errors import ConversionError
+from btcore.names import is_port_name
+from btcore.values import BOOL, parse_constant
+from btcore.xml.convert.changes import (
+    ATTRIBUTE_RENAMED,
+    AUTOREMAP_ALL,
+    BRACES,
+    CONSTANT,
+    EMPTY,
+    NODE_RENAMED,
+    REMAPPING,
+    SHARED,
+    SUBTREE_NAME,
+    TEXT_REWRITTEN,
+    WITHOUT_EFFECT,
+    ConversionContext,
+)
+from btcore.xml.read.element import Element
+
+_BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
+
+
+def convert_subtree(changes: ConversionContext, element: Element, names: set[str]) -> None:
+    """Convert a call of a tree. *names* are those that calls in the same tree have already."""
+    given = element.attributes
+    _name(changes, element, names)
+    if element.tag == "SubTreePlus":
+        changes.rewriter.rename_element(element, "SubTree")
+        changes.note(NODE_RENAMED, "<SubTreePlus> becomes <SubTree>", element)
+        _plus(changes, element)
+        return
+    shared = given.get("__shared_blackboard")
+    if shared is not None and _true(shared):
+        _share(changes, element)
+        return
+    if shared is not None:
+        changes.rewriter.remove_attribute(element, "__shared_blackboard")
+        said = "'__shared_blackboard' is removed: a tree has a blackboard of its own anyway"
+        changes.note(WITHOUT_EFFECT, said, element, "__shared_blackboard", part="name")
+    for name, text in given.items():
+        if name not in ("ID", "name", "__shared_blackboard"):
+            _remap(changes, element, name, text)
+
+
+def _name(changes: ConversionContext, element: Element, names: set[str]) -> None:
+    name = element.attributes.get("name")
+    if name is None:
+        return
+    if name in names:
+        changes.rewriter.remove_attribute(element, "name")
+        said = f"the name '{name}' is removed: format 3 ignores it, and in format 4 two calls can't share one"
+        changes.note(WITHOUT_EFFECT, said, element, "name")
+        return
+    names.add(name)
+    said = f"the node is called '{name}', where format 3 calls it by the tree's ID; so are the paths below it"
+    changes.note(SUBTREE_NAME, said, element, "name")
+
+
+def _true(text: str) -> bool:
+    try:
+        return BOOL.from_text(text, 3) is True
+    except ConversionError:
+        return False
+
+
+def _share(changes: ConversionContext, element: Element) -> None:
+    """One blackboard for both trees: the nearest is to look up every name outside."""
+    changes.rewriter.rename_attribute(element, "__shared_blackboard", "_autoremap")
+    changes.rewriter.set_attribute(element, "__shared_blackboard", "true")
+    said = (
+        "'__shared_blackboard' becomes '_autoremap': every name is the outer tree's, but for those that "
+        "begin with '_'"
+    )
+    changes.note(SHARED, said, element, "__shared_blackboard", part="name")
+    for name in element.attributes:
+        if name not in ("ID", "name", "__shared_blackboard"):
+            changes.rewriter.remove_attribute(element, name)
+            said = f"'{name}' is removed: with one blackboard for both trees it connects nothing in format 3"
+            changes.note(WITHOUT_EFFECT, said, element, name, part="name")
+
+
+def _remap(changes: ConversionContext, element: Element, name: str, text: str) -> None:
+    """``inner="outer"``, which has braces in format 4."""
+    braced = _BRACED.match(text)
+    if not is_port_name(name):
+        said = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
+        changes.note(REMAPPING, said, element, name, hint="rename it, here and inside the tree", part="name")
+    elif not text:
+        changes.rewriter.remove_attribute(element, name)
+        said = f"the empty '{name}' is removed: in format 4 it would be a constant, the empty text"
+        changes.note(EMPTY, said, element, name)
+    elif braced is not None:
+        if text != f"{{{braced[1]}}}":
+            changes.rewriter.set_attribute(element, name, f"{{{braced[1]}}}")
+        said = (
+            f"'{name}' is connected with the entry '{braced[1]}'; format 3 takes the braces for a part of "
+            "the key, and connects nothing that others know"
+        )
+        changes.note(REMAPPING, said, element, name)
+    else:
+        changes.rewriter.set_attribute(element, name, f"{{{text}}}")
+        changes.note(BRACES, f'{name}="{text}" becomes {name}="{{{text}}}"', element, name)
+
+
+def _plus(changes: ConversionContext, element: Element) -> None:
+    for name, text in element.attributes.items():
+        if name in ("ID", "name"):
+            continue
+        if name == "__autoremap":
+            changes.rewriter.rename_attribute(element, name, "_autoremap")
+            if _true(text):
+                said = (
+                    "'__autoremap' becomes '_autoremap': every name is the outer tree's but for those that "
+                    "begin with '_', where format 3 connects the names that the tree's ports have"
+                )
+                changes.note(AUTOREMAP_ALL, said, element, name, part="name")
+            else:
+                said = "'__autoremap' becomes '_autoremap'"
+                changes.note(ATTRIBUTE_RENAMED, said, element, name, part="name")
+            continue
+        key = remapped_key(text, name, 3) if text != "=" else None
+        if not is_port_name(name):
+            said = (
+                f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
+            )
+            hint = "rename it, here and inside the tree"
+            changes.note(REMAPPING, said, element, name, hint=hint, part="name")
+        elif key is not None and text != f"{{{key}}}":
+            changes.rewriter.set_attribute(element, name, f"{{{key}}}")
+            changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{{{key}}}"', element, name)
+        elif key is None and not isinstance(parse_constant(text), str):
+            said = (
+                f"the constant '{name}' is the number {parse_constant(text)!r}, in format 3 the text '{text}'"
+            )
+            changes.note(CONSTANT, said, element, name)

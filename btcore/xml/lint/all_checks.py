@@ -1,0 +1,92 @@
+"""All the checks, on all the trees of a document."""
+
+from collections.abc import Collection
+from typing import Final
+
+from btcore.registry.registry import Registry
+from btcore.xml.lint.advice import LintReporter
+from btcore.xml.lint.child_counts import check_arity
+from btcore.xml.lint.dry_run import DryRun
+from btcore.xml.lint.entry_types import check_value_types
+from btcore.xml.lint.ignored_attributes import check_ignored
+from btcore.xml.lint.loose_text import check_stray_text
+from btcore.xml.lint.missing_ports import check_missing_ports
+from btcore.xml.lint.port_texts import check_port_literals
+from btcore.xml.lint.script_results import check_script_results
+from btcore.xml.lint.subtree_remappings import TreeKeys, check_remaps
+from btcore.xml.lint.unreachable_children import ResultAnalysis, check_reach
+from btcore.xml.lint.unused_trees import check_unused
+from btcore.xml.lint.unwritten_keys import check_keys
+from btcore.xml.models.tree_nodes_model import subtree_models
+from btcore.xml.plan.document_checks import DocumentAnalysis, check_size
+from btcore.xml.plan.plan import TreePlanner, topological_order
+from btcore.xml.plan.tree_definitions import TreeDefinition
+from btcore.xml.read.diagnostics import DiagnosticCollector
+
+# Which trees there are, and which is to be made, is no matter of a single tree.
+_OF_THE_FILE: Final = frozenset({"E108"})
+# The tree can be made, and the keys of its ports told.
+_OF_A_TICK: Final = frozenset({"E119"})
+# Format 3 makes the tree: only the node that reads the text refuses it.
+_OF_A_READING: Final = frozenset({"E202"})
+_ENDLESS: Final = frozenset({"E110", "E117"})
+
+
+def run_lint(
+    examined: DocumentAnalysis, used: Collection[str], registry: Registry, given: Collection[str], asked: bool
+) -> None:
+    """Add warnings to the faults of *examined*, and what the builder would refuse beyond them.
+
+    *used* are the trees that the main one leads to, *given* the keys that its blackboard comes with;
+    *asked* tells that the main tree was asked for, and isn't what the document itself says.
+    """
+    planner, main, faults = examined
+    advice = LintReporter(faults)
+    enums = registry.types.enums
+    roots = [one for one in _roots(examined, used) if _has_an_end(planner, one, faults)]
+    models = subtree_models(planner.definitions.documents, planner.dialect, DiagnosticCollector())
+    bounded = not any(one.code in _ENDLESS for one in faults.errors)
+    outlooks = ResultAnalysis(planner, bounded)
+    vocabulary = TreeKeys(planner, enums, bounded)
+    for definition in planner.definitions.by_id.values():
+        plan = planner.plan(definition)
+        check_arity(plan, advice)
+        check_ignored(plan, advice)
+        check_port_literals(plan, planner.dialect.format, advice)
+        check_missing_ports(plan, advice)
+        check_script_results(plan, enums, advice)
+        check_reach(plan, outlooks, advice)
+        check_remaps(plan, vocabulary, models, advice)
+    for document in planner.definitions.documents:
+        check_stray_text(document, faults)
+    names_main = planner.definitions.documents[-1].root.get("main_tree_to_execute") is not None
+    if main is not None and names_main and not asked:
+        check_unused(planner, main, used, faults)
+    harmless = _OF_THE_FILE | _OF_A_TICK | (_OF_A_READING if planner.dialect.format == 3 else frozenset())
+    if any(one.code not in harmless for one in faults.errors):
+        return
+    for root in roots:
+        rehearsal = DryRun(planner, root, registry)
+        for one in rehearsal.run().errors:
+            faults.add(one)
+        # A tree that says which ports it has is handed them by those that call it.
+        check_keys(rehearsal, root is main, {*given, *models.get(root.id, ())}, advice)
+        check_value_types(rehearsal, enums, advice)
+
+
+def _roots(examined: DocumentAnalysis, used: Collection[str]) -> list[TreeDefinition]:
+    """The main tree, and those that no other leads to."""
+    planner, main, _ = examined
+    others = [one for one in planner.definitions.by_id.values() if one.id not in used]
+    called = {node.call.tree for one in others for node in planner.plan(one).calls if node.call is not None}
+    return [*([main] if main is not None else []), *(one for one in others if one.id not in called)]
+
+
+def _has_an_end(planner: TreePlanner, root: TreeDefinition, faults: DiagnosticCollector) -> bool:
+    """Whether the tree is neither a circle nor too large, which goes to *faults*."""
+    order = topological_order(planner, root, faults)
+    if order is None:
+        return False
+    before = len(faults.errors)
+    check_size(order, root, faults)
+    return len(faults.errors) == before

@@ -1,0 +1,105 @@
+"""W206: values that the type of an entry is certain to refuse."""
+
+from btcore.blackboard.blackboard import Entry
+from btcore.blackboard.ports import remapped_key
+from btcore.errors import BtcoreError, ConversionError, ScriptError
+from btcore.nodes.blackboard_actions import SetBlackboard
+from btcore.script.expressions import Assignment, Name
+from btcore.values import STRING
+from btcore.xml.lint.advice import LintReporter, node_label
+from btcore.xml.lint.dry_run import AccessKind, DryRun, EntryUse
+from btcore.xml.lint.script_analysis import is_constant, parse_statements
+
+
+def check_value_types(rehearsal: DryRun, enums: dict[str, int], advice: LintReporter) -> None:
+    """Warn of the writes that raise whenever they happen, and of constants that their readers can't read."""
+    for entry, uses in rehearsal.uses.items():
+        for use in uses:
+            if use.access is AccessKind.WRITES and use.port is not None and use.value_type is not None:
+                _port(rehearsal, entry, use, advice)
+            elif use.access in (AccessKind.WRITES, AccessKind.ASSIGNS) and use.within:
+                _script(rehearsal, entry, use, enums, advice)
+        _constant(uses, entry, advice)
+
+
+def _warn(rehearsal: DryRun, entry: Entry, use: EntryUse, what: str, advice: LintReporter) -> None:
+    said = f"{what}, but the entry '{use.key}' is {entry.declared.name}: every write raises"
+    by = rehearsal.declared_by(entry)
+    hint = f"it was declared by {by}; the type of an entry never changes" if by else ""
+    advice.warn("W206", said, use.document, use.node, use.attribute, hint, within=use.within)
+
+
+def _port(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) -> None:
+    kind = use.value_type
+    assert kind is not None
+    assert use.node.manifest is not None
+    if issubclass(use.node.manifest.cls, SetBlackboard):
+        _copied_text(rehearsal, entry, use, advice)
+    elif entry.declared is STRING and kind.strong and not issubclass(kind.python_type, str):
+        what = f"the port '{use.attribute}' of {node_label(use.node)} writes {kind.name}"
+        _warn(rehearsal, entry, use, what, advice)
+
+
+def _copied_text(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) -> None:
+    """The text that a SetBlackboard writes."""
+    text = next((text for port, text, _ in use.node.ports if port.name == "value"), None)
+    if text is None or remapped_key(text, "value", rehearsal.format) is not None or not entry.declared.strong:
+        return
+    try:
+        entry.declared.from_text(text, rehearsal.format)
+    except ConversionError:
+        _warn(rehearsal, entry, use, f"<SetBlackboard> writes '{text}'", advice)
+
+
+def _script(
+    rehearsal: DryRun, entry: Entry, use: EntryUse, enums: dict[str, int], advice: LintReporter
+) -> None:
+    """A constant that a script assigns."""
+    if not entry.declared.strong or entry.value is not None:
+        return
+    text = str(use.node.element.get(use.attribute) or "")
+    try:
+        found = parse_statements(text, enums)
+    except ScriptError:
+        return
+    for one in found:
+        target = one.target if isinstance(one, Assignment) else None
+        if not isinstance(one, Assignment) or not isinstance(target, Name) or target.column != use.within:
+            continue
+        if one.operator in (":=", "=") and is_constant(one.value, enums):
+            try:
+                one.evaluate(use.scope)
+            except BtcoreError as fault:
+                said = f"the script in '{use.attribute}' of {node_label(use.node)} raises whenever it runs: "
+                message = fault.message if isinstance(fault, ScriptError) else str(fault)
+                by = rehearsal.declared_by(entry)
+                hint = f"'{use.key}' is {entry.declared.name}, declared by {by}" if by else ""
+                advice.warn(
+                    "W206", said + message, use.document, use.node, use.attribute, hint, within=use.within,
+                    width=len(use.key),
+                )  # fmt: skip
+            finally:
+                entry.value = None
+
+
+def _constant(uses: list[EntryUse], entry: Entry, advice: LintReporter) -> None:
+    """A text that a SubTree element gives, and that a port of the inner tree can't read."""
+    writing = [use for use in uses if use.access in (AccessKind.WRITES, AccessKind.ASSIGNS)]
+    given = [use for use in writing if use.node.call is not None and not use.within]
+    if len(given) != 1 or len(writing) != 1 or not isinstance(entry.value, str):
+        return
+    use = given[0]
+    for reader in uses:
+        kind = reader.value_type
+        if reader.access is not AccessKind.READS or kind is None or not kind.strong or not kind.converts:
+            continue
+        try:
+            kind.from_text(entry.value)
+        except ConversionError as fault:
+            said = f"'{use.key}' of {node_label(use.node)} is given the text '{entry.value}': {fault}"
+            port = f"the port '{reader.attribute}' of {node_label(reader.node)}"
+            hint = f"{port} reads it as {kind.name}; for an entry write {{{entry.value}}}"
+            if not entry.value.isidentifier():
+                hint = f"{port} reads it as {kind.name}"
+            advice.warn("W206", said, use.document, use.node, use.attribute, hint)
+            return

@@ -1,0 +1,44 @@
+"""W108: text between the elements of a tree, which nobody reads."""
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from btcore.errors import Diagnostic
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document
+from btcore.xml.read.positions import span_at
+from btcore.xml.read.tinyxml2_compat import iter_markup
+
+_OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
+
+
+def check_stray_text(document: Document, faults: DiagnosticCollector) -> None:
+    """Warn of every stretch of text in the trees of *document*, and between them."""
+    for start, text in _loose(document.text):
+        place = span_at(document.text, start, len(text))
+        shown = text if len(text) <= 40 else f"{text[:39]}…"
+        said = f"the text {shown!r} stands between the elements of a tree, and is ignored"
+        hint = "what a node is given stands in its attributes; what is for readers: <!-- … -->"
+        faults.add(
+            Diagnostic("W108", said, document.file, place.line, place.column, hint, place.source, place.width)
+        )
+
+
+def _loose(text: str) -> Iterator[tuple[int, str]]:
+    """Each stretch of text, and where it begins."""
+    bare = _OPAQUE.sub(lambda found: " " * len(found[0]), text)
+    around: list[str] = []
+    for at, tag in iter_markup(bare):
+        end = tag.end() if tag is not None else bare.find(">", at) + 1
+        if tag is None:
+            if around and bare.startswith("</", at):
+                around.pop()
+        elif not tag[0].endswith("/>"):
+            around.append(tag[1])
+        # The texts of models are descriptions.
+        if around == ["root"] or around[1:2] == ["BehaviorTree"]:
+            following = bare.find("<", end)
+            stretch = bare[end:following]
+            if stretch.strip():
+                yield end + len(stretch) - len(stretch.lstrip()), " ".join(stretch.split())

@@ -1,0 +1,60 @@
+"""W202: ports that a node can't do without, and the tree doesn't give."""
+
+from typing import Final
+
+from btcore.blackboard.ports import UNSET, Port
+from btcore.engine.signature import PortAttribute
+from btcore.names import is_port_name
+from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
+from btcore.nodes.format3 import BlackboardCheck
+from btcore.nodes.loop import LoopNode
+from btcore.nodes.script_nodes import Precondition, Script, ScriptCondition
+from btcore.nodes.switch import SwitchNode
+from btcore.registry.manifest import Manifest
+from btcore.suggestions import join_names
+from btcore.xml.lint.advice import LintReporter, is_built_in, is_stub
+from btcore.xml.plan.document_checks import nodes_of
+from btcore.xml.plan.plan import TreePlan
+
+# They refuse to be made: that is an error, and said already.
+_REFUSED: Final = (Script, ScriptCondition, Precondition, LoopNode, EntryUpdatedDecorator, WasEntryUpdated)
+
+
+def check_missing_ports(plan: TreePlan, advice: LintReporter) -> None:
+    """Warn of the nodes of *plan* that raise as soon as they use a port."""
+    document = plan.definition.document
+    for node in nodes_of(plan):
+        manifest = node.manifest
+        if manifest is None or node.call is not None or is_stub(manifest):
+            continue
+        given = {port.name for port, _, _ in node.ports}
+        if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
+            continue  # a port that the node doesn't have: most probably the one that is missing
+        missing = [
+            port for port in manifest.ports.values() if port.name not in given and is_required(manifest, port)
+        ]
+        if not missing:
+            continue
+        names = join_names([f"'{port.name}'" for port in missing])
+        if len(missing) == 1:
+            said = f"<{node.id}> is not given the port {names}, which has no default"
+        else:
+            said = f"<{node.id}> is not given the ports {names}, which have no default"
+        given_as = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
+        hint = "write " + " ".join(given_as)
+        advice.warn("W202", said, document, node, hint=hint)
+
+
+def is_required(manifest: Manifest, port: Port) -> bool:
+    """Whether the node of *manifest* raises without *port*."""
+    cls = manifest.cls
+    if port.default is not None or port.value is not UNSET or issubclass(cls, _REFUSED):
+        return False
+    if is_built_in(manifest):
+        optional = issubclass(cls, BlackboardCheck) or (
+            issubclass(cls, SwitchNode) and port.name.startswith("case_")
+        )
+        return port.reads and not optional
+    # A leaf that lists its ports may look whether they are there.
+    listed = manifest.function is None and not isinstance(getattr(cls, port.name, None), PortAttribute)
+    return port.reads or not listed

@@ -1,0 +1,129 @@
+"""W204, W205: attributes of SubTree elements that lead nowhere."""
+
+from collections.abc import Mapping
+
+from btcore.blackboard.ports import remapped_key
+from btcore.engine.node import TreeNode
+from btcore.errors import ScriptError
+from btcore.nodes.blackboard_actions import SetBlackboard, UnsetBlackboard
+from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
+from btcore.suggestions import join_names, nearest_name
+from btcore.xml.lint.advice import LintReporter, node_label
+from btcore.xml.lint.dry_run import SCRIPT_PORTS, uses_whole_blackboard
+from btcore.xml.lint.script_analysis import find_name_uses
+from btcore.xml.plan.document_checks import nodes_of
+from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner
+
+_OF_THE_ELEMENT = ("name", "_description")
+_LITERAL_KEYS = (SetBlackboard, UnsetBlackboard, EntryUpdatedDecorator, WasEntryUpdated)
+
+
+class TreeKeys:
+    """The keys that each tree uses in its own blackboard; None for a tree that may use any.
+
+    *bounded* tells that the trees have an end, so that they may be followed into those that they call.
+    """
+
+    def __init__(self, planner: TreePlanner, enums: Mapping[str, int], bounded: bool) -> None:
+        self._planner = planner
+        self._bounded = bounded
+        self._format = planner.dialect.format
+        self._enums = enums
+        self._known: dict[str, set[str] | None] = {}
+
+    def keys_of(self, tree: str) -> set[str] | None:
+        """The keys of *tree*, those that it shares with the trees that it calls too."""
+        if tree not in self._known:
+            self._known[tree] = None
+            definition = self._planner.definitions.by_id.get(tree)
+            if definition is not None:
+                self._known[tree] = self._of(self._planner.plan(definition))
+        return self._known[tree]
+
+    def _of(self, plan: TreePlan) -> set[str] | None:
+        found: set[str] = set()
+        for node in nodes_of(plan):
+            own = self._of_call(node) if node.call is not None else self._of_node(node)
+            if own is None:
+                return None
+            for text in node.scripts.values():
+                own |= self._of_script(text)
+            found |= own
+        return found
+
+    def _of_node(self, node: NodePlan) -> set[str] | None:
+        manifest = node.manifest
+        if manifest is None or uses_whole_blackboard(manifest):
+            return None
+        found: set[str] = set()
+        for port, text, _ in node.ports:
+            key = remapped_key(text, port.name, self._format)
+            is_script = SCRIPT_PORTS.get(manifest.cls) == port.name
+            if key is not None:
+                if is_script:
+                    return None
+                found.add(key)
+            elif is_script:
+                found |= self._of_script(text)
+            elif _names_an_entry(manifest.cls, port.name) or (port.writes and self._format == 3):
+                found.add(text)
+        return found
+
+    def _of_script(self, text: str) -> set[str]:
+        try:
+            return {one.name for one in find_name_uses(text, self._enums)}
+        except ScriptError:
+            return set()
+
+    def _of_call(self, node: NodePlan) -> set[str] | None:
+        call = node.call
+        assert call is not None
+        found = {outside for key, outside in call.remaps.items() if key not in _OF_THE_ELEMENT}
+        if call.shared or call.autoremap or call.legacy_autoremap:
+            inner = self.keys_of(call.tree) if self._bounded else None
+            if inner is None:
+                return None
+            found |= inner - call.remaps.keys() - call.constants.keys()
+        return found
+
+
+def _names_an_entry(cls: type[TreeNode], port: str) -> bool:
+    """Whether a bare text in *port* of such a node is a key."""
+    return issubclass(cls, _LITERAL_KEYS) and not (issubclass(cls, SetBlackboard) and port == "value")
+
+
+def check_remaps(
+    plan: TreePlan, vocabulary: TreeKeys, models: Mapping[str, Mapping[str, str | None]], advice: LintReporter
+) -> None:
+    """Warn of what *plan* hands to its subtrees in vain; *models* are the ports that they declare."""
+    document = plan.definition.document
+    for node in plan.calls:
+        call = node.call
+        if call is None:
+            continue
+        used = vocabulary.keys_of(call.tree)
+        declared = models.get(call.tree, {})
+        for key, text in call.written.items():
+            if key in _OF_THE_ELEMENT:
+                continue
+            if (
+                node.id == "SubTree"
+                and call.remaps.get(key) == text
+                and remapped_key(text, key, 3) is not None
+            ):
+                said = f"in format 3 {node_label(node)} takes bare keys: with braces '{key}' leads to nothing"
+                hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
+                advice.warn("W205", said, document, node, key, hint)
+            if used is None or key in used or key in declared or node.element.get(key) is None:
+                continue
+            said = f"{node_label(node)} is given '{key}', but no port or script in that tree uses it"
+            advice.warn("W204", said, document, node, key, _cure(key, used, call.written), part="name")
+
+
+def _cure(key: str, used: set[str], written: Mapping[str, str]) -> str:
+    free = sorted(name for name in used if name not in written and not name.startswith("@"))
+    near = nearest_name(key, free)
+    if near is not None:
+        return f"did you mean '{near}'?"
+    names = join_names([f"'{one}'" for one in sorted(used)])
+    return f"its keys are {names}" if names else "it uses no keys"

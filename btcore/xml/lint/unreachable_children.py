@@ -1,0 +1,131 @@
+"""W105, W106: children that no tick ever gets to, and reactive nodes whose children halt each other."""
+
+from typing import Final
+
+from btcore.nodes.branch import IfThenElse, WhileDoElse
+from btcore.nodes.fallback import ReactiveFallback
+from btcore.nodes.sequence import ReactiveSequence
+from btcore.nodes.try_catch import TryCatch
+from btcore.status import FAILURE, SUCCESS, Status
+from btcore.xml.lint.advice import LintReporter, line_of, node_label
+from btcore.xml.lint.possible_results import (
+    CONTINUE_STATUS,
+    UNKNOWN,
+    PossibleResults,
+    combine_in_order,
+    infer_results,
+    with_conditions,
+)
+from btcore.xml.plan.document_checks import nodes_of
+from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner
+from btcore.xml.plan.structure_checks import element_children
+
+_WORD: Final = {SUCCESS: "succeeds", FAILURE: "fails"}
+
+
+class ResultAnalysis:
+    """The outlook of every node of a document, found when it is asked for.
+
+    *bounded* tells that the trees have an end, so that they may be followed into those that they call.
+    """
+
+    def __init__(self, planner: TreePlanner, bounded: bool) -> None:
+        self._planner = planner
+        self._bounded = bounded
+        self._format = planner.dialect.format
+        self._known: dict[NodePlan, PossibleResults] = {}
+
+    def results_of(self, node: NodePlan) -> PossibleResults:
+        """What *node* may result in, conditions and all."""
+        found = self._known.get(node)
+        if found is None:
+            self._known[node] = found = with_conditions(node, self._bare(node))
+        return found
+
+    def _bare(self, node: NodePlan) -> PossibleResults:
+        if node.call is not None:
+            inner = self._planner.definitions.by_id.get(node.call.tree) if self._bounded else None
+            root = self._planner.plan(inner).root if inner is not None else None
+            return self.results_of(root) if root is not None else UNKNOWN
+        if node.manifest is None or not all_children_known(node):
+            return UNKNOWN
+        children = [self.results_of(child) for child in node.children]
+        return infer_results(node.manifest.cls, node, children, self._format)
+
+
+def all_children_known(node: NodePlan) -> bool:
+    """Whether all children of *node* are known."""
+    return not node.element.children or len(node.children) == len(element_children(node.element))
+
+
+def check_reach(plan: TreePlan, outlooks: ResultAnalysis, advice: LintReporter) -> None:
+    """Warn of the children in *plan* that are never reached, or never get far."""
+    for node in nodes_of(plan):
+        if (
+            node.manifest is None
+            or node.call is not None
+            or not all_children_known(node)
+            or len(node.children) < 2
+        ):
+            continue
+        cls = node.manifest.cls
+        children = [outlooks.results_of(child) for child in node.children]
+        if cls in CONTINUE_STATUS:
+            _in_turn(plan, node, children, CONTINUE_STATUS[cls], advice)
+        elif issubclass(cls, TryCatch):
+            _in_turn(plan, node, children[:-1], SUCCESS, advice)
+            if FAILURE not in combine_in_order(children[:-1], SUCCESS).results and not _catches_halts(node):
+                _unreached(plan, node.children[-1], "what it is to catch never fails", advice)
+        elif issubclass(cls, (IfThenElse, WhileDoElse)):
+            for chosen, branch in zip((SUCCESS, FAILURE), node.children[1:], strict=False):
+                if chosen not in children[0].results:
+                    why = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
+                    _unreached(plan, branch, why, advice)
+        if issubclass(cls, (ReactiveSequence, ReactiveFallback)):
+            _one_at_a_time(plan, node, children, CONTINUE_STATUS[cls], advice)
+
+
+def _in_turn(
+    plan: TreePlan, node: NodePlan, children: list[PossibleResults], going: Status, advice: LintReporter
+) -> None:
+    for index, outlook in enumerate(children[:-1]):
+        if not outlook.passes(going):
+            before = node.children[index]
+            where = line_of(plan.definition.document, before)
+            never = "ends" if not outlook.results else _WORD[going]
+            why = f"{node_label(before)} before it ({where}) never {never}"
+            _unreached(plan, node.children[index + 1], why, advice)
+            return
+
+
+def _unreached(plan: TreePlan, node: NodePlan, why: str, advice: LintReporter) -> None:
+    said = f"this {node_label(node)} is never ticked: {why}"
+    advice.warn(
+        "W105", said, plan.definition.document, node, hint="remove it, or what keeps the ticks from it"
+    )
+
+
+def _catches_halts(node: NodePlan) -> bool:
+    return any(port.name == "catch_on_halt" and is_written for port, _, is_written in node.ports)
+
+
+def _one_at_a_time(
+    plan: TreePlan, node: NodePlan, children: list[PossibleResults], going: Status, advice: LintReporter
+) -> None:
+    """Warn if a child that takes its time comes after one that must take its time first."""
+    document = plan.definition.document
+    first: NodePlan | None = None
+    for child, outlook in zip(node.children, children, strict=True):
+        if first is not None and outlook.may_run:
+            before = f"{node_label(first)} ({line_of(document, first)})"
+            said = (
+                f"<{node.id}> has a second asynchronous child here: each tick begins with {before}, "
+                f"which halts this {node_label(child)} unless it ends at once"
+            )
+            hint = f"put both into a <{'Sequence' if going is SUCCESS else 'Fallback'}>"
+            advice.warn("W106", said, document, child, hint=hint)
+            return
+        if not outlook.passes(going):
+            return
+        if first is None and outlook.may_run and not PossibleResults(outlook.in_first_tick).passes(going):
+            first = child

@@ -1,0 +1,183 @@
+"""A palette without code: the nodes that a TreeNodesModel describes, registered as stand-ins.
+
+So trees whose leaves are C++ can be checked, drawn, converted, and run with planned leaves.
+"""
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from btcore.blackboard.ports import Direction, Port, remapped_key
+from btcore.errors import Diagnostic, RegistrationError, TreeError
+from btcore.names import is_port_name, port_name_error
+from btcore.registry.registration_checks import default_value_error
+from btcore.registry.registry import Registry
+from btcore.status import NodeType
+from btcore.values import ANY, ValueType
+from btcore.xml.models.stand_ins import make_stub_class
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
+from btcore.xml.read.document import Document, parse_file
+from btcore.xml.read.element import Element
+from btcore.xml.read.includes import PackageResolver, resolve_includes
+
+_DIRECTIONS: Final = {
+    "input_port": Direction.IN,
+    "output_port": Direction.OUT,
+    "inout_port": Direction.INOUT,
+}
+# What people, and other compilers, write for a type of BehaviorTree.CPP's.
+_ALIASES: Final = {
+    "string": "std::string",
+    "str": "std::string",
+    "std::string_view": "std::string",
+    "unsigned": "unsigned int",
+    "uint": "unsigned int",
+    "uint32_t": "unsigned int",
+    "int32_t": "int",
+    "int64_t": "long",
+    "uint64_t": "unsigned long",
+    "uint8_t": "unsigned char",
+    "uint16_t": "unsigned short",
+    "int8_t": "signed char",
+    "int16_t": "short",
+    "NodeStatus": "BT::NodeStatus",
+    "Any": "BT::Any",
+}
+
+
+class Project(NamedTuple):
+    """A Groot 2 project: its *name*, and its *documents*, the included ones first, itself last."""
+
+    name: str
+    documents: list[Document]
+
+
+def read_project(path: str | os.PathLike[str], packages: PackageResolver | None = None) -> Project:
+    """Read a project (``.btproj``), or any document, with all that it includes.
+
+    *packages* finds the folders of ROS packages. Raises TreeError for what can't be read.
+    """
+    faults = DiagnosticCollector()
+    document = parse_file(path)
+    documents = resolve_includes(document, faults, packages)
+    faults.raise_errors()
+    name = str(document.root.get("project_name") or Path(path).stem)
+    return Project(name, documents)
+
+
+def add_models(
+    nodes: Registry, path: str | os.PathLike[str], packages: PackageResolver | None = None
+) -> list[str]:
+    """Register a stand-in for every model in *path*; the IDs that are new.
+
+    *path* is what Groot exports, a project of Groot 2, or a file of trees with their models. Nodes
+    that are registered already stay as they are, but for those that came with an installed library.
+    Explicit tags of trees in it count as models too. Raises TreeError.
+    """
+    documents = read_project(path, packages).documents
+    added = [id for document in documents for id in _add_models(nodes, document)]
+    added += add_explicit_nodes(nodes, documents)
+    if not added and not any(_models(document) for document in documents):
+        said = "the file holds no model of a node"
+        hint = "a palette is a <TreeNodesModel>: Groot exports one, and so does `btcore nodes --xml`"
+        raise TreeError([Diagnostic("E003", said, os.fspath(path), hint=hint)])
+    return added
+
+
+def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[str]:
+    """Register a stand-in for each unknown node that an explicit tag names, as ``<Action ID="Move"/>``.
+
+    The tag tells the family, the attributes tell the ports. Returns the new IDs.
+    """
+    found: dict[str, tuple[Document, str, dict[str, Port]]] = {}
+    for document in documents:
+        format = parse_format(document.root.get("BTCPP_format")) or 4
+        for tree in document.root.iterchildren("BehaviorTree"):
+            for element in tree.iter(*EXPLICIT_TAGS):
+                id = str(element.get("ID") or "")
+                if id and nodes.get(id, 3) is None and nodes.get(id, 4) is None:
+                    ports = found.setdefault(id, (document, str(element.tag), {}))[2]
+                    _seen_ports(element, ports, format)
+    for id, (document, tag, seen) in found.items():
+        _add(nodes, id, EXPLICIT_TAGS[tag], list(seen.values()), "", document)
+    return list(found)
+
+
+def _seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
+    """Add the attributes of *element* to *ports*: one with a ``{key}`` may be read, or written."""
+    for name, text in element.attributes.items():
+        is_port = is_port_name(name) if format == 4 else not port_name_error(name, 3)
+        if is_port and name not in SCRIPT_ATTRIBUTES:
+            known = ports.get(str(name))
+            leads = remapped_key(str(text), str(name), 3) is not None
+            if known is None or (leads and known.direction is Direction.IN):
+                ports[str(name)] = Port(str(name), Direction.INOUT if leads else Direction.IN)
+
+
+def _models(document: Document) -> list[Element]:
+    root = document.root
+    tables = [root] if root.tag == "TreeNodesModel" else list(root.iterchildren("TreeNodesModel"))
+    return [model for table in tables for model in table.iterchildren(*EXPLICIT_TAGS)]
+
+
+def _add_models(nodes: Registry, document: Document) -> list[str]:
+    added: list[str] = []
+    faults = DiagnosticCollector()
+    for model in _models(document):
+        id = model.get("ID")
+        if id is None:
+            said = f"this model of <{model.tag}> does not say which node: it has no ID"
+            faults.add(document.diagnostic("E102", said, model, hint=f'write <{model.tag} ID="…">'))
+            continue
+        known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
+        if known is not None and not known.is_overridable:
+            continue
+        ports = [_port(nodes, document, one) for one in model.iterchildren(*_DIRECTIONS) if one.get("name")]
+        described = next(model.iterchildren("description"), None)
+        about = " ".join(document.text_in(described).split()) if described is not None else ""
+        try:
+            _add(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document)
+            added.append(str(id))
+        except RegistrationError as fault:
+            faults.add(document.diagnostic("E107", str(fault), model, "ID"))
+    faults.raise_errors()
+    return added
+
+
+def _port(nodes: Registry, document: Document, element: Element) -> Port:
+    port = Port(
+        str(element.get("name")),
+        _DIRECTIONS[element.tag],
+        _type(nodes, element.get("type") or ""),
+        element.get("default") or None,
+        " ".join((element.get("description") or document.text_in(element)).split()),
+    )
+    if default_value_error(port):
+        # Then the C++ code reads such texts in a way of its own.
+        port.type = ValueType(port.type.name, object, converts=False)
+    return port
+
+
+def _type(nodes: Registry, name: str) -> ValueType:
+    """The type that C++ calls *name*; one that isn't known is a type of its own, without a text form."""
+    name = re.sub(r"\bconst\b|&", "", name).strip()
+    if not name:
+        return ANY
+    known = nodes.types.named(_ALIASES.get(name, name))
+    return known if known is not None else ValueType(name, object, converts=False)
+
+
+def _add(
+    nodes: Registry, id: str, kind: NodeType, ports: list[Port], description: str, document: Document
+) -> None:
+    """Register a stand-in. A port whose name format 4 doesn't take is one in trees of format 3 alone."""
+    origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
+    allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
+    if len(allowed) == len(ports):
+        nodes.add(make_stub_class(id, kind, ports, description, origin), ID=id)
+    else:
+        nodes.add(make_stub_class(id, kind, ports, description, origin), ID=id, format=3)
+        nodes.add(make_stub_class(id, kind, allowed, description, origin), ID=id, format=4)

@@ -1,0 +1,121 @@
+"""Stand-ins for nodes whose code isn't here: they have the ports of a model, and do as a plan says."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from btcore.blackboard.ports import Port
+from btcore.engine.control import DecoratorNode
+from btcore.engine.leaf import Condition, StatefulAction
+from btcore.engine.node import TreeNode
+from btcore.errors import NodeError
+from btcore.nodes.sequence import Sequence as SequenceNode
+from btcore.status import (
+    FAILURE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeType,
+    Status,
+)
+
+_LETTERS: Final = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
+
+
+class StubPlans:
+    """What stand-ins give: *letters* by the name of a node, or by its ID; at once SUCCESS by default.
+
+    The letters are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). An action takes the next
+    segment (separated by ``|``) whenever it starts, and its next letter whenever it is ticked; the last
+    one repeats. A condition takes one letter a tick. Both begin again at the end.
+    """
+
+    def __init__(self, letters: Mapping[str, str] | None = None) -> None:
+        self.letters = dict(letters or {})
+
+    def plan_for(self, node: TreeNode) -> str:
+        """The plan of *node*."""
+        return self.letters.get(node.name) or self.letters.get(node.id) or "S"
+
+
+def _status(node: TreeNode, letter: str) -> Status:
+    status = _LETTERS.get(letter)
+    if status is None:
+        raise NodeError(f"the plan of '{node.name}' says {letter!r}; its letters are R, S, F and K")
+    return status
+
+
+class StubAction(StatefulAction):
+    """Succeeds at once, or does as its plan says."""
+
+    def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
+        self._segments = plans.plan_for(self).split("|")
+        self._starts = 0
+        self._calls = 0
+        self._segment = ""
+
+    def on_start(self) -> Status:
+        """Take the next segment, and give its first letter."""
+        self._segment = self._segments[self._starts % len(self._segments)]
+        self._starts += 1
+        self._calls = 0
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Give the next letter."""
+        letter = self._segment[min(self._calls, len(self._segment) - 1)] if self._segment else ""
+        self._calls += 1
+        return _status(self, letter)
+
+
+class StubCondition(Condition):
+    """Succeeds, or does as its plan says."""
+
+    def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
+        self._plan = plans.plan_for(self)
+        self._ticks = 0
+
+    def tick(self) -> Status:
+        """Give the next letter."""
+        letter = self._plan[self._ticks % len(self._plan)]
+        self._ticks += 1
+        return _status(self, letter)
+
+
+class StubControl(SequenceNode):
+    """Ticks its children as a Sequence does."""
+
+
+class StubDecorator(DecoratorNode):
+    """Gives what its child gives."""
+
+    def tick(self) -> Status:
+        """Tick the child."""
+        self.set_status(RUNNING)
+        status = self.child.execute_tick()
+        if status is SUCCESS or status is FAILURE:
+            self.reset_child()
+        return status
+
+
+_OF_TYPE: Final[dict[NodeType, type[TreeNode]]] = {
+    NodeType.ACTION: StubAction,
+    NodeType.CONDITION: StubCondition,
+    NodeType.CONTROL: StubControl,
+    NodeType.DECORATOR: StubDecorator,
+}
+
+
+def make_stub_class(
+    id: str, kind: NodeType, ports: Sequence[Port], description: str, origin: str
+) -> type[TreeNode]:
+    """A class of the family *kind* to be registered as *id*; *origin* is who brings it."""
+    listed = list(ports)
+    return type(
+        id,
+        (_OF_TYPE[kind],),
+        {
+            "provided_ports": staticmethod(lambda: listed),
+            "__doc__": description or f"A stand-in: the code of <{id}> is elsewhere.",
+            "__module__": origin,
+        },
+    )

@@ -1,0 +1,116 @@
+"""TreeNodesModel: the palette as Groot reads and writes it."""
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+from xml.sax.saxutils import escape
+
+from btcore.blackboard.ports import Direction, Port
+from btcore.names import model_port_name_error
+from btcore.registry.manifest import Manifest
+from btcore.status import NodeType
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.dialect import Dialect
+from btcore.xml.read.document import Document
+from btcore.xml.read.element import Element
+
+TAG_OF: Final = {
+    NodeType.ACTION: "Action",
+    NodeType.CONDITION: "Condition",
+    NodeType.CONTROL: "Control",
+    NodeType.DECORATOR: "Decorator",
+    NodeType.SUBTREE: "SubTree",
+    NodeType.UNDEFINED: "Action",
+}
+_PORT_TAG: Final = {
+    Direction.IN: "input_port",
+    Direction.OUT: "output_port",
+    Direction.INOUT: "inout_port",
+}
+
+
+def quoted(text: str) -> str:
+    """*text* as an attribute's value, quotes around it, escaped as BehaviorTree.CPP does."""
+    entities = {'"': "&quot;", "'": "&apos;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
+    return '"' + escape(text, entities) + '"'
+
+
+def subtree_models(
+    documents: Sequence[Document], dialect: Dialect, faults: DiagnosticCollector
+) -> dict[str, dict[str, str | None]]:
+    """The ports of the subtree models of *documents*, by ID, and their defaults (None = mandatory).
+
+    Models of other nodes are information for editors, and are not looked at.
+    """
+    found: dict[str, dict[str, str | None]] = {}
+    for document in documents:
+        for models in document.root.iterchildren("TreeNodesModel"):
+            for model in models.iterchildren("SubTree"):
+                id = model.get("ID")
+                if id is None:
+                    said = "this model of a subtree does not say which: it has no ID"
+                    hint = 'write <SubTree ID="…">'
+                    faults.add(document.diagnostic("E102", said, model, hint=hint))
+                    continue
+                ports = found.setdefault(id, {})
+                for port in model.iterchildren("input_port", "output_port", "inout_port"):
+                    _port(document, port, ports, dialect, faults)
+    return found
+
+
+def _port(
+    document: Document,
+    port: Element,
+    ports: dict[str, str | None],
+    dialect: Dialect,
+    faults: DiagnosticCollector,
+) -> None:
+    name = port.get("name")
+    if name is None:
+        said = f"this <{port.tag}> has no name"
+        faults.add(document.diagnostic("E102", said, port, hint=f'write <{port.tag} name="…"/>'))
+        return
+    fault = model_port_name_error(name) if dialect.tree_ids_checked else ""
+    if fault:
+        said = f"no port of a subtree can be called '{name}': {fault}"
+        faults.add(document.diagnostic("E107", said, port, "name"))
+    ports[name] = port.get("default")
+
+
+def write_models(manifests: Iterable[Manifest], format: int = 4) -> str:
+    """A document with a TreeNodesModel of *manifests*, which Groot imports.
+
+    Sorted by ID. For Groot 1 (*format* 3) ports come inputs first, each sort by name.
+    """
+    root = '<root BTCPP_format="4">' if format == 4 else "<root>"
+    return "\n".join([root, *model_lines(manifests, format), "</root>"]) + "\n"
+
+
+def model_lines(manifests: Iterable[Manifest], format: int = 4) -> list[str]:
+    """The lines of a TreeNodesModel, indented as a child of ``<root>``."""
+    lines = ["    <TreeNodesModel>"]
+    for manifest in sorted(manifests, key=lambda one: one.id):
+        lines += _model(manifest, format)
+    return [*lines, "    </TreeNodesModel>"]
+
+
+def _model(manifest: Manifest, format: int) -> list[str]:
+    tag = TAG_OF[manifest.type]
+    start = f"        <{tag} ID={quoted(manifest.id)}"
+    ports: list[Port] = list(manifest.ports.values())
+    if not ports:
+        return [start + "/>"]
+    if format == 3:
+        order = list(_PORT_TAG)
+        ports.sort(key=lambda port: (order.index(port.direction), port.name))
+    lines = [start + ">"]
+    for port in ports:
+        port_tag = _PORT_TAG[port.direction]
+        text = f"            <{port_tag} name={quoted(port.name)} type={quoted(port.type.name)}"
+        if port.default:
+            text += f" default={quoted(port.default)}"
+        if port.description:
+            text += f">{escape(port.description)}</{port_tag}>"
+        else:
+            text += "/>"
+        lines.append(text)
+    return [*lines, f"        </{tag}>"]

@@ -1,0 +1,1 @@
+"""The trees that documents define, checked, with the ports of every node sorted out."""

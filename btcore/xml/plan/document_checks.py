@@ -1,0 +1,156 @@
+"""Checking a document with all that it includes, before any node is made."""
+
+import sys
+from typing import NamedTuple
+
+from btcore.blackboard.ports import remapped_key
+from btcore.errors import Diagnostic, ScriptError
+from btcore.registry.manifest import Manifest
+from btcore.registry.registry import Registry
+from btcore.script.program import compile_script
+from btcore.xml.models.tree_nodes_model import subtree_models
+from btcore.xml.plan.palette import NodePalette
+from btcore.xml.plan.plan import (
+    NodePlan,
+    TreePlan,
+    TreePlanner,
+    topological_order,
+)
+from btcore.xml.plan.structure_checks import StructureChecker
+from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions, select_dialect
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document
+from btcore.xml.read.includes import PackageResolver, resolve_includes
+
+MAX_NODES = 65_535
+"""How many nodes a tree may have: their numbers have 16 bits on Groot's wire."""
+MAX_DEPTH = 10_000
+"""How deep a tree may be: ticking a level takes a few hundred bytes of the machine's stack."""
+
+
+class DocumentAnalysis(NamedTuple):
+    """What was found in a document: *main* is None where no tree can be told to be the main one."""
+
+    planner: TreePlanner
+    main: TreeDefinition | None
+    diagnostics: DiagnosticCollector
+
+    def used_manifests(self) -> list[Manifest]:
+        """The manifests of the nodes in the main tree, each once, in the order in which they are met."""
+        found: dict[str, Manifest] = {}
+        for plan in reachable_plans(self.planner, self.main) if self.main is not None else ():
+            for node in nodes_of(plan):
+                if node.manifest is not None:
+                    found.setdefault(node.id, node.manifest)
+        return list(found.values())
+
+
+def analyse_document(
+    document: Document,
+    registry: Registry,
+    tree: str | None = None,
+    format: int | None = None,
+    packages: PackageResolver | None = None,
+) -> DocumentAnalysis:
+    """Find what is wrong with *document* and with what it includes.
+
+    *tree* is the ID of the tree to make (default: the document's main one), *format* (3 or 4)
+    overrides the document's ``BTCPP_format``, *packages* finds the folders of ROS packages.
+    """
+    faults = DiagnosticCollector()
+    documents = resolve_includes(document, faults, packages)
+    for one in documents:
+        for warning in one.warnings:
+            faults.add(warning)
+    dialect = select_dialect(documents, format, faults)
+    forest = TreeDefinitions(documents, dialect, faults)
+    palette = NodePalette(
+        registry.manifests_of(dialect.format), registry.manifests_of(7 - dialect.format), dialect.format
+    )
+    outlines = StructureChecker(forest, palette, faults).check()
+    main = forest.select_main(tree, faults) if documents[-1].root.tag == "root" else None
+    planner = TreePlanner(forest, palette, outlines, subtree_models(documents, dialect, faults), faults)
+    if main is None:
+        return DocumentAnalysis(planner, None, faults)
+    order = topological_order(planner, main, faults)
+    if order is not None:
+        check_size(order, main, faults)
+    if faults.errors:
+        # No node is made of a tree with faults; its scripts are checked all the same.
+        for plan in reachable_plans(planner, main):
+            check_scripts(plan, registry, faults)
+    return DocumentAnalysis(planner, main, faults)
+
+
+def reachable_plans(planner: TreePlanner, main: TreeDefinition) -> list[TreePlan]:
+    """The plan of *main* and of every tree that it leads to, each once."""
+    found: dict[str, TreePlan] = {}
+    pending = [main.id]
+    while pending:
+        id = pending.pop()
+        if id in found or id not in planner.definitions.by_id:
+            continue
+        found[id] = plan = planner.plan(planner.definitions.by_id[id])
+        pending += [node.call.tree for node in reversed(plan.calls) if node.call is not None]
+    return list(found.values())
+
+
+def nodes_of(plan: TreePlan) -> list[NodePlan]:
+    """The nodes of *plan* in pre-order, without those of the trees that it calls."""
+    found: list[NodePlan] = []
+    pending = [plan.root] if plan.root is not None else []
+    while pending:
+        node = pending.pop()
+        found.append(node)
+        pending += reversed(node.children)
+    return found
+
+
+def check_size(plans: list[TreePlan], main: TreeDefinition, faults: DiagnosticCollector) -> None:
+    """Refuse a tree that is too large or too deep: trees that call trees grow fast.
+
+    *plans* are in calling order.
+    """
+    sizes: dict[str, int] = {}
+    depths: dict[str, int] = {}
+    for plan in plans:
+        called = [node.call.tree for node in plan.calls if node.call is not None]
+        size = plan.size + sum(sizes.get(tree, 0) for tree in called)
+        sizes[plan.definition.id] = min(MAX_NODES + 1, size)
+        deepest = max((depths.get(tree, 0) for tree in called), default=0)
+        depths[plan.definition.id] = plan.depth + deepest
+    said, hint = "", ""
+    if sizes[main.id] > MAX_NODES:
+        said = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
+        hint = "nodes are numbered with 16 bits; look for subtrees that call others twice"
+    elif depths[main.id] > MAX_DEPTH:
+        said = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
+    else:
+        # Nodes are made and ticked by recursion: six calls a level at the most.
+        sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depths[main.id] + 1000))
+        return
+    faults.add(main.document.diagnostic("E117", said, main.element, "ID", hint=hint))
+
+
+def check_scripts(plan: TreePlan, registry: Registry, faults: DiagnosticCollector) -> None:
+    """Note the scripts of *plan* that can't be parsed."""
+    document = plan.definition.document
+    for node in nodes_of(plan):
+        texts = dict(node.scripts)
+        if node.id in ("Script", "ScriptCondition", "Precondition"):
+            texts.update(
+                (port.name, text)
+                for port, text, _ in node.ports
+                if port.name in ("code", "if") and remapped_key(text, port.name) is None
+            )
+        for key, text in texts.items():
+            try:
+                compile_script(text, registry.types.enums)
+            except ScriptError as fault:
+                faults.add(script_diagnostic(document, node, key, fault))
+
+
+def script_diagnostic(document: Document, node: NodePlan, key: str, fault: ScriptError) -> Diagnostic:
+    """The diagnostic of a script in attribute *key* that can't be parsed."""
+    said = f"the script in '{key}' of <{node.id}>: {fault.message}"
+    return document.diagnostic("E206", said, node.element, key, within=fault.column)

@@ -1,0 +1,371 @@
+"""What a tree is made from: its nodes with their ports sorted out, checked once per definition."""
+
+from collections.abc import Mapping
+from operator import attrgetter
+
+from btcore.blackboard.ports import (
+    Binding,
+    Input,
+    Port,
+    remapped_key,
+)
+from btcore.errors import ConversionError
+from btcore.names import is_port_name
+from btcore.registry.manifest import Manifest
+from btcore.values import BOOL
+from btcore.xml.plan.node_plan import NodePlan as NodePlan
+from btcore.xml.plan.node_plan import SubtreeCall as SubtreeCall
+from btcore.xml.plan.palette import NodePalette, port_hint
+from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions, tree_hint
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.dialect import (
+    EXPLICIT_TAGS,
+    POSTCONDITION_ATTRIBUTES,
+    PRECONDITION_ATTRIBUTES,
+    SCRIPT_ATTRIBUTES,
+    Dialect,
+)
+from btcore.xml.read.element import Element
+from btcore.xml.read.positions import ElementPart
+
+_DEPTH_OF = attrgetter("depth")
+_CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
+
+
+class BindingCache:
+    """What is known of the nodes of one manifest: what their ports were bound to so far, by text.
+
+    *defaults* are the bindings of the ports that a document may leave out.
+    """
+
+    __slots__ = ("bindings", "defaults", "id", "manifest", "ports")
+
+    def __init__(self, id: str, manifest: Manifest, format: int) -> None:
+        self.id = id
+        self.manifest = manifest
+        self.ports = manifest.ports
+        self.bindings: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
+        self.defaults = [
+            (Input if port.reads else Binding)(port, port.default, format, written=False)
+            for port in manifest.ports.values()
+            if port.default is not None
+        ]
+
+
+class TreePlan:
+    """A definition with the plan of its nodes; *calls* are its SubTree nodes, *depth* its levels."""
+
+    def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
+        self.definition = definition
+        self.root = root
+        self.calls: list[NodePlan] = []
+        self.depth = 0
+        self.size = 0
+
+
+class TreePlanner:
+    """Plans definitions as they are asked for; what is wrong goes to *faults*."""
+
+    def __init__(
+        self,
+        forest: TreeDefinitions,
+        palette: NodePalette,
+        outlines: Mapping[TreeDefinition, list[NodePlan]],
+        subtree_models: Mapping[str, Mapping[str, str | None]],
+        faults: DiagnosticCollector,
+    ) -> None:
+        self.definitions = forest
+        self.dialect: Dialect = forest.dialect
+        self._palette = palette
+        self._outlines = outlines
+        self._models = subtree_models
+        self._faults = faults
+        self._plans: dict[str, TreePlan] = {}
+        self._known: dict[str, BindingCache] = {}
+        self._by_tag: dict[str, BindingCache] = {}
+        self._kept: set[str] = set()
+        self._document = forest.documents[-1]
+
+    def plan(self, definition: TreeDefinition) -> TreePlan:
+        """The plan of *definition*, without those of the trees that it calls."""
+        known = self._plans.get(definition.id)
+        if known is not None:
+            return known
+        self._document = definition.document
+        plan = TreePlan(definition, None)
+        self._plans[definition.id] = plan
+        top, *nodes = self._outlines[definition]
+        if nodes:
+            plan.root = nodes[0]
+            if len(top.children) > 1:
+                # A tree has one root; the others are refused, and not looked at.
+                nodes = nodes[: nodes.index(top.children[1])]
+            self._nodes(nodes, plan)
+        return plan
+
+    def _error(
+        self,
+        code: str,
+        said: str,
+        element: Element,
+        attribute: str,
+        hint: str = "",
+        name: bool = False,
+    ) -> None:
+        part: ElementPart = "name" if name else "value"
+        self._faults.add(self._document.diagnostic(code, said, element, attribute, part, hint))
+
+    def _nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
+        """Plan *nodes*, and take those that nobody knows (the shape says so) out of the tree."""
+        tree.size = len(nodes)
+        tree.depth = max(map(_DEPTH_OF, nodes))
+        known_tags = self._by_tag
+        unknown: set[NodePlan] = set()
+        for node in nodes:
+            tag = node.element.tag
+            known = known_tags.get(tag)
+            if known is None:
+                if tag in self.dialect.subtree_tags:
+                    if not self._subtree(tag, node, tree):
+                        unknown.add(node)
+                    continue
+                known = self._look_up(tag, node.element)
+                if known is None:
+                    unknown.add(node)
+                    continue
+            node.id = known.id
+            node.manifest = known.manifest
+            self._attributes(node, known)
+        if unknown:
+            if tree.root in unknown:
+                tree.root = None
+            for node in nodes:
+                node.children = [child for child in node.children if child not in unknown]
+
+    def _look_up(self, tag: str, element: Element) -> BindingCache | None:
+        """What is known of the nodes that *element* is one of; None if nobody knows them."""
+        id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
+        known = self._known.get(id)
+        if known is None:
+            manifest = self._palette.manifests.get(id)
+            if manifest is None:
+                return None
+            self._known[id] = known = BindingCache(id, manifest, self.dialect.format)
+        if tag not in EXPLICIT_TAGS:
+            self._by_tag[tag] = known
+        return known
+
+    def _attributes(self, plan: NodePlan, known: BindingCache) -> None:
+        bindings: list[Binding] = []
+        others: dict[str, str] = {}
+        known_bindings = known.bindings
+        for key, text in plan.element.attributes.items():
+            by_text = known_bindings.get(key)
+            if by_text is not None:
+                bindings.append(by_text.get(text) or self._bind(plan, known.ports[key], text, by_text))
+            elif key == "name":
+                plan.name = text
+                if not text.isprintable():
+                    self._check_name(plan, text)
+            else:
+                others[key] = text
+        if others:
+            if not self._kept.issuperset(others):
+                others = self._sort_out(plan, known.manifest, others)
+            plan.attributes = others
+        if known.defaults and len(bindings) < len(known.bindings):
+            given = {bound.port for bound in bindings}
+            bindings += [bound for bound in known.defaults if bound.port not in given]
+        plan.bindings = bindings
+
+    def _sort_out(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
+        """What is kept of the attributes that are neither ports nor the name; scripts are set apart."""
+        dialect = self.dialect
+        scripts: dict[str, str] = {}
+        kept: dict[str, str] = {}
+        for key, text in others.items():
+            if key in SCRIPT_ATTRIBUTES and dialect.free_underscore:
+                scripts[key] = text
+            elif key == "ID":
+                if dialect.explicit_by_id and plan.element.tag not in EXPLICIT_TAGS:
+                    said = f'<{plan.id}> has an ID, which only explicit tags such as <Action ID="…"> have'
+                    self._error("E103", said, plan.element, key, 'to name the node, write name="…"')
+            elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
+                kept[key] = text
+            else:
+                said = f"<{plan.id}> has no port '{key}'"
+                self._error("E201", said, plan.element, key, port_hint(manifest, key), name=True)
+        if scripts:
+            plan.scripts = {
+                key: scripts[key]
+                for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
+                if key in scripts
+            }
+        self._kept.update(kept)
+        return kept
+
+    def _check_name(self, plan: NodePlan, text: str) -> None:
+        if self.dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
+            self._error("E116", f"a name has no control characters, but {text!r} does", plan.element, "name")
+
+    def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
+        """The binding of *port* to a *text* that it was not bound to before."""
+        bound = (Input if port.reads else Binding)(port, text, self.dialect.format)
+        if bound.key is None:
+            is_fine = not bound.fault and text != port.default
+        else:
+            is_fine = text[0] == "{" and text[-1] == "}"
+        if is_fine or not self.dialect.literals_checked or self._is_convertible(plan, bound):
+            by_text[text] = bound
+        return bound
+
+    def _is_convertible(self, plan: NodePlan, bound: Binding) -> bool:
+        """Refuse a text that is no ``{key}`` and doesn't convert to the type of the port."""
+        port, text = bound.port, bound.text
+        if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
+            return True  # then it is one, if not of this format
+        kind = port.type
+        if not kind.strong or not kind.converts:
+            return True
+        fault = bound.fault
+        if bound.key is not None or text == port.default:
+            # Then the text was not converted.
+            try:
+                kind.from_text(text)
+            except ConversionError as found:
+                fault = str(found)
+        if not fault:
+            return True
+        hint = ""
+        if bound.key is not None:
+            hint = "write {=}" if "=" in text else f"write {text.strip()}, without spaces around"
+        elif is_port_name(text):
+            hint = f"for the blackboard's entry write {{{text}}}"
+        said = f"the port '{port.name}' of <{plan.id}> takes {kind.name}: {fault}"
+        self._error("E202", said, plan.element, port.name, hint)
+        return False
+
+    # --- SubTree elements
+
+    def _subtree(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
+        """Plan a call of a tree; whether there is such a tree."""
+        element = plan.element
+        id = element.get("ID") or ""
+        plan.id = tag
+        plan.manifest = self._palette.manifests.get(tag)
+        call = SubtreeCall(id)
+        plan.call = call
+        tree.calls.append(plan)
+        if self.dialect.format == 3:
+            self._call_of_3(plan, call, tag)
+        else:
+            self._call_of_4(plan, call)
+        if id in self.definitions.by_id:
+            return True
+        if element.get("ID") is not None and self.definitions.complete:
+            self._error(
+                "E109", f"no tree is called '{id}'", element, "ID", tree_hint(id, self.definitions.by_id)
+            )
+        return False
+
+    def _call_of_4(self, plan: NodePlan, call: SubtreeCall) -> None:
+        given: dict[str, str] = {}
+        scripts: dict[str, str] = {}
+        attributes: dict[str, str] = {}
+        for key, text in plan.element.attributes.items():
+            if key == "_autoremap":
+                call.autoremap = self._truth(plan, key, text)
+            elif key == "name":
+                plan.name = text
+                self._check_name(plan, text)
+            elif key in SCRIPT_ATTRIBUTES:
+                scripts[key] = text
+            elif is_port_name(key):
+                given[key] = text
+            elif key != "ID":
+                attributes[key] = text
+        plan.scripts, plan.attributes = scripts, attributes
+        if not call.autoremap:
+            for port, default in self._models.get(call.tree, {}).items():
+                if port in given:
+                    continue
+                if default is None or default == "":
+                    said = (
+                        f"<SubTree> is not given the port '{port}', which the model of '{call.tree}' demands"
+                    )
+                    hint = f'write {port}="…", or give it a default in <TreeNodesModel>'
+                    self._error("E204", said, plan.element, "", hint)
+                else:
+                    given[port] = default
+        call.written = given
+        for key, text in given.items():
+            outer = remapped_key(text, key) if text != "=" else None
+            if outer is not None:
+                call.remaps[key] = outer
+            else:
+                call.constants[key] = text
+
+    def _call_of_3(self, plan: NodePlan, call: SubtreeCall, tag: str) -> None:
+        for key, text in plan.element.attributes.items():
+            if key == "ID":
+                continue
+            if key == "__shared_blackboard" and tag == "SubTree":
+                call.shared = self._truth(plan, key, text)
+            elif key == "__autoremap" and tag == "SubTreePlus":
+                call.legacy_autoremap = self._truth(plan, key, text)
+            elif tag == "SubTree":
+                call.written[key] = text
+                # Without braces: what is written is the outer key itself.
+                call.remaps[key] = text
+            else:
+                call.written[key] = text
+                outside = remapped_key(text, key, 3) if text != "=" else None
+                if outside is not None:
+                    call.remaps[key] = outside
+                else:
+                    call.constants[key] = text
+        plan.name = call.tree
+
+    def _truth(self, plan: NodePlan, key: str, text: str) -> bool:
+        try:
+            return BOOL.from_text(text, self.dialect.format) is True
+        except ConversionError:
+            said = f"{key} is 'true' or 'false', not '{text}'"
+            self._error("E207", said, plan.element, key)
+            return False
+
+
+def topological_order(
+    planner: TreePlanner, main: TreeDefinition, faults: DiagnosticCollector
+) -> list[TreePlan] | None:
+    """The plans below *main* and its own, called trees before those that call them.
+
+    None if trees call each other in a circle; every call that closes one goes to *faults*.
+    """
+    order: dict[str, TreePlan] = {}
+    in_circle = False
+    path: dict[str, None] = {}
+    pending: list[tuple[str, bool]] = [(main.id, False)]
+    while pending:
+        id, leaving = pending.pop()
+        if leaving:
+            del path[id]
+            order[id] = planner.plan(planner.definitions.by_id[id])
+            continue
+        if id in order:
+            continue
+        path[id] = None
+        pending.append((id, True))
+        plan = planner.plan(planner.definitions.by_id[id])
+        for node in plan.calls:
+            called = node.call.tree if node.call is not None else ""
+            if called in path:
+                in_circle = True
+                way = [*path, called]
+                said = f"the trees call each other in a circle: {' → '.join(way[way.index(called) :])}"
+                document = plan.definition.document
+                hint = "a tree can't contain itself"
+                faults.add(document.diagnostic("E110", said, node.element, "ID", hint=hint))
+            elif called in planner.definitions.by_id and called not in order:
+                pending.append((called, False))
+    return None if in_circle else list(order.values())

@@ -1,0 +1,207 @@
+"""The shape of trees: tags that are known, children that fit, names that may be; and their outline."""
+
+from collections.abc import Mapping
+
+from btcore.names import forbidden_in, is_reserved
+from btcore.status import NodeType
+from btcore.xml.plan.node_plan import NodePlan
+from btcore.xml.plan.palette import NodePalette
+from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
+from btcore.xml.read.document import Document
+from btcore.xml.read.element import Element
+
+_A_NODE = {
+    NodeType.ACTION: "an action",
+    NodeType.CONDITION: "a condition",
+}
+_LEAVES = (NodeType.ACTION, NodeType.CONDITION)
+
+
+def element_children(element: Element) -> list[Element]:
+    """The elements in *element* but for the obsolete ``<Root>`` of Groot 1."""
+    return [child for child in element.children if child.tag != "Root"]
+
+
+class StructureChecker:
+    """Checks the definitions of a forest, whether they are used or not."""
+
+    def __init__(self, forest: TreeDefinitions, palette: NodePalette, faults: DiagnosticCollector) -> None:
+        self._trees: Mapping[str, TreeDefinition] = forest.by_id
+        self._forest = forest
+        self._dialect: Dialect = forest.dialect
+        self._palette = palette
+        self._faults = faults
+        self._document = forest.documents[-1]
+        self._kinds: dict[str, NodeType | None] = {}
+        self._leaves: set[str] = set()
+
+    def check(self) -> dict[TreeDefinition, list[NodePlan]]:
+        """Check all; the nodes of each definition in pre-order, its ``<BehaviorTree>`` first."""
+        for document in self._forest.documents:
+            self._models(document)
+        outlines: dict[TreeDefinition, list[NodePlan]] = {}
+        for definition in self._forest.all:
+            self._document = definition.document
+            outlines[definition] = self._walk(definition.element)
+        return outlines
+
+    def _error(self, code: str, said: str, element: Element, attribute: str = "", hint: str = "") -> None:
+        self._faults.add(self._document.diagnostic(code, said, element, attribute, hint=hint))
+
+    def _models(self, document: Document) -> None:
+        models = list(document.root.iterchildren("TreeNodesModel"))
+        if self._dialect.explicit_by_id and len(models) > 1:
+            said = "a document has one <TreeNodesModel>, and this is the second"
+            hint = "move its models into the first"
+            self._faults.add(document.diagnostic("E113", said, models[1], hint=hint))
+
+    def _walk(self, top: Element) -> list[NodePlan]:
+        limit = self._document.max_depth or self._dialect.max_depth
+        # What is in a SubTree of format 3 is not looked at: its having children is said already.
+        closed = self._dialect.subtree_tags if not self._dialect.explicit_by_id else frozenset()
+        kinds = self._kinds
+        nodes: list[NodePlan] = []
+        pending = [NodePlan(top, 0)]
+        while pending:
+            node = pending.pop()
+            nodes.append(node)
+            element = node.element
+            tag = element.tag
+            children = element.children
+            if not children and tag in self._leaves:
+                continue
+            if children:
+                children = element_children(element)
+                if len(children) != len(element.children):
+                    self._obsolete(element)
+            kind = kinds[tag] if tag in kinds else self._compact(tag)
+            if kind is None:
+                self._special(tag, element, children)
+            elif children or tag not in self._leaves:
+                self._count(tag, kind, element, children)
+            if not children:
+                continue
+            below = node.depth + 1
+            if below > limit:
+                said = f"elements are nested more than {limit:,} deep"
+                self._error("E006", said, element, hint="split the tree into subtrees")
+            elif tag not in closed:
+                node.children = [NodePlan(child, below) for child in children]
+                pending += reversed(node.children)
+        return nodes
+
+    def _compact(self, tag: str) -> NodeType | None:
+        """The kind by which children of the compact *tag* are counted; None if it is none or unknown."""
+        manifest = self._palette.manifests.get(tag)
+        kind = None
+        if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT_TAGS:
+            kind = manifest.type
+            needy = self._dialect.controls_need_children
+            may_be_empty = kind is NodeType.CONTROL and needy is not None and tag not in needy
+            if may_be_empty or (kind in _LEAVES and not self._dialect.leaves_checked):
+                kind = NodeType.UNDEFINED
+        self._kinds[tag] = kind
+        if kind in _LEAVES:
+            self._leaves.add(tag)
+        return kind
+
+    def _obsolete(self, element: Element) -> None:
+        for child in element.iterchildren("Root"):
+            said = "<Root> is obsolete and is skipped"
+            self._faults.add(self._document.diagnostic("W103", said, child, hint="remove it"))
+
+    def _special(self, tag: str, element: Element, children: list[Element]) -> None:
+        """An element that is no compact node."""
+        if tag == "BehaviorTree":
+            self._tree(element, children)
+        elif tag in self._dialect.subtree_tags:
+            self._subtree(tag, element, children)
+        elif tag in EXPLICIT_TAGS:
+            self._explicit(tag, element, children)
+        else:
+            self._error("E101", f"unknown node <{tag}>", element, hint=self._unknown(tag))
+
+    def _explicit(self, tag: str, element: Element, children: list[Element]) -> None:
+        node = element.get("ID") or ""
+        if not node:
+            said = f"<{tag}> does not say which node it is"
+            hint = f'write <{tag} ID="…"/>'
+            self._error("E102", said, element, hint=hint)
+            return
+        manifest = self._palette.manifests.get(node)
+        if manifest is None:
+            self._error("E101", f"unknown node '{node}'", element, "ID", self._unknown(node))
+            return
+        kind = manifest.type if self._dialect.explicit_by_id else EXPLICIT_TAGS[tag]
+        self._count(node, kind, element, children)
+
+    def _unknown(self, node: str) -> str:
+        """A hint for a *node* that is not registered."""
+        declaring = (
+            document.file
+            for document in self._forest.documents
+            for models in document.root.iterchildren("TreeNodesModel")
+            if any(model.get("ID") == node for model in models.iterchildren(*EXPLICIT_TAGS))
+        )
+        return self._palette.unknown_node_hint(node, self._trees, next(declaring, None))
+
+    def _count(self, node: str, kind: NodeType, element: Element, children: list[Element]) -> None:
+        """Say so if *children* are too few or too many for *node*, which is of *kind*."""
+        found = len(children)
+        has = "no child" if found == 0 else f"{found} children" if found > 1 else "1 child"
+        if kind is NodeType.DECORATOR:
+            if found != 1:
+                hint = "put them into a <Sequence>" if found else ""
+                self._error("E104", f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint)
+        elif kind is NodeType.CONTROL:
+            least = 2 if node == "TryCatch" else 1
+            if found < least:
+                said = f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
+                hint = "the last child is the handler" if least > 1 else ""
+                self._error("E104", said, element, hint=hint)
+            elif node == "ReactiveSequence":
+                self._one_asynchronous(children)
+        elif found and kind in _LEAVES:
+            self._error("E104", f"<{node}> has {has}; {_A_NODE[kind]} has none", element)
+
+    def _one_asynchronous(self, children: list[Element]) -> None:
+        lasting = [child for child in children if child.tag == "AsyncSequence"]
+        if len(lasting) > 1 and self._dialect.explicit_by_id:
+            said = "a ReactiveSequence has one AsyncSequence at most, and this is the second"
+            self._error("E114", said, lasting[1], hint="only one child of it can be RUNNING")
+
+    def _tree(self, element: Element, children: list[Element]) -> None:
+        name = element.get("ID") or ""
+        called = f"the tree '{name}'" if name else "the tree"
+        if self._dialect.tree_ids_checked and name:
+            self._not_a_node(name, element)
+            char = forbidden_in(name)
+            if char:
+                said = f"a tree's ID has no {char!r} in it, but this one is '{name}'"
+                self._error("E107", said, element, "ID", "letters, digits, '_' and '-' will do")
+            elif is_reserved(name):
+                self._error("E107", f"no tree may be called '{name}'; it is reserved", element, "ID")
+        if len(children) != 1:
+            found = f"{len(children)} children" if children else "no child"
+            said = f"{called} has {found}; a tree has exactly 1"
+            hint = "put them into a <Sequence>" if children else ""
+            self._error("E104", said, element, hint=hint)
+
+    def _subtree(self, tag: str, element: Element, children: list[Element]) -> None:
+        name = element.get("ID") or ""
+        if element.get("ID") is None or (not name and self._dialect.explicit_by_id):
+            said = f"<{tag}> does not say which tree it is"
+            self._error("E102", said, element, hint=f'write <{tag} ID="…"/>')
+        elif self._dialect.tree_ids_checked:
+            self._not_a_node(name, element)
+        if children:
+            said = f'<{tag} ID="{name}"> has children; what it does stands in its <BehaviorTree>'
+            self._error("E104", said, children[0])
+
+    def _not_a_node(self, name: str, element: Element) -> None:
+        known = self._palette.manifests.get(name)
+        if known is not None and not known.is_overridable:
+            said = f"a tree can't be called '{name}', as a node is"
+            self._error("E105", said, element, "ID", "rename the tree")

@@ -1,0 +1,1 @@
+"""Read documents: from a file or a text to elements with their positions."""

@@ -1,0 +1,94 @@
+"""Documents that name others by ``<include path="…" ros_pkg="…"/>``."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from btcore.errors import XmlSyntaxError
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document, parse_file
+from btcore.xml.read.element import Element
+
+PackageResolver = Callable[[str], "str | Path | None"]
+"""From the name of a ROS package to the directory that its files are shared in; None if unknown."""
+
+
+def resolve_includes(
+    document: Document, faults: DiagnosticCollector, packages: PackageResolver | None = None
+) -> list[Document]:
+    """The documents that *document* includes, however indirectly, and *document* itself, last.
+
+    Included documents come before the one that names them, so that of two trees of one ID the
+    including document's is the later one. A file that is named twice is read once.
+    """
+    found: list[Document] = []
+    seen: set[Path] = set()
+    _gather(document, faults, packages, found, seen, [])
+    return found
+
+
+def _gather(
+    document: Document,
+    faults: DiagnosticCollector,
+    packages: PackageResolver | None,
+    found: list[Document],
+    seen: set[Path],
+    chain: list[Path],
+) -> None:
+    own = [Path(document.file).resolve()] if document.file else []
+    seen.update(own)
+    for element in document.root.iterchildren("include"):
+        path = _path_of(document, element, faults, packages)
+        if path is None:
+            continue
+        resolved = path.resolve()
+        if resolved in [*chain, *own]:
+            circle = [*chain, *own][[*chain, *own].index(resolved) :]
+            names = " → ".join(one.name for one in [*circle, resolved])
+            faults.add(document.diagnostic("E007", f"the files include each other: {names}", element, "path"))
+        elif resolved not in seen:
+            try:
+                included = parse_file(path)
+            except XmlSyntaxError as fault:
+                _tell(fault, document, element, faults)
+                seen.add(resolved)
+            else:
+                _gather(included, faults, packages, found, seen, [*chain, *own])
+    found.append(document)
+
+
+def _tell(fault: XmlSyntaxError, document: Document, element: Element, faults: DiagnosticCollector) -> None:
+    for one in fault.diagnostics:
+        if one.code != "E003":
+            faults.add(one)
+            continue
+        said = f"the included file '{one.file}': {one.message}"
+        faults.add(document.diagnostic("E007", said, element, "path", hint=one.hint))
+
+
+def _path_of(
+    document: Document, element: Element, faults: DiagnosticCollector, packages: PackageResolver | None
+) -> Path | None:
+    written = element.get("path")
+    if not written:
+        hint = 'write <include path="other.xml"/>'
+        faults.add(document.diagnostic("E007", "<include> names no file", element, hint=hint))
+        return None
+    path = Path(written)
+    package = element.get("ros_pkg")
+    if package is None:
+        return path if path.is_absolute() else document.folder / path
+    if path.is_absolute():
+        said = f"ros_pkg '{package}' is ignored, as the path is absolute"
+        faults.add(document.diagnostic("W107", said, element, "ros_pkg"))
+        return path
+    folder = packages(package) if packages is not None else None
+    if folder is None:
+        said = f"the ROS package '{package}' is not known"
+        hint = (
+            "no resolver of packages was given: pass one, from a package's name to its share directory"
+            if packages is None
+            else "the resolver of packages does not know it"
+        )
+        faults.add(document.diagnostic("E007", said, element, "ros_pkg", hint=hint))
+        return None
+    return Path(folder) / path

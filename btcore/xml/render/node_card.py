@@ -1,0 +1,177 @@
+"""How one node of a tree looks in a picture: a card with a badge, names, ports and scripts."""
+
+from typing import Final, NamedTuple
+from xml.sax.saxutils import escape
+
+from btcore.status import NodeType
+from btcore.xml.render.tree_drawing import DiagramNode
+
+FAMILY_COLOURS: Final = {
+    NodeType.CONTROL: ("control", "#2f66c8"),
+    NodeType.DECORATOR: ("decorator", "#7c4fd0"),
+    NodeType.CONDITION: ("condition", "#0b8a80"),
+    NodeType.ACTION: ("action", "#3d8b3d"),
+    NodeType.SUBTREE: ("subtree", "#c2730a"),
+    NodeType.UNDEFINED: ("unknown", "#6b7280"),
+}
+_NAME_SIZE: Final = 13.0
+_ID_SIZE: Final = 10.5
+_PORT_SIZE: Final = 10.5
+_PORT_LINE: Final = 15.0
+_MARGIN: Final = 10.0
+_BADGE: Final = 11.0
+_TEXT_AT: Final = _MARGIN + 2 * _BADGE + 8
+_LONGEST: Final = 46
+_MONO: Final = 0.602  # the advance of most monospaced faces, in em
+_NARROW: Final = frozenset("ijlftrI.,:;'|!()[] ")
+_WIDE: Final = frozenset("mwMWQO@%—→")
+
+_SCRIPT_PORTS: Final = {("Script", "code"), ("ScriptCondition", "code"), ("Precondition", "if")}
+
+# Strokes around (0, 0), within a radius of 7. The first family that an ID begins with counts.
+_GLYPHS: Final = {
+    "Sequence": "M-6 0H5M1-4.2L5.4 0L1 4.2",
+    "AsyncSequence": "M-6 0H5M1-4.2L5.4 0L1 4.2",
+    "ReactiveSequence": "M-6 0H5M1-4.2L5.4 0L1 4.2",
+    "Fallback": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
+    "AsyncFallback": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
+    "ReactiveFallback": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
+    "Parallel": "M-6-3.2H4.4M1.8-5.8L4.8-3.2L1.8-.6M-6 3.2H4.4M1.8.6L4.8 3.2L1.8 5.8",
+    "Switch": "M-6 0H-1.5L4.5-4.6M-1.5 0L4.5 4.6M-1.5 0H5",
+    "IfThenElse": "M-6 0H-1.5L4.5-4.4M-1.5 0L4.5 4.4",
+    "WhileDoElse": "M-6 0H-1.5L4.5-4.4M-1.5 0L4.5 4.4",
+    "TryCatch": "M-5.5-3.5H1Q4.5-3.5 4.5 0T1 3.5H-4.5M-1.8.8L-4.8 3.5L-1.8 6.2",
+    "Inverter": "M-5-2H5V3.5",
+    "Repeat": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
+    "Retry": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
+    "Loop": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
+    "KeepRunning": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
+    "Timeout": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
+    "Delay": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
+    "Sleep": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
+    "ForceSuccess": "M-4.8.2L-1.4 3.6L4.8-3.6",
+    "AlwaysSuccess": "M-4.8.2L-1.4 3.6L4.8-3.6",
+    "ForceFailure": "M-4-4L4 4M4-4L-4 4",
+    "AlwaysFailure": "M-4-4L4 4M4-4L-4 4",
+    "Script": "M-2-5C-4.6-5-2.6 0-5 0C-2.6 0-4.6 5-2 5M2-5C4.6-5 2.6 0 5 0C2.6 0 4.6 5 2 5",
+    "SetBlackboard": "M0-5.5V1.6M-3.2-1.4L0 1.8L3.2-1.4M-5 5.2H5",
+    "SubTree": "M0-5.4V-.6M-4.4 5V-.6H4.4V5",
+}
+_OF_TYPE: Final = {
+    NodeType.CONTROL: "M-5 0h.1M0 0h.1M5 0h.1",
+    NodeType.DECORATOR: "M0-5.4L5.4 0L0 5.4L-5.4 0Z",
+    NodeType.CONDITION: "M0-5.4L5.4 0L0 5.4L-5.4 0Z",
+    NodeType.ACTION: "M-3-4.6L4.8 0L-3 4.6Z",
+}
+
+
+class Card(NamedTuple):
+    """A node's card: *width* and *height* in px, and its *drawing* at (0, 0)."""
+
+    width: float
+    height: float
+    drawing: list[str]
+
+
+def text_width(text: str, size: float, bold: bool = False) -> float:
+    """How wide *text* is in a usual sans-serif face of *size* px, on the generous side."""
+    units = 0.0
+    for char in text:
+        if char in _NARROW:
+            units += 0.34
+        elif char in _WIDE:
+            units += 0.92
+        elif char.isupper():
+            units += 0.7
+        elif ord(char) > 0x2E80:  # ideographs are square
+            units += 1.0
+        else:
+            units += 0.575
+    return units * size * (1.07 if bold else 1.0)
+
+
+def card_of(node: DiagramNode) -> Card:
+    """The card of *node*, for itself."""
+    kind = FAMILY_COLOURS[node.type][0]
+    second = _second_name(node)
+    number = str(node.uid)
+    number_room = text_width(number, 9) + 14
+    head = 46.0 if second else 36.0
+    lines = [
+        _script_line(name, text) if (node.id, name) in _SCRIPT_PORTS else _port_line(name, text, direction)
+        for name, text, direction in node.ports
+    ]
+    lines += [_script_line(name, text) for name, text in node.scripts.items()]
+    width = _TEXT_AT + text_width(node.name, _NAME_SIZE, bold=True) + number_room
+    if second:
+        width = max(width, _TEXT_AT + text_width(second, _ID_SIZE) + _MARGIN)
+    for length, _ in lines:
+        width = max(width, 2 * _MARGIN + length * _MONO * _PORT_SIZE + 2)
+    height = head + (len(lines) * _PORT_LINE + 8 if lines else 0)
+    corner = 17 if node.type is NodeType.CONDITION else 7
+    drawing = [f"<title>{escape(_hover(node))}</title>"]
+    size = f'width="{width:.1f}" height="{height:.1f}" rx="{corner}"'
+    drawing.append(f'<rect class="card {kind}" {size}/>')
+    drawing.append(_badge(node, head / 2))
+    baseline = head / 2 + (-1 if second else 4.5)
+    drawing.append(f'<text class="name" x="{_TEXT_AT:g}" y="{baseline:g}">{escape(node.name)}</text>')
+    if second:
+        drawing.append(
+            f'<text class="id {kind}" x="{_TEXT_AT:g}" y="{baseline + 14:g}">{escape(second)}</text>'
+        )
+    drawing.append(f'<text class="uid" x="{width - 9:.1f}" y="15">{number}</text>')
+    if lines:
+        drawing.append(f'<path class="rule" d="M{_MARGIN:g} {head:g}H{width - _MARGIN:.1f}"/>')
+    for row, (_, words) in enumerate(lines):
+        y = head + 15 + row * _PORT_LINE
+        drawing.append(f'<text class="port" x="{_MARGIN + 1:g}" y="{y:g}">{words}</text>')
+    return Card(width, height, drawing)
+
+
+def _second_name(node: DiagramNode) -> str:
+    """What stands under the name: the ID, unless it is the name."""
+    if node.type is NodeType.SUBTREE:
+        return node.id if node.tree == node.name else f"{node.id} {node.tree}"
+    return node.id if node.id != node.name else ""
+
+
+def _hover(node: DiagramNode) -> str:
+    """What a browser shows under the mouse: everything in full."""
+    lines = [f"{node.name} <{node.id}>"]
+    lines += (f'{name}="{text}"' for name, text, _ in node.ports)
+    lines += (f'{name}="{text}"' for name, text in node.scripts.items())
+    return "\n".join([*lines, *([node.about] if node.about else [])])
+
+
+def _badge(node: DiagramNode, middle: float) -> str:
+    kind = FAMILY_COLOURS[node.type][0]
+    glyph = next(
+        (_GLYPHS[family] for family in sorted(_GLYPHS, key=len, reverse=True) if node.id.startswith(family)),
+        _OF_TYPE.get(node.type, "M-2 0h.1M2 0h.1"),
+    )
+    ring = '<circle class="ring" r="8.6"/>' if node.id.startswith("Reactive") else ""
+    scale = ' transform="scale(.8)"' if ring else ""
+    at = f"translate({_MARGIN + _BADGE:g} {middle:g})"
+    disc = f'<circle class="badge {kind}" r="{_BADGE:g}"/>{ring}'
+    return f'<g transform="{at}">{disc}<path class="glyph" d="{glyph}"{scale}/></g>'
+
+
+def _shortened(text: str) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
+def _port_line(name: str, text: str, direction: str) -> tuple[int, str]:
+    """A port: how many characters, and the text with its colours."""
+    sign = {"output": "←", "inout": "↔"}.get(direction, "→")
+    shown = _shortened(text) or "″″"
+    kind = "key" if shown.startswith(("{", "=", "${")) else "value"
+    words = f'<tspan class="dim">{sign} {escape(name)}</tspan>'
+    words += f'<tspan class="{kind}" dx="6">{escape(shown)}</tspan>'
+    return len(name) + len(shown) + 3, words
+
+
+def _script_line(name: str, text: str) -> tuple[int, str]:
+    shown = _shortened(text)
+    words = f'<tspan class="dim">{escape(name)}</tspan><tspan class="script" dx="6">{escape(shown)}</tspan>'
+    return len(name) + len(shown) + 1, words

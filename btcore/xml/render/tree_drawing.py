@@ -1,0 +1,95 @@
+"""A tree as it is drawn: what each node is called, and what is written at it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from btcore.blackboard.ports import Port
+from btcore.engine.node import TreeNode
+from btcore.status import NodeType
+from btcore.tree.tree import Tree
+from btcore.xml.plan.document_checks import DocumentAnalysis
+from btcore.xml.plan.plan import NodePlan, TreePlanner
+
+
+@dataclass(slots=True)
+class DiagramNode:
+    """One node with what is below it.
+
+    *uid* is its number in a run, *ports* are (name, text, direction) as ``("goal", "{g}", "input")``,
+    those that are written; *scripts* are ``_skipIf`` and the like; *tree* is the ID of the tree that a
+    SubTree node calls, whose root is its only child.
+    """
+
+    uid: int
+    id: str
+    name: str
+    type: NodeType
+    ports: list[tuple[str, str, str]]
+    scripts: Mapping[str, str]
+    about: str = ""
+    tree: str = ""
+    children: list["DiagramNode"] = field(default_factory=list)
+
+
+def diagram_of_tree(tree: Tree) -> DiagramNode:
+    """*tree* as it runs. Ports that have their default aren't shown."""
+    trees = {subtree.path: subtree.id for subtree in tree.subtrees[1:]}
+
+    def of(node: TreeNode) -> DiagramNode:
+        config = node.config
+        manifest = tree.registry.get(node.id, tree.format)
+        declared: Mapping[str, Port] = manifest.ports if manifest is not None else {}
+        texts = {name: port.text for name, port in config.outputs.items()}
+        texts.update((name, port.text) for name, port in config.inputs.items())
+        ports = [
+            (name, texts[name], port.direction.value)
+            for name, port in declared.items()
+            if name in texts and texts[name] != port.default
+        ]
+        sketch = DiagramNode(node.uid, node.id, node.name, node.type, ports, config.scripts)
+        sketch.about = manifest.description if manifest is not None else ""
+        if node.type is NodeType.SUBTREE:
+            sketch.tree = trees[node.path]
+            sketch.ports = [(name, text, "") for name, text in config.attributes.items() if name[:1] != "_"]
+        sketch.children = [of(child) for child in node.children]
+        return sketch
+
+    return of(tree.root)
+
+
+def diagram_of_document(examined: DocumentAnalysis) -> DiagramNode:
+    """The main tree of an *examined* document without errors, numbered as in a run of it."""
+    assert examined.main is not None, "a document without a main tree has errors"
+    return _Numbering(examined.planner).of_tree(examined.main.id)
+
+
+class _Numbering:
+    """Unfolds plans into nodes, depth first."""
+
+    def __init__(self, planner: TreePlanner) -> None:
+        self._planner = planner
+        self._uid = 0
+
+    def of_tree(self, id: str) -> DiagramNode:
+        """The root of the tree *id*."""
+        root = self._planner.plan(self._planner.definitions.by_id[id]).root
+        assert root is not None, "the tree has been checked"
+        return self._of(root)
+
+    def _of(self, plan: NodePlan) -> DiagramNode:
+        self._uid += 1
+        call = plan.call
+        about = plan.manifest.description if plan.manifest is not None else ""
+        if call is not None:
+            ports = [(name, text, "") for name, text in call.written.items()]
+            name = plan.name or call.tree
+            sketch = DiagramNode(
+                self._uid, plan.id, name, NodeType.SUBTREE, ports, plan.scripts, about, call.tree
+            )
+            sketch.children = [self.of_tree(call.tree)]
+            return sketch
+        kind = plan.manifest.type if plan.manifest is not None else NodeType.UNDEFINED
+        ports = [(port.name, text, port.direction.value) for port, text, written in plan.ports if written]
+        sketch = DiagramNode(self._uid, plan.id, plan.name or plan.id, kind, ports, plan.scripts, about)
+        sketch.children = [self._of(child) for child in plan.children]
+        return sketch

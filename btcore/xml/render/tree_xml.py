@@ -1,0 +1,86 @@
+"""A tree, as it runs, written as XML: what a Groot 2 monitor asks for, and a document to load again."""
+
+from collections.abc import Iterable
+
+from btcore.engine.node import TreeNode
+from btcore.names import is_port_name
+from btcore.status import NodeType
+from btcore.tree.tree import Subtree, Tree
+from btcore.xml.models.tree_nodes_model import model_lines, quoted
+from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
+
+_STEP = "    "
+
+
+def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) -> str:
+    """*tree* as BehaviorTree.CPP's WriteTreeToXML writes it (groot2.md §4.1).
+
+    Every instance of a subtree becomes a ``<BehaviorTree>`` of its own, in order of creation, with
+    its path as ``_fullpath``; every node stands in the compact form, with the texts of its ports,
+    defaults filled in. *metadata* adds each node's ``_uid``; *builtin_models* puts the nodes that
+    btcore brings into the TreeNodesModel too.
+    """
+    instances = {subtree.path: subtree for subtree in tree.subtrees}
+    lines = ['<root BTCPP_format="4">']
+    for subtree in tree.subtrees:
+        id, path = quoted(subtree.id), quoted(subtree.path)
+        lines.append(f"{_STEP}<BehaviorTree ID={id} _fullpath={path}>")
+        _write(subtree.root, 2, instances, metadata, lines)
+        lines.append(f"{_STEP}</BehaviorTree>")
+    manifests = tree.registry.manifests_of(tree.format).values()
+    lines += model_lines(one for one in manifests if builtin_models or one.distribution != "btcore")
+    return "\n".join([*lines, "</root>"]) + "\n"
+
+
+def _write(
+    node: TreeNode, depth: int, instances: dict[str, Subtree], metadata: bool, lines: list[str]
+) -> None:
+    indent = _STEP * depth
+    if node.type is NodeType.SUBTREE:
+        words = _call(node, instances[node.path], metadata)
+        lines.append(f"{indent}<SubTree {' '.join(words)}/>")
+        return
+    words = [node.id, *_words(node, metadata)]
+    if not node.children:
+        lines.append(f"{indent}<{' '.join(words)}/>")
+        return
+    lines.append(f"{indent}<{' '.join(words)}>")
+    for child in node.children:
+        _write(child, depth + 1, instances, metadata, lines)
+    lines.append(f"{indent}</{node.id}>")
+
+
+def _words(node: TreeNode, metadata: bool) -> list[str]:
+    """The attributes of a node that is no SubTree."""
+    config = node.config
+    pairs = [("name", node.name)]
+    if metadata:
+        pairs.append(("_uid", str(node.uid)))
+    pairs += ((key, port.text) for key, port in config.inputs.items())
+    pairs += ((key, port.text) for key, port in config.outputs.items() if key not in config.inputs)
+    return _joined([*pairs, *_scripts(node)])
+
+
+def _call(node: TreeNode, instance: Subtree, metadata: bool) -> list[str]:
+    """The attributes of a SubTree, which has neither a name nor a content of its own here."""
+    pairs = [("ID", instance.id)]
+    if metadata:
+        pairs += (("_fullpath", instance.path), ("_uid", str(node.uid)))
+    config = node.config
+    # A SubTree of format 3 names the outer key without braces.
+    bare = config.format == 3 and node.id == "SubTree"
+    for key, text in config.attributes.items():
+        if is_port_name(key):
+            pairs.append((key, f"{{{text}}}" if bare else text))
+    return _joined([*pairs, *_scripts(node)])
+
+
+def _scripts(node: TreeNode) -> list[tuple[str, str]]:
+    scripts = node.config.scripts
+    return [
+        (key, scripts[key]) for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES) if key in scripts
+    ]
+
+
+def _joined(pairs: Iterable[tuple[str, str]]) -> list[str]:
+    return [f"{key}={quoted(text)}" for key, text in pairs]

@@ -1,0 +1,266 @@
+"""``btcore hook``: breakpoints and injected statuses in a running robot, from the terminal."""
+
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from btcore_monitor.viewer_setup import MonitorCommandError, check_installed, stop_on_signals
+
+if TYPE_CHECKING:
+    from btcore_monitor.breakpoints import BreakpointClient
+    from btcore_monitor.wire.hooks import WireHook
+
+_LOOK_EVERY: Final = 0.1
+"""s between two looks whether to stop."""
+
+_SILENCE: Final = (
+    "a robot that hears nothing for 5 s disables its hooks and goes on; any btcore hook in time keeps them"
+)
+
+
+class Hooked(click.Group):
+    """A group whose ADDRESS may be left out: then it is this machine's port 1667."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click does, with the address filled in where a command stands in its place."""
+        if len(args) > 2 and args[1] == "--wait":  # the address first reads well, too
+            args = [*args[1:3], args[0], *args[3:]]
+        at = 2 if args[:1] == ["--wait"] else 0
+        if len(args) == at + 1 and args[at].isalpha() and args[at] not in self.commands:
+            near = get_close_matches(args[at], self.commands, n=1)
+            if near:
+                raise click.UsageError(f"there is no command '{args[at]}'. Did you mean '{near[0]}'?", ctx)
+        if args[at : at + 1] and args[at] in self.commands:
+            args = [*args[:at], "tcp://127.0.0.1:1667", *args[at:]]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=Hooked, subcommand_metavar="COMMAND ...")
+@click.argument("address", metavar="[ADDRESS]")
+@click.option(
+    "--wait",
+    "patience",
+    type=click.FloatRange(min=0.05),
+    default=3.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long the robot may take to come.",
+)
+@click.pass_context
+def hook(context: click.Context, address: str, patience: float) -> None:
+    """Stop, step and mislead the tree that runs at ADDRESS, on any robot that speaks Groot 2's protocol.
+
+    ADDRESS is as for `btcore monitor` (default: tcp://127.0.0.1:1667). A robot of btcore wants to be
+    started with --allow-control. A PATTERN is a node's path or name, or has * ? [] for many.
+    """
+    context.obj = (address, patience)
+
+
+@contextlib.contextmanager
+def _robot() -> Iterator["BreakpointClient"]:
+    """The robot that the command line names; what it refuses is a user's mistake."""
+    check_installed("zmq", "msgpack", "lxml")
+    from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
+
+    address, patience = click.get_current_context().find_object(tuple) or ("", 3.0)
+    try:
+        with BreakpointClient(address, patience) as robot:
+            yield robot
+    except BreakpointError as fault:
+        raise MonitorCommandError(str(fault)) from None
+
+
+_after = click.option("--after", is_flag=True, help="After the tick, not before it.")
+_status = click.Choice(["SUCCESS", "FAILURE"], case_sensitive=False)
+_for = click.option(
+    "--for", "seconds", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long."
+)
+
+
+@hook.command("break")
+@click.argument("patterns", nargs=-1, required=True, metavar="PATTERN...")
+@_after
+@click.option("--once", is_flag=True, help="Each breakpoint goes when it is released; stop after the last.")
+@click.option("--leave", is_flag=True, help="Set them and go; they last 5 s unless somebody keeps talking.")
+@_for
+def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, seconds: float | None) -> None:
+    """Set breakpoints and stay: say which is reached, and clear them at the end (Ctrl-C).
+
+    From another terminal, `btcore hook release` lets the tree go on.
+    """
+    with _robot() as robot:
+        paths = robot.break_at(*patterns, after=after, once=once)
+        for path in paths:
+            click.echo(f"breakpoint {'after' if after else 'before'} {path}")
+        if leave:
+            click.echo(_SILENCE, err=True)
+            return
+        left: Callable[[], bool] | None = None
+        if once:
+            mine = set(paths)
+            left = lambda: any(robot.path_of(one.uid) in mine for one in robot.hooks())  # noqa: E731
+        _stay(robot, seconds, left)
+        _clear(robot, paths)
+
+
+@hook.command()
+@click.argument("pattern", default="*")
+@click.option(
+    "--status", type=_status, metavar="STATUS", help="What the node's status is to be, instead of its tick's."
+)
+@click.option("--remove", is_flag=True, help="Take the breakpoint away too.")
+def release(pattern: str, status: str | None, remove: bool) -> None:
+    """Let the tree go on from where it stands."""
+    with _robot() as robot:
+        for path in robot.release(pattern, status, remove):
+            click.echo(f"released {path}")
+
+
+@hook.command()
+@click.argument("count", type=click.IntRange(min=1), required=False)
+@click.option(
+    "--within",
+    type=click.FloatRange(min=0),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long a tick may take to come.",
+)
+def step(count: int | None, within: float) -> None:
+    """Stop the tree before its root, and let it do one tick (or COUNT).
+
+    At a terminal, without COUNT, each Enter is one tick, and q lets the tree run.
+    """
+    with _robot() as robot:
+        if count is not None or not sys.stdin.isatty():
+            _tell_step(robot, robot.step(count or 1, within))
+            click.echo(_SILENCE, err=True)
+            return
+        _tell_step(robot, robot.step(0, within))
+        click.echo("Enter: one tick · q: let it run", err=True)
+        try:
+            while sys.stdin.readline().strip().lower() not in ("q", "quit"):
+                _tell_step(robot, robot.step(1, within))
+        except KeyboardInterrupt:
+            click.echo(err=True)
+        finally:
+            _clear(robot, [robot.tree.root.path])
+
+
+@hook.command()
+@click.argument("pattern")
+@click.argument("status", type=_status, metavar="STATUS")
+@_after
+@click.option("--keep", is_flag=True, help="Every tick, until Ctrl-C; else only the next one.")
+@click.option(
+    "--within",
+    type=click.FloatRange(min=0),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long the next tick may take to come.",
+)
+@_for
+def inject(pattern: str, status: str, after: bool, keep: bool, within: float, seconds: float | None) -> None:
+    """Let the next tick of the nodes that fit PATTERN end with STATUS (SUCCESS or FAILURE)."""
+    with _robot() as robot:
+        paths = robot.inject(pattern, status, after=after, once=not keep)
+        if keep:
+            for path in paths:
+                click.echo(f"{path}: always {status}")
+            _stay(robot, seconds)
+            _clear(robot, paths)
+            return
+        waiting, deadline = set(paths), time.monotonic() + within
+        while waiting:
+            reached = robot.poll(max(0.0, deadline - time.monotonic()))
+            if reached is None:
+                _clear(robot, sorted(waiting))
+                late = ", ".join(sorted(waiting))
+                raise MonitorCommandError(
+                    f"{late}: not ticked within {within:g} s, so nothing was injected there"
+                )
+            if reached.path in waiting:
+                waiting.remove(reached.path)
+                click.echo(f"{reached.path}: {status}")
+
+
+@hook.command("list")
+def list_() -> None:
+    """Say which hooks the robot has, whoever set them."""
+    with _robot() as robot:
+        found = robot.hooks()
+        for one in found:
+            click.echo(_described(one, robot.path_of(one.uid)))
+        if not found:
+            click.echo("no hooks")
+
+
+@hook.command()
+@click.argument("pattern", default="*")
+@click.option("--disable", is_flag=True, help="Keep them, all, without effect, instead.")
+def clear(pattern: str, disable: bool) -> None:
+    """Take hooks away (default: all); a tree that stands at one goes on."""
+    with _robot() as robot:
+        if disable:
+            robot.disable()
+            click.echo("all hooks are disabled")
+            return
+        found = robot.clear(pattern)
+        click.echo("\n".join(f"cleared {path}" for path in found) or "no hooks")
+
+
+def _described(one: "WireHook", path: str) -> str:
+    from btcore_monitor.wire.hooks import BREAKPOINT, OVERRIDING, PRE
+
+    words = [
+        "breakpoint" if one.mode == BREAKPOINT else "injects",
+        "before" if one.position == PRE else "after",
+    ]
+    words.append(path)
+    if one.desired_status in OVERRIDING:
+        words.append(one.desired_status)
+    words += ["once"] if one.once else []
+    words += [] if one.enabled else ["(disabled)"]
+    return " ".join(words)
+
+
+def _tell_step(robot: "BreakpointClient", reached: Any) -> None:
+    statuses = robot.statuses()
+    nodes = robot.tree.by_uid
+    running = [
+        node.path
+        for node in nodes.values()
+        if statuses.get(node.path) == "RUNNING"
+        and not any(statuses.get(nodes[child].path) == "RUNNING" for child in node.children)
+    ]
+    where = "before the next tick" if reached.uid == robot.tree.root.uid else f"at {reached.path}"
+    click.echo(f"stands {where}; running: {', '.join(running) or 'nothing'}")
+
+
+def _stay(robot: "BreakpointClient", seconds: float | None, more: Callable[[], bool] | None = None) -> None:
+    """Say what is reached until a signal, the time, or *more* (asked after each) ends it."""
+    stop = threading.Event()
+    deadline = None if seconds is None else time.monotonic() + seconds
+    with stop_on_signals(stop):
+        while not stop.is_set() and (deadline is None or time.monotonic() < deadline):
+            reached = robot.poll(_LOOK_EVERY)
+            if reached is not None:
+                click.echo(f"reached {reached.path}")
+            elif more is not None and not more():
+                return
+
+
+def _clear(robot: "BreakpointClient", paths: list[str]) -> None:
+    """Take away what was set; what is gone already is no matter."""
+    from btcore_monitor.breakpoints import BreakpointError
+
+    for path in paths:
+        with contextlib.suppress(BreakpointError):
+            robot.clear(path)

@@ -1,0 +1,192 @@
+"""``btcore record``: attach to a running robot and write what it tells into files."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from btcore.suggestions import join_names
+from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
+from btcore_monitor.display_options import DisplayOptions, display_options
+from btcore_monitor.viewer_setup import (
+    MonitorCommandError,
+    check_installed,
+    check_writable,
+    robot_options,
+    stop_on_signals,
+)
+
+if TYPE_CHECKING:
+    from btcore_monitor.events import Event, TreeSeen
+    from btcore_monitor.screen.robot_view import RobotView
+    from btcore_monitor.watch.feed import Feed
+
+_RERUN: Final = ".rrd"
+_WAIT: Final = 0.2
+"""s between two looks at a feed that says nothing."""
+_STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd"
+
+
+@click.command(short_help="Record a running robot into log files.")
+@click.argument("address", default=DEFAULT_ADDRESS)
+@click.option(
+    "-o",
+    "--output",
+    "outputs",
+    type=click.Path(dir_okay=False, path_type=Path),
+    multiple=True,
+    required=True,
+    metavar="FILE",
+    help="Where to: .btlog (Groot 2), .db3 or .btdb (SQLite), .rrd (rerun); may be given several times.",
+)
+@click.option("--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long.")
+@click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
+@robot_options
+@display_options
+def record(
+    address: str,
+    outputs: Sequence[Path],
+    duration: float | None,
+    until_end: bool,
+    no_record: bool,
+    blackboard_rate: float,
+    look: DisplayOptions,
+) -> None:
+    """Record what the tree at ADDRESS does; any robot will do that btcore monitor shows.
+
+    ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667). The robot may come
+    later, go, and come back: another tree gets files of its own, run.2.btlog after run.btlog. Ctrl-C stops,
+    and the files are whole. What is missing is marked in the files, and counted at the end.
+    """
+    check_installed("zmq", "msgpack", *(["rerun", "numpy"] if _recordings(outputs) else []))
+    from btcore.logs import LogError
+    from btcore_monitor.log_writer import LOGS, WRITE_ERRORS
+    from btcore_monitor.watch.address import AddressError
+    from btcore_monitor.watch.feed import Feed
+
+    _check(outputs, (*LOGS, _RERUN))
+    try:
+        with Feed(address, blackboard_rate=blackboard_rate, record=not no_record) as feed:
+            files = _Files(outputs, look)
+            try:
+                _follow(feed, files, duration, until_end)
+            finally:
+                files.close()
+    except (AddressError, LogError) as fault:
+        raise MonitorCommandError(str(fault)) from None
+    except WRITE_ERRORS as fault:
+        raise MonitorCommandError(f"the recording ends here, it can't be written any more: {fault}") from None
+    if not files.written:
+        raise MonitorCommandError(f"no tree was seen at {address}, so nothing is recorded")
+    book = files.book
+    lost = f"; {book.gaps} gaps are marked in them" if book.gaps else ""
+    told = f"{book.transitions} transitions in " if book.paths else ""
+    _say(f"{told}{join_names((str(one) for one in files.written), most=20)}{lost}")
+
+
+class _Files:
+    """All that is written: log files, and recordings for the viewer."""
+
+    def __init__(self, outputs: Sequence[Path], look: DisplayOptions) -> None:
+        from btcore_monitor.log_writer import LogWriter
+
+        recordings = _recordings(outputs)
+        self.book = LogWriter([path for path in outputs if path not in recordings])
+        self.screens = _screens(recordings, look) if recordings else []
+
+    @property
+    def written(self) -> list[Path]:
+        """The files that there are now."""
+        return [*self.book.files, *(path for screen in self.screens for path in screen.files)]
+
+    def show(self, event: "Event") -> None:
+        """Take in one event."""
+        self.book.show(event)
+        for screen in self.screens:
+            screen.show(event)
+
+    def flush(self) -> None:
+        """Write what has gathered."""
+        self.book.flush()
+        for screen in self.screens:
+            screen.flush()
+
+    def close(self) -> None:
+        """Finish every file, whatever becomes of the others."""
+        with contextlib.ExitStack() as stack:
+            stack.callback(self.book.close)
+            for screen in self.screens:
+                stack.callback(screen.close)
+
+
+def _screens(recordings: Sequence[Path], look: DisplayOptions) -> "list[RobotView]":
+    from btcore_monitor.screen.sinks import RecordingSinks
+
+    return [look.screen(RecordingSinks(save=path)) for path in recordings]
+
+
+def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
+    from btcore_monitor.events import (
+        ConnectionChanged,
+        DataMissed,
+        TransitionsLost,
+        TreeSeen,
+    )
+
+    stop = threading.Event()
+    deadline = None if duration is None else time.monotonic() + duration
+    with stop_on_signals(stop):
+        while not stop.is_set():
+            left = _WAIT if deadline is None else min(_WAIT, deadline - time.monotonic())
+            if left <= 0:
+                return
+            ended = False
+            for event in feed.poll(left):
+                files.show(event)
+                if isinstance(event, TreeSeen):
+                    _tell(event, files)
+                elif isinstance(event, TransitionsLost):
+                    _say(f"the transitions {event.first} to {event.last} are lost")
+                elif isinstance(event, DataMissed):
+                    _say(f"{event.topic} missing: {event.reason}")
+                elif isinstance(event, ConnectionChanged):
+                    _say(event.detail or event.state)
+                    ended = event.state == "ended"
+            files.flush()
+            if ended and until_end:
+                return
+
+
+def _tell(event: "TreeSeen", files: _Files) -> None:
+    """Say what the files will lack."""
+    _say(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
+    for topic, sentence in event.source.unavailable.items():
+        _say(f"{topic}: {sentence}")
+    if not files.screens:
+        _say(_STATUSES_ONLY)
+
+
+def _recordings(outputs: Sequence[Path]) -> list[Path]:
+    return [path for path in outputs if path.suffix == _RERUN]
+
+
+def _check(outputs: Sequence[Path], known: Sequence[str]) -> None:
+    places: set[Path] = set()
+    for path in outputs:
+        if path.suffix not in known:
+            raise MonitorCommandError(
+                f"-o {path}: what can be recorded ends in {join_names(known, 'or')}; "
+                f"did you mean {path.with_suffix(known[0])}?"
+            )
+        if path.resolve() in places:
+            raise MonitorCommandError(f"-o names {path} twice, and a file holds one log")
+        places.add(path.resolve())
+        check_writable("-o", path)
+
+
+def _say(text: str) -> None:
+    click.echo(f"record: {text}", err=True)

@@ -1,0 +1,102 @@
+"""How a tree is shown: what every command that shows one lets people choose."""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import click
+from click.core import ParameterSource
+
+if TYPE_CHECKING:
+    from btcore_monitor.screen.robot_view import RobotView
+    from btcore_monitor.screen.sinks import RecordingSinks
+    from btcore_monitor.screen.viewer_windows import RobotWindow
+
+PALETTE_NAMES: Final = ("groot", "colour-blind")
+LOG_LEVELS: Final = ("trace", "debug", "info", "warn", "error")
+
+_OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "--palette": {
+        "type": click.Choice(PALETTE_NAMES),
+        "default": PALETTE_NAMES[0],
+        "show_default": True,
+        "envvar": "BTCORE_PALETTE",
+        "help": "Colours of statuses: Groot's, or some that don't need red and green told apart; also by "
+        "BTCORE_PALETTE in the environment.",
+    },
+    "--find": {
+        "multiple": True,
+        "metavar": "PATTERN",
+        "help": "Let nodes stand out whose name or path is so, such as 'Dock*', and give them the lanes; "
+        "may be given several times.",
+    },
+    "--log-level": {
+        "type": click.Choice(LOG_LEVELS, case_sensitive=False),
+        "default": LOG_LEVELS[0],
+        "show_default": True,
+        "help": "What the viewer's list of transitions begins with: trace, all; debug, none to IDLE; info, "
+        "results; warn, FAILURE and what is missing; error, what a node raised. The viewer can change it.",
+    },
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DisplayOptions:
+    """What was chosen: a palette, patterns of nodes to be found, and the least level in the log."""
+
+    palette: str = PALETTE_NAMES[0]
+    find: Sequence[str] = ()
+    log_level: str = LOG_LEVELS[0]
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """The one in the *settings* of a command with the options of :func:`display_options`."""
+        return cls(settings["palette"], settings["find"], settings["log_level"])
+
+    def arguments(self) -> list[str]:
+        """The same on the command line of another command."""
+        found = [part for pattern in self.find for part in ("--find", pattern)]
+        return ["--palette", self.palette, "--log-level", self.log_level, *found]
+
+    def screen(self, shown_in: "RecordingSinks | RobotWindow") -> "RobotView":
+        """A screen that looks so."""
+        from btcore_monitor.screen.robot_view import RobotView
+        from btcore_monitor.screen.style import PALETTES
+
+        return RobotView(shown_in, PALETTES[self.palette], self.find, self.log_level.upper())
+
+
+def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give *command* the options of a look; it takes the parameter ``look``, a :class:`Look`."""
+
+    @functools.wraps(command)
+    def looking(*arguments: Any, **settings: Any) -> Any:
+        look = DisplayOptions.from_settings(settings)
+        rest = {name: value for name, value in settings.items() if name not in _names()}
+        return command(*arguments, look=look, **rest)
+
+    for option, attributes in reversed(list(_OPTIONS.items())):
+        looking = click.option(option, **attributes)(looking)
+    return looking
+
+
+def create_options() -> list[click.Option]:
+    """The options of a look, for a command that is not made by a decorator."""
+    return [click.Option([option], **attributes) for option, attributes in _OPTIONS.items()]
+
+
+def explicit_options() -> list[str]:
+    """Those of the options of a look that are on the command line of the command that runs now."""
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return []
+    return [
+        option
+        for option, name in zip(_OPTIONS, _names(), strict=True)
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    ]
+
+
+def _names() -> list[str]:
+    return [option.removeprefix("--").replace("-", "_") for option in _OPTIONS]

@@ -1,0 +1,115 @@
+"""A process of the monitor that listens to one run of ``btcore run``: it records, or shows."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import click
+
+from btcore_monitor.serve import Publisher
+from btcore_monitor.viewer_setup import MonitorCommandError, stop_on_signals
+
+START_TIMEOUT: Final = 30.0
+"""Seconds (wall clock) that a viewer or saver has to come up before the first tick."""
+
+WRITE_TIMEOUT: Final = 60.0
+"""Seconds (wall clock) that the saver has to finish its file after the last tick."""
+
+VIEWER_GRACE: Final = 10.0
+"""Seconds (wall clock) that the viewer has to catch up after the last tick."""
+
+_SAY_AFTER: Final = 2.0
+_LOOK_EVERY: Final = 0.2
+
+
+class MonitorProcess:
+    """``btcore monitor`` with *options*, which is called *name*. Who *stays* does so after the run."""
+
+    def __init__(self, publisher: Publisher, options: Sequence[str], name: str, stays: bool = False) -> None:
+        self.name = name
+        self.saves = "--save" in options
+        self.stays = stays
+        home = str(Path(__file__).parent.parent)
+        path = os.pathsep.join([home, *filter(None, [os.environ.get("PYTHONPATH")])])
+        until = [] if stays else ["--until-end"]
+        # its own session: Ctrl-C ends the run, and the recording is still completed
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "btcore_monitor", publisher.address, *until, *options],
+            stdin=subprocess.DEVNULL,
+            stdout=2,
+            start_new_session=True,
+            env=os.environ | {"PYTHONPATH": path},
+        )
+
+    def finish(self, interrupted: bool) -> None:
+        """Wait, with a bound, until it has taken in everything; if it stays, for a signal.
+
+        Nobody looks any more at a run that was *interrupted*.
+        """
+        if self.stays:
+            self._stay(interrupted)
+            return
+        limit = WRITE_TIMEOUT if self.saves else VIEWER_GRACE
+        try:
+            code = self._wait(limit)
+        except subprocess.TimeoutExpired:
+            print_message(f"{self.name}: not finished {limit:g} s after the run, so its end may be missing")
+            self.process.terminate()
+            return
+        except BaseException:
+            self.process.terminate()
+            raise
+        if code and self.saves:
+            print_message(f"{self.name}: the monitor's process failed with exit code {code}")
+
+    def _wait(self, limit: float) -> int:
+        deadline = time.monotonic() + limit
+        try:
+            return self.process.wait(_SAY_AFTER)
+        except subprocess.TimeoutExpired:
+            print_message(f"{self.name}: waiting until everything is taken in")
+            return self.process.wait(max(0.0, deadline - time.monotonic()))
+
+    def _stay(self, interrupted: bool) -> None:
+        stop = threading.Event()
+        with stop_on_signals(stop):
+            if not interrupted and self.process.poll() is None:
+                print_message(f"the run is over, and {self.name} stays: Ctrl-C ends it")
+                while self.process.poll() is None and not stop.wait(_LOOK_EVERY):
+                    pass
+            self.process.terminate()
+            try:
+                self.process.wait(VIEWER_GRACE)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+
+
+def wait_until_listening(publisher: Publisher, listeners: Sequence[MonitorProcess]) -> None:
+    """Return once every listener listens, so that the run begins before its eyes.
+
+    Raises MonitorCommandError where one ends at once.
+    """
+    deadline = time.monotonic() + START_TIMEOUT
+    while not publisher.wait_for_clients(len(listeners), 0.1):
+        for listener in listeners:
+            code = listener.process.poll()
+            if code is not None:
+                raise MonitorCommandError(
+                    f"{listener.name}: the monitor's process ended at once, with exit code {code}"
+                )
+        if time.monotonic() > deadline:
+            print_message(
+                f"the monitor is not listening after {START_TIMEOUT:g} s; the run begins without it"
+            )
+            return
+
+
+def print_message(text: str) -> None:
+    """Say *text*, not among a run's results."""
+    click.echo(f"monitor: {text}", err=True)

@@ -1,0 +1,211 @@
+"""What the monitor brings to ``btcore run``: publishing, the viewer, and the recording.
+
+The viewer and the recording are processes of their own that listen to what is published, so that
+the robot's process never draws. Everything said here goes to stderr.
+"""
+
+import importlib.util
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from btcore.tree.tree import Tree
+from btcore_monitor.display import has_display
+from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
+from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_listening
+from btcore_monitor.serve import Publisher, ServeError, serve
+from btcore_monitor.serve.tcp_ports import GROOT1_PORTS
+from btcore_monitor.viewer_setup import MonitorCommandError, check_is_recording, check_writable
+from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
+from btcore_monitor.wire.groot2 import DEFAULT_PORT
+
+_APART: Final = BESIDE_GROOT2 - DEFAULT_PORT
+"""How far Groot 1's ports are behind Groot 2's, if both are served: 1667 and 2666."""
+
+
+class MonitorExtension:
+    """What ``run`` is told of publishing and showing: ``--publish``, ``--monitor``, ``--save`` and more."""
+
+    options: Sequence[click.Option] = (
+        click.Option(
+            ["--publish"],
+            type=click.Choice(["groot2", "groot1"]),
+            multiple=True,
+            help="Let monitors in: Groot 2 or Groot 1 (or both: say it twice), and btcore's own.",
+        ),
+        click.Option(
+            ["--bind"],
+            default="127.0.0.1",
+            show_default=True,
+            metavar="ADDRESS",
+            help="Where to publish: an interface's address, or * for all.",
+        ),
+        click.Option(
+            ["--port"],
+            type=click.IntRange(0, 65533),
+            help=f"The first port; 0 takes free ones.  [default: {DEFAULT_PORT}, for Groot 1 {PUBLISH_PORT}; "
+            f"Groot 1 beside Groot 2 is {_APART} further; a free one for --monitor and --save alone]",
+        ),
+        click.Option(
+            ["--allow-control"],
+            is_flag=True,
+            help="Let whoever reaches the port set breakpoints and inject statuses (btcore hook).",
+        ),
+        click.Option(["--monitor"], is_flag=True, help="Start the viewer and show the run live."),
+        click.Option(
+            ["--serve-web"],
+            type=click.IntRange(1, 65535),
+            is_flag=False,
+            flag_value=9090,
+            metavar="[PORT]",
+            help="Show the run live to browsers, and its end until Ctrl-C.  [port: 9090]",
+        ),
+        click.Option(
+            ["--save"],
+            type=click.Path(dir_okay=False, path_type=Path),
+            metavar="FILE.rrd",
+            help="Record the run for the viewer (rerun).",
+        ),
+        *create_options(),
+    )
+    single_run_options: Sequence[str] = tuple(option.name or "" for option in options)
+    """What several runs at a time can't have: all of it; see `btcore sweep`."""
+
+    def __init__(self) -> None:
+        self._publisher: Publisher | None = None
+        self._interrupted = False
+
+    def provide(
+        self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
+    ) -> Sequence[object]:
+        """Nothing for leaves; the options are checked here, before a world is built in vain."""
+        _ports(settings)
+        if "groot1" in settings["publish"] and importlib.util.find_spec("flatbuffers") is None:
+            raise MonitorCommandError(
+                "--publish groot1 needs flatbuffers, which isn't installed: pip install 'btcore[monitor]'"
+            )
+        if settings["allow_control"] and "groot2" not in settings["publish"]:
+            raise MonitorCommandError(
+                "--allow-control needs --publish groot2, by which a robot is controlled"
+            )
+        save: Path | None = settings["save"]
+        if save is not None:
+            check_is_recording(save)
+            check_writable("--save", save)
+        shown = _shown(settings)
+        if shown and importlib.util.find_spec("rerun") is None:
+            raise MonitorCommandError(
+                f"{shown[0]} needs rerun, which isn't installed: pip install 'btcore[monitor]'"
+            )
+        if not shown:
+            for option in explicit_options():
+                raise MonitorCommandError(
+                    f"{option} is about what is shown, and nothing is: add --monitor, --serve-web or --save "
+                    "FILE.rrd"
+                )
+        if settings["monitor"] and not has_display():
+            raise MonitorCommandError(
+                "--monitor: there is no display here. --serve-web shows the run in a browser, --save "
+                "FILE.rrd records it for later, and --publish groot2 lets a monitor in from elsewhere"
+            )
+        return ()
+
+    def attach(
+        self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
+    ) -> AbstractContextManager[None]:
+        """Publish *tree* while the run lasts, as the options say."""
+        return self._published(tree, resources, settings)
+
+    def swap(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
+        """Publish *tree*, which has taken the place of the one before; who listens stays."""
+        if self._publisher is not None:
+            self._publisher.replace(tree, resources)
+
+    def interrupted(self) -> None:
+        """The run was told to end: its end isn't waited for by anybody."""
+        self._interrupted = True
+
+    def report(self) -> dict[str, object]:
+        """Nothing: a run's results are the same with and without a monitor."""
+        return {}
+
+    @contextmanager
+    def _published(
+        self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
+    ) -> Iterator[None]:
+        save: Path | None = settings["save"]
+        if not settings["publish"] and not _shown(settings):
+            yield
+            return
+        port, groot1 = _ports(settings)
+        try:
+            publisher = serve(
+                tree,
+                groot2=port,
+                groot1=groot1,
+                bind=settings["bind"],
+                resources=resources,
+                allow_control=settings["allow_control"],
+            )
+        except ServeError as error:
+            raise MonitorCommandError(str(error)) from None
+        with publisher:
+            print_message(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
+            if publisher.groot1 is not None:
+                why = f", since Groot 2 has {publisher.port}" if port is not None else ""
+                print_message(
+                    f"Groot 1 finds it at publisher port {publisher.groot1} and server port "
+                    f"{publisher.groot1 + 1}{why}"
+                )
+            look = DisplayOptions.from_settings(settings).arguments()
+            listeners: list[MonitorProcess] = []
+            if save is not None:
+                arguments = ["--save", str(save), "--no-view", *look]
+                listeners.append(MonitorProcess(publisher, arguments, f"recording to {save}"))
+            if settings["monitor"]:
+                listeners.append(MonitorProcess(publisher, look, "the viewer"))
+            if settings["serve_web"]:
+                arguments = ["--serve-web", str(settings["serve_web"]), *look]
+                listeners.append(MonitorProcess(publisher, arguments, "the viewer for browsers", stays=True))
+            try:
+                wait_until_listening(publisher, listeners)
+                self._publisher = publisher
+                yield
+            except BaseException:
+                self._interrupted = True
+                raise
+            finally:
+                self._publisher = None
+                publisher.finish()
+                for listener in listeners:
+                    listener.finish(self._interrupted)
+
+
+def _shown(settings: Mapping[str, Any]) -> list[str]:
+    """The options by which the run is shown or recorded for the viewer."""
+    asked = {
+        "--save": settings["save"] is not None,
+        "--monitor": settings["monitor"],
+        "--serve-web": settings["serve_web"] is not None,
+    }
+    return [option for option, is_asked in asked.items() if is_asked]
+
+
+def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
+    """The first ports for Groot 2 and for Groot 1; None: not for it. Raises MonitorCommandError."""
+    publish, first = settings["publish"], settings["port"]
+    if "groot1" not in publish:
+        return (DEFAULT_PORT if publish else 0) if first is None else first, None
+    if "groot2" not in publish:
+        return None, PUBLISH_PORT if first is None else first
+    port = DEFAULT_PORT if first is None else first
+    groot1 = port + _APART if port else 0
+    if groot1 + GROOT1_PORTS > 1 << 16:
+        raise MonitorCommandError(
+            f"--port {port} leaves no port for Groot 1, which is {_APART} further: choose one up to "
+            f"{(1 << 16) - GROOT1_PORTS - _APART}"
+        )
+    return port, groot1

@@ -1,0 +1,297 @@
+"""How the views stand in the window."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
+
+from btcore_monitor.screen import (
+    camera_view,
+    now,
+    panels,
+    scene,
+    statistics_table,
+)
+from btcore_monitor.screen.lanes import Lanes
+from btcore_monitor.screen.levels import LEVELS
+from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
+from btcore_monitor.screen.style import Palette
+from btcore_monitor.screen.tree import FOLDED, TreeView
+
+_WINDOW: Final = (1920.0, 1000.0)
+"""Pixels of the window that the views were proportioned for (full HD, less the viewer's own bars)."""
+_LANE: Final = 31.0
+_LANES_FRAME: Final = 84.0
+"""Pixels: a lane with its name, and the view's title and time axis."""
+_LANES_AT_MOST: Final = 0.46
+_SCROLLED: Final = 0.34
+"""Shares of the height: what lanes may have, and what they get where that is too little, and they scroll."""
+_LEFT: Final = 0.53
+_TREE_OF_WIDE: Final = 0.58
+_PAST: Final = 24.0
+_AHEAD: Final = 1.5
+"""Seconds of past and future around the time cursor in lanes and curves."""
+_TRAIL_SECONDS: Final = 120.0
+_COLOURS: Final = " · green: its goal · orange: trail · pink: where it may be · cyan: laser"
+_SPEED: Final = "Speed: orange m/s · cyan rad/s"
+_BESIDE: Final = (1.25, -1.35, 1.95)
+"""m; from where the close-up looks at the robot: high enough to see its foot behind what is cut."""
+
+
+@dataclass(frozen=True, slots=True)
+class Eye:
+    """Where the scene is looked at from, and where to (m).
+
+    *robot* is the entity in its pane that a close-up follows; *pictures*, *battery* and *navigates* say
+    whether there are pictures, a battery's level and a way to a goal to show.
+    """
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+    robot: str = ""
+    pictures: bool = False
+    battery: bool = False
+    navigates: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Pane:
+    """What is shown of one robot's tree, which is called *name*.
+
+    With an *eye* there is a scene to show; *costed* says whether the robot tells what its ticks cost. The log
+    shows lines of *level* and above. *place* is the entity that all of it is below, in a window of several.
+    """
+
+    palette: Palette
+    name: str
+    trees: Sequence[TreeView]
+    lanes: Lanes
+    eye: Eye | None = None
+    costed: bool = True
+    level: str = LEVELS[0]
+    place: str = ""
+
+    def at(self, entity: str) -> str:
+        """The entity in the recording."""
+        return f"{self.place}/{entity}" if self.place else entity
+
+    @property
+    def timeline(self) -> str:
+        """The time that the window goes by: trees' clocks have nothing to do with one another."""
+        return WALL_TIME if self.place else TREE_TIME
+
+
+def lanes_share(lanes: int) -> float:
+    """Share of the height that *lanes* lanes get under the tree: what they need, within reason."""
+    _, height = _WINDOW
+    needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / height
+    return max(0.16, needed) if needed <= _LANES_AT_MOST else _SCROLLED
+
+
+def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
+    """Width and height (pixels) of the tree's view, which its layout is made for."""
+    width, height = _WINDOW
+    if scene:
+        return width * _LEFT, height * (1.0 - lanes_share(lanes)) - 30.0
+    return width, height * _TREE_OF_WIDE - 30.0
+
+
+def blueprint(pane: Pane) -> rrb.Blueprint:
+    """The window of one tree."""
+    return windowed(layout(pane), pane.timeline)
+
+
+def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
+    """The window with *content* and nothing else, going by *timeline*."""
+    return rrb.Blueprint(
+        content,
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="following"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def layout(pane: Pane, name: str | None = None) -> rrb.Container:
+    """All views of a tree: with a scene where there is an eye for it, else with a wider tree.
+
+    *name* is what a tab with it is called.
+    """
+    counts = rrb.TextDocumentView(origin=pane.at(statistics_table.STATISTICS), name="Statistics")
+    lane_view = rrb.Tabs(lanes(pane), counts)
+    ticks = [_curve(pane, "Tick duration [ms]", "tick", legend=True), _curve(pane, "Tick rate [Hz]", "rate")]
+    if not pane.costed:
+        ticks = [rrb.TextDocumentView(origin=pane.at(panels.UNSENT), name="Tick duration and rate")]
+    below = lanes_share(len(pane.lanes.entities))
+    if pane.eye is not None:
+        shares = [0.5, 0.5]
+        curves: list[rrb.View | rrb.Container] = [_curve(pane, _SPEED, scene.SPEED), rrb.Tabs(*ticks)]
+        if pane.eye.battery:
+            curves.insert(0, _curve(pane, "Battery [%]", scene.BATTERY))
+            shares = [0.29, 0.38, 0.33]
+        return rrb.Horizontal(
+            rrb.Vertical(trees(pane), lane_view, row_shares=[1.0 - below, below]),
+            rrb.Vertical(
+                _scene(pane, pane.eye),
+                rrb.Horizontal(_words(pane), log(pane), column_shares=[0.42, 0.58]),
+                rrb.Horizontal(*curves, column_shares=shares),
+                row_shares=[0.46, 0.36, 0.18],
+            ),
+            column_shares=[_LEFT, 1.0 - _LEFT],
+            name=name,
+        )
+    return rrb.Vertical(
+        trees(pane),
+        rrb.Horizontal(
+            lane_view,
+            rrb.Vertical(
+                rrb.Horizontal(_words(pane), log(pane), column_shares=[0.36, 0.64]),
+                rrb.Horizontal(*ticks),
+                row_shares=[0.62, 0.38] if pane.costed else [0.86, 0.14],
+            ),
+            column_shares=[0.5, 0.5],
+        ),
+        row_shares=[_TREE_OF_WIDE, 1.0 - _TREE_OF_WIDE],
+        name=name,
+    )
+
+
+def trees(pane: Pane) -> rrb.View | rrb.Container:
+    """The tree; a big one folded too."""
+    drawings = [_tree(pane, one) for one in pane.trees]
+    return drawings[0] if len(drawings) == 1 else rrb.Tabs(*drawings)
+
+
+def _tree(pane: Pane, tree: TreeView) -> rrb.View:
+    x0, y0, x1, y1 = tree.bounds()
+    still: Mapping[Any, Any] = {
+        pane.at(entity): rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only
+    }
+    return rrb.Spatial2DView(
+        origin=pane.at(tree.origin),
+        name=f"Folded · {pane.name}" if tree.origin == FOLDED else f"Behavior tree · {pane.name}",
+        background=_ground(pane),
+        visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[y0, y1]),
+        overrides=still,
+    )
+
+
+def _ground(pane: Pane) -> rrb.Background:
+    return rrb.Background(color=pane.palette.background, kind="SolidColor")
+
+
+def _axis() -> rrb.TimeAxis:
+    window = rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-_PAST),
+        end=rr.TimeRangeBoundary.cursor_relative(seconds=_AHEAD),
+    )
+    return rrb.TimeAxis(view_range=window)
+
+
+def lanes(pane: Pane) -> rrb.View:
+    """What the chosen nodes showed over time."""
+    contents = [f"+ /{pane.at(lane)}" for lane in pane.lanes.entities]
+    return rrb.StateTimelineView(origin="/", contents=contents, name=pane.lanes.title, time_view=_axis())
+
+
+def _curve(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View:
+    return rrb.TimeSeriesView(
+        origin=pane.at(origin),
+        name=name,
+        axis_x=_axis(),
+        plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
+        background=rrb.archetypes.PlotBackground(color=pane.palette.background, show_grid=True),
+    )
+
+
+def running(pane: Pane) -> rrb.View:
+    """What runs now."""
+    return rrb.TextDocumentView(origin=pane.at(now.NOW), name="Now")
+
+
+def _words(pane: Pane) -> rrb.Container:
+    board: rrb.View | rrb.Container = rrb.TextDocumentView(
+        origin=pane.at(panels.BLACKBOARD), name="Blackboard"
+    )
+    if pane.eye is not None and pane.eye.navigates:
+        colours = rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours")
+        board = rrb.Tabs(board, colours)
+    return rrb.Vertical(
+        running(pane),
+        board,
+        row_shares=[0.54, 0.46],
+    )
+
+
+def log(pane: Pane) -> rrb.View:
+    """The transitions; which levels are shown can be chosen in the viewer, too."""
+    rows = None
+    if pane.level != LEVELS[0]:
+        rows = rrb.TextLogRows(filter_by_log_level=LEVELS[LEVELS.index(pane.level) :])
+    columns: Sequence[TextLogColumn] = [
+        TextLogColumn("Body", visible=True),
+        TextLogColumn("EntityPath", visible=False),
+        TextLogColumn("LogLevel", visible=False),
+    ]
+    # The viewer draws the cursor into the list only where a column has the cursor's time.
+    times = [TimelineColumn(one, visible=one == pane.timeline) for one in (TREE_TIME, WALL_TIME)]
+    return rrb.TextLogView(
+        origin=pane.at(panels.LOG),
+        contents=f"/{pane.at(panels.LOG)}",
+        name="Transitions",
+        rows=rows,
+        columns=rrb.TextLogColumns(timeline_columns=times, text_log_columns=columns),
+        format_options=rrb.TextLogFormat(monospace_body=True),
+    )
+
+
+def _scene(pane: Pane, eye: Eye) -> rrb.Container:
+    wide = _space(pane, f"Robot{_COLOURS * eye.navigates}", eye.position, eye.target)
+    if not eye.robot:
+        return rrb.Horizontal(wide)
+    close: rrb.View | rrb.Container = _space(
+        pane, "Close up", _BESIDE, (0.0, 0.0, 0.4), follow=f"/{pane.at(eye.robot)}"
+    )
+    if eye.pictures:
+        close = rrb.Vertical(close, _camera(pane), row_shares=[0.5, 0.5])
+    return rrb.Horizontal(wide, close, column_shares=[0.66, 0.34])
+
+
+def _camera(pane: Pane) -> rrb.View:
+    return rrb.Spatial2DView(
+        origin=pane.at(camera_view.CAMERA),
+        name="Camera",
+        background=_ground(pane),
+    )
+
+
+def _space(
+    pane: Pane,
+    name: str,
+    position: tuple[float, float, float],
+    target: tuple[float, float, float],
+    follow: str | None = None,
+) -> rrb.View:
+    recent = rrb.VisibleTimeRanges(
+        timeline=pane.timeline,
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-_TRAIL_SECONDS),
+        end=rr.TimeRangeBoundary.cursor_relative(),
+    )
+    return rrb.Spatial3DView(
+        origin=pane.at(scene.ORIGIN),
+        name=name,
+        background=_ground(pane),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=1.0, color=0xFFFFFF14, stroke_width=1.0),
+        eye_controls=rrb.EyeControls3D(
+            kind="Orbital",
+            position=position,
+            look_target=target,
+            eye_up=(0.0, 0.0, 1.0),
+            tracking_entity=follow,
+        ),
+        overrides={pane.at(scene.TRAIL): recent},
+    )

@@ -1,0 +1,132 @@
+"""What lies on the floor of a scene: maps, costmaps, places with names, and where to keep out of."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_monitor.screen.style import Palette
+
+GRIDS: Final = "grids"
+PLACES: Final = "places"
+AREAS: Final = "areas"
+_KEPT_OUT: Final = 0xFF6B6BB0
+_LAYERS: Final = {"occupancy": 0.004, "costs": 0.012}
+"""m above the floor; of two costmaps the one that was told of later is the upper one."""
+_STEP: Final = 0.006
+_OPACITY: Final = 0.99
+"""The viewer heeds the alpha of colours only where the whole isn't opaque."""
+_HATCH: Final = 0.25
+"""m between two strokes of an area's hatching."""
+
+Rgba = NDArray[np.uint8]
+
+
+def _mixed(low: Sequence[int], high: Sequence[int], count: int) -> Rgba:
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    return np.rint(np.array(low) * (1 - share) + np.array(high) * share).astype(np.uint8)
+
+
+def _occupancy_colours() -> Rgba:
+    """By cell as a byte: 0 free … 100 occupied, 255 unknown."""
+    colours = np.zeros((256, 4), dtype=np.uint8)
+    colours[:101] = _mixed((52, 66, 88, 150), (150, 174, 210, 255), 101)
+    return colours
+
+
+def _cost_colours() -> Rgba:
+    """By Nav2's cost, as RViz paints it: blue to red, cyan where the robot's middle can't be, magenta."""
+    colours = np.zeros((256, 4), dtype=np.uint8)
+    colours[1:253] = _mixed((0, 40, 255, 34), (255, 30, 20, 150), 252)
+    colours[253] = (0, 225, 225, 120)
+    colours[254] = (255, 0, 220, 190)
+    return colours
+
+
+_COLOURS: Final = {"occupancy": _occupancy_colours(), "costs": _cost_colours()}
+
+
+class Floor:
+    """Draws grids, places and areas below the entity *origin*."""
+
+    def __init__(self, rows: RowBuffer, palette: Palette, origin: str) -> None:
+        self._rows = rows
+        self._palette = palette
+        self._origin = origin
+        self._grids: dict[str, Series[Mapping[str, Any]]] = {}
+
+    def static(self, t: int, wall: int, data: Mapping[str, Any], root: str) -> None:
+        """Draw what stands still, and grids as they are now; whatever names no frame is in *root*."""
+        log = self._rows.log
+        places = data.get("places", ())
+        if places:
+            points = rr.Points3D(
+                [place["position"] for place in places],
+                labels=[place["name"] for place in places],
+                colors=np.full(len(places), self._palette.text, dtype=np.uint32),
+                radii=[0.06],
+                show_labels=True,
+            )
+            log(f"{self._origin}/{PLACES}", self._rows.in_frame(root), points, static=True)
+        areas = data.get("areas", ())
+        if areas:
+            strips = [strip for area in areas for strip in _hatched(*area["corners"])]
+            drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
+            log(f"{self._origin}/{AREAS}", self._rows.in_frame(root), drawn, static=True)
+        # Not as static data, which would hide what comes later.
+        self.moving(t, wall, data, root)
+
+    def moving(self, t: int, wall: int, data: Mapping[str, Any], root: str) -> None:
+        """Grids that changed."""
+        for grid in data.get("grids", ()):
+            self._known(grid, root).add(t, wall, grid)
+
+    def _known(self, grid: Mapping[str, Any], root: str) -> Series[Mapping[str, Any]]:
+        known = self._grids.get(grid["name"])
+        if known is None:
+            entity = f"{self._origin}/{GRIDS}/{grid['name']}"
+            height = _LAYERS[grid["kind"]] + _STEP * len(self._grids)
+
+            def columns(grids: list[Mapping[str, Any]]) -> Iterable[Any]:
+                return _columns(grids, height)
+
+            known = self._grids[grid["name"]] = self._rows.series(entity, columns)
+            frame = self._rows.in_frame(grid.get("frame", root))
+            self._rows.log(entity, frame, static=True)
+        return known
+
+
+def image(grid: Mapping[str, Any]) -> Rgba:
+    """The colours of a grid's cells, the highest row first, shape ``(rows, columns, 4)``."""
+    width, height = grid["size"]
+    cells = np.frombuffer(grid["cells"], dtype=np.uint8).reshape(height, width)
+    return _COLOURS[grid["kind"]][cells[::-1]]
+
+
+def _format(grid: Mapping[str, Any]) -> rr.components.ImageFormat:
+    width, height = grid["size"]
+    return rr.components.ImageFormat(width=width, height=height, color_model="RGBA", channel_datatype="U8")
+
+
+def _columns(grids: list[Mapping[str, Any]], height: float) -> Iterable[Any]:
+    return rr.GridMap.columns(
+        data=[image(grid).tobytes() for grid in grids],
+        format=[_format(grid) for grid in grids],
+        cell_size=[grid["resolution"] for grid in grids],
+        translation=[[*grid["origin"], height] for grid in grids],
+        opacity=[_OPACITY] * len(grids),
+    )
+
+
+def _hatched(xmin: float, ymin: float, xmax: float, ymax: float) -> list[list[tuple[float, float, float]]]:
+    """An outline and strokes across it."""
+    z = 0.03
+    found = [[(xmin, ymin, z), (xmax, ymin, z), (xmax, ymax, z), (xmin, ymax, z), (xmin, ymin, z)]]
+    for along in np.arange(_HATCH, (xmax - xmin) + (ymax - ymin), _HATCH):
+        start = xmin + min(along, xmax - xmin), ymin + max(0.0, along - (xmax - xmin)), z
+        end = xmin + max(0.0, along - (ymax - ymin)), ymin + min(along, ymax - ymin), z
+        found.append([start, end])
+    return found

@@ -1,0 +1,139 @@
+"""Lanes over time: one for each leaf, or, where leaves are too many for that, what ran at each depth."""
+
+import re
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+
+from btcore_monitor.events import (
+    IDLE,
+    RUNNING,
+    STATUS_NAMES,
+    ObservedNode,
+    ObservedTree,
+)
+from btcore_monitor.screen.captions import distinct_names
+from btcore_monitor.screen.row_buffer import RowBuffer
+from btcore_monitor.screen.style import Palette
+from btcore_monitor.screen.tick_states import SHOWN_NAMES, TickStates
+from btcore_monitor.screen.tree import leaves
+
+LANES_AT_MOST: Final = 48
+"""A lane is some 40 px high, so more than these would not be looked at."""
+SUBTREES_DEEP: Final = 4
+LEAVES_AT_ONCE: Final = 4
+"""Lanes of a big tree: how many levels of subtrees, and how many leaves at work side by side."""
+NOTHING: Final = "–"
+
+
+def chosen(picture: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
+    """The nodes that get a lane each: those *found* (uids), else the leaves, unless they are too many."""
+    if found:
+        return [node for node in picture.nodes if node.uid in found][:LANES_AT_MOST]
+    everyone = leaves(picture.nodes)
+    return everyone if len(everyone) <= LANES_AT_MOST else []
+
+
+def lane_entities(names: Sequence[str]) -> list[str]:
+    """Entities of lanes; a number keeps their order, as rerun sorts lanes by name."""
+    digits = len(str(len(names)))
+    return [
+        f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name).strip('_')}"
+        for at, name in enumerate(names, start=1)
+    ]
+
+
+class Lanes:
+    """What chosen nodes showed tick by tick; in a big tree, above them, the names of what ran."""
+
+    def __init__(
+        self, rows: RowBuffer, picture: ObservedTree, palette: Palette, found: Collection[int] = ()
+    ) -> None:
+        self._palette = palette
+        self._rows = rows
+        nodes = chosen(picture, found)
+        depths = _depths(picture) if len(leaves(picture.nodes)) > LANES_AT_MOST else {}
+        slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
+        over = [*depths, *slots] if depths else []
+        self.entities = lane_entities([*over, *distinct_names(nodes)])
+        self._over = [rows.series(entity, _names) for entity in self.entities[: len(over)]]
+        self._over_entities = self.entities[: len(over)]
+        index = {node.uid: at for at, node in enumerate(picture.nodes)}
+        self._series = {
+            index[node.uid]: rows.series(entity, _states)
+            for node, entity in zip(nodes, self.entities[len(over) :], strict=True)
+        }
+        self._names = [node.name for node in picture.nodes]
+        self._depths = [np.array([index[node.uid] for node in one], dtype=np.intp) for one in depths.values()]
+        self._leaf = np.array([not node.children for node in picture.nodes])
+        self._slots: list[int | None] = [None] * (len(slots) if over else 0)
+        # the lanes of further leaves appear when there is one
+        self._shown: list[str | None] = [None] * (len(depths) + 1) + [NOTHING] * (LEAVES_AT_ONCE - 1)
+        self.title = "What ran over time" if over else f"{'What was found' if found else 'Leaves'} over time"
+
+    def draw(self) -> None:
+        """Colours of the lanes."""
+        palette, log = self._palette, self._rows.log
+        colours = palette.fill[: len(STATUS_NAMES)]
+        look = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
+        for entity in self.entities[len(self._over) :]:
+            log(entity, look, static=True)
+        if self._over:
+            # two shades in turn, so that neighbours are told apart
+            shades = palette.busy, int(palette.fill[RUNNING])
+            names = sorted(set(self._names))
+            look = rr.StateConfiguration(
+                values=[NOTHING, *names],
+                labels=[NOTHING, *names],
+                colors=[int(palette.fill[IDLE]), *(shades[at % 2] for at in range(len(names)))],
+            )
+            for entity in self._over_entities:
+                log(entity, look, static=True)
+
+    def show(self, moments: TickStates, changed: Iterable[int]) -> None:
+        """A state for each lane among *changed* (indices of nodes)."""
+        for at in changed:
+            series = self._series.get(at)
+            if series is not None:
+                series.add(moments.t, moments.wall, int(moments.shown[at]))
+        if not self._over:
+            return
+        running = moments.shown == RUNNING
+        at_work = [next((int(at) for at in one if running[at]), None) for one in self._depths]
+        at_work += self._placed(np.flatnonzero(running & self._leaf).tolist())
+        for lane, one in enumerate(at_work):
+            name = NOTHING if one is None else self._names[one]
+            if name != self._shown[lane]:
+                self._shown[lane] = name
+                self._over[lane].add(moments.t, moments.wall, name)
+
+    def _placed(self, running: list[int]) -> list[int | None]:
+        """The leaves at work, each in the lane that it has had; new ones take the first that is free."""
+        self._slots = [one if one in running else None for one in self._slots]
+        for one in running:
+            if one not in self._slots and None in self._slots:
+                self._slots[self._slots.index(None)] = one
+        return self._slots
+
+
+def _depths(picture: ObservedTree) -> dict[str, list[ObservedNode]]:
+    """Name of a lane → its nodes: the subtrees of one depth; without any, the root's children."""
+    found: dict[int, list[ObservedNode]] = {}
+    depth: dict[int, int] = {0: 0}
+    for node in picture.nodes:
+        depth[node.uid] = depth[node.parent] + (node.kind == "subtree")
+        if node.kind == "subtree" and depth[node.uid] <= SUBTREES_DEEP:
+            found.setdefault(depth[node.uid], []).append(node)
+    if not found:
+        return {"branch": [picture.by_uid[uid] for uid in picture.root.children]}
+    return {"subtree" if level == 1 else f"subtree {level}": nodes for level, nodes in found.items()}
+
+
+def _states(values: list[int]) -> Iterable[Any]:
+    return rr.StateChange.columns(state=[SHOWN_NAMES[one] for one in values])
+
+
+def _names(values: list[str]) -> Iterable[Any]:
+    return rr.StateChange.columns(state=values)

@@ -1,0 +1,61 @@
+"""Which colour says what: a line below the tree."""
+
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+
+from btcore_monitor.events import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+)
+from btcore_monitor.screen.font import Stroke, strokes_of, width_of
+from btcore_monitor.screen.style import Palette
+
+HEIGHT: Final = 30.0
+"""Pixels that the legend needs below the tree."""
+_MARGIN: Final = 12.0
+_TEXT: Final = 8.6
+_STROKE: Final = 0.75
+_DOT: Final = 6.5
+_DOT_LENGTH: Final = 9.0
+_GAP: Final = 18.0
+
+
+def legend(palette: Palette, left: float, bottom: float, pixel: float, searched: bool) -> Any:
+    """The legend whose lower left corner is at (*left*, *bottom*); a *pixel* is so many units wide."""
+    entries = [
+        (int(palette.fill[RUNNING]), "RUNNING"),
+        (int(palette.fill[SUCCESS]), "SUCCESS"),
+        (int(palette.fill[FAILURE]), "FAILURE"),
+        (int(palette.fill[SKIPPED]), "SKIPPED"),
+        (int(palette.fill[IDLE]), "IDLE, rimmed by its last result"),
+        (palette.raised, "raised"),
+    ]
+    if searched:
+        entries.append((palette.found, "found"))
+    lines: list[Stroke] = []
+    colours: list[int] = []
+    radii: list[float] = []
+    x, y = left + _MARGIN * pixel, bottom - (_MARGIN + _DOT) * pixel
+    for colour, said in entries:
+        start = x + _DOT * pixel
+        x = start + _DOT_LENGTH * pixel
+        lines.append([(start, y), (x, y)])
+        colours.append(colour)
+        radii.append(_DOT * pixel)
+        x += (_DOT + 6.0) * pixel
+        words = strokes_of(said, x, y + _TEXT * 0.48 * pixel, _TEXT * pixel)
+        lines += words
+        colours += [palette.faint] * len(words)
+        radii += [_STROKE * pixel] * len(words)
+        x += width_of(said, _TEXT * pixel) + _GAP * pixel
+    return rr.LineStrips2D(
+        [np.array(line, dtype=np.float32) for line in lines],
+        colors=np.array(colours, dtype=np.uint32),
+        radii=radii,
+        draw_order=1.0,
+    )

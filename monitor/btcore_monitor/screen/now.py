@@ -1,0 +1,118 @@
+"""What runs now, in words."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from btcore_monitor.events import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    STATUS_NAMES,
+    DataMissed,
+    DataSource,
+    ExceptionRaised,
+    ObservedTree,
+    Ticked,
+    TransitionsLost,
+)
+from btcore_monitor.screen.captions import distinct_names
+from btcore_monitor.screen.markdown_text import brief, escape_markdown
+from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_monitor.screen.tick_states import RESET_OFFSET, SHOWN_NAMES, TickStates
+
+NOW: Final = "now"
+_NAMES_AT_MOST: Final = 4
+_CELL: Final = 28
+"""Characters that surely have room in the table, whose cells aren't wrapped."""
+
+
+class NowPanel:
+    """A few lines: the leaves at work, those that failed, what the robot says of itself, its contacts, the
+    tick.
+    """
+
+    def __init__(self, rows: RowBuffer, picture: ObservedTree) -> None:
+        self._series: Series[str] = rows.series(NOW, markdown_columns)
+        self._leaf = np.array([not node.children for node in picture.nodes])
+        leaves = [node for node in picture.nodes if not node.children]
+        self._names = dict(zip(np.flatnonzero(self._leaf).tolist(), distinct_names(leaves), strict=True))
+        self._contacts = ""
+        self._notes: dict[str, str] = {}
+        self._shown = ""
+        self._wire: list[str] = []
+        self._raised = ""
+        self._root = STATUS_NAMES[IDLE]
+        self._lost = self._holes = 0
+
+    def wire(self, wire: DataSource) -> None:
+        """Take what the robot doesn't tell."""
+        self._wire = [f"| by | {wire.name} |"] if wire.unavailable else []
+        if "exceptions" in wire.unavailable:
+            self._wire.append(f"| raised | {wire.unavailable['exceptions']} |")
+
+    def raised(self, event: ExceptionRaised, moments: TickStates) -> None:
+        """Say which node raised last: at once, as a tick that raises may be the last."""
+        path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
+        self._raised = f"**{path}** raised at {event.t / 1e9:.2f} s: {message}"
+        self._show(event.t, event.wall, moments, self._root)
+
+    def missing(self, event: TransitionsLost | DataMissed) -> None:
+        """Count what is missing."""
+        if isinstance(event, TransitionsLost):
+            self._lost += event.last - event.first + 1
+        elif event.topic == "transitions":
+            self._holes += 1
+
+    def moving(self, data: Mapping[str, Any]) -> None:
+        """Take what a SceneMoving's *data* says in words and counts."""
+        self._notes.update(data.get("notes", {}))
+        if "collisions" in data:
+            self._contacts = f"{data['collisions']} collisions · {data.get('grazes', 0)} grazes"
+
+    def tick(self, event: Ticked, moments: TickStates) -> None:
+        """The lines as of this tick."""
+        self._show(event.t, event.wall, moments, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
+
+    def moment(self, moments: TickStates) -> None:
+        """The lines as of *moments*, of a robot that doesn't tell of its ticks."""
+        self._show(moments.t, moments.wall, moments, SHOWN_NAMES[int(moments.shown[0])])
+
+    def _show(self, t: int, wall: int, moments: TickStates, root: str) -> None:
+        self._root = root
+        runs = moments.shown == RUNNING
+        failed = (moments.shown == FAILURE) | (moments.shown == RESET_OFFSET + FAILURE)
+        short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
+        # Above the table and below it lines are wrapped.
+        lines = [self._raised, ""] if self._raised else []
+        lines += [f"| runs | {self._leaves(runs) or '–'} |", "|:--|:--|"]
+        if (failed & self._leaf).any():
+            lines.append(f"| failed | {self._leaves(failed)} |")
+        lines += [f"| {name} | {note} |" for name, note in short.items()]
+        if self._contacts:
+            lines.append(f"| robot | {self._contacts} |")
+        lines.append(f"| root | {root} |")
+        lines += self._wire
+        if self._lost:
+            lines.append(f"| lost | {self._lost} transitions |")
+        if self._holes:
+            lines.append(f"| lost | transitions, {self._holes} times |")
+        for name, note in self._notes.items():
+            lines += [] if name in short else ["", f"{name}: {note}"]
+        document = "\n".join(lines)
+        if document != self._shown:
+            self._shown = document
+            self._series.add(t, wall, document)
+
+    def _leaves(self, chosen: NDArray[np.bool_]) -> str:
+        at = np.flatnonzero(chosen & self._leaf).tolist()
+        text = ", ".join(f"**{escape_markdown(self._names[one])}**" for one in at[:_NAMES_AT_MOST])
+        return text if len(at) <= _NAMES_AT_MOST else f"{text} and {len(at) - _NAMES_AT_MOST} more"
+
+
+def markdown_columns(values: list[str]) -> Iterable[Any]:
+    """Columns of one markdown document a row."""
+    return rr.TextDocument.columns(text=values, media_type=["text/markdown"] * len(values))

@@ -1,0 +1,341 @@
+"""The screen: events of a running tree in, rows of a rerun recording out."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import rerun as rr
+
+from btcore_monitor.events import (
+    BlackboardSeen,
+    ConnectionChanged,
+    DataMissed,
+    DataSource,
+    Event,
+    ExceptionRaised,
+    SceneMoving,
+    SceneStatic,
+    StatusChanged,
+    Ticked,
+    TransitionsLost,
+    TreeSeen,
+)
+from btcore_monitor.screen.blueprint import Eye, Pane, tree_room
+from btcore_monitor.screen.lanes import Lanes
+from btcore_monitor.screen.levels import LEVELS
+from btcore_monitor.screen.now import NowPanel
+from btcore_monitor.screen.panels import (
+    UNSENT,
+    BlackboardTable,
+    TickCost,
+    TransitionLog,
+)
+from btcore_monitor.screen.row_buffer import RowBuffer
+from btcore_monitor.screen.scene import SceneView
+from btcore_monitor.screen.sinks import RecordingSinks
+from btcore_monitor.screen.statistics_table import StatisticsTable
+from btcore_monitor.screen.style import GROOT, Palette
+from btcore_monitor.screen.tick_states import TickStates
+from btcore_monitor.screen.tree import (
+    BIG,
+    TreeView,
+    fold_subtrees,
+    matching,
+)
+from btcore_monitor.screen.viewer_windows import ROOM, RobotWindow, SingleRobotWindow
+
+SEND_EVERY: Final = 0.2
+"""s of wall time between two sendings of gathered rows while events come."""
+
+
+class RobotView:
+    """Shows one robot. Call :meth:`show` for each event in order, :meth:`flush` when nothing comes, and
+    :meth:`close` at the end.
+
+    A tree with a new id begins a new recording, so that a robot's restart does not write over what was seen.
+    Where several robots are shown in one window, each has its seat instead of *outlets*. Nodes whose name or
+    path is like one of the patterns in *find* (``Dock*``) stand out in the tree and have lanes. The log shows
+    transitions of *level* (:mod:`~btcore_monitor.screen.levels`) and above.
+    """
+
+    def __init__(
+        self,
+        outlets: RecordingSinks | RobotWindow,
+        palette: Palette = GROOT,
+        find: Sequence[str] = (),
+        level: str = LEVELS[0],
+    ) -> None:
+        self.files: list[Path] = []
+        self._stage = SingleRobotWindow(outlets) if isinstance(outlets, RecordingSinks) else outlets
+        self._palette = palette
+        self._find = find
+        self._level = level
+        self._shown: _Shown | None = None
+        self._met: TreeSeen | None = None
+        self._scene: SceneStatic | None = None
+        self._sent = time.monotonic()
+
+    @property
+    def tree(self) -> TreeView | None:
+        """The drawing of the tree that is shown."""
+        return self._shown.tree if self._shown is not None else None
+
+    def show(self, event: Event) -> None:
+        """Take in one event."""
+        if isinstance(event, TreeSeen):
+            self._draw()
+            self._met = event
+        elif isinstance(event, SceneStatic) and (self._met is not None or self._shown is None):
+            self._scene = event
+            self._draw()
+        else:
+            self._draw()
+            if self._shown is not None:
+                self._shown.show(event)
+        if time.monotonic() - self._sent >= SEND_EVERY:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what has gathered."""
+        self._sent = time.monotonic()
+        self._draw()
+        if self._shown is not None:
+            self._shown.settle()
+            self._shown.send()
+
+    def close(self) -> None:
+        """Send the rest and finish the file."""
+        self._draw()
+        self._finish()
+
+    def _draw(self) -> None:
+        """Draw the tree that was met. That waits for what comes next: a scene leaves it less room."""
+        met, self._met = self._met, None
+        if met is None:
+            return
+        if self._shown is not None and self._shown.is_of(met):
+            self._shown.again(met)
+        else:
+            self._finish()
+            scene = self._scene is not None
+            self._shown = _Shown(met, self._stage, self._palette, scene, self._find, self._level)
+            if self._shown.file is not None:
+                self.files.append(self._shown.file)
+        if self._scene is not None:
+            self._shown.show(self._scene)
+            self._scene = None
+        self._sent = time.monotonic()
+
+    def _finish(self) -> None:
+        if self._shown is not None:
+            self._shown.close()
+            self._shown = None
+
+
+class _Shown:
+    """One tree on the screen, with its recording."""
+
+    def __init__(
+        self,
+        event: TreeSeen,
+        stage: RobotWindow,
+        palette: Palette,
+        scene: bool,
+        find: Sequence[str],
+        level: str,
+    ) -> None:
+        picture = event.tree
+        self.tree_id = picture.tree_id
+        self.name = f"{stage.label} · {picture.name}" if stage.label else picture.name
+        self.numbered = event.numbered
+        self.wire = DataSource("")
+        self.stage = stage
+        self.recording, self.place, self.file = stage.begin(picture.name)
+        self.rows = RowBuffer(self.recording, self.place)
+        self.level = level
+        self._palette = palette
+        self.moments = TickStates(picture)
+        self._uids = {node.path: node.uid for node in picture.nodes}
+        looked_for = [(pattern, matching(picture, pattern)) for pattern in find]
+        found = {uid for _, uids in looked_for for uid in uids}
+        self.lanes = Lanes(self.rows, picture, palette, found)
+        room = ROOM if self.place else tree_room(len(self.lanes.entities), scene)
+        self.tree = TreeView(self.rows, picture, palette, room, found)
+        self.trees = [self.tree]
+        if len(picture.nodes) > BIG and any(node.kind == "subtree" for node in picture.nodes):
+            self.trees.insert(
+                0, TreeView(self.rows, fold_subtrees(picture), palette, room, found, whole=picture)
+            )
+        self.log = TransitionLog(self.rows, picture, palette)
+        self.blackboard = BlackboardTable(self.rows)
+        self.cost = TickCost(self.rows, palette)
+        self.now = NowPanel(self.rows, picture)
+        self.statistics = StatisticsTable(self.rows, picture)
+        self.scene = SceneView(self.rows, palette)
+        self._t, self._wall = event.t, event.wall
+        self._hear_by(event.source, event.t, event.wall)
+        for pattern, uids in looked_for:
+            if not uids:
+                self.log.not_found(pattern, event.t, event.wall)
+        self._show_blueprint()
+        for tree in self.trees:
+            tree.draw()
+        self.lanes.draw()
+        self.cost.draw()
+        self._restart(event)
+        self.send()
+        self._takers: dict[type, Callable[..., None]] = {
+            StatusChanged: self._changed,
+            Ticked: self._ticked,
+            BlackboardSeen: self._boards,
+            SceneStatic: self._static,
+            SceneMoving: self._moving,
+            ExceptionRaised: self._raised,
+            TransitionsLost: self._gap,
+            DataMissed: self._unseen,
+            ConnectionChanged: self._link,
+        }
+
+    def again(self, event: TreeSeen) -> None:
+        """The same tree after a lost connection: statuses as they are now, without transitions between."""
+        self._at(event.t, event.wall)
+        self._restart(event)
+
+    def is_of(self, event: TreeSeen) -> bool:
+        """Whether *event* is of this tree, and by a wire with this one's clock."""
+        return self.tree_id == event.tree.tree_id and self.numbered == event.numbered
+
+    def _restart(self, event: TreeSeen) -> None:
+        self._hear_by(event.source, event.t, event.wall)
+        self.moments.start(event.t, event.wall, event.statuses)
+        self._colour()
+        self.lanes.show(self.moments, range(len(self.moments.shown)))
+        self.statistics.start(event.t, event.wall, event.statuses)
+        if "ticks" in self.wire.unavailable:
+            self.now.moment(self.moments)
+
+    def show(self, event: Event) -> None:
+        taker = self._takers.get(type(event))
+        if taker is not None:
+            taker(event)
+
+    def _hear_by(self, wire: DataSource, t: int, wall: int) -> None:
+        if wire == self.wire:
+            return
+        self.wire = wire
+        self.now.wire(wire)
+        self.log.wire(wire, t, wall)
+        self.blackboard.note = wire.unavailable.get("blackboard", "")
+        if self.blackboard.note:
+            self.blackboard.blank(t, wall)
+        if "ticks" in wire.unavailable:
+            note = rr.TextDocument(f"*{wire.unavailable['ticks']}*", media_type="text/markdown")
+            self.rows.log(UNSENT, note, static=True)
+
+    def settle(self) -> None:
+        """Show what changed last, of a robot that doesn't tell when a tick ends."""
+        if "ticks" in self.wire.unavailable and self.moments.is_open:
+            self._end_tick(self._t, self._wall)
+
+    def send(self) -> None:
+        self.rows.send()
+
+    def close(self) -> None:
+        self._rest()
+        self.statistics.show(self._t, self._wall)
+        self.send()
+        self.stage.end(self.recording)
+
+    def _rest(self) -> None:
+        """Show what changed after the last tick: a tree that was halted runs nothing."""
+        if self.moments.is_open:
+            self._end_tick(self._t, self._wall)
+            self.now.moment(self.moments)
+
+    def _end_tick(self, t: int, wall: int) -> None:
+        changed = self.moments.close(t, wall)
+        if changed:
+            self._colour()
+            self.lanes.show(self.moments, changed)
+            if "ticks" in self.wire.unavailable:
+                self.now.moment(self.moments)
+
+    def _colour(self) -> None:
+        for tree in self.trees:
+            tree.colour(self.moments)
+
+    def _at(self, t: int, wall: int) -> None:
+        self._t, self._wall = t, wall
+
+    def _changed(self, event: StatusChanged) -> None:
+        if self.moments.is_over(event):
+            self._end_tick(self._t, self._wall)
+        self._at(event.t, event.wall)
+        self.moments.change(event)
+        self.log.change(event)
+        self.statistics.change(event)
+        self.statistics.look(event.t, event.wall)
+
+    def _ticked(self, event: Ticked) -> None:
+        self._at(event.t, event.wall)
+        self._end_tick(event.t, event.wall)
+        self.cost.tick(event)
+        self.now.tick(event, self.moments)
+        self.statistics.look(event.t, event.wall)
+
+    def _boards(self, event: BlackboardSeen) -> None:
+        self._at(event.t, event.wall)
+        self.blackboard.show(event.t, event.wall, event.boards)
+
+    def _static(self, event: SceneStatic) -> None:
+        if self.scene.static(self._t, self._wall, event.data):
+            self._show_blueprint()
+
+    def _moving(self, event: SceneMoving) -> None:
+        self._at(event.t, event.wall)
+        pictured = self.scene.pictured
+        self.scene.moving(event.t, event.wall, event.data)
+        self.now.moving(event.data)
+        if self.scene.pictured != pictured:
+            self._show_blueprint()
+
+    def _raised(self, event: ExceptionRaised) -> None:
+        self._at(event.t, event.wall)
+        self.log.raised(event)
+        self.now.raised(event, self.moments)
+        uid = self._uids.get(event.path)
+        if uid is not None:
+            for tree in self.trees:
+                tree.raised(uid, event.t, event.wall)
+
+    def _gap(self, event: TransitionsLost) -> None:
+        self.log.gap(event, self._t, self._wall)
+        self.now.missing(event)
+
+    def _unseen(self, event: DataMissed) -> None:
+        self.log.unseen(event)
+        self.now.missing(event)
+
+    def _link(self, event: ConnectionChanged) -> None:
+        self.log.link(event, self._t, self._wall)
+        if event.state == "ended":
+            self._rest()
+
+    def _show_blueprint(self) -> None:
+        scene = self.scene
+        eye = None
+        if scene.present:
+            has = scene.pictured, scene.powered, scene.navigates
+            eye = Eye(*scene.eye(), scene.robot(), *has)
+        pane = Pane(
+            self._palette,
+            self.name,
+            self.trees,
+            self.lanes,
+            eye,
+            costed="ticks" not in self.wire.unavailable,
+            level=self.level,
+            place=self.place,
+        )
+        self.stage.show(self.recording, pane)

@@ -1,0 +1,295 @@
+"""The robot's world in 3D: shapes by their frames, laser, trail; and beside it speed and battery."""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from btcore_monitor.screen.camera_view import CameraView
+from btcore_monitor.screen.floor import Floor
+from btcore_monitor.screen.navigation_markers import NavigationMarkers
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, scalars
+from btcore_monitor.screen.shapes import archetypes, extent
+from btcore_monitor.screen.style import Palette
+
+ORIGIN: Final = "scene"
+TRAIL: Final = f"{ORIGIN}/trail"
+POINTS: Final = f"{ORIGIN}/laser/points"
+FAN: Final = f"{ORIGIN}/laser/fan"
+SPEED: Final = "speed"
+BATTERY: Final = "battery"
+COLOURS: Final = "colours"
+_SAID_OF_COLOURS: Final = """
+| | |
+|:--|:--|
+| green | goal, and the way there |
+| orange | the way it came |
+| cyan dots | laser |
+| white ring | where it believes to be |
+| pink strokes | where else it may be |
+| red ring | where it would be by its wheels alone |
+| magenta | an obstacle in the local costmap |
+| cyan ground | too near to one |
+| blue to red | cost of being there |
+| hatched | to be kept out of |
+"""
+_FAN_STEP: Final = 4
+"""Every so many rays have a corner in the fan: a shape needs fewer than the readings do."""
+_FAN_REACH: Final = 6.0
+"""m; a ray without an echo is free as far as the sensor sees, but a fan of 25 m would hide the scene."""
+_BODIES: Final = ("base_footprint", "base_link")
+"""Frames that are called so by REP 105 stand for the robot as a whole."""
+_SPAN: Final = 6.0
+"""m; at least so much of the world is in view."""
+_TRAIL_STEP: Final = 0.02
+"""m between two points of the trail."""
+_TRAIL_HEIGHT: Final = 0.06
+"""m; above what lies on the floor, and above the path, which it covers as far as that was driven."""
+
+_STILL: Final = 2e-5
+"""m, and parts of a quaternion: what trembles by so much, as a physics engine's joints do, stands."""
+
+Vector = NDArray[np.float64]
+Pose = tuple[str, tuple[float, ...], tuple[float, ...]]
+"""Parent, position (m), quaternion."""
+
+
+class SceneView:
+    """One robot's scene. It draws what *static* names, and moves it by what *moving* says."""
+
+    def __init__(self, rows: RowBuffer, palette: Palette) -> None:
+        self._rows = rows
+        self._palette = palette
+        self._static: Mapping[str, Any] = {}
+        self._frames: dict[str, Series[Pose]] = {}
+        self._poses: dict[str, Pose] = {}
+        self._points: Series[Any] = rows.series(POINTS, _positions)
+        self._fan: Series[Any] = rows.series(FAN, _vertices)
+        self._trail: Series[Any] = rows.series(TRAIL, _strips)
+        self._v: Series[float] = rows.series(f"{SPEED}/v", scalars)
+        self._w: Series[float] = rows.series(f"{SPEED}/w", scalars)
+        self._battery: Series[float] = rows.series(f"{BATTERY}/level", scalars)
+        self._floor = Floor(rows, palette, ORIGIN)
+        self._marks = NavigationMarkers(rows, ORIGIN)
+        self._sight = CameraView(rows, ORIGIN)
+        self._directions: NDArray[np.float32] = np.zeros((0, 3), dtype=np.float32)
+        self._scan_stamp = -1
+        self._last: Vector | None = None
+
+    @property
+    def present(self) -> bool:
+        """Whether there is a scene to show."""
+        return bool(self._static)
+
+    @property
+    def pictured(self) -> bool:
+        """Whether there are pictures to show."""
+        return self._sight.pictured
+
+    @property
+    def powered(self) -> bool:
+        """Whether there is a battery to show."""
+        return "battery" in self._static
+
+    @property
+    def navigates(self) -> bool:
+        """Whether there is a map to go by."""
+        return bool(self._static.get("grids"))
+
+    def static(self, t: int, wall: int, data: Mapping[str, Any]) -> bool:
+        """Draw it, from *t* and *wall* (ns) on; False if it is drawn already (it is re-sent on request)."""
+        if data == self._static:
+            return False
+        self._static = data
+        log = self._rows.log
+        log(ORIGIN, rr.ViewCoordinates.RIGHT_HAND_Z_UP, self._rows.in_frame(self._root), static=True)
+        groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
+        for part in data.get("parts", ()):
+            groups[part.get("frame", self._root), part["kind"]].append(part)
+        for (frame, kind), parts in groups.items():
+            for name, shape in archetypes(kind, parts, around=frame == self._root):
+                entity = f"{ORIGIN}/parts/{_segment(frame)}/{name}"
+                log(entity, self._rows.in_frame(frame), shape, static=True)
+        self._marks.footprint = data.get("footprint_radius", self._marks.footprint)
+        self._draw_sensors()
+        self._floor.static(t, wall, data, self._root)
+        if self.navigates:
+            log(COLOURS, rr.TextDocument(_SAID_OF_COLOURS, media_type="text/markdown"), static=True)
+        self._sight.static(data)
+        return True
+
+    @property
+    def _root(self) -> str:
+        return str(self._static.get("frame", "map"))
+
+    def _draw_sensors(self) -> None:
+        log, palette = self._rows.log, self._palette
+        laser = self._static.get("laser")
+        if laser:
+            frame = self._rows.in_frame(laser["frame"])
+            log(POINTS, frame, rr.Points3D.from_fields(colors=[palette.laser], radii=[0.025]), static=True)
+            log(
+                FAN,
+                frame,
+                rr.Mesh3D.from_fields(albedo_factor=palette.laser & 0xFFFFFF00 | 0x14),
+                static=True,
+            )
+        trail = rr.LineStrips3D.from_fields(colors=[palette.trail], radii=[0.014])
+        log(TRAIL, self._rows.in_frame(self._root), trail, static=True)
+        for entity, colour, label in (
+            (f"{SPEED}/v", palette.trail, "v  m/s"),
+            (f"{SPEED}/w", palette.laser, "ω  rad/s"),
+            (f"{BATTERY}/level", int(palette.ink[2]), "battery  %"),
+        ):
+            look = rr.SeriesLines(colors=[colour], names=[label], widths=[1.6])
+            log(entity, look, static=True)
+
+    def moving(self, t: int, wall: int, data: Mapping[str, Any]) -> None:
+        """One moment: frames that moved, a new scan, the speed, and whatever else is new."""
+        for child, parent, position, quaternion in data.get("frames", ()):
+            self._place(t, wall, child, (parent, tuple(position), tuple(quaternion)))
+        self._stand(t, wall)
+        scan = data.get("scan")
+        if scan and scan.get("stamp", t) != self._scan_stamp:
+            self._scan_stamp = scan.get("stamp", t)
+            self._show_scan(t, wall, np.frombuffer(scan["ranges"], dtype="<f4"))
+        velocity = data.get("velocity")
+        if velocity is not None:
+            self._v.add(t, wall, float(velocity[0]))
+            self._w.add(t, wall, float(velocity[1]))
+        if "battery" in data:
+            self._battery.add(t, wall, float(data["battery"]))
+        self._extend_trail(t, wall)
+        self._floor.moving(t, wall, data, self._root)
+        self._marks.moving(t, wall, data, self._root)
+        self._sight.moving(t, wall, data)
+
+    def _place(self, t: int, wall: int, child: str, pose: Pose) -> None:
+        before = self._poses.get(child)
+        if before is not None and _near(before, pose):
+            return
+        self._poses[child] = pose
+        series = self._frames.get(child)
+        if series is None:
+            series = self._frames[child] = self._frame_series(child)
+        series.add(t, wall, pose)
+
+    def _stand(self, t: int, wall: int) -> None:
+        """A robot that tells of its base link alone has a footprint on the floor below it, too."""
+        footprint, link = _BODIES
+        if footprint not in self._poses and link in self._poses:
+            height = self._poses[link][1][2]
+            self._place(t, wall, footprint, (link, (0.0, 0.0, -height), (0.0, 0.0, 0.0, 1.0)))
+
+    def _frame_series(self, child: str) -> Series[Pose]:
+        rows = self._rows
+
+        def encode(values: list[Pose]) -> Iterable[Any]:
+            return rr.Transform3D.columns(
+                translation=np.array([value[1] for value in values], dtype=np.float32),
+                quaternion=np.array([value[2] for value in values], dtype=np.float32),
+                parent_frame=[rows.frame(value[0]) for value in values],
+                child_frame=[rows.frame(child)] * len(values),
+            )
+
+        return rows.series(f"{ORIGIN}/frames/{_segment(child)}", encode)
+
+    def _show_scan(self, t: int, wall: int, ranges: NDArray[np.float32]) -> None:
+        laser = self._static.get("laser")
+        if not laser:
+            return
+        if len(self._directions) != len(ranges):
+            self._aim(laser, len(ranges))
+        seen = np.isfinite(ranges) & (ranges >= laser.get("range_min", 0.0))
+        self._points.add(t, wall, self._directions[seen] * ranges[seen, None])
+        reach = min(_FAN_REACH, float(laser.get("range_max", _FAN_REACH)))
+        free = np.where(np.isposinf(ranges), np.float32(reach), np.where(seen, ranges, np.float32(0.0)))
+        corners = self._directions[::_FAN_STEP] * free[::_FAN_STEP, None]
+        self._fan.add(t, wall, np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
+
+    def _aim(self, laser: Mapping[str, Any], count: int) -> None:
+        angles = laser["angle_min"] + laser["angle_increment"] * np.arange(count)
+        self._directions = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1).astype(np.float32)
+        corners = np.arange(1, len(self._directions[::_FAN_STEP]), dtype=np.uint32)
+        triangles = np.stack((0 * corners, corners, corners + 1), axis=1)
+        self._rows.log(FAN, rr.Mesh3D.from_fields(triangle_indices=triangles), static=True)
+
+    def _extend_trail(self, t: int, wall: int) -> None:
+        place = self._robot()
+        if place is None:
+            return
+        if self._last is None:
+            self._last = place
+        elif float(np.linalg.norm(place - self._last)) >= _TRAIL_STEP:
+            self._trail.add(t, wall, np.stack((self._last, place)).astype(np.float32))
+            self._last = place
+
+    def _robot(self) -> Vector | None:
+        """Where the robot stands on the floor (m, root frame), if its frames lead up to the root."""
+        frame: str | None = next((one for one in _BODIES if one in self._poses), None)
+        if frame is None:
+            return None
+        place = np.zeros(3)
+        for _ in range(len(self._poses)):
+            parent, position, quaternion = self._poses[frame]
+            place = _rotated(place, quaternion) + np.array(position, dtype=np.float64)
+            if parent == self._root:
+                place[2] = _TRAIL_HEIGHT
+                return place
+            if parent not in self._poses:
+                return None
+            frame = parent
+        return None
+
+    def eye(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Position of a good eye and the point to look at (m), from the extent of what stands around."""
+        around = [
+            part for part in self._static.get("parts", ()) if part.get("frame", self._root) == self._root
+        ]
+        (x0, y0), (x1, y1) = extent(around)
+        x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0, _SPAN)
+        return (x - 0.08 * span, y - 0.71 * span, 0.885 * span), (x, y - 0.05 * span, 0.0)
+
+    def robot(self) -> str:
+        """The entity of the robot's body, for an eye that follows it ("": there is none)."""
+        frames = {part.get("frame", self._root): part["kind"] for part in self._static.get("parts", ())}
+        for frame in (*_BODIES, *frames):
+            if frame in frames and frame != self._root:
+                return f"{ORIGIN}/parts/{_segment(frame)}/{frames[frame]}"
+        return ""
+
+
+def _segment(name: str) -> str:
+    return "".join(one if one.isalnum() or one in "_-" else "_" for one in name) or "_"
+
+
+def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:
+    x, y, z, w = quaternion
+    axis = np.array([x, y, z])
+    cross = np.cross(axis, point)
+    turned: Vector = point + 2.0 * (w * cross + np.cross(axis, cross))
+    return turned if math.isfinite(w) else point
+
+
+def _near(one: Pose, other: Pose) -> bool:
+    if one[0] != other[0]:
+        return False
+    return all(abs(a - b) <= _STILL for a, b in zip((*one[1], *one[2]), (*other[1], *other[2]), strict=True))
+
+
+def _positions(values: list[Any]) -> Iterable[Any]:
+    columns = rr.Points3D.columns(positions=np.concatenate(values))
+    return columns.partition([len(one) for one in values])
+
+
+def _vertices(values: list[Any]) -> Iterable[Any]:
+    columns = rr.Mesh3D.columns(vertex_positions=np.concatenate(values))
+    return columns.partition([len(one) for one in values])
+
+
+def _strips(values: list[Any]) -> Iterable[Any]:
+    return rr.LineStrips3D.columns(strips=values)

@@ -1,0 +1,152 @@
+"""A picture of a recording without a display: the viewer, drawn by whatever Vulkan there is, or software."""
+
+import contextlib
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final
+
+import numpy as np
+
+from btcore_monitor.screen.page import free_port
+from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
+from btcore_monitor.screen.sinks import ScreenError, viewer_program
+
+if TYPE_CHECKING:
+    from rerun.experimental import View, ViewerClient
+
+FULL_HD: Final = (1920, 1080)
+_START_WITHIN: Final = 60.0
+_LOAD_WITHIN: Final = 120.0
+_SETTLE_WITHIN: Final = 60.0
+"""s; software drawing on a busy machine is slow, and a picture that is late is still a picture."""
+_EQUAL: Final = 3
+_STILL_FOR: Final = 0.7
+"""Pictures in a row, and s, that have to be the same before it is taken for still."""
+
+
+def screenshot(
+    recording: Path,
+    picture: Path,
+    t: float | None = None,
+    size: tuple[int, int] = FULL_HD,
+    view: str | None = None,
+) -> None:
+    """Write *picture* (PNG): *recording* (``.rrd``) as shown at tree time *t* (s; None: its end).
+
+    Where it is of several robots, *t* counts from its beginning.
+    *size* is in pixels; *view* names one view (or the beginning of its name) instead of the whole window.
+    Raises ScreenError when there is no Vulkan driver, no such file or view, or the viewer stays silent.
+    """
+    if not recording.is_file():
+        raise ScreenError(f"there is no recording {recording}")
+    with _viewer(size) as client:
+        client.open([str(recording.resolve())])
+        views = _wait_for_views(client)
+        chosen = None
+        if view is not None:
+            chosen = next((one.view_id for one in views if one.name.startswith(view)), None)
+            if chosen is None:
+                names = ", ".join(sorted(one.name for one in views))
+                raise ScreenError(f"there is no view {view!r} in the recording; there are: {names}")
+        _set_time(client, t)
+        picture.write_bytes(_settled(client, chosen))
+
+
+def _set_time(client: "ViewerClient", t: float | None) -> None:
+    """Go to *t* by the time that the window goes by: the tree's, or for several robots the wall's."""
+    recordings = client.get_state().recordings
+    timelines = [one for recording in recordings for one in recording.timelines]
+    if any(recording.current_timeline == WALL_TIME for recording in recordings):
+        spans = [(one.start, one.end) for one in timelines if one.name == WALL_TIME]
+        wall = max((end for _, end in spans if end is not None), default=0)
+        if t is not None:
+            wall = min((start for start, _ in spans if start is not None), default=0) + round(t * 1e9)
+        client.set_time(WALL_TIME, timestamp=np.datetime64(wall, "ns"), play_state="paused")
+        return
+    if t is None:
+        ends = [one.end for one in timelines if one.name == TREE_TIME and one.end is not None]
+        t = max(ends) / 1e9 if ends else 0.0
+    client.set_time(TREE_TIME, duration=t, play_state="paused")
+
+
+@contextlib.contextmanager
+def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
+    """A viewer without a window, ended when the block is left."""
+    from rerun.experimental import ViewerClient
+
+    port = free_port()
+    command = [
+        str(viewer_program()),
+        "--headless",
+        "--hide-welcome-screen",
+        f"--port={port}",
+        "--bind=127.0.0.1",
+        f"--window-size={size[0]}x{size[1]}",
+        "--memory-limit=1GB",
+    ]
+    # The viewer's own warnings would stand in the picture as pop-ups.
+    environment = {**os.environ, "RUST_LOG": "error", "RERUN_APP_ONLY": "true"}
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment
+        )
+        try:
+            _wait_for_port(process, port, said)
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            yield client
+        finally:
+            process.terminate()
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, said: "IO[bytes]") -> None:
+    deadline = time.monotonic() + _START_WITHIN
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            said.seek(0)
+            text = said.read().decode(errors="replace")
+            if "adapter" in text or "ulkan" in text:
+                raise ScreenError(
+                    "no graphics driver is found for the picture; on Debian and Ubuntu "
+                    "`apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
+                )
+            raise ScreenError(f"the viewer ended while starting: {text.strip()[-400:]}")
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
+            return
+        time.sleep(0.05)
+    raise ScreenError(f"the viewer did not answer within {_START_WITHIN:.0f} s")
+
+
+def _wait_for_views(client: "ViewerClient") -> "list[View]":
+    deadline = time.monotonic() + _LOAD_WITHIN
+    while time.monotonic() < deadline:
+        state = client.get_state()
+        ready = any(timeline.name == TREE_TIME for one in state.recordings for timeline in one.timelines)
+        if state.views and ready and not state.loading:
+            return list(state.views)
+        time.sleep(0.1)
+    raise ScreenError(f"the recording did not load within {_LOAD_WITHIN:.0f} s")
+
+
+def _settled(client: "ViewerClient", view_id: str | None) -> bytes:
+    """The picture once it stays as it is: layout, fonts and late chunks take a few frames."""
+    deadline = time.monotonic() + _SETTLE_WITHIN
+    last, equal, since = b"", 0, time.monotonic()
+    while time.monotonic() < deadline:
+        shot = client.take_screenshot(view_id)
+        now = time.monotonic()
+        if shot != last:
+            last, equal, since = shot, 0, now
+        equal += 1
+        if equal >= _EQUAL and now - since >= _STILL_FOR:
+            break
+    return last

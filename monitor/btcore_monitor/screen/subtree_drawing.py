@@ -1,0 +1,175 @@
+"""The part of a tree's drawing that lies below one entity: hiding that folds a subtree.
+
+Where a tree is drawn, its entities stand as its nodes do. Below ``tree`` lie a subtree's parts (``pills``,
+``rims``, …) and an entity for each node, by its path; a subtree's content lies below its SubTree node's.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from btcore_monitor.events import ObservedTree
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, strip_colours
+from btcore_monitor.screen.style import (
+    EDGE_STROKE,
+    PATH_STROKE,
+    PILL_HEIGHT,
+    RIM,
+    RING,
+    Colours,
+    Palette,
+)
+
+PARTS: Final = ("frames", "edges", "path", "raised", "found", "rims", "pills", "badges", "ink")
+"""Names of the parts, the lowest first; only pills can be hovered and clicked."""
+BRANCHES_AT_MOST: Final = 8
+"""Subtrees with a branch of their own: each that changes is three chunks more whenever rows are sent."""
+
+Indices = NDArray[np.intp]
+Strip = NDArray[np.float32]
+
+
+class SubtreeDrawing:
+    """The nodes *at* (indices in their picture) of one subtree, drawn below *entity*.
+
+    *pills* and *edges* are the strips of all nodes of the picture.
+    """
+
+    def __init__(
+        self,
+        rows: RowBuffer,
+        palette: Palette,
+        entity: str,
+        at: Indices,
+        pills: Sequence[Strip],
+        edges: Sequence[Strip],
+    ) -> None:
+        self.entity = entity
+        self.at = at
+        self._palette = palette
+        self._strips = [pills[one] for one in at]
+        self._edges = [edges[one] for one in at]
+        self._joined = np.array([len(one) > 0 for one in self._edges], dtype=bool)
+        self._rows = rows
+        self._pills: Series[Any] = rows.series(f"{entity}/pills", strip_colours)
+        self._rims: Series[Any] = rows.series(f"{entity}/rims", strip_colours)
+        self._path: Series[Any] = rows.series(f"{entity}/path", strips)
+        self._rings: Series[Any] = rows.series(f"{entity}/raised", strips)
+        self._last_rims = self._last_pills = np.zeros(0, dtype=np.uint32)
+        self._last_path: list[int] | None = None
+        self._last_rings: list[int] = []
+
+    def colour(self, t: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]) -> None:
+        """Rows for what changed; *pills*, *rims* and *running* are those of the whole picture."""
+        own = pills[self.at]
+        if not np.array_equal(own, self._last_pills):
+            self._last_pills = own
+            self._pills.add(t, wall, own)
+        own = rims[self.at]
+        if not np.array_equal(own, self._last_rims):
+            self._last_rims = own
+            self._rims.add(t, wall, own)
+        path = np.flatnonzero(running[self.at] & self._joined).tolist()
+        if path != self._last_path:
+            self._last_path = path
+            self._path.add(t, wall, [self._edges[one] for one in path])
+
+    def ring(self, t: int, wall: int, raised: Iterable[int]) -> None:
+        """Ring those of *raised* (indices in the picture) that are here, and nobody else."""
+        here = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
+        if here != self._last_rings:
+            self._last_rings = here
+            self._rings.add(t, wall, [self._strips[one] for one in here])
+
+    def draw(self, labels: Sequence[str], told: Mapping[str, Sequence[str]], stroke: float) -> None:
+        """Draw pills and edges; *labels* and what is *told* of a pill that is chosen are of all nodes.
+
+        *stroke* is the least radius of the running path, so that it is seen in a tree that is drawn small.
+        """
+        palette, half = self._palette, PILL_HEIGHT / 2
+        edges = [one for one in self._edges if len(one)]
+        self.lines("edges", edges, 2.0, colors=[palette.edge], radii=[EDGE_STROKE])
+        self.look("path", 3.0, colors=[palette.path], radii=[max(PATH_STROKE, stroke)])
+        self.look("raised", 3.6, colors=[palette.raised], radii=[half + RING])
+        self.lines("rims", self._strips, 4.0, radii=[half])
+        self._rows.log(
+            f"{self.entity}/pills",
+            rr.LineStrips2D(
+                self._strips,
+                radii=[half - RIM],
+                labels=[labels[one] for one in self.at],
+                show_labels=False,
+                draw_order=5.0,
+            ),
+            hover_values({name: [column[one] for one in self.at] for name, column in told.items()}),
+            static=True,
+        )
+
+    def lines(self, part: str, strips: Sequence[Any], order: float, **look: Any) -> None:
+        """Draw *strips* that stay, if there are any, *order* deciding what covers what."""
+        if len(strips):
+            drawn = rr.LineStrips2D(strips, draw_order=order, **look)
+            self._rows.log(f"{self.entity}/{part}", drawn, static=True)
+
+    def look(self, part: str, order: float, **look: Any) -> None:
+        """How strips look that come and go."""
+        fields = rr.LineStrips2D.from_fields(draw_order=order, **look)
+        self._rows.log(f"{self.entity}/{part}", fields, static=True)
+
+
+def hover_values(told: Mapping[str, Any]) -> Any:
+    """What the viewer says of an entity that is chosen, by name."""
+    return rr.AnyValues(drop_untyped_nones=True, **told)
+
+
+def strips(values: list[list[Strip]]) -> Iterable[Any]:
+    """Columns of strips that come and go: a list a row."""
+    columns = rr.LineStrips2D.columns(strips=[strip for row in values for strip in row])
+    return columns.partition([len(row) for row in values])
+
+
+def split_by_subtree(picture: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[str, list[int]]:
+    """Subtrees with a branch of their own, by path: the outermost *most*, each with the indices of its nodes,
+    and of those of the subtrees in it that have none.
+    """
+    above: dict[str, str] = {}
+    for node in picture.nodes:
+        inside = [picture.by_uid[child].subtree for child in node.children]
+        if node.kind == "subtree" and inside and inside[0] != node.subtree:
+            above[inside[0]] = node.subtree
+    level: dict[str, int] = {picture.root.subtree: 0}
+    for subtree, outer in above.items():
+        level[subtree] = level.get(outer, 0) + 1
+    own = set(sorted(level, key=lambda one: level[one])[:most])
+    found: dict[str, list[int]] = {}
+    for at, node in enumerate(picture.nodes):
+        subtree = node.subtree
+        while subtree not in own and subtree in above:
+            subtree = above[subtree]
+        found.setdefault(subtree, []).append(at)
+    return found
+
+
+def node_entities(picture: ObservedTree, origin: str) -> list[str]:
+    """An entity for each node, by its path, in the order of the nodes."""
+    taken: set[str] = set()
+    found = []
+    for node in picture.nodes:
+        entity = entity_path(origin, node.path)
+        if entity in taken or entity.rsplit("/", 1)[1] in PARTS:
+            entity += f".{node.uid}"
+        taken.add(entity)
+        found.append(entity)
+    return found
+
+
+def entity_path(origin: str, path: str) -> str:
+    """The entity of a subtree's or node's *path*; ``::`` and what rerun would escape is written otherwise."""
+    parts = [
+        re.sub(r"[^\w.-]+", "_", one.replace("::", "."), flags=re.ASCII).strip("_") for one in path.split("/")
+    ]
+    return "/".join([origin, *(one for one in parts if one)])

@@ -1,0 +1,111 @@
+"""What stands in a node's badge: its kind as a small drawing.
+
+Drawings are in font.py's notation, within ±10 units around the origin, y pointing up.
+"""
+
+from typing import Final
+
+from btcore_monitor.screen.font import Stroke, parse
+
+_ARROW: Final = "0 -8.5,0 8.5,0 / 3,5.5 8.5,0 3,-5.5"
+_ARROW_LOW: Final = "0 -8,-3 8,-3 / 3.4,1.6 8,-3 3.4,-7.6"
+_QUESTION: Final = "0 0,4.2,4.4,4.8,165,-50 0,-1.2 0,-4 / 0,-9 0,-8.3"
+_QUESTION_LOW: Final = "0 0,1.6,3.8,4,165,-50 0,-3 0,-4.8 / 0,-9.4 0,-8.8"
+# A node that asks all its children anew on every tick has a wave above its arrow; one with a memory, a dot.
+_WAVE: Final = " / -3.6,7.4,3.6,2.2,180,0 3.6,7.4,3.6,2.2,180,360"
+_MEMORY: Final = " / -1,7 1,7"
+_PARALLEL: Final = "0 -8,4.5 8,4.5 / 4,8.5 8,4.5 4,0.5 / -8,-4.5 8,-4.5 / 4,-0.5 8,-4.5 4,-8.5"
+_LOOP: Final = "0 0,0,7.4,7.4,70,380 / 3.2,4.2 7,2.4 9.4,6"
+_RETRY: Final = "0 0,0,7.4,7.4,110,-200 / -3.2,4.2 -7,2.4 -9.4,6"
+_CLOCK: Final = "0 0,0,8.4,8.4,90,450 / 0,5 0,0 3.8,-2.2"
+_BRANCH: Final = "0 -8.5,0 -2,0 7,5.6 / -2,0 7,-5.6 / 3,7.6 7,5.6 6,1.6 / 6,-1.6 7,-5.6 3,-7.6"
+_TREE: Final = "0 0,9 0,1 / -6.5,-7 -6.5,1 6.5,1 6.5,-7 / 0,1 0,-7"
+_DIAMOND: Final = "0 0,8.4 8.4,0 0,-8.4 -8.4,0 0,8.4"
+_PLAY: Final = "0 -4.6,7 7,0 -4.6,-7 -4.6,7"
+_RING: Final = "0 0,0,7,7,0,360 / 0,0,2,2,0,360"
+_TICK: Final = "0 -7.5,0 -2.2,-5.8 7.5,6"
+_CROSS: Final = "0 -6,6 6,-6 / 6,6 -6,-6"
+_NOT: Final = "0 0,9 0,-3 / 0,-8.7 0,-8"
+_PEN: Final = "0 -7,-7 -6,-2.6 4,7.4 7.4,4 -2.6,-6 -7,-7"
+_HAND: Final = "0 -3,9 -3,-6 1,-2.6 3.4,-8.6 / 1,-2.6 7,-2.2 -3,9"
+_ONCE: Final = "0 -3.4,5 1.4,9 1.4,-9"
+_RECOVER: Final = "0 0,0,7.4,7.4,110,-200 / -3.2,4.2 -7,2.4 -9.4,6 / 0,3.6 0,-0.6 / 0,-3.6 0,-3"
+_PIPELINE: Final = "0 -8.5,3.6 3,3.6 / -8.5,-3.6 8.5,-3.6 / 4.4,0.4 8.5,-3.6 4.4,-7.6 / 0,6.6 3,3.6 0,0.6"
+_ROUND: Final = "0 0,0,7.4,7.4,70,380 / 3.2,4.2 7,2.4 9.4,6 / -2.6,0 2.6,0 / 0.4,2.2 2.6,0 0.4,-2.2"
+_UPDATED: Final = "0 0,9 8,0 0,-9 -8,0 0,9 / 0,3.6 0,-3.6 / -2.2,1.4 0,3.6 2.2,1.4"
+_INFINITY: Final = "0 -4.6,0,4.6,4.6,0,360 / 4.6,0,4.6,4.6,180,540"
+
+_BY_ID: Final[dict[str, str]] = {
+    "Sequence": _ARROW,
+    "ReactiveSequence": _ARROW_LOW + _WAVE,
+    "AsyncSequence": _ARROW,
+    "SequenceStar": _ARROW_LOW + _MEMORY,
+    "SequenceWithMemory": _ARROW_LOW + _MEMORY,
+    "Fallback": _QUESTION,
+    "Selector": _QUESTION,
+    "AsyncFallback": _QUESTION,
+    "ReactiveFallback": _QUESTION_LOW + _WAVE,
+    "Parallel": _PARALLEL,
+    "ParallelAll": _PARALLEL,
+    "IfThenElse": _BRANCH,
+    "WhileDoElse": _BRANCH,
+    "TryCatch": _BRANCH,
+    "ManualSelector": _HAND,
+    "Inverter": _NOT,
+    "ForceSuccess": _TICK,
+    "AlwaysSuccess": _TICK,
+    "ForceFailure": _CROSS,
+    "AlwaysFailure": _CROSS,
+    "RecoveryNode": _RECOVER,
+    "PipelineSequence": _PIPELINE,
+    "RoundRobin": _ROUND,
+    "NonblockingSequence": _ARROW_LOW + _MEMORY,
+    "RateController": _CLOCK,
+    "SingleTrigger": _ONCE,
+    "GoalUpdated": _UPDATED,
+    "GlobalUpdatedGoal": _UPDATED,
+    "SkipUnlessUpdated": _UPDATED,
+    "WaitValueUpdate": _UPDATED,
+    "Wait": _CLOCK,
+    "Repeat": _LOOP,
+    "KeepRunningUntilFailure": _INFINITY,
+    "RetryUntilSuccessful": _RETRY,
+    "RetryUntilSuccesful": _RETRY,
+    "Timeout": _CLOCK,
+    "Delay": _CLOCK,
+    "Sleep": _CLOCK,
+    "RunOnce": _ONCE,
+    "Precondition": _DIAMOND,
+    "ScriptCondition": _DIAMOND,
+    "BlackboardCheckInt": _DIAMOND,
+    "BlackboardCheckDouble": _DIAMOND,
+    "BlackboardCheckString": _DIAMOND,
+    "BlackboardCheckBool": _DIAMOND,
+    "Script": _PEN,
+    "SetBlackboard": _PEN,
+    "UnsetBlackboard": _PEN,
+}
+_BY_PREFIX: Final = (("Switch", _BRANCH), ("Loop", _LOOP))
+_BY_KIND: Final[dict[str, str]] = {
+    "action": _PLAY,
+    "condition": _DIAMOND,
+    "control": _BRANCH,
+    "decorator": _RING,
+    "subtree": _TREE,
+}
+
+
+def symbol(node_id: str, kind: str) -> list[Stroke]:
+    """Strokes for a node of registration ID *node_id*; an unknown ID is drawn by its *kind*."""
+    drawing = _BY_ID.get(node_id)
+    if drawing is None:
+        drawing = next((one for prefix, one in _BY_PREFIX if node_id.startswith(prefix)), None)
+    if drawing is None:
+        drawing = _BY_KIND.get(kind, _RING)
+    return parse(drawing)[1]
+
+
+def placed(strokes: list[Stroke], x: float, y: float, radius: float) -> list[Stroke]:
+    """*strokes* around (x, y) in a picture whose y points down; *radius* is what 10 units become."""
+    scale = radius / 10.0
+    return [[(x + px * scale, y - py * scale) for px, py in stroke] for stroke in strokes]

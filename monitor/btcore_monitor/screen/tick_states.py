@@ -1,0 +1,116 @@
+"""How the nodes of a tree stand, tick by tick: what pills and lanes show.
+
+A node that ends is often reset by its parent within the same tick: a condition under an Inverter would be
+IDLE whenever one looks. So beside the stored status there is what a node said in this tick, and its last
+result.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_monitor.events import (
+    IDLE,
+    RUNNING,
+    STATUS_NAMES,
+    ObservedTree,
+    StatusChanged,
+)
+
+RESET_OFFSET: Final = 3
+"""Added to a result (SUCCESS 2, FAILURE 3, SKIPPED 4): said in this tick, and reset since."""
+SHOWN_NAMES: Final = (*STATUS_NAMES, *STATUS_NAMES[2:])
+
+QUIET: Final = 1_000_000
+LONG: Final = 20_000_000
+"""Where there are no numbers of ticks, what changes within 1 ms (of ns) is of one tick, up to 20 ms."""
+
+States = NDArray[np.uint8]
+
+
+class TickStates:
+    """The nodes of a picture, by their index in it.
+
+    *shown* holds each node's stored status, or ``RESET_OFFSET + result`` where it ended and was reset
+    within the
+    tick; *results* its last result ever (0: none yet). *t* and *wall* (ns) are those of the last change.
+    """
+
+    def __init__(self, picture: ObservedTree) -> None:
+        self.index: Mapping[int, int] = {node.uid: at for at, node in enumerate(picture.nodes)}
+        self.shown: States = np.zeros(len(picture.nodes), dtype=np.uint8)
+        self.results: States = np.zeros(len(picture.nodes), dtype=np.uint8)
+        self.t = 0
+        self.wall = 0
+        self._before = self.shown.copy()
+        self._ended: dict[int, int] = {}
+        self._touched: set[int] = set()
+        self._held: set[int] = set()
+        self._tick: int | None = None
+        self._began = 0
+
+    def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
+        """Everything stands as in *statuses* from *t* on."""
+        self.t, self.wall = t, wall
+        for uid, status in statuses.items():
+            at = self.index.get(uid)
+            if at is not None:
+                self.shown[at] = status
+                if status not in (IDLE, RUNNING):
+                    self.results[at] = status
+        self._forget()
+        self._held.clear()
+        self._before = self.shown.copy()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether anything was noted since the last close()."""
+        return self._tick is not None
+
+    def is_over(self, event: StatusChanged) -> bool:
+        """Whether *event* belongs to a later tick than what was noted since the last close()."""
+        if self._tick is None or event.tick != self._tick:
+            return self._tick is not None
+        return event.tick == 0 and (event.t - self.t >= QUIET or event.t - self._began >= LONG)
+
+    def change(self, event: StatusChanged) -> None:
+        """Note a transition."""
+        if self._tick is None:
+            self._began = event.t
+        self._tick = event.tick
+        self.t, self.wall = event.t, event.wall
+        at = self.index.get(event.uid)
+        if at is None:
+            return
+        self._touched.add(at)
+        if event.status == IDLE:
+            said = self._ended.get(at)
+            self.shown[at] = IDLE if said is None else RESET_OFFSET + said
+        else:
+            self.shown[at] = event.status
+            if event.status == RUNNING:
+                self._ended.pop(at, None)
+            else:
+                self._ended[at] = self.results[at] = event.status
+
+    def close(self, t: int, wall: int) -> list[int]:
+        """A tick is over at *t*. What was said in the one before and not again is gone.
+
+        Returns the indices of the nodes that look otherwise than after the last close().
+        """
+        if not self._touched and self._held:
+            self.t, self.wall = t, wall
+        for at in self._held - self._touched:
+            self.shown[at] = IDLE
+        self._held = {at for at in self._held | self._touched if self.shown[at] >= len(STATUS_NAMES)}
+        changed = np.flatnonzero(self.shown != self._before).tolist()
+        self._before = self.shown.copy()
+        self._forget()
+        return changed
+
+    def _forget(self) -> None:
+        self._ended.clear()
+        self._touched.clear()
+        self._tick = None

@@ -1,0 +1,317 @@
+"""The tree as a drawing: pills, badges and edges drawn once, then nothing but colours."""
+
+from collections import deque
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from typing import Final
+
+import numpy as np
+import rerun as rr
+
+from btcore_monitor.events import (
+    IDLE,
+    RUNNING,
+    ObservedNode,
+    ObservedTree,
+)
+from btcore_monitor.screen import style
+from btcore_monitor.screen.captions import Caption, captions, ports
+from btcore_monitor.screen.font import Stroke, strokes_of
+from btcore_monitor.screen.layout import (
+    Box,
+    Layout,
+    Place,
+    lay_out,
+)
+from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
+from btcore_monitor.screen.legend import legend
+from btcore_monitor.screen.row_buffer import RowBuffer
+from btcore_monitor.screen.subtree_drawing import (
+    PARTS,
+    Strip,
+    SubtreeDrawing,
+    entity_path,
+    hover_values,
+    node_entities,
+    split_by_subtree,
+)
+from btcore_monitor.screen.symbols import placed, symbol
+from btcore_monitor.screen.tick_states import TickStates
+
+ORIGIN: Final = "tree"
+FOLDED: Final = "folded"
+LEGEND: Final = "legend"
+FOLDED_AT_MOST: Final = 90
+"""Nodes of a folded tree: so many can be read in a window."""
+BIG: Final = 200
+"""Trees of more nodes are drawn folded too."""
+_LEGIBLE: Final = 0.62
+"""Pixels a unit: a tree that is drawn no smaller than this needs no wrapping."""
+_NOTE_LEGIBLE: Final = 0.78
+"""Pixels a unit: a tree that is drawn smaller than this goes without notes."""
+_PATH_SEEN: Final = 1.2
+"""Pixels: the least radius of the running path."""
+_MARGIN: Final = 8.0
+"""Pixels around the tree."""
+_LARGEST: Final = 1.35
+"""Pixels a unit of a tree of a few nodes, which would fill the window otherwise."""
+
+
+class TreeView:
+    """The drawing of one Picture, and the status of each of its nodes, made for a view of *room* (pixels)."""
+
+    def __init__(
+        self,
+        rows: RowBuffer,
+        picture: ObservedTree,
+        palette: style.Palette,
+        room: tuple[float, float],
+        found: Collection[int] = (),
+        whole: ObservedTree | None = None,
+    ) -> None:
+        self.picture = picture
+        self.palette = palette
+        self.origin = ORIGIN if whole is None else FOLDED
+        whole = whole or picture
+        self._room = room
+        self.captions, self.layout = _written(picture, whole, room)
+        self._rows = rows
+        index = {node.uid: at for at, node in enumerate(whole.nodes)}
+        self._index = np.array([index[node.uid] for node in picture.nodes], dtype=np.intp)
+        self._at = {node.uid: at for at, node in enumerate(picture.nodes)}
+        self._nearest_of = self._nearest(whole)
+        self._found = sorted({at for at in map(self._nearest_of, found) if at is not None})
+        self._raised: dict[int, bool] = {}
+        self._inner = np.array([bool(node.children) for node in picture.nodes])
+        self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
+        edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
+        self.branches = [
+            SubtreeDrawing(
+                rows, palette, entity_path(self.origin, path), np.array(at, dtype=np.intp), self._pills, edges
+            )
+            for path, at in split_by_subtree(picture).items()
+        ]
+        self._frames: dict[int, list[Stroke]] = {}
+        for at, *corners in self.layout.frames:
+            content = self._at[picture.nodes[at].children[0]]
+            self._frames.setdefault(content, []).append(_rounded(*corners))
+
+    @property
+    def drawn_only(self) -> tuple[str, ...]:
+        """Entities that are there to be seen; hovering and clicking are for the pills."""
+        parts = [f"{one.entity}/{part}" for one in self.branches for part in PARTS if part != "pills"]
+        return (*parts, f"{self.origin}/{LEGEND}")
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """x0, y0, x1, y1 of what is to be in view: the tree, and the legend at the lower left."""
+        (width, height), (across, down) = self.layout.size, self._room
+        pixel = _pixel(self.layout, self._room)
+        left, top = (width - across * pixel) / 2, (height - (down - LEGEND_HEIGHT) * pixel) / 2
+        return left, top, left + across * pixel, top + down * pixel
+
+    def colour(self, moments: TickStates) -> None:
+        """Rows for what *moments* shows now; nothing where nothing looks otherwise."""
+        palette, t, wall = self.palette, moments.t, moments.wall
+        shown = moments.shown[self._index]
+        running = shown == RUNNING
+        pills = np.where(self._inner & running, np.uint32(palette.busy), palette.fill[shown])
+        rims = np.where(shown == IDLE, palette.rest[moments.results[self._index]], palette.rim[shown])
+        for branch in self.branches:
+            branch.colour(t, wall, pills, rims, running)
+        again = [at for at, rested in self._raised.items() if rested and shown[at] != IDLE]
+        for at in self._raised:
+            self._raised[at] = self._raised[at] or shown[at] == IDLE
+        if again:
+            for at in again:
+                del self._raised[at]
+            self._ring(t, wall)
+
+    def raised(self, uid: int, t: int, wall: int) -> None:
+        """Ring the node *uid*, or the folded subtree that it is in, until it runs again."""
+        at = self._nearest_of(uid)
+        if at is not None:
+            self._raised[at] = False
+            self._ring(t, wall)
+
+    def _ring(self, t: int, wall: int) -> None:
+        for branch in self.branches:
+            branch.ring(t, wall, self._raised)
+
+    def _nearest(self, whole: ObservedTree) -> Callable[[int], int | None]:
+        """From a uid of *whole* to the index here of that node, or of the closest above it that is here."""
+
+        def nearest(uid: int) -> int | None:
+            above = (uid, *(node.uid for node in whole.ancestors(uid)))
+            return next((self._at[one] for one in above if one in self._at), None)
+
+        return nearest
+
+    def draw(self) -> None:
+        """Draw what never changes."""
+        picture, palette = self.picture, self.palette
+        half = style.PILL_HEIGHT / 2
+        labels = [node.name for node in picture.nodes]
+        told = {
+            "path": [node.path for node in picture.nodes],
+            "ID": [node.id for node in picture.nodes],
+            "ports": [ports(node) for node in picture.nodes],
+        }
+        stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self._room))
+        for branch in self.branches:
+            branch.draw(labels, told, stroke)
+            places = [self.layout.places[at] for at in branch.at]
+            frames = [frame for at in branch.at for frame in self._frames.get(int(at), ())]
+            branch.lines("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
+            found = [self._pills[at] for at in branch.at if at in self._found]
+            branch.lines("found", found, 3.4, colors=[palette.found], radii=[half + style.HALO])
+            badges = [((one.x + half, one.y), (one.x + half + 0.01, one.y)) for one in places]
+            branch.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
+            strokes, colours, radii = self._ink(branch.at.tolist())
+            branch.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
+        x0, _, _, y1 = self.bounds()
+        line = legend(palette, x0, y1, _pixel(self.layout, self._room), bool(self._found))
+        self._rows.log(f"{self.origin}/{LEGEND}", line, static=True)
+        if self.origin == ORIGIN:
+            self._name_nodes()
+
+    def _name_nodes(self) -> None:
+        """An entity for each node: found by its name in the viewer's list of entities, and with its values.
+
+        In trees that aren't big it has the pill's shape, below the pill, so that it is marked when chosen.
+        """
+        shaped = len(self.picture.nodes) <= BIG
+        entities = node_entities(self.picture, self.origin)
+        for node, pill, entity in zip(self.picture.nodes, self._pills, entities, strict=True):
+            # One component: each takes a kilobyte of the file.
+            what = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
+            if shaped:
+                radius = style.PILL_HEIGHT / 2 - style.RIM
+                what.append(
+                    rr.LineStrips2D([pill], colors=[self.palette.badge], radii=[radius], draw_order=3.8)
+                )
+            self._rows.log(entity, *what, static=True)
+
+    def _ink(self, indices: Sequence[int]) -> tuple[list[Strip], list[int], list[float]]:
+        """Names, notes and symbols of the nodes at *indices*: strokes, their colours and radii."""
+        strokes: list[Stroke] = []
+        colours: list[int] = []
+        radii: list[float] = []
+        for at in indices:
+            node, place = self.picture.nodes[at], self.layout.places[at]
+            caption = self.captions[node.uid]
+            centre = place.x + style.PILL_HEIGHT / 2
+            left = centre + style.BADGE_RADIUS + 7.0
+            sign = placed(symbol(node.id, node.kind), centre, place.y, style.BADGE_RADIUS * 0.66)
+            raise_by = style.NOTE_LIFT if caption.note else 0.0
+            name = strokes_of(
+                caption.name, left, place.y + style.TEXT_HEIGHT * 0.46 - raise_by, style.TEXT_HEIGHT
+            )
+            note = strokes_of(caption.note, left, place.y + style.NOTE_DROP, style.NOTE_HEIGHT)
+            strokes += [*sign, *name, *note]
+            colours += [self.palette.text] * (len(sign) + len(name)) + [self.palette.note] * len(note)
+            radii += [style.BADGE_STROKE] * len(sign) + [style.TEXT_STROKE] * len(name)
+            radii += [style.NOTE_STROKE] * len(note)
+        return [np.array(stroke, dtype=np.float32) for stroke in strokes], colours, radii
+
+
+def fold_subtrees(picture: ObservedTree, most: int = FOLDED_AT_MOST) -> ObservedTree:
+    """*picture* with subtrees folded into their SubTree nodes, the outermost unfolded up to *most* nodes."""
+    content: dict[str, list[ObservedNode]] = {}
+    for node in picture.nodes:
+        content.setdefault(node.subtree, []).append(node)
+    root = picture.root.subtree
+    unfolded, count = {root}, len(content[root])
+    waiting = deque(content[root])
+    while waiting:
+        node = waiting.popleft()
+        inside = (
+            picture.by_uid[node.children[0]].subtree if node.kind == "subtree" and node.children else None
+        )
+        if inside is None or inside in unfolded:
+            continue
+        if count + len(content[inside]) <= most:
+            unfolded.add(inside)
+            count += len(content[inside])
+            waiting.extend(content[inside])
+    kept = {node.uid for node in picture.nodes if node.subtree in unfolded}
+    nodes = [
+        replace(node, children=tuple(child for child in node.children if child in kept))
+        for node in picture.nodes
+        if node.uid in kept
+    ]
+    return ObservedTree(picture.tree_id, picture.name, tuple(nodes), picture.subtrees)
+
+
+def arrange(picture: ObservedTree, written: Mapping[int, Caption], room: tuple[float, float]) -> Layout:
+    """Where the nodes of *picture* go, with pills wide enough for what is *written* in them."""
+    index = {node.uid: at for at, node in enumerate(picture.nodes)}
+    boxes = [
+        Box(
+            width=written[node.uid].width,
+            children=tuple(index[child] for child in node.children),
+            framed=node.kind == "subtree" and bool(node.children),
+        )
+        for node in picture.nodes
+    ]
+    across, down = room
+    comfort = across / _LEGIBLE / style.PILL_HEIGHT
+    return lay_out(boxes, style.PILL_HEIGHT, across / (down - LEGEND_HEIGHT), comfort)
+
+
+def _written(
+    picture: ObservedTree, whole: ObservedTree, room: tuple[float, float]
+) -> tuple[Mapping[int, Caption], Layout]:
+    """What the pills say and where they are: with notes, if those can be read without zooming in."""
+    if len(picture.nodes) <= BIG:
+        noted = captions(picture, whole, noted=True)
+        layout = arrange(picture, noted, room)
+        if _pixel(layout, room) * _NOTE_LEGIBLE <= 1.0:
+            return noted, layout
+    plain = captions(picture, whole, noted=False)
+    return plain, arrange(picture, plain, room)
+
+
+def _pixel(layout: Layout, room: tuple[float, float]) -> float:
+    """Units that a pixel is, with all of *layout* in view."""
+    (width, height), (across, down) = layout.size, room
+    margin = style.PILL_HEIGHT * 0.7
+    wide = (width + margin) / (across - 2 * _MARGIN)
+    high = (height + margin) / (down - LEGEND_HEIGHT - 2 * _MARGIN)
+    return max(wide, high, 1 / _LARGEST)
+
+
+def _pill(place: Place, half: float) -> Strip:
+    return np.array([(place.x + half, place.y), (place.x + place.width - half, place.y)], dtype=np.float32)
+
+
+def _rounded(x0: float, y0: float, x1: float, y1: float, radius: float = 12.0) -> Stroke:
+    points: Stroke = []
+    corners = ((x1, y0, -90), (x1, y1, 0), (x0, y1, 90), (x0, y0, 180))
+    for x, y, start in corners:
+        cx = x - radius if x == x1 else x + radius
+        cy = y - radius if y == y1 else y + radius
+        for step in range(5):
+            angle = np.radians(start + 22.5 * step)
+            points.append((cx + radius * float(np.cos(angle)), cy + radius * float(np.sin(angle))))
+    return [*points, points[0]]
+
+
+def leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
+    """The nodes that do the work, in tree order."""
+    return [node for node in nodes if not node.children and node.kind in ("action", "condition")]
+
+
+def matching(picture: ObservedTree, pattern: str) -> list[int]:
+    """uids of the nodes whose name, ID or path is like *pattern* (``*`` and ``?``), in any case of letters.
+
+    A pattern without ``*``, ``?`` and ``[`` is a part of the name or path.
+    """
+    wanted = pattern.casefold()
+    if not any(sign in wanted for sign in "*?["):
+        wanted = f"*{wanted}*"
+    return [
+        node.uid
+        for node in picture.nodes
+        if any(fnmatchcase(one.casefold(), wanted) for one in (node.name, node.id, node.path))
+    ]

@@ -1,0 +1,180 @@
+"""Where trees are shown: each in a recording of its own, or those of several robots in one window.
+
+A window of several has a tab with all robots side by side, and one for each with all that is known of it.
+It goes by wall time: the clocks of trees have nothing to do with one another.
+"""
+
+import contextlib
+import math
+import re
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, Protocol
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from btcore_monitor.screen.blueprint import (
+    Pane,
+    blueprint,
+    lanes,
+    layout,
+    log,
+    running,
+    trees,
+    windowed,
+)
+from btcore_monitor.screen.row_buffer import WALL_TIME
+from btcore_monitor.screen.sinks import RecordingSinks
+
+FLUSH_WITHIN: Final = 20.0
+"""s of wall time that outlets have to take in the rest at the end."""
+ROOM: Final = (960.0, 505.0)
+"""Width and height (pixels) of a tree's view beside another one; in its own tab it has more than it needs."""
+EARLIER: Final = 6
+"""Trees of before a restart that keep a tab."""
+_BESIDE: Final = 3
+"""So many robots stand side by side with log and lanes; more of them with lanes only, in several rows."""
+
+
+class RobotWindow(Protocol):
+    """Where one robot's trees are shown, one after the other."""
+
+    label: str
+    """What people call the robot; empty where there is no other one."""
+
+    def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
+        """The recording for a tree called *name*, the place in it, and the file that it is written to."""
+        ...
+
+    def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
+        """Have the window show *pane*, which may have been there before."""
+        ...
+
+    def end(self, recording: rr.RecordingStream) -> None:
+        """Nothing more comes of the tree."""
+        ...
+
+
+class SingleRobotWindow:
+    """A recording for each tree, so that a restarted robot does not write over what was seen."""
+
+    label = ""
+
+    def __init__(self, outlets: RecordingSinks) -> None:
+        self._outlets = outlets
+
+    def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
+        """A new recording."""
+        recording = _recording(f"btcore {name}", name)
+        return recording, "", self._outlets.attach(recording)
+
+    def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
+        """The window has nothing else."""
+        recording.send_blueprint(blueprint(pane))
+
+    def end(self, recording: rr.RecordingStream) -> None:
+        """The recording is over."""
+        _finish(recording)
+
+
+class SharedWindow:
+    """One recording for the robots called *labels*, begun when the first tree is seen; for any thread."""
+
+    def __init__(self, outlets: RecordingSinks, labels: Sequence[str]) -> None:
+        self.slots = [SharedWindowSlot(self, label) for label in labels]
+        """A stage for each robot."""
+        self.files: list[Path] = []
+        """The file that is written, once there is one."""
+        self._outlets = outlets
+        self._name = " and ".join(labels)
+        self._recording: rr.RecordingStream | None = None
+        self._lock = threading.Lock()
+        self._places: set[str] = set()
+        self._earlier: list[Pane] = []
+
+    def begin(self, seat: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
+        """The recording, and a new place in it."""
+        with self._lock:
+            if self._recording is None:
+                self._recording = _recording(f"btcore {self._name}", self._name)
+                file = self._outlets.attach(self._recording)
+                self.files += [file] if file is not None else []
+            count, first = 1, re.sub(r"[^A-Za-z0-9]+", "_", seat.label).strip("_") or "robot"
+            place = first
+            while place in self._places:
+                count += 1
+                place = f"{first}_{count}"
+            self._places.add(place)
+            return self._recording, place, self.files[0] if self.files else None
+
+    def show(self, recording: rr.RecordingStream, seat: "SharedWindowSlot", pane: Pane) -> None:
+        """Have *seat* show *pane*; what it showed of another tree is to be found behind the others."""
+        with self._lock:
+            if seat.pane is not None and seat.pane.place != pane.place:
+                self._earlier = [*self._earlier, seat.pane][-EARLIER:]
+            seat.pane = pane
+            panes = [one.pane for one in self.slots if one.pane is not None]
+            tabs = [layout(one, one.name) for one in panes]
+            tabs += [layout(one, f"{one.name}, earlier") for one in self._earlier]
+            recording.send_blueprint(windowed(rrb.Tabs(_side_by_side(panes), *tabs), WALL_TIME))
+
+    def close(self) -> None:
+        """Nothing more comes of any robot."""
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            _finish(recording)
+
+
+class SharedWindowSlot:
+    """Where the trees of one robot among several are shown."""
+
+    def __init__(self, together: SharedWindow, label: str) -> None:
+        self.label = label
+        self.pane: Pane | None = None
+        """What is shown now."""
+        self._together = together
+
+    def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
+        """The recording of all."""
+        return self._together.begin(self)
+
+    def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
+        """The others stay as they are."""
+        self._together.show(recording, self, pane)
+
+    def end(self, recording: rr.RecordingStream) -> None:
+        """The recording goes on: others may write it."""
+
+
+def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
+    if len(panes) > _BESIDE:
+        small = [rrb.Vertical(trees(one), lanes(one), row_shares=[0.68, 0.32]) for one in panes]
+        return rrb.Grid(*small, grid_columns=math.ceil(math.sqrt(len(panes))), name="All robots")
+    columns = [
+        rrb.Vertical(
+            trees(one),
+            lanes(one),
+            rrb.Horizontal(running(one), log(one), column_shares=[0.38, 0.62]),
+            row_shares=[0.5, 0.28, 0.22],
+        )
+        for one in panes
+    ]
+    return rrb.Horizontal(*columns, name="All robots")
+
+
+def _recording(application: str, name: str) -> rr.RecordingStream:
+    # Blueprints are kept by application: windows with other trees must not share one.
+    recording = rr.RecordingStream(re.sub(r"[^A-Za-z0-9_ -]+", "_", application))
+    recording.set_log_tick_enabled(False)
+    recording.set_log_time_enabled(False)
+    recording.send_recording_name(name)
+    return recording
+
+
+def _finish(recording: rr.RecordingStream) -> None:
+    # A viewer that was closed is no reason to leave the file unfinished.
+    with contextlib.suppress(RuntimeError):
+        recording.flush(timeout_sec=FLUSH_WITHIN)
+    recording.disconnect()

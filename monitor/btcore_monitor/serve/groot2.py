@@ -1,0 +1,124 @@
+"""Our tree speaks Groot 2's protocol: requests in, replies out, no sockets."""
+
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from btcore.tree.tree import Tree
+from btcore_monitor.serve.blackboards import ReservedNameError
+from btcore_monitor.serve.hook_controller import HookController, RequestRejectedError
+from btcore_monitor.serve.queueing_observer import StampedTransition
+from btcore_monitor.wire import groot2
+from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.groot2 import Request, RequestHeader
+from btcore_monitor.wire.nlohmann_json import JsonError
+
+MOST_NODES: Final = 0xFFFF
+"""A uid has 16 bits on the wire: nodes beyond are not in STATUS and not in recordings."""
+
+
+class Groot2Server:
+    """Answers for one tree. Belongs to the publisher's thread. Without *control*, hooks are disabled."""
+
+    def __init__(
+        self,
+        tree: Tree,
+        xml: bytes,
+        boards: Callable[[list[str]], bytes],
+        tree_id: uuid.UUID,
+        control: HookController | None = None,
+    ) -> None:
+        self.control = control
+        self._xml = xml
+        self._boards = boards
+        self._tree_id = tree_id.bytes
+        nodes = [node for part in tree.subtrees for node in part.nodes if node.uid <= MOST_NODES]
+        self._statuses = bytearray(groot2.encode_statuses((node.uid, int(node.status)) for node in nodes))
+        self._code_at = {node.uid: 3 * index + 2 for index, node in enumerate(nodes)}
+        self._recorded: deque[bytes] = deque(maxlen=groot2.RECORDED_AT_MOST)
+        self._recording_since = 0
+        self._expected: int | None = None
+        self.dropped = 0
+        """Transitions that fell out of the full queue before they came here."""
+
+    def add_transition(self, item: StampedTransition) -> None:
+        """Take a transition in."""
+        change = item.change
+        if self._expected is not None:
+            self.dropped += change.number - self._expected
+        self._expected = change.number + 1
+        at = self._code_at.get(change.uid)
+        if at is None:
+            return
+        self._statuses[at] = groot2.status_code(int(change.previous), int(change.status))
+        if self._recording_since:
+            offset = max(0, item.wall // 1000 - self._recording_since)
+            self._recorded.append(groot2.encode_transition(offset, change.uid, int(change.status)))
+
+    def correct(self, statuses: dict[int, int]) -> None:
+        """Set the standing of nodes whose transitions were lost, to what the tree says itself."""
+        for uid, status in statuses.items():
+            at = self._code_at.get(uid)
+            if at is None:
+                continue
+            code = self._statuses[at]
+            if (code if code < 10 else 0) != status:
+                self._statuses[at] = groot2.status_code(code if code < 10 else code - 10, status)
+
+    def answer(self, frames: Sequence[bytes]) -> list[bytes]:
+        """The reply to a request; what can't be answered gets an error reply, never an exception."""
+        if self.control is not None:
+            self.control.on_request()
+        try:
+            header = RequestHeader.decode(frames[0])
+        except ProtocolError:
+            return groot2.encode_error(groot2.WRONG_HEADER)
+        try:
+            kind = Request(header.kind)
+        except ValueError:
+            return groot2.encode_error(groot2.NOT_RECOGNIZED)
+        if kind is Request.BREAKPOINT_REACHED:
+            return groot2.encode_error(groot2.NOT_RECOGNIZED)
+        if kind in groot2.TWO_FRAMES and len(frames) != 2:
+            return groot2.encode_error(groot2.TWO_PARTS)
+        try:
+            if kind in groot2.HOOKS:
+                body = self._control(kind, frames)
+            else:
+                body = self._body(kind, frames)
+        except (ReservedNameError, RequestRejectedError, JsonError) as error:
+            return groot2.encode_error(str(error))
+        return groot2.encode_reply(header, self._tree_id, body)
+
+    def _body(self, kind: Request, frames: Sequence[bytes]) -> bytes | None:
+        if kind is Request.FULLTREE:
+            return self._xml
+        if kind is Request.STATUS:
+            return bytes(self._statuses)
+        if kind is Request.BLACKBOARD:
+            return self._boards(groot2.decode_names(frames[1]))
+        if kind is Request.TOGGLE_RECORDING:
+            return self._toggle(frames[1])
+        recorded = b"".join(self._recorded)
+        self._recorded.clear()
+        return recorded
+
+    def _control(self, kind: Request, frames: Sequence[bytes]) -> bytes | None:
+        if self.control is None:
+            raise RequestRejectedError(groot2.HOOKS_DISABLED)
+        return self.control.answer(kind, frames[1] if len(frames) > 1 else b"")
+
+    def _toggle(self, what: bytes) -> bytes | None:
+        if what != b"start":
+            self._recording_since = 0
+            return None
+        self._recorded.clear()
+        self._recording_since = time.time_ns() // 1000
+        return str(self._recording_since).encode()
+
+
+def statuses_of(tree: Tree) -> dict[int, int]:
+    """uid → status of every node right now, from any thread."""
+    return {node.uid: int(node.status) for node in tree.nodes}

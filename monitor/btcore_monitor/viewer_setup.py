@@ -1,0 +1,196 @@
+"""Where a tree is shown, and what that needs: for every command that shows one.
+
+Nothing heavy is imported before it is needed, so that ``--help`` is quick, and there without rerun.
+"""
+
+import contextlib
+import importlib.util
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from btcore_monitor.display_options import display_options
+
+if TYPE_CHECKING:
+    from btcore_monitor.screen.sinks import RecordingSinks
+
+
+class MonitorCommandError(click.ClickException):
+    """What was asked for can't be had; the message says what can."""
+
+    exit_code = 2
+
+
+def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give *command* the options of where and how to show.
+
+    They are save, serve_web, screenshot, at, size and memory_limit, and look, a
+    :class:`~btcore_monitor.display_options.Look`.
+    """
+    command = display_options(command)
+    for option in reversed(_options()):
+        command = option(command)
+    return command
+
+
+def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give *command* the options of what a robot is asked for: no_record and blackboard_rate."""
+    for option in reversed(
+        [
+            click.option(
+                "--no-record",
+                is_flag=True,
+                help="Leave a C++ robot's recording of transitions to others: it is whoever's reads it "
+                "first.",
+            ),
+            click.option(
+                "--blackboard-rate",
+                type=click.FloatRange(min=0, max=100),
+                default=2.0,
+                show_default=True,
+                metavar="HZ",
+                help="How often a C++ robot is asked for its blackboards; 0: never.",
+            ),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+def check_installed(*modules: str) -> None:
+    """Raise MonitorCommandError where one of *modules* is missing."""
+    missing = [name for name in modules if importlib.util.find_spec(name) is None]
+    if missing:
+        raise MonitorCommandError(
+            f"the monitor needs {missing[0]}, which isn't installed: pip install 'btcore[monitor]'"
+        )
+
+
+def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:
+    """The callback of ``--size``: width and height in *value*."""
+    width, _, height = value.partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
+        raise click.BadParameter(f"'{value}' is no size: write WIDTHxHEIGHT in pixels, such as 1920x1080")
+    return int(width), int(height)
+
+
+def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
+    file = click.Path(dir_okay=False, path_type=Path)
+    return [
+        click.option("--save", type=file, metavar="FILE.rrd", help="Record it."),
+        click.option(
+            "--serve-web",
+            type=click.IntRange(1, 65535),
+            is_flag=False,
+            flag_value=9090,
+            metavar="[PORT]",
+            help="Serve the viewer to browsers instead of opening a window.  [port: 9090]",
+        ),
+        click.option(
+            "--screenshot",
+            type=file,
+            metavar="FILE.png",
+            help="Picture of the monitor at the end; needs no display.",
+        ),
+        click.option(
+            "--at",
+            type=float,
+            metavar="SECONDS",
+            help="Tree time of the screenshot; of several robots, time since the first was seen.  "
+            "[default: the end]",
+        ),
+        click.option(
+            "--size",
+            default="1920x1080",
+            callback=pixels,
+            show_default=True,
+            metavar="WxH",
+            help="Of the screenshot.",
+        ),
+        click.option(
+            "--memory-limit",
+            default="25%",
+            show_default=True,
+            metavar="SIZE",
+            help="What the viewer may use before it drops its oldest data: 2GB, or a share of the memory.",
+        ),
+    ]
+
+
+def check_is_recording(save: Path) -> None:
+    """Raise MonitorCommandError where the file of ``--save`` is not called as rerun's recordings are."""
+    if save.suffix.lower() != ".rrd":
+        raise MonitorCommandError(
+            f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
+        )
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Raise MonitorCommandError where the folder of *option*'s file isn't there."""
+    if not path.resolve().parent.is_dir():
+        raise MonitorCommandError(f"{option} {path}: there is no folder {path.resolve().parent}")
+
+
+def check_writable(option: str, path: Path) -> None:
+    """Raise MonitorCommandError where *option*'s file can't be written; an existing file stays as it is."""
+    check_folder(option, path)
+    is_new = not path.exists()
+    try:
+        with path.open("ab"):
+            pass
+        if is_new:
+            path.unlink()
+    except OSError as fault:
+        raise MonitorCommandError(
+            f"{option} {path}: it can't be written: {fault.strerror or fault}"
+        ) from None
+
+
+def open_outlets(
+    save: Path | None, web_port: int | None, window: bool, memory_limit: str
+) -> "RecordingSinks":
+    """Open where a run is shown: a file, a window, browsers. Raises MonitorCommandError, ScreenError."""
+    from btcore_monitor.screen.sinks import RecordingSinks, open_window, serve_web
+
+    if save is not None:
+        check_is_recording(save)
+        check_folder("--save", save)
+    if web_port is not None:
+        web = serve_web(web_port, memory_limit=memory_limit)
+        click.echo(f"monitor: look at {web.page}", err=True)
+        return RecordingSinks(save=save, viewer=web.address, keep=web)
+    if window:
+        return RecordingSinks(save=save, viewer=open_window(memory_limit))
+    if save is None:
+        raise MonitorCommandError(
+            "--no-view leaves nothing to do: add --save FILE.rrd, --serve-web or --screenshot FILE.png"
+        )
+    return RecordingSinks(save=save)
+
+
+@contextlib.contextmanager
+def stop_on_signals(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C and a kind request to end set *stop*, so that files are finished."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def save_screenshot(recording: Path, picture: Path, at: float | None, size: tuple[int, int]) -> None:
+    """Write *picture* of *recording* at *at* (s; None: its end). Raises ScreenError."""
+    from btcore_monitor.screen.screenshot import screenshot
+
+    screenshot(recording, picture, at, size)
+    click.echo(f"monitor: the picture is {picture}", err=True)

@@ -1,0 +1,262 @@
+"""One robot's events, whatever it speaks: btcore's scene channel if there is one, else Groot 2 or Groot 1.
+
+    with Feed("tcp://robot.local:1667") as feed:
+        for event in feed:
+            ...
+
+The robot may be there already, come later, go, and come back with another tree.
+"""
+
+import threading
+import time
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Final, Self
+
+import zmq
+
+from btcore_monitor.events import (
+    BlackboardSeen,
+    ConnectionChanged,
+    ConnectionState,
+    Event,
+    ExceptionRaised,
+    SceneMoving,
+    SceneStatic,
+    StatusChanged,
+    Ticked,
+    TransitionsLost,
+    TreeSeen,
+)
+from btcore_monitor.watch.address import parse_address
+from btcore_monitor.watch.groot1_feed import Groot1Feed
+from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.groot2_feed import Groot2Feed
+from btcore_monitor.watch.protocol_detection import Groot1DetectedError
+from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.watch.scene import SceneClient
+from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.fulltree import read_fulltree
+
+SCENE_FIRST: Final = 0.7
+"""Seconds that a robot which answers Groot's requests has to speak on the scene channel too."""
+
+SILENT_AFTER: Final = 3.0
+"""Seconds (wall clock) without a sign of life after which a btcore robot counts as lost."""
+
+ABANDONED_AFTER: Final = 60.0
+"""Seconds (wall clock) that ``events(until_end=True)`` waits for a robot that isn't there."""
+
+MAX_REPLY_TIMEOUT: Final = 8.0
+"""Seconds (wall clock) that an answer may take over a slow network."""
+
+_STEP: Final = 0.2
+_LOOK_EVERY: Final = 0.05
+
+
+class Feed:
+    """Events of the robot at *address*, in order; use it from one thread (but for :meth:`stop`).
+
+    *blackboard_rate* (Hz) is how often a robot without scene channel is asked for its
+    blackboards (0: never); with *record* it is asked to record its transitions too, which are then
+    nobody else's. Raises :class:`~btcore_monitor.watch.address.AddressError` if *address* is none.
+    """
+
+    def __init__(self, address: str, *, blackboard_rate: float = 2.0, record: bool = True) -> None:
+        self.address = parse_address(address)
+        self._scene = SceneClient(self.address)
+        self._groot2 = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT)
+        self._sampled = Groot2Feed(self._groot2, blackboard_rate, record)
+        self._groot1: Groot1Feed | None = None
+        self._early: list[Event] = []
+        self._stopped = threading.Event()
+        self._state: ConnectionState | None = None
+        self._by_scene = False
+        self._answered_at = 0.0
+        self._number: int | None = None
+        self._told = ""
+
+    def poll(self, timeout: float) -> list[Event]:
+        """What happened since the last call; waits at most *timeout* s (wall clock) for something."""
+        deadline = time.monotonic() + timeout
+        while True:
+            events = self._gather()
+            left = deadline - time.monotonic()
+            if events or left <= 0 or self._stopped.is_set():
+                return events
+            self._wait(min(left, _STEP))
+
+    def events(self, until_end: bool = False) -> Iterator[Event]:
+        """Event after event until :meth:`stop`.
+
+        With *until_end* only until the robot says goodbye, or is away for ABANDONED_AFTER.
+        """
+        away_since: float | None = time.monotonic()
+        while not self._stopped.is_set():
+            for event in self.poll(_STEP):
+                yield event
+                if isinstance(event, ConnectionChanged):
+                    if until_end and event.state == "ended":
+                        return
+                    away_since = None if event.state == "connected" else time.monotonic()
+            if until_end and away_since is not None and time.monotonic() - away_since > ABANDONED_AFTER:
+                return
+
+    def __iter__(self) -> Iterator[Event]:
+        return self.events()
+
+    def stop(self) -> None:
+        """End the iteration, from any thread or signal handler."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """Free the sockets; the robot does not mind."""
+        self._stopped.set()
+        self._scene.close()
+        self._sampled.leave()
+        self._groot2.close()
+        self._leave_groot1()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _gather(self) -> list[Event]:
+        events: list[Event] = []
+        if self._state is None:
+            self._link(events, "waiting", f"waiting for the robot at {self.address}")
+        for message in self._scene.read():
+            self._from_scene(message, events)
+        if self._scene.fault != self._told:
+            self._told = self._scene.fault
+            if self._told:
+                self._link(events, "lost", self._told)
+        now = time.monotonic()
+        if now - self._scene.heard_at < SILENT_AFTER and self._scene.tree_id:
+            self._by_scene = True
+            self._leave_groot1()
+            if self._state == "lost":
+                self._link(events, "connected", f"{self.address} is back")
+        elif self._by_scene:
+            self._by_scene = False
+            self._sampled.forget()
+            self._answered_at = 0.0
+            if self._state == "connected":
+                self._link(events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER:g} s")
+        elif self._groot1 is not None:
+            self._from_groot1(self._groot1, now, events)
+        else:
+            self._from_groot2(now, events)
+        return events
+
+    def _link(self, events: list[Event], state: ConnectionState, detail: str) -> None:
+        if state != self._state:
+            self._state = state
+            events.append(ConnectionChanged(state, detail))
+
+    def _from_scene(self, message: wire.Message, events: list[Event]) -> None:
+        if isinstance(message, wire.TreeMessage):
+            try:
+                picture = read_fulltree(message.xml, message.tree_id)
+            except ProtocolError as error:
+                self._link(events, "lost", str(error))
+                return
+            self._number = None
+            self._link(events, "connected", f"{self.address}, by btcore's scene channel")
+            statuses = {node.uid: 0 for node in picture.nodes} | message.statuses
+            events.append(TreeSeen(picture, message.stamp, message.wall, statuses))
+        elif isinstance(message, wire.StaticMessage):
+            events.append(SceneStatic(message.data))
+        elif isinstance(message, wire.TicksMessage):
+            self._from_ticks(message, events)
+        elif isinstance(message, wire.MovingMessage):
+            events.append(SceneMoving(message.stamp, message.wall, message.data))
+        elif isinstance(message, wire.BlackboardMessage):
+            events.append(BlackboardSeen(message.stamp, message.wall, message.boards))
+        elif isinstance(message, wire.RaisedMessage):
+            events.append(ExceptionRaised(message.stamp, message.wall, message.path, message.message))
+        elif isinstance(message, wire.EndMessage):
+            self._link(events, "ended", f"the run at {self.address} is over")
+
+    def _from_ticks(self, message: wire.TicksMessage, events: list[Event]) -> None:
+        number = message.first
+        if message.transitions:
+            if self._number is not None and number > self._number:
+                events.append(TransitionsLost(self._number, number - 1))
+            self._number = number + len(message.transitions)
+        for stamp, wall, tick, uid, previous, status in message.transitions:
+            events.append(StatusChanged(number, stamp, wall, tick, uid, previous, status))
+            number += 1
+        if message.ended:
+            events.append(Ticked(message.tick, message.stamp, message.wall, message.duration, message.status))
+
+    def _from_groot2(self, now: float, events: list[Event]) -> None:
+        """Ask in Groot 2's words; show the answers once the scene channel had its chance to speak."""
+        self._answered_at = self._answered_at or (now if self._sampled.picture is not None else 0.0)
+        chance = max(SCENE_FIRST, self._groot2.round_trip)
+        too_early = not self._answered_at or now - self._answered_at < chance
+        try:
+            found = self._sampled.step(tree_only=too_early)
+        except Groot1DetectedError as answer:
+            self._sampled.forget()
+            self._answered_at = now
+            self._groot1 = Groot1Feed(self.address, MAX_REPLY_TIMEOUT)
+            if self._state == "connected":
+                self._link(events, "lost", str(answer))
+            return
+        except (NoReplyError, ProtocolError) as error:
+            self._sampled.forget()
+            self._answered_at = 0.0
+            if self._state == "connected":
+                self._link(events, "lost", str(error))
+            return
+        if self._sampled.following:
+            self._link(events, "connected", f"{self.address}, by Groot 2's protocol")
+        events.extend(found)
+
+    def _from_groot1(self, robot: Groot1Feed, now: float, events: list[Event]) -> None:
+        """Hear what is published; show it, as above, once the scene channel had its chance."""
+        try:
+            self._early += robot.step()
+        except NoReplyError as silence:
+            if self._state == "connected":
+                self._link(events, "lost", str(silence))
+        except ProtocolError as error:
+            self._leave_groot1()
+            if self._state == "connected":
+                self._link(events, "lost", str(error))
+            return
+        if now - self._answered_at < SCENE_FIRST:
+            return
+        if self._early or robot.is_back:
+            self._link(events, "connected", str(robot))
+        events += self._early
+        self._early = []
+
+    def _leave_groot1(self) -> None:
+        if self._groot1 is not None:
+            self._groot1.close()
+            self._groot1 = None
+            self._early = []
+            self._answered_at = 0.0
+
+    def _wait(self, seconds: float) -> None:
+        poller = zmq.Poller()
+        poller.register(self._scene.socket, zmq.POLLIN)
+        if self._groot1 is not None:
+            for socket in self._groot1.sockets:
+                poller.register(socket, zmq.POLLIN)
+            seconds = min(seconds, _LOOK_EVERY)
+        elif not self._by_scene:
+            if self._groot2.busy:
+                poller.register(self._groot2.socket, zmq.POLLIN)
+            seconds = min(seconds, max(0.01, self._sampled.next_at - time.monotonic()))
+        poller.poll(max(1, round(1000 * seconds)))

@@ -1,0 +1,202 @@
+"""The XML that a Groot 2 publisher answers FULLTREE with, read into a Picture, and written.
+
+A robot is not trusted more than a web page: a document type is refused before parsing, so there
+are no entities to expand, and nothing is fetched.
+"""
+
+from collections.abc import Iterator
+from typing import Final
+
+from lxml import etree
+
+from btcore_monitor.events import Kind, ObservedNode, ObservedTree
+from btcore_monitor.wire.errors import ProtocolError
+
+FAMILIES: Final[dict[str, Kind]] = {
+    "Action": "action",
+    "Condition": "condition",
+    "Control": "control",
+    "Decorator": "decorator",
+    "SubTree": "subtree",
+}
+"""Tags of a TreeNodesModel, which are also the tags of nodes in explicit form."""
+
+_TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
+_NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
+
+
+def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
+    """The tree that *xml* (UTF-8) shows; *tree_id* is the reply's UUID as 32 hex digits.
+
+    Raises :class:`ProtocolError` if it is not a FULLTREE document.
+    """
+    root = _parse(xml)
+    trees: dict[str, etree._Element] = {}
+    for element in root.iterchildren("BehaviorTree"):
+        path = element.get("_fullpath")
+        if path is None:
+            raise ProtocolError("expected _fullpath on every <BehaviorTree>, and one has none")
+        if path in trees:
+            raise ProtocolError(f"expected one <BehaviorTree> with _fullpath '{path}', and got two")
+        trees[path] = element
+    if not trees:
+        raise ProtocolError("expected a <BehaviorTree> in the full tree, and got none")
+    kinds = {
+        str(model.get("ID")): FAMILIES[str(model.tag)]
+        for models in root.iterchildren("TreeNodesModel")
+        for model in models.iterchildren(*FAMILIES)
+    }
+    main = next(iter(trees))
+    nodes = tuple(_Reader(trees, kinds).read(main))
+    if not nodes:
+        raise ProtocolError("expected nodes in the full tree, and the main tree has none")
+    names = {path: str(element.get("ID") or "") for path, element in trees.items()}
+    return ObservedTree(tree_id, names[main], nodes, names, xml)
+
+
+def write_fulltree(picture: ObservedTree) -> bytes:
+    """The document that shows *picture*: the robot's own, else one with what is known."""
+    if picture.xml:
+        return picture.xml
+    root = etree.Element("root", BTCPP_format="4")
+    trees: dict[str, etree._Element] = {}
+    above: dict[int, etree._Element] = {}
+    models = etree.Element("TreeNodesModel")
+    known: set[str] = set()
+    for node in picture.nodes:
+        if node.subtree not in trees:
+            tree_id = picture.subtrees.get(node.subtree, picture.name)
+            trees[node.subtree] = etree.SubElement(root, "BehaviorTree", ID=tree_id, _fullpath=node.subtree)
+        parent = above.get(node.parent)
+        if parent is None or picture.by_uid[node.parent].kind == "subtree":
+            parent = trees[node.subtree]
+        own = {"ID": picture.subtrees.get(node.path, node.name), "_fullpath": node.path}
+        if node.kind != "subtree":
+            own = {"name": node.name}
+        tag = "SubTree" if node.kind == "subtree" else node.id
+        above[node.uid] = etree.SubElement(parent, tag, {**own, "_uid": str(node.uid), **node.ports})
+        if node.kind != "subtree" and node.id not in known:
+            known.add(node.id)
+            etree.SubElement(models, _TAGS[node.kind], ID=node.id)
+    root.append(models)
+    etree.indent(root, "    ")
+    return etree.tostring(root, encoding="utf-8") + b"\n"
+
+
+def _parse(xml: bytes) -> etree._Element:
+    try:
+        xml.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ProtocolError(
+            f"expected the full tree in UTF-8, and got {error.reason} at byte {error.start}"
+        ) from None
+    if b"<!DOCTYPE" in xml:
+        raise ProtocolError("the full tree declares a document type, which no publisher writes: refused")
+    parser = etree.XMLParser(
+        encoding="utf-8",
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        huge_tree=True,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        root = etree.fromstring(xml, parser)
+    except etree.XMLSyntaxError as error:
+        raise ProtocolError(f"expected the full tree as XML, and got: {error.msg}") from None
+    if root.tag != "root":
+        raise ProtocolError(f"expected <root> around the full tree, and got <{root.tag}>")
+    return root
+
+
+class _Reader:
+    """Walks the instances of subtrees, depth first, without recursion: trees can be very deep."""
+
+    def __init__(self, trees: dict[str, etree._Element], kinds: dict[str, Kind]) -> None:
+        self._trees = trees
+        self._kinds = kinds
+        self._read: set[str] = set()
+        self._uids: set[int] = set()
+
+    def read(self, main: str) -> Iterator[ObservedNode]:
+        """The nodes of the instance *main* and of those below it, in pre-order."""
+        children: dict[int, list[int]] = {0: []}
+        found: list[ObservedNode] = []
+        self._read.add(main)
+        waiting = [(element, 0, main) for element in _roots(self._trees[main])]
+        while waiting:
+            element, parent, subtree = waiting.pop()
+            node = self._node(element, parent, subtree)
+            found.append(node)
+            children[parent].append(node.uid)
+            children[node.uid] = []
+            inside = subtree
+            below = list(element.iterchildren(etree.Element))
+            if node.kind == "subtree":
+                inside = node.path
+                below = self._content(inside)
+            waiting.extend((child, node.uid, inside) for child in reversed(below))
+        for node in found:
+            yield ObservedNode(
+                node.uid,
+                node.name,
+                node.id,
+                node.kind if node.id in self._kinds or node.kind == "subtree" else _guess(children[node.uid]),
+                node.path,
+                node.parent,
+                tuple(children[node.uid]),
+                node.ports,
+                node.subtree,
+            )
+
+    def _content(self, path: str) -> list[etree._Element]:
+        if path not in self._trees:
+            raise ProtocolError(f"expected a <BehaviorTree> with _fullpath '{path}', and there is none")
+        if path in self._read:
+            raise ProtocolError(f"expected one <SubTree> with _fullpath '{path}', and got two")
+        self._read.add(path)
+        return _roots(self._trees[path])
+
+    def _node(self, element: etree._Element, parent: int, subtree: str) -> ObservedNode:
+        tag = str(element.tag)
+        text = element.get("_uid", "")
+        if not (text.isascii() and text.isdigit()) or len(text) > 10:
+            raise ProtocolError(f"expected a number as _uid of <{tag}>, and got '{text}'")
+        uid = int(text)
+        if uid == 0 or uid in self._uids:
+            raise ProtocolError(f"expected every _uid once, from 1 on, and <{tag}> has {uid} again")
+        self._uids.add(uid)
+        ports = {str(key): str(value) for key, value in element.attrib.items() if key not in _NOT_PORTS}
+        if tag == "SubTree":
+            path = element.get("_fullpath")
+            if path is None:
+                raise ProtocolError(f"expected _fullpath on the <SubTree> with _uid {uid}")
+            name = path.removeprefix(subtree + "/" if subtree else "")
+            name = name.removesuffix(f"::{uid}")
+            return ObservedNode(uid, name, "SubTree", "subtree", path, parent, (), ports, subtree)
+        node_id = str(element.get("ID", tag)) if tag in FAMILIES else tag
+        name = str(element.get("name", node_id))
+        path = name if name != node_id else f"{name}::{uid}"
+        if subtree:
+            path = f"{subtree}/{path}"
+        kind = self._kinds.get(node_id, "action")
+        if tag in FAMILIES and node_id not in self._kinds:
+            kind = self._kinds[node_id] = FAMILIES[tag]
+        return ObservedNode(uid, name, node_id, kind, path, parent, (), ports, subtree)
+
+
+def _roots(tree: etree._Element) -> list[etree._Element]:
+    roots = list(tree.iterchildren(etree.Element))
+    if len(roots) != 1:
+        raise ProtocolError(
+            f'expected one node in <BehaviorTree ID="{tree.get("ID")}">, and got {len(roots)}'
+        )
+    return roots
+
+
+def _guess(children: list[int]) -> Kind:
+    """The family of a node that no model describes, by the one fact known of it."""
+    if not children:
+        return "action"
+    return "decorator" if len(children) == 1 else "control"

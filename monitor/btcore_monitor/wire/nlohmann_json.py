@@ -1,0 +1,107 @@
+"""What a C++ publisher says about JSON that it can't use: the sentences of the nlohmann library.
+
+Reading itself is :mod:`json`'s work.
+"""
+
+import json
+import re
+from typing import Any, Final
+
+from btcore_monitor.wire.errors import ProtocolError
+
+_LITERALS: Final = ("true", "false", "null")
+_LOOSE: Final = re.compile(r"[A-Za-z_]+")
+
+
+class JsonError(ProtocolError):
+    """A request's JSON can't be used; the message is the one that a C++ publisher sends."""
+
+
+def _refuse(name: str) -> Any:
+    raise ValueError(name)
+
+
+def read_json(body: bytes) -> Any:
+    """What *body* says. Raises :class:`JsonError` for what isn't JSON."""
+    text = body.decode("utf-8", "replace")
+    try:
+        return json.loads(text, parse_constant=_refuse)
+    except json.JSONDecodeError as error:
+        raise _syntax(text, error.pos) from None
+    except (ValueError, RecursionError):
+        # NaN, Infinity, a number of thousands of digits, brackets in brackets in brackets
+        raise _syntax(text, len(text) - len(text.lstrip())) from None
+
+
+def _syntax(text: str, at: int) -> JsonError:
+    """The sentence about the syntax error at character *at*."""
+    if not text:
+        return JsonError(
+            "[json.exception.parse_error.101] parse error at line 1, column 1: attempting to parse an empty "
+            "input; check that your input string or stream contains the expected JSON"
+        )
+    said, end = "unexpected end of input", at
+    word = _LOOSE.match(text, at)
+    if word is not None:
+        end = at + _misread(word[0])
+        said = f"invalid literal; last read: '{text[at:end]}'"
+    elif at < len(text):
+        end = at + 1
+        said = f"unexpected '{text[at]}'; last read: '{text[at]}'"
+    line = text.count("\n", 0, end) + 1
+    column = max(end - (text.rfind("\n", 0, end) + 1), 1)
+    return JsonError(
+        f"[json.exception.parse_error.101] parse error at line {line}, column {column}: "
+        f"syntax error while parsing value - {said}"
+    )
+
+
+def _misread(word: str) -> int:
+    """How much of *word* is read until it is clear that it is none of JSON's."""
+    meant = next((one for one in _LITERALS if one[0] == word[0]), "")
+    for count, letter in enumerate(word, start=1):
+        if count > len(meant) or meant[count - 1] != letter:
+            return count
+    return len(word)
+
+
+def _kind(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "boolean"
+    if isinstance(value, int | float):
+        return "number"
+    if isinstance(value, str):
+        return "string"
+    return "array" if isinstance(value, list) else "object"
+
+
+def require_member(value: Any, key: str) -> Any:
+    """The member *key* of an object. Raises :class:`JsonError`."""
+    if not isinstance(value, dict):
+        raise JsonError(f"[json.exception.type_error.304] cannot use at() with {_kind(value)}")
+    if key not in value:
+        raise JsonError(f"[json.exception.out_of_range.403] key '{key}' not found")
+    return value[key]
+
+
+def require_number(value: Any) -> int:
+    """A number (or a bool, which C++ takes for one) without its fraction. Raises :class:`JsonError`."""
+    if not isinstance(value, int | float) or value != value or value in (float("inf"), float("-inf")):
+        raise JsonError(f"[json.exception.type_error.302] type must be number, but is {_kind(value)}")
+    return int(value)
+
+
+def require_boolean(value: Any) -> bool:
+    """A bool. Raises :class:`JsonError`."""
+    if not isinstance(value, bool):
+        raise JsonError(f"[json.exception.type_error.302] type must be boolean, but is {_kind(value)}")
+    return value
+
+
+def require_string(value: Any) -> str:
+    """A string. Raises :class:`JsonError`."""
+    if not isinstance(value, str):
+        raise JsonError(f"[json.exception.type_error.302] type must be string, but is {_kind(value)}")
+    return value

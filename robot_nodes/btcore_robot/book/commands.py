@@ -1,0 +1,210 @@
+"""``btcore book``: the systems of *A Concise Introduction to Robot Programming with ROS2*."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from btcore.cli.program_runner import Finite
+from btcore_robot.book.runner import (
+    FAULTS,
+    BookRunner,
+    BookUsageError,
+    world_command,
+)
+from btcore_robot.process.launch import read_launch, start_all
+from btcore_robot.process.process import ProcessOptions
+from btcore_robot.process.programs import create_processes
+
+FIRST_STEPS = ("logger", "publisher", "subscriber", "executor", "localization")
+_DRIVEN = {
+    "input_scan": "/scan_raw",
+    "output_vel": "/nav_vel",
+    "input_image": "/head_front_camera/rgb/image_raw",
+}
+
+
+@click.group()
+def book() -> None:
+    """The book's systems: first steps, bump and go, transforms, VFF, colours, head tracking."""
+
+
+@book.command("hello", short_help="The first programs: publisher, subscriber, executor …")
+@click.argument("program", type=click.Choice(FIRST_STEPS), default="executor")
+@click.option("--duration", type=Finite(0, min_open=True), metavar="S", help="End after so long.")
+@click.option("--fast", is_flag=True, help="Simulated time, as fast as it goes, instead of real time.")
+@click.option("--params", type=click.Path(path_type=Path), metavar="FILE.yaml", help="ROS 2 parameters.")
+@click.pass_context
+def hello(ctx: click.Context, /, **settings: Any) -> int:
+    """Run a program of chapter 2; by default the executor with publisher and subscriber."""
+    from btcore_robot.process.parameters import parameters_of
+
+    stage = BookRunner(ctx, {**settings, "as_json": False, "seed": 0}, embodied=False)
+    program = settings["program"]
+    start = ProcessOptions()
+    try:
+        if settings["params"] is not None:
+            start = ProcessOptions(parameters=parameters_of(settings["params"], f"{program}_node"))
+        stage.add(*create_processes(program, stage.around, start))
+    except FAULTS as fault:
+        raise BookUsageError(str(fault)) from fault
+    return stage.perform("Hello")
+
+
+@world_command("launch", "Start the programs of a launch file.")
+@click.argument("file", type=click.Path(path_type=Path))
+def launch(ctx: click.Context, /, **settings: Any) -> int:
+    """Start what FILE, a launch file in ROS 2's YAML form, names; with a robot where it names the bridge."""
+    from btcore_robot.book.graph import draw_graph
+
+    entries = read_launch(settings["file"])
+    stage = BookRunner(ctx, settings, embodied=any(one.program == "bridge" for one in entries))
+    stage.add(*start_all(entries, stage.around))
+    return stage.perform(
+        "Launched",
+        lambda: {"processes": [one.name for one in stage.executor.processes]},
+        lambda: draw_graph(stage.around.topics),
+    )
+
+
+@world_command("bumpgo-fsm", "Bump and go by a state machine (chapter 3).")
+@click.option(
+    "--turn",
+    type=click.Choice(["left", "diagonals", "open-loop", "closed-loop"]),
+    default="left",
+    show_default=True,
+    help="Whither: as the book does, or as its exercises do.",
+)
+def bumpgo_fsm(ctx: click.Context, /, **settings: Any) -> int:
+    """Drive on, and turn away from what is nearer than 1 m; say every change of state."""
+    from btcore_robot.book.trail import Trail
+    from btcore_robot.control.bumpgo_fsm import BumpGo
+
+    stage = BookRunner(ctx, settings)
+    chosen = settings["turn"].replace("-", "_")
+    program = "bumpgo" if chosen == "left" else f"bumpgo_{chosen}"
+    [process] = create_processes(program, stage.around, ProcessOptions(remap=_DRIVEN))
+    assert isinstance(process, BumpGo)
+    stage.add(*create_processes("bridge", stage.around), process)
+    trail = Trail(stage.around, lambda: process.state.value)
+    colours = {"forward": (46, 130, 80), "back": (200, 70, 50), "turn": (40, 100, 190), "stop": (90, 90, 90)}
+    return stage.perform(
+        "BumpGo",
+        lambda: {"changes": process.changes, "state": process.state.value},
+        lambda: trail.picture(colours, "bump and go: the way by odometry, what the laser saw").image,
+    )
+
+
+@world_command("vff", "Avoidance by a virtual force field (chapter 5.1).")
+@click.option("--all", "all_near", is_flag=True, help="All that is near pushes, not only the nearest.")
+def vff(ctx: click.Context, /, **settings: Any) -> int:
+    """Drive forward, pushed away by what is near."""
+    from btcore_robot.book.force_watcher import ForceWatcher
+    from btcore_robot.control.vff import Avoidance
+
+    stage = BookRunner(ctx, settings)
+    program = "avoidance_vff_all" if settings["all_near"] else "avoidance_vff"
+    [process] = create_processes(program, stage.around, ProcessOptions(remap=_DRIVEN))
+    assert isinstance(process, Avoidance)
+    watcher = ForceWatcher(stage.around)
+    stage.add(*create_processes("bridge", stage.around), process, watcher)
+    return stage.perform("AvoidanceVff", watcher.figures, watcher.picture, [watcher])
+
+
+def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name: str) -> int:
+    from btcore_robot.book.obstacle_watcher import ObstacleWatcher
+
+    stage = BookRunner(ctx, settings)
+    parameters = {"colour_by_distance": settings["colour_by_distance"]}
+    processes = create_processes(detector, stage.around, ProcessOptions(remap=_DRIVEN))
+    processes += create_processes("obstacle_monitor", stage.around, ProcessOptions(parameters=parameters))
+    for program in ("displacement", "obstacle_in_frames"):
+        if settings[program]:
+            processes += create_processes(program, stage.around)
+    watcher = ObstacleWatcher(stage.around, settings["drive"], settings["turn"])
+    stage.add(*create_processes("bridge", stage.around), *processes, watcher)
+    return stage.perform(name, watcher.figures, watcher.picture, [watcher])
+
+
+_detector_options = [
+    click.option(
+        "--drive", type=Finite(), default=0.0, metavar="M/S", help="Drive on meanwhile, as by keyboard."
+    ),
+    click.option("--turn", type=Finite(), default=0.0, metavar="RAD/S", help="Turn meanwhile."),
+    click.option("--colour-by-distance", is_flag=True, help="The arrow green when far, red when near."),
+    click.option("--displacement", is_flag=True, help="Say each second how far the robot has moved."),
+    click.option("--frames", "obstacle_in_frames", is_flag=True, help="Say where it is in three frames."),
+]
+
+
+def _with_detector_options(function: Any) -> Any:
+    for option in reversed(_detector_options):
+        function = option(function)
+    return function
+
+
+@world_command("obstacle-detector", "An obstacle as a frame below the laser (chapter 4).")
+@_with_detector_options
+def obstacle_detector(ctx: click.Context, /, **settings: Any) -> int:
+    """Tell of what is ahead as a static frame below the laser's: it moves with the robot."""
+    return _obstacle(ctx, settings, "obstacle_detector", "ObstacleDetector")
+
+
+@world_command("obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).")
+@_with_detector_options
+def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
+    """Tell of what is ahead as a frame below odom: it stays where it is when the robot drives."""
+    return _obstacle(ctx, settings, "obstacle_detector_improved", "ObstacleDetectorImproved")
+
+
+@world_command("colour", "Objects by their colour (chapter 5.2).")
+@click.option(
+    "--hsv",
+    default="15,20,50,200,20,200",
+    show_default=True,
+    metavar="h,H,s,S,v,V",
+    help="Hue from and to (0-180), saturation, value (0-255); wooden furniture unless said otherwise.",
+)
+@click.option("--each", is_flag=True, help="A box for each separate object, not one for all.")
+@click.option("--pan", type=Finite(), default=0.0, metavar="RAD", help="Where the head looks: + is left.")
+@click.option("--tilt", type=Finite(), default=0.0, metavar="RAD", help="Where the head looks: + is up.")
+def colour(ctx: click.Context, /, **settings: Any) -> int:
+    """Find what has a colour in the camera's pictures, and say where; the picture shows what was seen."""
+    from btcore_robot.book.colour_watcher import ColourWatcher, ranges_of
+
+    ranges = ranges_of(settings["hsv"])
+    stage = BookRunner(ctx, settings)
+    start = ProcessOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": settings["each"]})
+    watcher = ColourWatcher(stage.around, ranges, settings["each"])
+    stage.add(
+        *create_processes("bridge", stage.around),
+        *create_processes("object_detector", stage.around, start),
+        watcher,
+    )
+    stage.robot.move_head(settings["pan"], settings["tilt"])
+    return stage.perform("ColourDetection", watcher.figures, watcher.picture, [watcher])
+
+
+@world_command("head-tracking", "The head follows a colour, by PID (chapter 5.2).")
+@click.option("--turn", type=Finite(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
+@click.option("--reactive", is_flag=True, help="Higher gains, and 20 times a second: the exercise.")
+def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
+    """Turn the head to what has the colour of wooden furniture; the picture is the head camera's."""
+    from btcore_robot.book.head_watcher import HeadWatcher
+
+    stage = BookRunner(ctx, settings)
+    watcher = HeadWatcher(stage.around, settings["turn"], settings["reactive"])
+    stage.add(watcher)
+    return stage.perform("HeadTracking", watcher.figures, watcher.picture, [watcher])
+
+
+for command in (
+    launch,
+    bumpgo_fsm,
+    vff,
+    obstacle_detector,
+    obstacle_detector_improved,
+    colour,
+    head_tracking,
+):
+    book.add_command(command)

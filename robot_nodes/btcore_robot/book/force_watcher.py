@@ -1,0 +1,94 @@
+"""Watching the forces of the VFF avoidance: as a picture from above, and as figures."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.book.top_view import TopView
+from btcore_robot.book.trail import points_in
+from btcore_robot.process.messages import Arrow, Arrows
+from btcore_robot.process.process import Process, ProcessContext
+from btcore_robot.robot import Phase, Pose2D
+
+REACH = 2.0
+"""How far (m) around the robot the picture reaches."""
+FRAME = "base_footprint"
+_NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
+
+
+class ForceWatcher(Process):
+    """Listens to ``vff_debug``; keeps the moment at which the push was the strongest, for the picture."""
+
+    def __init__(self, around: ProcessContext) -> None:
+        super().__init__("vff_watcher", around)
+        self.arrows: tuple[Arrow, ...] = ()
+        self.strongest: tuple[Arrow, ...] = ()
+        self.nearest = math.inf
+        self._points: NDArray[np.float64] = np.zeros((0, 2))
+        self.subscribe("vff_debug", Arrows, self.heard)
+        around.schedule.every(10.0, Phase.JUDGE, self._look)
+
+    def heard(self, message: Arrows) -> None:
+        """Keep the arrows, and with the longest push what the laser sees."""
+        self.arrows = message.arrows
+        assert self.context.robot is not None
+        scan = self.context.robot.scan()
+        if scan is not None and (not self.strongest or _push(message.arrows) > _push(self.strongest)):
+            self.strongest = message.arrows
+            self._points = points_in(self.context, FRAME, scan)
+
+    def figures(self) -> Mapping[str, object]:
+        """The nearest reading of the run (m)."""
+        return {"nearest_m": round(self.nearest, 3)}
+
+    def picture(self) -> NDArray[np.uint8]:
+        """The moment of the strongest push: laser, robot, and the three vectors, ahead being up."""
+        drawn = TopView((-REACH, -REACH), (REACH, REACH), (480, 480))
+        drawn.points(_ahead_up(self._points))
+        assert self.context.robot is not None
+        drawn.robot(Pose2D(0.0, 0.0, math.pi / 2), self.context.robot.base.radius)
+        colours = {}
+        for arrow in self.strongest:
+            colour = tuple(round(230 * part) for part in arrow.colour[:3])
+            rgb = colours[_NAMES[arrow.number]] = (colour[0], colour[1], colour[2])
+            end = _ahead_up(np.array([arrow.end[:2]]))[0]
+            drawn.arrow((0.0, 0.0), (float(end[0]), float(end[1])), rgb)
+        drawn.legend(colours, "VFF: forces at the nearest moment; a square is 1 m")
+        return drawn.image
+
+    def scene_moving(self) -> dict[str, Any]:
+        """The forces as arrows, for a viewer of the scene."""
+        return {"arrows": [as_data(one, _NAMES[one.number]) for one in self.arrows]}
+
+    def scene_static(self) -> dict[str, Any]:
+        """Nothing: all of it moves."""
+        return {"parts": []}
+
+    def _look(self, now: int) -> None:
+        assert self.context.robot is not None
+        scan = self.context.robot.scan()
+        if scan is not None:
+            seen = scan.ranges[np.isfinite(scan.ranges)]
+            self.nearest = min(self.nearest, float(seen.min())) if len(seen) else self.nearest
+
+
+def as_data(arrow: Arrow, name: str) -> dict[str, Any]:
+    """An arrow as the scene channel's plain data."""
+    return {
+        "name": name,
+        "frame": arrow.frame,
+        "start": list(arrow.start),
+        "end": list(arrow.end),
+        "color": [round(255 * part) for part in arrow.colour],
+    }
+
+
+def _push(arrows: tuple[Arrow, ...]) -> float:
+    return max(math.hypot(one.end[0], one.end[1]) for one in arrows if one.number == 0)
+
+
+def _ahead_up(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack((-points[:, 1], points[:, 0]), axis=1)

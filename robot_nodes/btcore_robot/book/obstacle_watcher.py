@@ -1,0 +1,71 @@
+"""Watching the obstacle detector: where it says that the obstacle is, while the robot moves."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.book.force_watcher import as_data
+from btcore_robot.book.trail import ODOM, Trail
+from btcore_robot.perception.obstacle_detector import OBSTACLE
+from btcore_robot.process.messages import Arrow, Arrows
+from btcore_robot.process.process import Process, ProcessContext
+from btcore_robot.robot import Twist2D
+from btcore_robot.transforms import TransformError
+
+_KEY_VEL = "/key_vel"
+OBSTACLES = (205, 50, 40)
+WAY = (46, 130, 80)
+
+
+class ObstacleWatcher(Process):
+    """Drives on at *v* (m/s) and *w* (rad/s), and notes where the obstacle is in ``odom``."""
+
+    def __init__(self, around: ProcessContext, v: float = 0.0, w: float = 0.0) -> None:
+        super().__init__("obstacle_watcher", around)
+        self.twist = Twist2D(v, w)
+        self.places: list[tuple[float, float]] = []
+        self.arrows: tuple[Arrow, ...] = ()
+        self._keys = self.publisher(_KEY_VEL, Twist2D)
+        self._trail = Trail(around)
+        self.subscribe("obstacle_marker", Arrows, self.heard)
+        self.timer(0.1, self.look)
+
+    def heard(self, message: Arrows) -> None:
+        """Keep the arrow."""
+        self.arrows = message.arrows
+
+    def look(self) -> None:
+        """Drive, and note."""
+        if self.twist.v or self.twist.w:
+            self._keys.publish(self.twist)
+        try:
+            x, y, _ = self.context.transforms.lookup(ODOM, OBSTACLE).position
+        except TransformError:
+            return
+        self.places.append((x, y))
+
+    def figures(self) -> Mapping[str, object]:
+        """Where the obstacle is at last in ``odom`` (m), and how far apart its places were."""
+        if not self.places:
+            return {"obstacle": None}
+        places = np.array(self.places)
+        spread = float(np.hypot(*np.ptp(places, axis=0)))
+        x, y = self.places[-1]
+        return {"obstacle": {"x": round(x, 3), "y": round(y, 3)}, "spread_m": round(spread, 3)}
+
+    def picture(self) -> NDArray[np.uint8]:
+        """From above: the way, what the laser saw, and every place at which the obstacle was said to be."""
+        drawn = self._trail.picture({"": WAY}, "the obstacle's places in odom, ten a second", self.places)
+        drawn.points(self.places, OBSTACLES, 4.0)
+        drawn.legend({"detected_obstacle": OBSTACLES, "the robot's way": WAY})
+        return drawn.image
+
+    def scene_moving(self) -> dict[str, Any]:
+        """The arrow to the obstacle, for a viewer of the scene."""
+        return {"arrows": [as_data(one, OBSTACLE) for one in self.arrows]}
+
+    def scene_static(self) -> dict[str, Any]:
+        """Nothing: all of it moves."""
+        return {"parts": []}

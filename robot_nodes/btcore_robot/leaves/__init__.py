@@ -1,0 +1,45 @@
+"""The robot's leaves: a library of tree nodes, found by the entry point group ``btcore.nodes``."""
+
+from btcore import Registry
+from btcore_robot.leaves.battery import BatteryChecker, Recharge
+from btcore_robot.leaves.drive import (
+    Back,
+    Forward,
+    Patrol,
+    Turn,
+)
+from btcore_robot.leaves.explore import Explore, SaveMap
+from btcore_robot.leaves.free_space import TurnToFree
+from btcore_robot.leaves.locate import LocateObjects
+from btcore_robot.leaves.navigate import Move
+from btcore_robot.leaves.obstacle import WaitForScan, is_obstacle
+from btcore_robot.leaves.poses import add_poses
+from btcore_robot.leaves.track import TrackObjects
+from btcore_robot.leaves.waypoint import GetWaypoint
+
+__all__ = [
+    "Back",
+    "BatteryChecker",
+    "Explore",
+    "Forward",
+    "GetWaypoint",
+    "LocateObjects",
+    "Move",
+    "Patrol",
+    "Recharge",
+    "SaveMap",
+    "TrackObjects",
+    "Turn",
+    "TurnToFree",
+    "WaitForScan",
+    "is_obstacle",
+    "register",
+]
+
+
+def register(nodes: Registry) -> None:
+    """Add every leaf of this library, and the type of its places."""
+    add_poses(nodes)
+    nodes.add(Back, Forward, Patrol, Turn, TurnToFree, WaitForScan, is_obstacle)
+    nodes.add(BatteryChecker, GetWaypoint, LocateObjects, Move, Recharge, TrackObjects)
+    nodes.add(Explore, SaveMap)

@@ -1,0 +1,262 @@
+"""What a costmap is made of: windows of a grid, the map's cells, obstacles that a laser sees, inflation."""
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
+from btcore_robot.robot import LaserScan, Pose2D
+
+FREE, INSCRIBED, LETHAL, UNKNOWN = 0, 253, 254, 255
+
+_SHIFT = 4  # binary places of the coordinates that lines are drawn with
+_PART = 1 << _SHIFT
+
+
+class GridWindow(NamedTuple):
+    """Rows and columns of a grid, from the low ones up to but without the high ones."""
+
+    low_row: int
+    low_col: int
+    high_row: int
+    high_col: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """What indexes an array."""
+        return slice(self.low_row, self.high_row), slice(self.low_col, self.high_col)
+
+    @property
+    def empty(self) -> bool:
+        """Whether it holds no cell."""
+        return self.low_row >= self.high_row or self.low_col >= self.high_col
+
+    def grown(self, cells: int, shape: tuple[int, int]) -> "GridWindow":
+        """The same with *cells* more on every side, cut to a grid of *shape*."""
+        return GridWindow(
+            max(0, self.low_row - cells),
+            max(0, self.low_col - cells),
+            min(shape[0], self.high_row + cells),
+            min(shape[1], self.high_col + cells),
+        )
+
+    def of(self, inner: "GridWindow") -> tuple[slice, slice]:
+        """What indexes *inner* in an array that is this window."""
+        return (
+            slice(inner.low_row - self.low_row, inner.high_row - self.low_row),
+            slice(inner.low_col - self.low_col, inner.high_col - self.low_col),
+        )
+
+
+def around(mask: NDArray[np.bool_], window: GridWindow) -> GridWindow:
+    """The smallest window about the true cells of *mask*, which is *window* of a grid."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not len(rows):
+        return GridWindow(0, 0, 0, 0)
+    cols = np.flatnonzero(mask.any(axis=0))
+    row, col = window.low_row, window.low_col
+    return GridWindow(
+        row + int(rows[0]), col + int(cols[0]), row + int(rows[-1]) + 1, col + int(cols[-1]) + 1
+    )
+
+
+def static_costs(map: OccupancyMap, *, track_unknown: bool = True) -> NDArray[np.uint8]:
+    """The costs of the map's own cells, its keep-outs LETHAL; what is not surely occupied is FREE."""
+    costs = np.full(map.cells.shape, FREE, dtype=np.uint8)
+    if track_unknown:
+        costs[map.unknown] = UNKNOWN
+    costs[map.occupied | map.kept_out()] = LETHAL
+    return costs
+
+
+def draw_keepouts(
+    costs: NDArray[np.uint8],
+    resolution: float,
+    origin: tuple[float, float],
+    keepout: tuple[Rectangle, ...],
+    frame: Pose2D,
+) -> None:
+    """Make the rectangles *keepout* of the frame map LETHAL in a grid whose frame sees the map at *frame*."""
+    cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
+    for xmin, ymin, xmax, ymax in keepout:
+        corners = np.array([(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)])
+        x = frame.x + cos * corners[:, 0] - sin * corners[:, 1]
+        y = frame.y + sin * corners[:, 0] + cos * corners[:, 1]
+        pixels = np.stack(((x - origin[0]) / resolution - 0.5, (y - origin[1]) / resolution - 0.5), axis=1)
+        cv2.fillConvexPoly(costs, np.rint(pixels * _PART).astype(np.int32), LETHAL, cv2.LINE_8, _SHIFT)
+
+
+class Inflation:
+    """Costs about lethal cells by Nav2's formula, for cells of *resolution* (m).
+
+    At a distance d (m) between the middles of cells: 254 at d = 0, 253 where d ≤ *radius*, beyond that
+    ⌊252·exp(-*scaling*·(d - *radius*))⌋, and 0 where d > *inflation_radius*.
+    """
+
+    def __init__(self, radius: float, inflation_radius: float, scaling: float, resolution: float) -> None:
+        self.radius = radius
+        self.inflation_radius = inflation_radius
+        self.scaling = scaling
+        self.resolution = resolution
+        # A radius that is a number of cells reaches them: 6 · 0.05 is a hair more than 0.3.
+        reach = max(inflation_radius, radius) / resolution + 1e-9
+        self.cells = math.floor(reach)
+        """How many cells far an obstacle's cost reaches."""
+        squares = np.arange((self.cells + 1) ** 2 + 1)
+        self._by_square = np.array(
+            [self.cost(math.sqrt(one) * resolution) for one in squares], dtype=np.uint8
+        )
+        self._by_square[-1] = FREE
+
+    def cost(self, distance: float) -> int:
+        """The cost at *distance* (m) from the nearest lethal cell."""
+        hair = 1e-9
+        if distance == 0:
+            return LETHAL
+        if distance <= self.radius + hair:
+            return INSCRIBED
+        if distance > self.inflation_radius + hair:
+            return FREE
+        return math.floor((INSCRIBED - 1) * math.exp(-self.scaling * (distance - self.radius)) + hair)
+
+    def inflated(self, base: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """*base* with costs about its LETHAL cells; over UNKNOWN only those from INSCRIBED up count."""
+        open_cells = (base != LETHAL).astype(np.uint8)
+        distance = cv2.distanceTransform(open_cells, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        # Squares of distances in cells are whole numbers; float32 carries them well enough to round.
+        squares = np.minimum(distance, self.cells + 1.0)
+        squares *= squares
+        squares += 0.5
+        around_obstacles = self._by_square[squares.astype(np.intp)]
+        costs: NDArray[np.uint8] = np.maximum(base, around_obstacles)
+        blind = (base == UNKNOWN) & (around_obstacles >= INSCRIBED)
+        costs[blind] = around_obstacles[blind]
+        return costs
+
+
+class ObstacleLayer:
+    """What a planar laser has seen: LETHAL where something was hit, FREE where a ray went through since.
+
+    *untouched* (FREE, or UNKNOWN to let the map speak) is where no ray has been. A finite reading from
+    *min_range* (m) up marks its end point if that is within *max_range*. Every ray frees what it crosses
+    up to *raytrace_range*: a finite one up to the cell before its end point, one without an echo (+inf) all
+    the way. A reading that is too near (-inf) or broken (NaN) says nothing.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        resolution: float,
+        untouched: int,
+        *,
+        min_range: float = 0.0,
+        max_range: float = 2.5,
+        raytrace_range: float = 3.0,
+    ) -> None:
+        self.untouched = untouched
+        self.values = np.full(shape, untouched, dtype=np.uint8)
+        self.resolution = resolution
+        self.min_range = min_range
+        self.max_range = max_range
+        self.raytrace_range = raytrace_range
+
+    def see(self, scan: LaserScan, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
+        """Clear and mark by *scan*, taken at *laser* in the frame of the grid with the corner *origin* (m).
+
+        Gives the window in which anything may have changed.
+        """
+        ranges = scan.ranges.astype(np.float64)
+        nearest = max(self.min_range, scan.range_min)
+        echo = np.isfinite(ranges) & (ranges >= nearest) & (ranges < scan.range_max)
+        silent = (ranges == np.inf) | (np.isfinite(ranges) & (ranges >= scan.range_max))
+        # In pixels: the middle of the first cell is 0, 0.
+        x = (laser.x - origin[0]) / self.resolution - 0.5
+        y = (laser.y - origin[1]) / self.resolution - 0.5
+        angles = scan.angles() + laser.yaw
+        cos, sin = np.cos(angles), np.sin(angles)
+        reach = min(self.raytrace_range, scan.range_max) / self.resolution
+        hits = ranges[echo] / self.resolution
+        free = np.zeros(len(ranges))
+        free[echo] = np.minimum(hits - 1.0, reach)
+        free[silent] = reach
+        self._clear(x, y, cos, sin, free)
+        near = hits <= self.max_range / self.resolution
+        rows = np.floor(y + 0.5 + sin[echo][near] * hits[near]).astype(np.intp)
+        cols = np.floor(x + 0.5 + cos[echo][near] * hits[near]).astype(np.intp)
+        height, width = self.values.shape
+        on_grid = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+        self.values[rows[on_grid], cols[on_grid]] = LETHAL
+        return self.reachable(laser, origin)
+
+    def reachable(self, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
+        """The window that a scan taken at *laser* can change."""
+        far = math.ceil(max(self.max_range, self.raytrace_range) / self.resolution) + 2
+        row = math.floor((laser.y - origin[1]) / self.resolution)
+        col = math.floor((laser.x - origin[0]) / self.resolution)
+        height, width = self.values.shape
+        window = GridWindow(
+            max(0, row - far), max(0, col - far), min(height, row + far), min(width, col + far)
+        )
+        return GridWindow(0, 0, 0, 0) if window.empty else window
+
+    def free_disc(self, place: Pose2D, radius: float, origin: tuple[float, float]) -> GridWindow:
+        """Free the cells whose middles are within *radius* (m) of *place*, where the robot itself stands."""
+        x = (place.x - origin[0]) / self.resolution - 0.5
+        y = (place.y - origin[1]) / self.resolution - 0.5
+        reach = radius / self.resolution
+        height, width = self.values.shape
+        window = GridWindow(
+            max(0, math.floor(y - reach)),
+            max(0, math.floor(x - reach)),
+            min(height, math.ceil(y + reach) + 1),
+            min(width, math.ceil(x + reach) + 1),
+        )
+        if window.empty:
+            return GridWindow(0, 0, 0, 0)
+        rows = np.arange(window.low_row, window.high_row) - y
+        cols = np.arange(window.low_col, window.high_col) - x
+        self.values[window.slices][rows[:, None] ** 2 + cols**2 <= reach**2] = FREE
+        return window
+
+    def forget(self, window: GridWindow | None = None, *, outside: bool = False) -> None:
+        """Make cells untouched again: all, those of *window*, or those *outside* it."""
+        if window is None:
+            self.values.fill(self.untouched)
+        elif outside:
+            kept = self.values[window.slices].copy()
+            self.values.fill(self.untouched)
+            self.values[window.slices] = kept
+        else:
+            self.values[window.slices] = self.untouched
+
+    def shift(self, rows: int, cols: int) -> None:
+        """Move the grid by *rows* and *cols* over the floor: what leaves it is forgotten."""
+        height, width = self.values.shape
+        moved = np.full((height, width), self.untouched, dtype=np.uint8)
+        if abs(rows) < height and abs(cols) < width:
+            old = GridWindow(max(0, rows), max(0, cols), min(height, height + rows), min(width, width + cols))
+            new = GridWindow(
+                max(0, -rows), max(0, -cols), min(height, height - rows), min(width, width - cols)
+            )
+            moved[new.slices] = self.values[old.slices]
+        self.values = moved
+
+    def _clear(
+        self,
+        x: float,
+        y: float,
+        cos: NDArray[np.float64],
+        sin: NDArray[np.float64],
+        free: NDArray[np.float64],
+    ) -> None:
+        shown = free > 0
+        lines = np.empty((int(np.count_nonzero(shown)), 2, 2))
+        lines[:, 0] = (x, y)
+        lines[:, 1, 0] = x + cos[shown] * free[shown]
+        lines[:, 1, 1] = y + sin[shown] * free[shown]
+        if len(lines):
+            fixed = np.rint(lines * _PART).astype(np.int32)
+            cv2.polylines(self.values, list(fixed), False, FREE, 1, cv2.LINE_8, _SHIFT)

@@ -1,0 +1,54 @@
+"""Poses on a floor as rows of numbers: x, y (m) and yaw (rad), shape ``(…, 3)``."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.robot import Pose2D
+
+Floats = NDArray[np.float64]
+
+
+def pose_to_row(pose: Pose2D) -> Floats:
+    """*pose* as a row."""
+    return np.array((pose.x, pose.y, pose.yaw))
+
+
+def row_to_pose(row: Floats) -> Pose2D:
+    """A row as a pose."""
+    return Pose2D(float(row[0]), float(row[1]), math.remainder(float(row[2]), math.tau))
+
+
+def wrapped(angles: Floats) -> Floats:
+    """*angles* (rad) in [-π, π)."""
+    turned: Floats = (angles + math.pi) % math.tau - math.pi
+    return turned
+
+
+def compose(start: Floats, step: Floats) -> Floats:
+    """Where *step*, as seen from *start*, leads to: ``a2b * b2c``."""
+    cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
+    return np.stack(
+        (
+            start[..., 0] + cos * step[..., 0] - sin * step[..., 1],
+            start[..., 1] + sin * step[..., 0] + cos * step[..., 1],
+            wrapped(start[..., 2] + step[..., 2]),
+        ),
+        axis=-1,
+    )
+
+
+def relative_pose(start: Floats, end: Floats) -> Floats:
+    """*end* as seen from *start*: the step for which ``compose(start, step)`` is *end*."""
+    cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
+    x, y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
+    return np.stack((cos * x + sin * y, cos * y - sin * x, wrapped(end[..., 2] - start[..., 2])), axis=-1)
+
+
+def transform_points(points: Floats, at: Floats) -> Floats:
+    """*points* (m, ``(k, 2)``) of a frame at the pose *at*, in the frame that this is told in."""
+    cos, sin = math.cos(at[2]), math.sin(at[2])
+    moved: Floats = points @ np.array(((cos, sin), (-sin, cos)))
+    moved += at[:2]
+    return moved

@@ -1,0 +1,273 @@
+"""Maps of what is occupied, free and unknown, and their files as ROS 2's map_server has them.
+
+A map is a YAML file that names an image and says how to read it::
+
+    image: house.pgm
+    resolution: 0.05            # m a pixel
+    origin: [-9.93, -14.1, 0]   # x, y (m) of the lower-left corner in the frame map; yaw
+    negate: 0
+    occupied_thresh: 0.65
+    free_thresh: 0.25
+    mode: trinary               # or scale, or raw
+
+Row 0 of the image is the highest y, row 0 of `OccupancyMap.cells` the lowest. Places that a robot has to
+keep out of (a table top that its laser looks under) are rectangles in ``house.keepout.yaml`` beside it::
+
+    keepout: [[xmin, ymin, xmax, ymax], …]
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.navigation.map_yaml import Entries, MapError, read_entries
+
+__all__ = ["MapError", "OccupancyMap", "Rectangle", "load_map", "save_map"]
+
+Rectangle = tuple[float, float, float, float]
+"""xmin, ymin, xmax, ymax (m) in the frame map."""
+
+OCCUPIED_THRESHOLD = 0.65
+"""At least this dark (0 white, 1 black) is occupied; what map_saver writes and map_server takes."""
+FREE_THRESHOLD = 0.25
+"""At most this dark is free; what map_saver writes."""
+
+_WHITE, _BLACK = 254, 0
+# map_saver's 205 is only 0.196 dark, which is free under the threshold that it writes beside it.
+_GREY = 128
+_RAW_UNKNOWN = 255
+_MODES = ("trinary", "scale", "raw")
+_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OccupancyMap:
+    """What is where on a floor, in square cells.
+
+    *cells* is int8 of shape ``(height, width)``: 0 free, 100 occupied, between them a likelihood in percent,
+    -1 unknown; row 0 has the lowest y. *resolution* (m) is a cell's side, *origin* (m) the lower-left corner
+    of the first cell in the frame map, *keepout* where to stay out of whatever the cells say.
+    """
+
+    cells: NDArray[np.int8]
+    resolution: float
+    origin: tuple[float, float]
+    keepout: tuple[Rectangle, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.cells.ndim != 2 or self.cells.size == 0:
+            raise MapError(f"a map has rows and columns, and these cells have the shape {self.cells.shape}")
+        if not (math.isfinite(self.resolution) and self.resolution > 0):
+            raise MapError(f"a cell's side is a length over 0 m, and this one is {self.resolution}")
+
+    @property
+    def height(self) -> int:
+        """How many rows there are."""
+        return len(self.cells)
+
+    @property
+    def width(self) -> int:
+        """How many columns there are."""
+        return len(self.cells[0])
+
+    @property
+    def bounds(self) -> Rectangle:
+        """The outer edges (m) in the frame map."""
+        x, y = self.origin
+        return x, y, x + self.width * self.resolution, y + self.height * self.resolution
+
+    @property
+    def occupied(self) -> NDArray[np.bool_]:
+        """Which cells are surely occupied (100), shape ``(height, width)``."""
+        mask: NDArray[np.bool_] = self.cells == 100
+        return mask
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which cells are surely free (0), shape ``(height, width)``."""
+        mask: NDArray[np.bool_] = self.cells == 0
+        return mask
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Of which cells nothing is known (-1), shape ``(height, width)``."""
+        mask: NDArray[np.bool_] = self.cells == -1
+        return mask
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """The row and column of the point *x*, *y* (m), counted on beyond the edges."""
+        return (
+            math.floor((y - self.origin[1]) / self.resolution),
+            math.floor((x - self.origin[0]) / self.resolution),
+        )
+
+    def center(self, row: int, col: int) -> tuple[float, float]:
+        """The x and y (m) of a cell's middle."""
+        return (
+            self.origin[0] + (col + 0.5) * self.resolution,
+            self.origin[1] + (row + 0.5) * self.resolution,
+        )
+
+    def inside(self, x: float, y: float) -> bool:
+        """Whether the point *x*, *y* (m) is on the map."""
+        row, col = self.cell(x, y)
+        return 0 <= row < self.height and 0 <= col < self.width
+
+    def indices(self, points: NDArray[np.floating]) -> NDArray[np.intp]:
+        """The row and column of each of *points* (m), both of shape ``(n, 2)``, counted on past the edges."""
+        places = np.floor((points - np.asarray(self.origin)) / self.resolution)
+        cells: NDArray[np.intp] = places[:, ::-1].astype(np.intp)
+        return cells
+
+    def centers(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.float64]:
+        """The x and y (m) of the middles of cells, shape ``(n, 2)``."""
+        places = np.stack((cols, rows), axis=1) + 0.5
+        return np.asarray(self.origin) + places * self.resolution
+
+    def kept_out(self) -> NDArray[np.bool_]:
+        """Which cells the keep-out rectangles touch, shape ``(height, width)``."""
+        mask = np.zeros(self.cells.shape, dtype=np.bool_)
+        for xmin, ymin, xmax, ymax in self.keepout:
+            low_row, low_col = self.cell(xmin, ymin)
+            rows = slice(max(0, low_row), max(0, _ceiling((ymax - self.origin[1]) / self.resolution)))
+            cols = slice(max(0, low_col), max(0, _ceiling((xmax - self.origin[0]) / self.resolution)))
+            mask[rows, cols] = True
+        return mask
+
+
+def _ceiling(cells: float) -> int:
+    # An edge drawn on the grid stays on it: 0.3 / 0.05 is a hair more than 6.
+    return math.ceil(cells - 1e-9)
+
+
+def load_map(path: Path) -> OccupancyMap:
+    """The map in the YAML file at *path*, by map_server's rules, with the keep-outs beside it.
+
+    Raises `MapError`, a sentence with file and line.
+    """
+    entries = read_entries(path, "a map")
+    entries.known(_KEYS)
+    resolution = entries.number("resolution")
+    if not resolution > 0:
+        raise entries.mistake("resolution", f"is {resolution:g}, and a pixel's side is a length over 0 m")
+    origin = entries.numbers("origin", (2, 3))
+    if len(origin) == 3 and origin[2] != 0:
+        raise entries.mistake(
+            "origin", f"turns the map by {origin[2]:g} rad, and maps lie along the axes here: turn the image"
+        )
+    mode = entries.text("mode", "trinary")
+    if mode not in _MODES:
+        raise entries.mistake("mode", f"is '{mode}': {entries.near(mode, _MODES)}it is trinary, scale or raw")
+    negate = entries.flag("negate", False)
+    occupied = entries.number("occupied_thresh", OCCUPIED_THRESHOLD)
+    free = entries.number("free_thresh", FREE_THRESHOLD)
+    if mode != "raw" and not 0 <= free < occupied <= 1:
+        raise entries.mistake(
+            "free_thresh" if entries.has("free_thresh") else "occupied_thresh",
+            f"has to fit: 0 ≤ free_thresh ({free:g}) < occupied_thresh ({occupied:g}) ≤ 1",
+        )
+    pixels, opaque = _read_image(entries, path)
+    if mode == "raw":
+        cells = np.where(pixels <= 100, pixels, -1).astype(np.int8)
+    else:
+        dark = pixels / 255.0 if negate else (255.0 - pixels) / 255.0
+        cells = _occupancy(dark, occupied, free, scaled=mode == "scale")
+        cells[~opaque] = -1
+    cells = np.ascontiguousarray(np.flipud(cells))
+    return OccupancyMap(cells, resolution, (origin[0], origin[1]), _load_keepout(keepout_path(path)))
+
+
+def save_map(map: OccupancyMap, path: Path) -> None:
+    """Write *map* as the YAML file *path*, a PGM image beside it, and its keep-outs if it has any.
+
+    Its cells come back as they are: likelihoods between free and occupied make it a map of mode raw.
+    Raises `MapError` when a file can't be written.
+    """
+    cells = np.flipud(map.cells)
+    if np.isin(cells, (-1, 0, 100)).all():
+        mode = "trinary"
+        image = np.select([cells == 0, cells == 100], [_WHITE, _BLACK], _GREY).astype(np.uint8)
+    else:
+        mode = "raw"
+        image = np.where((cells >= 0) & (cells <= 100), cells, _RAW_UNKNOWN).astype(np.uint8)
+    picture = path.with_suffix(".pgm")
+    written = {
+        picture: b"P5\n%d %d\n255\n" % (map.width, map.height) + image.tobytes(),
+        path: (
+            f'image: "{picture.name}"\nmode: {mode}\nresolution: {map.resolution!r}\n'
+            f"origin: [{map.origin[0]!r}, {map.origin[1]!r}, 0]\nnegate: 0\n"
+            f"occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
+        ).encode(),
+    }
+    beside = keepout_path(path)
+    if map.keepout:
+        lines = [f"  - [{', '.join(repr(float(edge)) for edge in one)}]\n" for one in map.keepout]
+        written[beside] = ("keepout: # xmin, ymin, xmax, ymax (m)\n" + "".join(lines)).encode()
+    try:
+        if not map.keepout:
+            beside.unlink(missing_ok=True)
+        for file, content in written.items():
+            file.write_bytes(content)
+    except OSError as fault:
+        raise MapError(f"{fault.filename}: the map can't be written there: {fault.strerror}") from None
+
+
+def keepout_path(path: Path) -> Path:
+    """Where the keep-outs of the map at *path* are."""
+    return path.with_name(f"{path.stem}.keepout.yaml")
+
+
+def _occupancy(dark: NDArray[np.float64], occupied: float, free: float, *, scaled: bool) -> NDArray[np.int8]:
+    cells = np.full(dark.shape, -1, dtype=np.int8)
+    if scaled:
+        cells[:] = np.rint(np.clip((dark - free) / (occupied - free), 0.0, 1.0) * 100)
+    cells[dark <= free] = 0
+    cells[dark >= occupied] = 100
+    return cells
+
+
+def _read_image(entries: Entries, path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    name = entries.text("image")
+    file = path.parent / name
+    try:
+        content = np.frombuffer(file.read_bytes(), dtype=np.uint8)
+    except FileNotFoundError:
+        raise entries.mistake("image", f"is '{name}', and there is no file {file}") from None
+    except OSError as fault:
+        raise entries.mistake("image", f"is '{name}', which can't be read: {fault.strerror}") from None
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise entries.mistake(
+            "image", f"is '{name}', which is no image that can be read: a PGM or a PNG is expected"
+        )
+    pixels = np.atleast_3d(image).astype(np.float64)
+    if image.dtype == np.uint16:
+        pixels /= 257.0
+    channels = pixels.shape[2]
+    opaque = pixels[:, :, channels - 1] == 255 if channels in (2, 4) else np.ones(pixels.shape[:2], np.bool_)
+    colors = channels - 1 if channels in (2, 4) else channels
+    grey: NDArray[np.float64] = pixels[:, :, :colors].mean(axis=2)
+    return grey, opaque
+
+
+def _load_keepout(path: Path) -> tuple[Rectangle, ...]:
+    if not path.exists():
+        return ()
+    entries = read_entries(path, "keep-outs")
+    entries.known(("keepout",))
+    rectangles = entries.rows("keepout", 4)
+    for xmin, ymin, xmax, ymax in rectangles:
+        if not (xmin < xmax and ymin < ymax):
+            raise entries.mistake(
+                "keepout",
+                f"has the rectangle [{xmin:g}, {ymin:g}, {xmax:g}, {ymax:g}], and one goes from its lowest "
+                "x and y to its highest: [xmin, ymin, xmax, ymax]",
+            )
+    return tuple((one[0], one[1], one[2], one[3]) for one in rectangles)

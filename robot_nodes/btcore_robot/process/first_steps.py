@@ -1,0 +1,74 @@
+"""The programs of the book's second chapter: a logger, a publisher, a subscriber, parameters."""
+
+from dataclasses import dataclass
+
+from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+
+PERIOD = 0.5
+"""How often (s) the logger logs and the publisher publishes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Int32:
+    """A message with one number, ``std_msgs/Int32``."""
+
+    data: int
+
+
+class Logger(Process):
+    """Logs ``Hello N`` twice a second, N from 0 on."""
+
+    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
+        super().__init__("logger_node", around, start)
+        self.counter = 0
+        self.timer(PERIOD, self.log)
+
+    def log(self) -> None:
+        """Say hello, and count."""
+        self.info(f"Hello {self.counter}")
+        self.counter += 1
+
+
+class NumberPublisher(Process):
+    """Publishes 1, 2, 3 … on ``int_topic``, twice a second."""
+
+    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
+        super().__init__("publisher_node", around, start)
+        self.message = Int32(0)
+        self.numbers = self.publisher("int_topic", Int32)
+        self.timer(PERIOD, self.publish)
+
+    def publish(self) -> None:
+        """Count, then publish: the first number is 1."""
+        self.message = Int32(self.message.data + 1)
+        self.numbers.publish(self.message)
+
+
+class NumberSubscriber(Process):
+    """Logs ``Hello N`` for each number that it hears on ``int_topic``."""
+
+    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
+        super().__init__("subscriber_node", around, start)
+        self.subscribe("int_topic", Int32, self.heard)
+
+    def heard(self, message: Int32) -> None:
+        """Say hello."""
+        self.info(f"Hello {message.data}")
+
+
+class Localization(Process):
+    """Has parameters, and does nothing but report an error when its two lists don't match."""
+
+    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
+        super().__init__("localization_node", around, start)
+        declare = self.parameters.declare
+        self.number_particles = declare("number_particles", 200)
+        no_names: list[str] = []
+        self.topics = declare("topics", no_names)
+        self.topic_types = declare("topic_types", list(no_names))
+        if len(self.topics) != len(self.topic_types):
+            self.error(f"Number of topics ({len(self.topics)}) != number of types ({len(self.topic_types)})")
+            return
+        self.info(f"Number of particles: {self.number_particles}")
+        for topic, kind in zip(self.topics, self.topic_types, strict=True):
+            self.info(f"{topic}: {kind}")

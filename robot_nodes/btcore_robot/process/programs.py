@@ -1,0 +1,62 @@
+"""The programs that can be started by name, as a launch file names them."""
+
+from collections.abc import Callable
+from difflib import get_close_matches
+from importlib import import_module
+
+from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+
+_FIRST_STEPS = "btcore_robot.process.first_steps"
+_FSM = "btcore_robot.control.bumpgo_fsm"
+_TURNS = "btcore_robot.control.bumpgo_turns"
+_VFF = "btcore_robot.control.vff"
+_DETECTOR = "btcore_robot.perception.obstacle_detector"
+_FRAMES = "btcore_robot.perception.transform_reports"
+
+# By name, since each is imported when it is started, and not before.
+PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
+    "logger": ((_FIRST_STEPS, "Logger"),),
+    "publisher": ((_FIRST_STEPS, "NumberPublisher"),),
+    "subscriber": ((_FIRST_STEPS, "NumberSubscriber"),),
+    "executor": ((_FIRST_STEPS, "NumberPublisher"), (_FIRST_STEPS, "NumberSubscriber")),
+    "localization": ((_FIRST_STEPS, "Localization"),),
+    "bumpgo": ((_FSM, "BumpGo"),),
+    "bumpgo_diagonals": ((_TURNS, "Diagonals"),),
+    "bumpgo_open_loop": ((_TURNS, "OpenLoop"),),
+    "bumpgo_closed_loop": ((_TURNS, "ClosedLoop"),),
+    "avoidance_vff": ((_VFF, "Avoidance"),),
+    "avoidance_vff_all": ((_VFF, "AvoidanceOfAll"),),
+    "obstacle_detector": ((_DETECTOR, "ObstacleDetector"),),
+    "obstacle_detector_improved": ((_DETECTOR, "ObstacleDetectorImproved"),),
+    "obstacle_monitor": ((_DETECTOR, "ObstacleMonitor"),),
+    "obstacle_in_frames": ((_FRAMES, "ObstacleInFrames"),),
+    "object_detector": (("btcore_robot.perception.object_detector", "ObjectDetector"),),
+    "displacement": ((_FRAMES, "Displacement"),),
+    "bridge": (("btcore_robot.process.bridge", "Bridge"),),
+}
+"""Every program's processes: the module and the class of each."""
+
+Made = Callable[[ProcessContext, ProcessOptions], Process]
+
+
+class UnknownProgramError(Exception):
+    """There is no program of that name; the text says which there are."""
+
+
+def create_processes(
+    program: str, around: ProcessContext, start: ProcessOptions | None = None
+) -> list[Process]:
+    """The processes of *program*, for one executor. Raises UnknownProgramError.
+
+    A name in *start* is for a program of one process; each of several gets everything else.
+    """
+    if program not in PROGRAMS:
+        near = get_close_matches(program, PROGRAMS, 1)
+        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(PROGRAMS)}"
+        raise UnknownProgramError(f"there is no program '{program}': {hint}")
+    start = start if start is not None else ProcessOptions()
+    parts = PROGRAMS[program]
+    if len(parts) > 1:
+        start = ProcessOptions(None, start.remap, start.parameters)
+    makers: list[Made] = [getattr(import_module(module), name) for module, name in parts]
+    return [one(around, start) for one in makers]

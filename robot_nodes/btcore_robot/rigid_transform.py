@@ -1,0 +1,140 @@
+"""Rotations and shifts: the `Transform` from one frame to another, with ROS's names and conventions.
+
+A transform written ``a2b`` has the pose of frame b in frame a, and takes points of b to a; so
+``a2c = a2b * b2c``. Numbers are plain floats: for a single transform numpy takes several times as long.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.robot import Pose2D, TransformStamped
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+_STRAIGHT = 0.9995  # above this cosine slerp divides by nearly nothing, and a straight line is as good
+
+
+class Transform:
+    """Where one frame is in another: its *position* (m) and a unit *quaternion* (x, y, z, w)."""
+
+    __slots__ = ("position", "quaternion")
+
+    def __init__(
+        self, position: Vector = (0.0, 0.0, 0.0), quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    ) -> None:
+        self.position = position
+        self.quaternion = quaternion
+
+    @classmethod
+    def from_pose(cls, pose: Pose2D) -> "Transform":
+        """The transform that puts a frame at *pose* on the floor of another."""
+        half = pose.yaw / 2.0
+        return cls((pose.x, pose.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
+
+    @classmethod
+    def from_frame(cls, frame: TransformStamped) -> "Transform":
+        """The transform that takes points of ``frame.child`` to ``frame.parent``."""
+        return cls(frame.position, frame.quaternion)
+
+    @property
+    def yaw(self) -> float:
+        """The heading (rad, in (-π, π]): the turn about z of roll, pitch and yaw."""
+        x, y, z, w = self.quaternion
+        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+    def to_pose(self) -> Pose2D:
+        """Its shadow on the floor."""
+        return Pose2D(self.position[0], self.position[1], self.yaw)
+
+    def __mul__(self, other: "Transform") -> "Transform":
+        """``a2b * b2c`` is ``a2c``."""
+        ax, ay, az, aw = self.quaternion
+        bx, by, bz, bw = other.quaternion
+        rx, ry, rz = _rotated(self.quaternion, other.position)
+        px, py, pz = self.position
+        return Transform(
+            (px + rx, py + ry, pz + rz),
+            (
+                aw * bx + ax * bw + ay * bz - az * by,
+                aw * by - ax * bz + ay * bw + az * bx,
+                aw * bz + ax * by - ay * bx + az * bw,
+                aw * bw - ax * bx - ay * by - az * bz,
+            ),
+        )
+
+    def compose(self, other: "Transform") -> "Transform":
+        """``a2b.compose(b2c)`` is ``a2b * b2c``."""
+        return self * other
+
+    def inverse(self) -> "Transform":
+        """``b2a`` of ``a2b``."""
+        x, y, z, w = self.quaternion
+        back = (-x, -y, -z, w)
+        rx, ry, rz = _rotated(back, self.position)
+        return Transform((-rx, -ry, -rz), back)
+
+    def apply(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """*points* (m) of the child's frame, in the parent's: shape ``(n, 3)``, the result too.
+
+        Shape ``(n, 2)`` is for points in the plane z = 0; of the result there are x and y then.
+        """
+        x, y, z, w = self.quaternion
+        rotation = np.array(
+            (
+                (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+                (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+                (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+            )
+        )
+        columns = points.shape[-1]
+        moved: NDArray[np.float64] = points @ rotation[:columns, :columns].T
+        moved += self.position[:columns]
+        return moved
+
+    def towards(self, other: "Transform", share: float) -> "Transform":
+        """*share* (0 … 1) of the way to *other*: a straight line, and the shorter arc of the rotation."""
+        ax, ay, az, aw = self.quaternion
+        bx, by, bz, bw = other.quaternion
+        cosine = ax * bx + ay * by + az * bz + aw * bw
+        if cosine < 0.0:
+            bx, by, bz, bw, cosine = -bx, -by, -bz, -bw, -cosine
+        if cosine > _STRAIGHT:
+            one, two = 1.0 - share, share
+        else:
+            angle = math.acos(cosine)
+            sine = math.sin(angle)
+            one, two = math.sin((1.0 - share) * angle) / sine, math.sin(share * angle) / sine
+        x, y, z, w = one * ax + two * bx, one * ay + two * by, one * az + two * bz, one * aw + two * bw
+        length = math.sqrt(x * x + y * y + z * z + w * w)
+        px, py, pz = self.position
+        qx, qy, qz = other.position
+        return Transform(
+            (px + share * (qx - px), py + share * (qy - py), pz + share * (qz - pz)),
+            (x / length, y / length, z / length, w / length),
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Transform):
+            return NotImplemented
+        return self.position == other.position and self.quaternion == other.quaternion
+
+    def __hash__(self) -> int:
+        return hash((self.position, self.quaternion))
+
+    def __repr__(self) -> str:
+        return f"Transform({self.position}, {self.quaternion})"
+
+
+def _rotated(quaternion: Quaternion, vector: Vector) -> Vector:
+    """*vector* turned by *quaternion*: v + 2w(q×v) + 2q×(q×v)."""
+    x, y, z, w = quaternion
+    vx, vy, vz = vector
+    tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )

@@ -1,0 +1,116 @@
+"""What the robot bumps into, counted as events: collisions and grazes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from btcore_sim.quiet_pybullet import pybullet
+
+COLLISION_SPEED = 0.1
+"""A contact is a collision when it closes faster than this (m/s) along its normal; else it is a graze."""
+
+MIN_SEPARATION_TIME = 500_000_000
+"""Two bodies have to be apart this long (ns) for their next touch to be another event."""
+
+_TOUCH = 0.001  # m: the engine stops bodies a hair before they overlap
+
+
+@dataclass(slots=True)
+class Contact:
+    """The robot against one other body: from when to when (ns), and the greatest speed (m/s) of closing."""
+
+    body: int
+    first: int
+    last: int
+    speed: float
+
+    @property
+    def hard(self) -> bool:
+        """Whether it is a collision."""
+        return self.speed > COLLISION_SPEED
+
+
+Velocity = tuple[Sequence[float], Sequence[float], Sequence[float]]  # of a point: linear; angular; the point
+
+
+class ContactCounter:
+    """Watches every step of the physics. What the robot stands on (*floor*) does not count.
+
+    The speed is taken from before the step that meets the contact: the step itself takes it away.
+    """
+
+    def __init__(self, client: int, robot: int, floor: int) -> None:
+        self.events: list[Contact] = []
+        self._client = client
+        self._robot = robot
+        self._floor = floor
+        self._links = list(range(pybullet.getNumJoints(robot, physicsClientId=client)))
+        self._open: dict[int, Contact] = {}
+        self._near: list[int] = []
+        self._moving: dict[tuple[int, int], Velocity] = {}
+
+    @property
+    def collisions(self) -> int:
+        """How many contacts were hard."""
+        return sum(event.hard for event in self.events)
+
+    @property
+    def grazes(self) -> int:
+        """How many were not."""
+        return len(self.events) - self.collisions
+
+    def before_step(self, now: int) -> None:
+        """Note how everything moves that may touch in the coming step."""
+        self._moving.clear()
+        self._note(self._robot)
+        if self._near:
+            states = pybullet.getLinkStates(self._robot, self._links, 1, physicsClientId=self._client)
+            for link, state in zip(self._links, states, strict=True):
+                self._moving[self._robot, link] = (state[6], state[7], state[0])
+            for body in self._near:
+                self._note(body)
+
+    def after_step(self, now: int) -> None:
+        """Take up what touched in the step that ended at *now* (ns)."""
+        self._near.clear()
+        for point in pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client):
+            body: int = point[2]
+            if body == self._floor:
+                continue
+            if body not in self._near:
+                self._near.append(body)
+            if point[8] <= _TOUCH:
+                self._touch(body, self._closing(point), now)
+
+    def _touch(self, body: int, speed: float, now: int) -> None:
+        contact = self._open.get(body)
+        if contact is None or now - contact.last >= MIN_SEPARATION_TIME:
+            contact = self._open[body] = Contact(body, now, now, speed)
+            self.events.append(contact)
+        contact.last = now
+        contact.speed = max(contact.speed, speed)
+
+    def _closing(self, point: Any) -> float:
+        """How fast (m/s) the two bodies closed at a contact point; its normal points at the robot."""
+        ours, theirs, normal = point[5], point[6], point[7]
+        one = self._velocity(self._robot, point[3], ours)
+        other = self._velocity(point[2], point[4], theirs)
+        speed: float = sum((b - a) * n for a, b, n in zip(one, other, normal, strict=True))
+        return speed
+
+    def _velocity(self, body: int, link: int, at: Sequence[float]) -> tuple[float, float, float]:
+        moving = self._moving.get((body, link)) or self._moving.get((body, -1))
+        if moving is None:
+            # Who was not near before: what stands still, or what is led, whose velocity no contact changes.
+            if pybullet.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0.0:
+                return 0.0, 0.0, 0.0
+            self._note(body)
+            moving = self._moving[body, -1]
+        (vx, vy, vz), (wx, wy, wz), middle = moving
+        x, y, z = (a - m for a, m in zip(at, middle, strict=True))
+        return vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+
+    def _note(self, body: int) -> None:
+        linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._client)
+        place, _ = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        self._moving[body, -1] = (linear, angular, place)

@@ -1,0 +1,208 @@
+"""What happens to a robot in the middle of a run: a box drops before it, or somebody carries it away.
+
+``box:30`` drops a box of 0.5 m at 30 s or as soon as the robot drives straight from then on and there is a
+place; ``box:30@2,0.3`` drops it 2 m ahead and 0.3 m to the left. ``kidnap:60`` carries the robot off.
+"""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from btcore_robot.robot import Phase, Pose2D
+from btcore_sim.clearance_map import ClearanceMap, Point
+from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable
+from btcore_sim.scene import Scene, SceneObject
+from btcore_sim.world import World
+
+KINDS = {
+    "box": "a box drops before the robot, where it can be passed",
+    "kidnap": "the robot is carried to another place",
+}
+"""What can happen."""
+
+AHEAD = 1.5
+"""m between the robot's hull and the near side of a box that drops, at least and unless said."""
+
+SIDE = 0.5
+"""m, of a box that drops."""
+
+CLEAR = 0.5
+"""m around the hull at the place that a robot is carried to."""
+
+FAR = 2.0
+"""m, at least, that a robot is carried."""
+
+_FORM = re.compile(
+    r"(?P<kind>[^:@]*):(?P<time>\d+(?:\.\d+)?)"
+    r"(?:@(?P<distance>\d+(?:\.\d+)?)(?:,(?P<offset>-?\d+(?:\.\d+)?))?)?"
+)
+_NAME = "dropped_box_"
+_COLOR = (204, 120, 178, 255)
+_RATE = 10.0
+_TRIES = 500
+_STRAIGHT = 0.15  # rad/s: slower turns count as driving straight
+_DRIVING = 0.1  # m/s
+_PARKED = -2.0  # m under the floor, where a box waits
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """*kind* from *time* (ns) on; a box *distance* (m) ahead and *offset* (m) to the left."""
+
+    kind: str
+    time: float
+    distance: float = AHEAD
+    offset: float = 0.0
+
+
+def parse_event(text: str) -> Event:
+    """The event written ``box:TIME[@DISTANCE[,OFFSET]]`` or ``kidnap:TIME`` (s, m); raises `SimError`."""
+    found = _FORM.fullmatch(text.strip())
+    if found is None:
+        raise SimError(
+            f"event '{text}': the form is KIND:TIME in seconds, like kidnap:60, and for a box "
+            "box:TIME@DISTANCE,OFFSET in metres too, like box:30@2,0.3"
+        )
+    kind = found["kind"]
+    if kind not in KINDS:
+        raise SimError(f"event '{text}': {did_you_mean(kind, KINDS)}what can happen is {', '.join(KINDS)}")
+    if found["distance"] is None:
+        return Event(kind, float(found["time"]) * 1e9)
+    if kind != "box":
+        raise SimError(f"event '{text}': only a box has a distance; {kind}:{found['time']} is enough")
+    distance = float(found["distance"])
+    if distance < AHEAD:
+        raise SimError(
+            f"event '{text}': {distance:g} m is too near to avoid a box: {AHEAD:g} m ahead or more is not"
+        )
+    return Event(kind, float(found["time"]) * 1e9, distance, float(found["offset"] or 0.0))
+
+
+def with_boxes(scene: Scene, events: Sequence[Event]) -> Scene:
+    """The scene with a box under its floor for every event that drops one."""
+    x, y = ((scene.area[0] + scene.area[2]) / 2, (scene.area[1] + scene.area[3]) / 2)
+    boxes = [
+        SceneObject(
+            f"{_NAME}{number}",
+            "box",
+            (SIDE, SIDE, SIDE),
+            (x, y, _PARKED),
+            0.0,
+            0.0,
+            _COLOR,
+            is_kinematic=True,
+        )
+        for number in range(sum(event.kind == "box" for event in events))
+    ]
+    return replace(scene, things=(*scene.things, *boxes))
+
+
+class EventTarget(Protocol):
+    """The robot that things happen to."""
+
+    def true_pose(self) -> Pose2D:
+        """Where it is."""
+        ...
+
+    def ramped_twist(self) -> tuple[float, float]:
+        """The velocity (m/s, rad/s) that its wheels are asked for."""
+        ...
+
+    def teleport(self, pose: Pose2D) -> None:
+        """Stand somewhere else; its wheels know nothing of it."""
+        ...
+
+
+class EventRunner:
+    """Lets *events* happen to *robot* of *radius* (m). *people* tells where people are."""
+
+    def __init__(
+        self,
+        world: World,
+        robot: EventTarget,
+        radius: float,
+        events: Sequence[Event],
+        floor: ClearanceMap,
+        people: Callable[[], Sequence[Point]],
+    ) -> None:
+        self.event_log: list[dict[str, object]] = []
+        """What has happened: its kind, when (s), where (m), and from where a robot was carried."""
+        self._world = world
+        self._robot = robot
+        self._radius = radius
+        self._floor = floor
+        self._people = people
+        self._random = world.random("events")
+        self._boxes = world.kinematic_bodies(_NAME)
+        self._coming = sorted(events, key=lambda event: event.time)
+        if self._coming:
+            world.schedule.every(_RATE, Phase.PHYSICS, self._look)
+
+    def _look(self, now: int) -> None:
+        for event in list(self._coming):
+            if event.time <= now and (self._drop(event) if event.kind == "box" else self._kidnap()):
+                self._coming.remove(event)
+                self.event_log[-1] = {"event": event.kind, "t": now / 1e9, **self.event_log[-1]}
+
+    def _drop(self, event: Event) -> bool:
+        v, w = self._robot.ramped_twist()
+        if v < _DRIVING or abs(w) > _STRAIGHT:
+            return False
+        pose = self._robot.true_pose()
+        box = ahead_of(pose, self._radius, event, self._world.bodies[self._boxes[0]])
+        if not self.fits(box, pose):
+            return False
+        x, y, _ = box.position
+        self._world.move_kinematic_body(self._boxes.pop(0), x, y, box.yaw)
+        self._floor.add_obstacle(box)
+        self.event_log.append({"x": round(x, 3), "y": round(y, 3)})
+        return True
+
+    def fits(self, box: SceneObject, pose: Pose2D) -> bool:
+        """Whether *box* may drop before a robot at *pose*: on free floor that it sees, and to be passed."""
+        x, y, _ = box.position
+        floor = self._floor
+        corners = math.hypot(*box.size[:2]) / 2
+        points = list(self._world.scene.waypoints.values())
+        return (
+            floor.clearance_at(x, y) > corners
+            and floor.clearance_along((pose.x, pose.y), (x, y)) > 0.0
+            and all(box.distance(*point) >= FROM_WAYPOINTS for point in points)
+            and all(box.distance(*place) >= PASSAGE for place in self._people())
+            and passable(floor, box, pose.yaw)
+            and floor.with_obstacle(box).connected([*points, (pose.x, pose.y)], self._radius + 0.05)
+        )
+
+    def _kidnap(self) -> bool:
+        v, w = self._robot.ramped_twist()
+        if abs(v) < _DRIVING / 2 and abs(w) < _STRAIGHT:
+            return False
+        before = self._robot.true_pose()
+        for _ in range(_TRIES):
+            place = self._floor.random_point(self._random, self._radius + CLEAR + self._floor.map.resolution)
+            if place is None:
+                return False
+            people = min((math.dist(place, one) for one in self._people()), default=math.inf)
+            if math.dist(place, (before.x, before.y)) > FAR and people > 1.0 + self._radius:
+                pose = Pose2D(*place, float(self._random.uniform(-math.pi, math.pi)))
+                self._robot.teleport(pose)
+                self.event_log.append(
+                    {"from": _rounded(before), "x": _rounded(pose)[0], "y": _rounded(pose)[1]}
+                )
+                return True
+        return False
+
+
+def ahead_of(pose: Pose2D, radius: float, event: Event, box: SceneObject) -> SceneObject:
+    """*box* where *event* wants it before a robot of *radius* (m) at *pose*, turned along its course."""
+    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+    along = radius + event.distance + box.size[0] / 2
+    x, y = pose.x + cos * along - sin * event.offset, pose.y + sin * along + cos * event.offset
+    return replace(box, position=(x, y, 0.0), yaw=pose.yaw)
+
+
+def _rounded(pose: Pose2D) -> list[float]:
+    return [round(pose.x, 3), round(pose.y, 3), round(pose.yaw, 3)]

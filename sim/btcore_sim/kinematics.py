@@ -1,0 +1,183 @@
+"""Where the frames of a described robot are in each other: links of the URDF, sensors, and what is fixed.
+
+The root is ``base_footprint``, on the floor below the base link. Wheels and casters have no frames: nobody
+sees from there.
+"""
+
+import math
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from btcore_robot.robot import TransformStamped
+from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.robot_description import FixedFrame, Point, RobotDescription
+
+FOOTPRINT = "base_footprint"
+
+Quaternion = tuple[float, float, float, float]
+
+_QUARTER = math.pi / 2
+OPTICAL: Point = (-_QUARTER, 0.0, -_QUARTER)
+"""Roll, pitch and yaw from x forward, z up to z ahead, x right, y down."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Joint:
+    """A moving joint of the URDF: where its child is at 0, and how it moves along or about its *axis*."""
+
+    name: str
+    child: str
+    parent: str
+    position: Point
+    turned: Quaternion
+    axis: Point
+    slides: bool
+
+    def place(self, angle: float) -> tuple[Point, Quaternion]:
+        if self.slides:
+            x, y, z = rotated(self.turned, (self.axis[0] * angle, self.axis[1] * angle, self.axis[2] * angle))
+            return (self.position[0] + x, self.position[1] + y, self.position[2] + z), self.turned
+        sine = math.sin(angle / 2)
+        about = (self.axis[0] * sine, self.axis[1] * sine, self.axis[2] * sine, math.cos(angle / 2))
+        return self.position, product(self.turned, about)
+
+
+class Kinematics:
+    """All frames of a robot. Raises `SimError` for one that hangs on nothing, or that there is twice."""
+
+    def __init__(self, description: RobotDescription) -> None:
+        root, joints = _joints(description)
+        self._still: list[tuple[str, str, Point, Quaternion]] = [
+            (root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0, 1.0))
+        ]
+        self._moving: list[_Joint] = []
+        for joint, moves in joints:
+            if moves:
+                self._moving.append(joint)
+            else:
+                self._still.append((joint.child, joint.parent, joint.position, joint.turned))
+        self.joints = [joint.name for joint in self._moving]
+        """The moving joints, by name, in the order in which `frames` wants their positions."""
+        for fixed in (*description.frames, *_mounted(description)):
+            self._still.append((fixed.name, fixed.parent, fixed.position, from_rpy(fixed.rpy)))
+        self._check(description)
+
+    def frames(self, positions: Sequence[float], stamp: int) -> list[TransformStamped]:
+        """Every frame in its parent, the joints of `joints` being at *positions* (rad or m)."""
+        found = [
+            TransformStamped(child, parent, place, turned, stamp)
+            for child, parent, place, turned in self._still
+        ]
+        for joint, position in zip(self._moving, positions, strict=True):
+            found.append(TransformStamped(joint.child, joint.parent, *joint.place(position), stamp))
+        return found
+
+    def _check(self, description: RobotDescription) -> None:
+        parents: dict[str, str] = {}
+        for frame in self.frames([0.0] * len(self._moving), 0):
+            if frame.child in parents:
+                raise SimError(f"robot '{description.name}': there are two frames '{frame.child}'")
+            parents[frame.child] = frame.parent
+        known = [FOOTPRINT, *parents]
+        for child, parent in parents.items():
+            if parent not in known:
+                raise SimError(
+                    f"robot '{description.name}': frame '{child}' is fixed to '{parent}', which isn't there: "
+                    f"{did_you_mean(parent, known)}there are {', '.join(known)}"
+                )
+        for child in parents:
+            way = [child]
+            while way[-1] in parents:
+                if parents[way[-1]] in way:
+                    raise SimError(f"robot '{description.name}': frame '{child}' is fixed to itself")
+                way.append(parents[way[-1]])
+
+
+def from_rpy(rpy: Point) -> Quaternion:
+    """The quaternion (x, y, z, w) of a turn about the fixed axes x, then y, then z (rad), as URDF has it."""
+    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in rpy)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def product(one: Quaternion, other: Quaternion) -> Quaternion:
+    """The turn *other*, seen from a frame that is turned by *one*."""
+    ax, ay, az, aw = one
+    bx, by, bz, bw = other
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def rotated(turned: Quaternion, point: Point) -> Point:
+    """The point (m) of a turned frame in the frame around it."""
+    x, y, z, w = turned
+    px, py, pz = point
+    tx, ty, tz = 2 * (y * pz - z * py), 2 * (z * px - x * pz), 2 * (x * py - y * px)
+    return (
+        px + w * tx + y * tz - z * ty,
+        py + w * ty + z * tx - x * tz,
+        pz + w * tz + x * ty - y * tx,
+    )
+
+
+def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool]]]:
+    """The root link's name, and the joints but those of wheels and casters, each with whether it moves."""
+    robot = ElementTree.parse(description.urdf).getroot()
+    children = {child.get("link") for child in robot.iterfind("joint/child")}
+    roots = [str(link.get("name")) for link in robot.iterfind("link") if link.get("name") not in children]
+    joints: list[tuple[_Joint, bool]] = []
+    for element in robot.iterfind("joint"):
+        kind, child = element.get("type", ""), _attribute(element, "child", "link")
+        if child in description.wheels.ground:
+            continue
+        joint = _Joint(
+            name=str(element.get("name")),
+            child=child,
+            parent=_attribute(element, "parent", "link"),
+            position=_triple(_attribute(element, "origin", "xyz", "0 0 0")),
+            turned=from_rpy(_triple(_attribute(element, "origin", "rpy", "0 0 0"))),
+            axis=_unit(_triple(_attribute(element, "axis", "xyz", "1 0 0"))),
+            slides=kind == "prismatic",
+        )
+        joints.append((joint, kind in ("prismatic", "revolute", "continuous")))
+    return roots[0], joints
+
+
+def _mounted(description: RobotDescription) -> list[FixedFrame]:
+    """The frames of sensors that neither the description nor its URDF has by name."""
+    laser, camera, sonars = description.laser, description.camera, description.sonars
+    found = [FixedFrame(laser.facts.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
+    found += [FixedFrame(one.frame, one.link, one.position, (0.0, 0.0, one.yaw)) for one in sonars]
+    if camera is not None:
+        mount = f"{camera.frame}_mount"
+        found.append(FixedFrame(mount, camera.link, camera.position, (camera.roll, 0.0, 0.0)))
+        found.append(FixedFrame(camera.frame, mount, (0.0, 0.0, 0.0), OPTICAL))
+        if any(frame.name == camera.frame for frame in description.frames):
+            del found[-2:]
+    links = {link.get("name") for link in ElementTree.parse(description.urdf).getroot().iterfind("link")}
+    named = {frame.name for frame in description.frames} | links
+    return [frame for frame in found if frame.name not in named]
+
+
+def _attribute(element: ElementTree.Element, tag: str, key: str, default: str = "") -> str:
+    inner = element.find(tag)
+    return default if inner is None else inner.get(key, default)
+
+
+def _triple(text: str) -> Point:
+    x, y, z = map(float, text.split())
+    return x, y, z
+
+
+def _unit(axis: Point) -> Point:
+    length = math.hypot(*axis) or 1.0
+    return axis[0] / length, axis[1] / length, axis[2] / length

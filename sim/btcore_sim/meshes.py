@@ -1,0 +1,91 @@
+"""Shapes as flat faces of four corners, for the renderer: boxes, cylinders and spheres.
+
+A face's corners go counter-clockwise when seen from outside. Round shapes become prisms and polyhedra around
+the true ones, of so many sides that in a picture the difference is a pixel or less.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_SIDES = 24
+_RINGS = 8
+
+_CUBE = (
+    ((1, -1, -1), (1, 1, -1), (1, 1, 1), (1, -1, 1)),
+    ((-1, 1, -1), (-1, -1, -1), (-1, -1, 1), (-1, 1, 1)),
+    ((1, 1, -1), (-1, 1, -1), (-1, 1, 1), (1, 1, 1)),
+    ((-1, -1, -1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)),
+    ((-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)),
+    ((-1, 1, -1), (1, 1, -1), (1, -1, -1), (-1, -1, -1)),
+)
+
+
+def box(size: Sequence[float]) -> Floats:
+    """The six faces of a box of *size* (m, full) about the origin, shape ``(6, 4, 3)``."""
+    faces: Floats = np.array(_CUBE, dtype=np.float64) * (np.asarray(size, dtype=np.float64) / 2)
+    return faces
+
+
+def cylinder(radius: float, length: float) -> Floats:
+    """The faces of an upright cylinder (m) about the origin, shape ``(n, 4, 3)``."""
+    around = np.linspace(0.0, 2 * math.pi, _SIDES + 1)
+    x, y = radius * np.cos(around), radius * np.sin(around)
+    half = length / 2
+    faces = [
+        [(x[k], y[k], -half), (x[k + 1], y[k + 1], -half), (x[k + 1], y[k + 1], half), (x[k], y[k], half)]
+        for k in range(_SIDES)
+    ]
+    for k in range(1, _SIDES - 2, 2):  # a lid is a fan of quadrilaterals about its first corner
+        lid = [(x[i], y[i]) for i in (0, k, k + 1, k + 2)]
+        faces.append([(*corner, half) for corner in lid])
+        faces.append([(*corner, -half) for corner in reversed(lid)])
+    return np.array(faces, dtype=np.float64)
+
+
+def sphere(radius: float) -> Floats:
+    """The faces of a sphere (m) about the origin, shape ``(n, 4, 3)``."""
+    around = np.linspace(0.0, 2 * math.pi, _SIDES // 2 + 1)
+    up = np.linspace(-math.pi / 2, math.pi / 2, _RINGS + 1)
+
+    def corner(ring: int, side: int) -> tuple[float, float, float]:
+        wide = radius * math.cos(up[ring])
+        return wide * math.cos(around[side]), wide * math.sin(around[side]), radius * math.sin(up[ring])
+
+    faces = [
+        [corner(ring, side), corner(ring, side + 1), corner(ring + 1, side + 1), corner(ring + 1, side)]
+        for ring in range(_RINGS)
+        for side in range(len(around) - 1)
+    ]
+    return np.array(faces, dtype=np.float64)
+
+
+def shape(kind: str, size: Sequence[float]) -> Floats:
+    """The faces of a ``box`` (sides), a ``cylinder`` (diameter twice, height) or a ``sphere`` (radius)."""
+    if kind == "box":
+        return box(size)
+    if kind == "cylinder":
+        return cylinder(size[0] / 2, size[2])
+    return sphere(size[0])
+
+
+def transformed(faces: Floats, rotation: Floats, position: Sequence[float]) -> Floats:
+    """The same faces, turned by *rotation* (3, 3) and then put to *position* (m)."""
+    result: Floats = faces @ rotation.T + np.asarray(position, dtype=np.float64)
+    return result
+
+
+def rotation_matrix(turned: Sequence[float]) -> Floats:
+    """The rotation matrix of a quaternion (x, y, z, w)."""
+    x, y, z, w = turned
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

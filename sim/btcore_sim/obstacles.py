@@ -1,0 +1,80 @@
+"""Boxes that stand about in a world where its map has nothing, and that a push moves."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.errors import SimError
+from btcore_sim.scene import Scene, SceneObject
+
+PASSAGE = 0.9
+"""m that stay free beside every box, wide enough for a robot at one side of it."""
+
+FROM_WAYPOINTS = 1.0
+"""m between a box and every waypoint, and the start."""
+
+_MASS = 6.0
+_COLOR = (122, 132, 70, 255)
+_TRIES = 300
+
+
+def with_obstacles(scene: Scene, count: int, random: np.random.Generator) -> Scene:
+    """The scene with *count* boxes of 0.3–0.5 m on its free floor, none of which blocks a way.
+
+    Whoever needs `PASSAGE` can still go from everywhere to everywhere it could: between waypoints, and past
+    each box. Raises `SimError` when there is no room for so many.
+    """
+    for number in range(count):
+        floor = ClearanceMap.of(scene)
+        box = _draw(scene, floor, f"obstacle_{number}", random)
+        if box is None:
+            raise SimError(
+                f"world '{scene.name}': there is no room for {count} obstacles that block no way, "
+                f"only for {number}"
+            )
+        scene = replace(scene, things=(*scene.things, box))
+    return scene
+
+
+def _draw(scene: Scene, floor: ClearanceMap, name: str, random: np.random.Generator) -> SceneObject | None:
+    points = list(scene.waypoints.values())
+    if scene.pose is not None:
+        points.append((scene.pose.x, scene.pose.y))
+    for _ in range(_TRIES):
+        length, width = random.uniform(0.3, 0.5, 2)
+        height, yaw = random.uniform(0.3, 0.6), random.uniform(-math.pi, math.pi)
+        place = floor.random_point(random, math.hypot(length, width) / 2 + 0.05)
+        if place is None:
+            return None
+        box = SceneObject(name, "box", (length, width, height), (*place, 0.0), yaw, _MASS, _COLOR)
+        if any(box.distance(*point) < FROM_WAYPOINTS for point in points):
+            continue
+        if any(other.is_kinematic and other.distance(*place) < 1.0 for other in scene.things):
+            continue
+        if passable(floor, box) and floor.with_obstacle(box).connected(points, PASSAGE / 2):
+            return box
+    return None
+
+
+def passable(floor: ClearanceMap, box: SceneObject, course: float | None = None) -> bool:
+    """Whether `PASSAGE` is free on one side of *box* at least, for who passes it on *course* (rad).
+
+    Without a course each of the box's own directions will do.
+    """
+    for along in (course,) if course is not None else (box.yaw, box.yaw + math.pi / 2):
+        cos, sin = math.cos(along), math.sin(along)
+        length, width, _ = box.size
+        turn = along - box.yaw
+        half_along = (abs(math.cos(turn)) * length + abs(math.sin(turn)) * width) / 2
+        half_across = (abs(math.sin(turn)) * length + abs(math.cos(turn)) * width) / 2
+        x, y, _ = box.position
+        reach = half_along + PASSAGE / 2
+        for side in (1.0, -1.0):
+            aside = side * (half_across + PASSAGE / 2)
+            start = (x - sin * aside - cos * reach, y + cos * aside - sin * reach)
+            end = (x - sin * aside + cos * reach, y + cos * aside + sin * reach)
+            if floor.clearance_along(start, end) >= PASSAGE / 2:
+                return True
+    return False

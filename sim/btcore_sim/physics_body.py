@@ -1,0 +1,134 @@
+"""A described robot as a body of the physics engine: its joints and links by name, its motors, its poses."""
+
+import math
+from collections.abc import Sequence
+
+from btcore_robot.robot import Pose2D
+from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.robot_description import RobotDescription
+from btcore_sim.world import (
+    FLOOR,
+    GROUND_LINK,
+    HULL,
+    MOVABLE,
+    STATIC,
+    World,
+)
+
+Pose3D = tuple[Sequence[float], Sequence[float]]
+"""A position (m) and a quaternion (x, y, z, w)."""
+
+
+class PhysicsBody:
+    """The body in the engine. Raises `SimError` when the URDF and the description don't fit."""
+
+    def __init__(self, world: World, description: RobotDescription, start: Pose2D) -> None:
+        self.description = description
+        self._client = world.client
+        self.body_id = self._load(start)
+        """The body's number in the physics engine."""
+        self.joints: dict[str, int] = {}
+        """The engine's number of every joint, by name."""
+        self.links = {pybullet.getBodyInfo(self.body_id, physicsClientId=self._client)[0].decode(): -1}
+        """The engine's number of every link, by name; -1 is the base link."""
+        for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self._client)):
+            info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self._client)
+            self.joints[info[1].decode()] = index
+            self.links[info[12].decode()] = index
+        self._set_ground_links()
+
+    def joint(self, name: str) -> int:
+        """The number of the joint called *name*."""
+        return self._known("joint", name, self.joints)
+
+    def link(self, name: str) -> int:
+        """The number of the link called *name*."""
+        return self._known("link", name, self.links)
+
+    def hold(self, joint: int, position: float, force: float, speed: float) -> None:
+        """Bring a joint to *position* (m or rad) and hold it, with at most *force* and *speed*."""
+        pybullet.setJointMotorControl2(
+            self.body_id,
+            joint,
+            pybullet.POSITION_CONTROL,
+            targetPosition=position,
+            force=force,
+            maxVelocity=speed,
+            physicsClientId=self._client,
+        )
+
+    def spin(self, joints: Sequence[int], rates: Sequence[float], torque: float) -> None:
+        """Turn joints at *rates* (rad/s) with at most *torque* (N·m)."""
+        pybullet.setJointMotorControlArray(
+            self.body_id,
+            joints,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=rates,
+            forces=[torque] * len(joints),
+            physicsClientId=self._client,
+        )
+
+    def joint_positions(self, joints: Sequence[int]) -> list[float]:
+        """How far (rad or m) each of the joints is."""
+        states = pybullet.getJointStates(self.body_id, joints, physicsClientId=self._client)
+        return [state[0] for state in states]
+
+    def place(self) -> Pose3D:
+        """Where the base link is in the world."""
+        place, turned = pybullet.getBasePositionAndOrientation(self.body_id, physicsClientId=self._client)
+        return place, turned
+
+    def put(self, pose: Pose2D) -> None:
+        """Stand the body at *pose*, upright and as high as it is now, and at rest."""
+        height = self.place()[0][2]
+        turned = [0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)]
+        engine = {"physicsClientId": self._client}
+        pybullet.resetBasePositionAndOrientation(self.body_id, [pose.x, pose.y, height], turned, **engine)
+        pybullet.resetBaseVelocity(self.body_id, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], **engine)
+
+    def link_place(self, link: int) -> Pose3D:
+        """Where a link's frame is in the world."""
+        if link < 0:
+            return self.place()
+        state = pybullet.getLinkState(
+            self.body_id, link, computeForwardKinematics=1, physicsClientId=self._client
+        )
+        return state[4], state[5]
+
+    def _load(self, start: Pose2D) -> int:
+        place = [start.x, start.y, self.description.height]
+        turned = [0.0, 0.0, math.sin(start.yaw / 2), math.cos(start.yaw / 2)]
+        try:
+            number: int = pybullet.loadURDF(
+                str(self.description.urdf), place, turned, physicsClientId=self._client
+            )
+        except pybullet.error:
+            raise SimError(f"{self.description.urdf}: the physics engine can't read this URDF") from None
+        return number
+
+    def _known(self, kind: str, name: str, known: dict[str, int]) -> int:
+        if name not in known:
+            raise SimError(
+                f"{self.description.urdf}: robot '{self.description.name}' has no {kind} '{name}': "
+                f"{did_you_mean(name, known)}there are {', '.join(known)}"
+            )
+        return known[name]
+
+    def _set_ground_links(self) -> None:
+        """Wheels and casters touch the floor only, and the rest of the robot all but the floor.
+
+        A wheel's sphere reaches beyond the hull, and would climb walls.
+        """
+        wheels = self.description.wheels
+        ground = [self.link(name) for name in wheels.ground]
+        sliding = [self.link(name) for name in wheels.sliding]
+        engine = {"physicsClientId": self._client}
+        for link in self.links.values():
+            if link not in ground:
+                pybullet.setCollisionFilterGroupMask(self.body_id, link, HULL, MOVABLE | STATIC, **engine)
+                continue
+            pybullet.setCollisionFilterGroupMask(self.body_id, link, GROUND_LINK, FLOOR, **engine)
+            # In one call with a damping the engine drops the friction of a link without a word.
+            friction = 0.0 if link in sliding else 1.0
+            pybullet.changeDynamics(self.body_id, link, lateralFriction=friction, **engine)

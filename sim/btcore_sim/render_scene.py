@@ -1,0 +1,79 @@
+"""What a camera can see of a world: every shape as coloured faces, where it is now."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from btcore_sim import meshes
+from btcore_sim.meshes import Floats
+from btcore_sim.physics_body import PhysicsBody
+from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.scene import SceneObject
+from btcore_sim.world import World, scene_extent
+
+_KINDS = {pybullet.GEOM_BOX: "box", pybullet.GEOM_CYLINDER: "cylinder", pybullet.GEOM_SPHERE: "sphere"}
+_THICK = 0.01  # m of floor
+
+
+class RenderScene:
+    """The faces of the floor, of all things and of the robot itself. Meshes of a URDF are left out."""
+
+    def __init__(self, world: World, model: PhysicsBody) -> None:
+        self._world = world
+        self._model = model
+        still = [_standing(thing) for body, thing in world.bodies.items() if body not in world.movable]
+        still.append(_floor(world))
+        self._still = np.concatenate([one for one, _ in still])
+        self._moved = [(body, *_shaped(world.bodies[body])) for body in world.movable]
+        self._robot = _robot(world, model)
+        painted = [*still, *(one[1:] for one in self._moved), *(one[1:] for one in self._robot)]
+        self.colors = np.concatenate([np.tile(color, (len(shape), 1)) for shape, color in painted])
+        """The colour (RGB, 0–255) of every face, shape ``(n, 3)``."""
+
+    def now(self) -> Floats:
+        """All faces in the frame of the world, shape ``(n, 4, 3)``; the robot's own are the last ones."""
+        found = [self._still]
+        for body, shape, _ in self._moved:
+            place, turned = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
+            found.append(meshes.transformed(shape, meshes.rotation_matrix(turned), place))
+        places: dict[int, tuple[Floats, Sequence[float]]] = {}
+        for link, shape, _ in self._robot:
+            if link not in places:
+                place, turned = self._model.link_place(link)
+                places[link] = meshes.rotation_matrix(turned), place
+            found.append(meshes.transformed(shape, *places[link]))
+        return np.concatenate(found)
+
+
+def _shaped(thing: SceneObject) -> tuple[Floats, Floats]:
+    return meshes.shape(thing.kind, thing.size), np.array(thing.color[:3], dtype=np.float64)
+
+
+def _standing(thing: SceneObject) -> tuple[Floats, Floats]:
+    shape, color = _shaped(thing)
+    x, y, z = thing.position
+    turned = meshes.rotation_matrix((0.0, 0.0, np.sin(thing.yaw / 2), np.cos(thing.yaw / 2)))
+    return meshes.transformed(shape, turned, (x, y, z + thing.size[2] / 2)), color
+
+
+def _floor(world: World) -> tuple[Floats, Floats]:
+    x0, y0, x1, y1 = scene_extent(world.scene)
+    shape = meshes.box((x1 - x0, y1 - y0, _THICK))
+    middle = ((x0 + x1) / 2, (y0 + y1) / 2, -_THICK / 2)
+    return meshes.transformed(shape, np.eye(3), middle), np.array(world.scene.floor[:3], dtype=np.float64)
+
+
+def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]:
+    """The URDF's shapes: the link, the faces in its frame, and the colour."""
+    found: list[tuple[int, Floats, Floats]] = []
+    for one in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
+        _, link, geometry, size, _, place, turned, color, *_ = one
+        if geometry not in _KINDS:
+            continue
+        # The engine has a cylinder's length before its radius.
+        sizes = (2 * size[1], 2 * size[1], size[0]) if geometry == pybullet.GEOM_CYLINDER else size
+        shape = meshes.transformed(
+            meshes.shape(_KINDS[geometry], sizes), meshes.rotation_matrix(turned), place
+        )
+        found.append((link, shape, 255.0 * np.array(color[:3], dtype=np.float64)))
+    return found

@@ -1,0 +1,130 @@
+"""A picture of flat faces, with depth: what a pinhole camera sees of boxes, cylinders and spheres.
+
+Each face that looks at the camera is filled as a polygon, and the nearest face wins in every pixel: over a
+plane the inverse of the depth is linear in column and row. 320x240 pixels of a furnished house take 2 to 7
+ms, a quarter of the engine's own software renderer, whose pictures a test compares with these.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.robot import CameraInfo
+from btcore_sim.meshes import Floats
+
+SKY = (196, 208, 220)
+"""The colour (RGB) of where there is nothing."""
+
+_LIGHT = np.array([0.35, 0.22, 0.91])  # from where the light comes, length 1
+_AMBIENT = 0.72  # of a face's colour is there without light: a picture has to tell colours, not to be pretty
+_LEVEL = 1e-9  # pixels: an edge flatter than this crosses no row but where it begins
+
+
+class Renderer:
+    """Draws pictures of one camera."""
+
+    def __init__(self, facts: CameraInfo) -> None:
+        self.facts = facts
+        self._columns = ((np.arange(facts.width) - facts.cx) / facts.fx).astype(np.float32)
+        self._rows = ((np.arange(facts.height) - facts.cy) / facts.fy).astype(np.float32)
+        # The normals of the planes through the lens and the picture's edges, pointing inwards.
+        left, right = self._columns[0] - 1.0 / facts.fx, self._columns[-1] + 1.0 / facts.fx
+        top, bottom = self._rows[0] - 1.0 / facts.fy, self._rows[-1] + 1.0 / facts.fy
+        planes = ((1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom))
+        self._sides = np.array(planes, dtype=np.float64)
+
+    def draw(
+        self, faces: Floats, colors: Floats, eye: Floats, axes: Floats
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Colours ``(height, width, 3)`` and depth (m, along z) ``(height, width)``, +inf where nothing is.
+
+        *faces* has shape ``(n, 4, 3)``, *colors* ``(n, 3)`` (0–255); *eye* is where the lens is, and the
+        columns of *axes* (3, 3) are the directions right, down and ahead.
+        """
+        facts = self.facts
+        seen, corners, normals = self._visible(faces, eye, axes)
+        inverse = np.full((facts.height, facts.width), 1.0 / facts.far, dtype=np.float32)
+        owner = np.zeros((facts.height, facts.width), dtype=np.int32)
+        for number, (face, normal) in enumerate(zip(corners, normals, strict=True), 1):
+            self._fill(face, normal, number, inverse, owner)
+        palette = np.empty((len(seen) + 1, 3), dtype=np.uint8)
+        palette[0] = SKY
+        palette[1:] = np.rint(colors[seen] * _shades(faces[seen])[:, None])
+        depth = np.where(owner > 0, 1.0 / inverse, np.float32(np.inf)).astype(np.float32, copy=False)
+        return palette[owner], depth
+
+    def _visible(self, faces: Floats, eye: Floats, axes: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
+        """Which faces may be seen; their corners and normals, by the camera's axes; the nearest first."""
+        corners = (faces - eye) @ axes
+        normals = _normals(corners)
+        toward = np.einsum("nk,nk->n", normals, corners[:, 0]) < -1e-9
+        outside: NDArray[np.bool_] = corners @ self._sides.T < 0.0
+        beside = np.any(np.all(outside, axis=1), axis=1)
+        z = corners[:, :, 2]
+        reached = (z.max(axis=1) > self.facts.near) & (z.min(axis=1) < self.facts.far)
+        seen = np.flatnonzero(toward & reached & ~beside)
+        seen = seen[np.argsort(z[seen].min(axis=1), kind="stable")]
+        return seen, corners[seen], normals[seen]
+
+    def _fill(
+        self,
+        corners: Floats,
+        normal: Floats,
+        number: int,
+        inverse: NDArray[np.float32],
+        owner: NDArray[np.int32],
+    ) -> None:
+        facts = self.facts
+        if corners[:, 2].min() < facts.near:
+            corners = _clipped(corners, facts.near)
+        u = facts.fx * corners[:, 0] / corners[:, 2] + facts.cx
+        v = facts.fy * corners[:, 1] / corners[:, 2] + facts.cy
+        left, right = max(0, math.ceil(u.min())), min(facts.width, math.floor(u.max()) + 1)
+        top, bottom = max(0, math.ceil(v.min())), min(facts.height, math.floor(v.max()) + 1)
+        if left >= right or top >= bottom:
+            return
+        # Over the plane n·p = d a ray's depth z is d / (n·ray).
+        slope = (normal / (normal @ corners[0])).astype(np.float32)
+        area = (slice(top, bottom), slice(left, right))
+        nearer = (slope[1] * self._rows[top:bottom] + slope[2])[:, None]
+        nearer = nearer + slope[0] * self._columns[left:right]
+        begin, end = _spans(u, v, np.arange(top, bottom, dtype=np.float64))
+        columns = np.arange(left, right, dtype=np.float64)
+        wins = (nearer > inverse[area]) & (columns >= begin[:, None]) & (columns <= end[:, None])
+        np.copyto(inverse[area], nearer, where=wins)
+        np.copyto(owner[area], number, where=wins)
+
+
+def _spans(u: Floats, v: Floats, rows: Floats) -> tuple[Floats, Floats]:
+    """Where a convex polygon with corners *u*, *v* (pixels) begins and ends in each of *rows*."""
+    rise = np.roll(v, -1) - v
+    rise[np.abs(rise) < _LEVEL] = _LEVEL
+    part = (rows - v[:, None]) / rise[:, None]
+    across = u[:, None] + part * (np.roll(u, -1) - u)[:, None]
+    crossed = (part >= 0.0) & (part <= 1.0)
+    return np.where(crossed, across, np.inf).min(axis=0), np.where(crossed, across, -np.inf).max(axis=0)
+
+
+def _normals(corners: Floats) -> Floats:
+    """The faces' normals, pointing out of what they enclose; by the diagonals, as a corner may be double."""
+    normals: Floats = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return normals
+
+
+def _shades(faces: Floats) -> Floats:
+    normals = _normals(faces)
+    lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+    shades: Floats = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(0.0, normals @ _LIGHT / lengths)
+    return np.minimum(shades, 1.0)
+
+
+def _clipped(corners: Floats, near: float) -> Floats:
+    """The part of a polygon that is at least *near* (m) ahead."""
+    kept: list[Floats] = []
+    for one, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if one[2] >= near:
+            kept.append(one)
+        if (one[2] >= near) != (following[2] >= near):
+            kept.append(one + (following - one) * ((near - one[2]) / (following[2] - one[2])))
+    return np.array(kept)

@@ -1,0 +1,332 @@
+"""Robots as data: what a body is made of, and what it can do, read from a small JSON file.
+
+tiago.json beside this file is the example: the URDF (a path from the JSON file), the wheels, the base's
+limits and footprint, the laser, and, for a robot that has them, head, torso, camera and sonars. Sensors
+sit on a link of the URDF at a ``position`` (m), facing forward; a sonar may be turned by ``yaw``. ``frames``
+lists further frames, each fixed to a link or to another frame. Lengths are metres, angles radians,
+frequencies hertz.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from btcore_robot.robot import (
+    BaseInfo,
+    HeadInfo,
+    LaserInfo,
+    TorsoInfo,
+)
+from btcore_sim.json_records import JsonRecord, read_record
+
+TIAGO = Path(__file__).parent / "tiago.json"
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Wheels:
+    """The two driven wheels: joint names, *radius* and *separation* (m), motor *torque* (N·m).
+
+    *ground* names the links that touch the floor and nothing else, *sliding* those of them without friction.
+    """
+
+    left: str
+    right: str
+    radius: float
+    separation: float
+    torque: float
+    ground: tuple[str, ...]
+    sliding: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserMount:
+    """A planar laser on *link* at *position* (m)."""
+
+    facts: LaserInfo
+    link: str
+    position: Point
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """A camera on *link* at *position* (m); *roll* (rad) turns the link's axes to x forward, z up.
+
+    *fov* (rad) is the horizontal angle of view, *near* and *far* (m) bound what is drawn.
+    """
+
+    link: str
+    position: Point
+    roll: float
+    fov: float
+    near: float
+    far: float
+    frame: str
+
+
+@dataclass(frozen=True, slots=True)
+class HeadJoints:
+    """The joints that turn the head, and their motors' *torque* (N·m)."""
+
+    facts: HeadInfo
+    pan: str
+    tilt: str
+    torque: float
+
+
+@dataclass(frozen=True, slots=True)
+class TorsoJoint:
+    """The joint that lifts the torso, and its motor's *force* (N)."""
+
+    facts: TorsoInfo
+    joint: str
+    force: float
+
+
+@dataclass(frozen=True, slots=True)
+class SonarMount:
+    """A sonar on *link* at *position* (m), facing *yaw* (rad); *fov* (rad) is the cone's whole angle."""
+
+    frame: str
+    link: str
+    position: Point
+    yaw: float
+    fov: float
+    range_min: float
+    range_max: float
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryFacts:
+    """How often (Hz) the wheels are read, and how wrong they are.
+
+    *scale_sigma* is the spread of each wheel's scale, drawn once a run: what is taken for its radius against
+    what it is. *slip* is the part of its turning that the base doesn't make though the wheels tell of it, and
+    *slip_sigma* the spread of that from reading to reading. All are fractions, and 0 is perfect.
+    """
+
+    rate: float
+    scale_sigma: float
+    slip: float
+    slip_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class FixedFrame:
+    """A frame that stays where it is in *parent*: *position* (m), turned by *rpy* (rad; about x, y, z)."""
+
+    name: str
+    parent: str
+    position: Point
+    rpy: Point
+
+
+@dataclass(frozen=True, slots=True)
+class HeldJoint:
+    """A joint that is held at *position* with *force* (N or N·m) and at most *speed* (m/s or rad/s)."""
+
+    joint: str
+    position: float
+    force: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class RobotDescription:
+    """All that the simulator needs to know of a robot. *height* (m) is the base link's above the floor."""
+
+    name: str
+    urdf: Path
+    height: float
+    wheels: Wheels
+    base: BaseInfo
+    odometry: OdometryFacts
+    laser: LaserMount
+    head: HeadJoints | None
+    torso: TorsoJoint | None
+    camera: CameraMount | None
+    sonar_rate: float
+    sonars: tuple[SonarMount, ...]
+    frames: tuple[FixedFrame, ...]
+    held: tuple[HeldJoint, ...]
+
+    def with_noise(self, factor: float) -> "RobotDescription":
+        """The same robot, with errors of laser and odometry *factor* times as great; 0 is perfect."""
+        odometry = self.odometry
+        return replace(
+            self,
+            laser=replace(self.laser, facts=replace(self.laser.facts, sigma=factor * self.laser.facts.sigma)),
+            odometry=replace(
+                odometry,
+                scale_sigma=factor * odometry.scale_sigma,
+                slip=factor * odometry.slip,
+                slip_sigma=factor * odometry.slip_sigma,
+            ),
+        )
+
+
+PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)
+"""The odometry of a robot whose description says nothing of it."""
+
+
+def load_description(path: Path = TIAGO) -> RobotDescription:
+    """The robot described by the file at *path*; raises `SimError`."""
+    record = read_record(path, "a robot")
+    urdf = path.parent / record.text("urdf")
+    if not urdf.is_file():
+        raise record.error(f"'urdf' names {urdf}, and there is no such file")
+    description = RobotDescription(
+        name=record.text("name"),
+        urdf=urdf,
+        height=record.number("height", over=0.0),
+        wheels=_wheels(record.record("wheels")),
+        base=_base(record.record("base")),
+        odometry=_odometry(record.record("odometry")) if record.has("odometry") else PERFECT,
+        laser=_laser(record.record("laser")),
+        head=_head(record.record("head")) if record.has("head") else None,
+        torso=_torso(record.record("torso")) if record.has("torso") else None,
+        camera=_camera(record.record("camera")) if record.has("camera") else None,
+        sonar_rate=record.number("sonar_rate", 5.0, over=0.0),
+        sonars=tuple(map(_sonar, record.records("sonars"))) if record.has("sonars") else (),
+        frames=tuple(map(_frame, record.records("frames"))) if record.has("frames") else (),
+        held=tuple(map(_held, record.records("held"))) if record.has("held") else (),
+    )
+    record.reject_unknown_fields()
+    return description
+
+
+def _point(record: JsonRecord, key: str) -> Point:
+    x, y, z = record.numbers(key, [3], [0.0, 0.0, 0.0])
+    return x, y, z
+
+
+def _wheels(record: JsonRecord) -> Wheels:
+    wheels = Wheels(
+        left=record.text("left"),
+        right=record.text("right"),
+        radius=record.number("radius", over=0.0),
+        separation=record.number("separation", over=0.0),
+        torque=record.number("torque", over=0.0),
+        ground=tuple(record.texts("ground")),
+        sliding=tuple(record.texts("sliding")),
+    )
+    record.reject_unknown_fields()
+    return wheels
+
+
+def _base(record: JsonRecord) -> BaseInfo:
+    facts = BaseInfo(
+        v_min=record.number("v_min"),
+        v_max=record.number("v_max", over=0.0),
+        w_max=record.number("w_max", over=0.0),
+        v_rate=record.number("v_rate", over=0.0),
+        w_rate=record.number("w_rate", over=0.0),
+        command_timeout=record.number("command_timeout", over=0.0),
+        radius=record.number("radius", over=0.0),
+    )
+    if facts.v_min > 0.0:
+        raise record.error(f"'v_min' is {facts.v_min:g}: a base has to be able to stand, so at most 0")
+    record.reject_unknown_fields()
+    return facts
+
+
+def _laser(record: JsonRecord) -> LaserMount:
+    rays = record.whole("rays")
+    angle_min, angle_max = record.number("angle_min"), record.number("angle_max")
+    if angle_max <= angle_min:
+        raise record.error("'angle_max' has to be greater than 'angle_min'")
+    facts = LaserInfo(
+        rays=rays,
+        angle_min=angle_min,
+        angle_increment=(angle_max - angle_min) / max(1, rays - 1),
+        range_min=record.number("range_min", over=0.0),
+        range_max=record.number("range_max", over=0.0),
+        rate=record.number("rate", over=0.0),
+        sigma=record.number("sigma", 0.0),
+        frame=record.text("frame"),
+    )
+    mount = LaserMount(facts, record.text("link"), _point(record, "position"))
+    record.reject_unknown_fields()
+    return mount
+
+
+def _head(record: JsonRecord) -> HeadJoints:
+    pan_min, pan_max = record.numbers("pan_limits", [2])
+    tilt_min, tilt_max = record.numbers("tilt_limits", [2])
+    facts = HeadInfo(pan_min, pan_max, tilt_min, tilt_max, record.number("speed", over=0.0))
+    joints = HeadJoints(facts, record.text("pan"), record.text("tilt"), record.number("torque", over=0.0))
+    record.reject_unknown_fields()
+    return joints
+
+
+def _camera(record: JsonRecord) -> CameraMount:
+    mount = CameraMount(
+        link=record.text("link"),
+        position=_point(record, "position"),
+        roll=record.number("roll", 0.0),
+        fov=record.number("fov", over=0.0),
+        near=record.number("near", over=0.0),
+        far=record.number("far", over=0.0),
+        frame=record.text("frame"),
+    )
+    record.reject_unknown_fields()
+    return mount
+
+
+def _torso(record: JsonRecord) -> TorsoJoint:
+    low, high = record.numbers("limits", [2])
+    if low >= high:
+        raise record.error(f"'limits' is [{low:g}, {high:g}], and the second has to be greater")
+    facts = TorsoInfo(low, high, record.number("speed", over=0.0))
+    joint = TorsoJoint(facts, record.text("joint"), record.number("force", over=0.0))
+    record.reject_unknown_fields()
+    return joint
+
+
+def _sonar(record: JsonRecord) -> SonarMount:
+    mount = SonarMount(
+        frame=record.text("frame"),
+        link=record.text("link"),
+        position=_point(record, "position"),
+        yaw=record.number("yaw", 0.0),
+        fov=record.number("fov", over=0.0),
+        range_min=record.number("range_min", over=0.0),
+        range_max=record.number("range_max", over=0.0),
+    )
+    if mount.range_max <= mount.range_min:
+        raise record.error("'range_max' has to be greater than 'range_min'")
+    record.reject_unknown_fields()
+    return mount
+
+
+def _odometry(record: JsonRecord) -> OdometryFacts:
+    facts = OdometryFacts(
+        rate=record.number("rate", PERFECT.rate, over=0.0),
+        scale_sigma=record.number("scale_sigma", 0.0),
+        slip=record.number("slip", 0.0),
+        slip_sigma=record.number("slip_sigma", 0.0),
+    )
+    if min(facts.scale_sigma, facts.slip_sigma) < 0.0:
+        raise record.error("'scale_sigma' and 'slip_sigma' are spreads, and can't be below 0")
+    record.reject_unknown_fields()
+    return facts
+
+
+def _frame(record: JsonRecord) -> FixedFrame:
+    roll, pitch, yaw = record.numbers("rpy", [3], [0.0, 0.0, 0.0])
+    frame = FixedFrame(
+        record.text("name"), record.text("parent"), _point(record, "position"), (roll, pitch, yaw)
+    )
+    record.reject_unknown_fields()
+    return frame
+
+
+def _held(record: JsonRecord) -> HeldJoint:
+    held = HeldJoint(
+        joint=record.text("joint"),
+        position=record.number("position", 0.0),
+        force=record.number("force", over=0.0),
+        speed=record.number("speed", over=0.0),
+    )
+    record.reject_unknown_fields()
+    return held

@@ -1,0 +1,41 @@
+"""What a run adds to a world: people, obstacles that its map doesn't have, and events."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.events import (
+    Event,
+    EventRunner,
+    EventTarget,
+    with_boxes,
+)
+from btcore_sim.obstacles import with_obstacles
+from btcore_sim.people import PeopleSimulation, with_people
+from btcore_sim.scene import Scene
+from btcore_sim.world import World, random_generator
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """How many *people* and *obstacles*, and which *events*."""
+
+    people: int = 0
+    obstacles: int = 0
+    events: Sequence[Event] = ()
+
+    def scene(self, scene: Scene, seed: int) -> Scene:
+        """The scene with all of it, placed by *seed*; raises `SimError` when there is no room."""
+        if self.obstacles:
+            scene = with_obstacles(scene, self.obstacles, random_generator(seed, "obstacles"))
+        if self.people:
+            scene = with_people(scene, self.people, random_generator(seed, "people"))
+        return with_boxes(scene, self.events) if self.events else scene
+
+    def begin(self, world: World, robot: EventTarget, radius: float) -> EventRunner | None:
+        """Let people walk and events come in *world*, made from `scene`, around *robot* of *radius* (m)."""
+        if not (self.people or self.events):
+            return None
+        floor = ClearanceMap.of(world.scene)
+        walkers = PeopleSimulation(world, floor, robot.true_pose, radius)
+        return EventRunner(world, robot, radius, self.events, floor, walkers.places)

@@ -1,0 +1,250 @@
+"""Worlds as data: walls and objects that stand on a floor, and where a robot may start.
+
+A world is a JSON object. Lengths are metres, angles radians, colours ``#rrggbb``::
+
+    {"description": "an empty square of 6 m",
+     "start": {"area": [-3, -3, 3, 3], "clearance": 1.0},
+     "objects": [{"name": "crate", "kind": "box", "position": [1, 2], "size": [0.5, 0.5, 0.8], "yaw": 0.3}]}
+
+``position`` is the middle of the object's underside (z is 0 unless given), ``kind`` is ``box`` with ``size``,
+``cylinder`` with ``radius`` and ``height``, or ``table`` with ``size``, ``top`` and ``leg``: a board *top*
+thick on four square legs *leg* wide; a ``mass`` (kg) above 0 makes a box or a cylinder movable. ``start`` is
+either an ``area`` (x and y from, x and y to) in which the pose is drawn, or one ``pose`` (x, y, yaw).
+
+A world may also give ``waypoints`` (name → [x, y]), ``keepout``, a list of rectangles (x and y from, x and y
+to) where no robot may go though nothing stands there, and ``physics_rate`` (Hz), at which its physics steps.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from btcore_robot.robot import Pose2D
+from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.json_records import JsonRecord, read_record
+
+SCENES = Path(__file__).parent / "scenes"
+
+Color = tuple[int, int, int, int]
+
+Rectangle = tuple[float, float, float, float]
+"""x and y from, x and y to (m)."""
+
+PHYSICS_RATE = 240
+"""Steps of the physics a second of simulated time, unless the world says otherwise."""
+
+_TRIES = 10_000
+_ORDER = "x and y from, then x and y to, and 'to' has to be greater"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneObject:
+    """A box or a cylinder that stands upright.
+
+    *size* is the full extent (m) along its own x, y and z; a cylinder's first two are its diameter.
+    *position* is the middle of the underside, *mass* (kg) is 0 for what no push moves, *color* is RGBA
+    (0–255). What is *led* goes where the world takes it, as people do; *position* and *yaw* are then where it
+    begins.
+    """
+
+    name: str
+    kind: str
+    size: tuple[float, float, float]
+    position: tuple[float, float, float]
+    yaw: float
+    mass: float
+    color: Color
+    is_kinematic: bool = False
+
+    @property
+    def still(self) -> bool:
+        """Whether it always stays where it is."""
+        return self.mass == 0.0 and not self.is_kinematic
+
+    @property
+    def parked(self) -> bool:
+        """Whether it waits under the floor to be put somewhere."""
+        return self.position[2] + self.size[2] <= 0.0
+
+    def meets(self, z: float) -> bool:
+        """Whether a horizontal plane at *z* (m) cuts it."""
+        return self.position[2] <= z <= self.position[2] + self.size[2]
+
+    def outline(self) -> Rectangle:
+        """The rectangle along the axes that holds its outline on the floor."""
+        half_x, half_y = self.size[0] / 2, self.size[1] / 2
+        if self.kind == "box":
+            cos, sin = abs(math.cos(self.yaw)), abs(math.sin(self.yaw))
+            half_x, half_y = cos * half_x + sin * half_y, sin * half_x + cos * half_y
+        x, y, _ = self.position
+        return x - half_x, y - half_y, x + half_x, y + half_y
+
+    def distance(self, x: float, y: float) -> float:
+        """How far (m) the point is from the thing's outline on the floor; 0 inside."""
+        dx, dy = x - self.position[0], y - self.position[1]
+        if self.kind == "cylinder":
+            return max(0.0, math.hypot(dx, dy) - self.size[0] / 2)
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        along = abs(cos * dx + sin * dy) - self.size[0] / 2
+        across = abs(cos * dy - sin * dx) - self.size[1] / 2
+        return math.hypot(max(0.0, along), max(0.0, across))
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A world to be: its things, and the rule for the start pose.
+
+    *area* (x and y from, x and y to) is where a start pose is drawn, at least *clearance* (m) between the
+    robot's footprint and anything else; *pose* is a start that is given instead. *keepout* is where no robot
+    may go though nothing may stand there, *physics_rate* (Hz) how often the physics steps.
+    """
+
+    name: str
+    description: str
+    things: tuple[SceneObject, ...]
+    area: Rectangle
+    clearance: float
+    pose: Pose2D | None
+    floor: Color
+    waypoints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    keepout: tuple[Rectangle, ...] = ()
+    physics_rate: int = PHYSICS_RATE
+
+    def start(self, random: np.random.Generator, radius: float) -> Pose2D:
+        """A pose for a robot of *radius* (m), uniform in place and heading among those clear enough."""
+        if self.pose is not None:
+            return self.pose
+        for _ in range(_TRIES):
+            x = random.uniform(self.area[0], self.area[2])
+            y = random.uniform(self.area[1], self.area[3])
+            yaw = random.uniform(-math.pi, math.pi)
+            if self.clearance_at(x, y) >= self.clearance + radius:
+                return Pose2D(x, y, yaw)
+        raise SimError(
+            f"world '{self.name}': no start pose with {self.clearance:g} m of room around a robot of "
+            f"{radius:g} m radius was found in {_TRIES} draws: a smaller 'clearance' or another 'area' helps"
+        )
+
+    def clearance_at(self, x: float, y: float) -> float:
+        """How far (m) the nearest thing's outline is from a point on the floor; inf in an empty world."""
+        return min((thing.distance(x, y) for thing in self.things if not thing.parked), default=math.inf)
+
+
+def scene_names() -> list[str]:
+    """The worlds that come along, sorted."""
+    return sorted(path.stem for path in SCENES.glob("*.json"))
+
+
+def load_scene(name: str) -> Scene:
+    """The world called *name*, or the one in the JSON file at the path *name*; raises `SimError`."""
+    if name.endswith(".json") or "/" in name:
+        path = Path(name)
+    elif name in scene_names():
+        path = SCENES / f"{name}.json"
+    else:
+        known = scene_names()
+        raise SimError(
+            f"there is no world '{name}': {did_you_mean(name, known)}worlds are {', '.join(known)}, "
+            "and the path of a JSON file works too"
+        )
+    return _scene(read_record(path, "a world"), path.stem)
+
+
+def _scene(record: JsonRecord, name: str) -> Scene:
+    things = tuple(
+        thing for index, one in enumerate(record.records("objects")) for thing in _things(one, index)
+    )
+    seen: set[str] = set()
+    for thing in things:
+        if thing.name in seen:
+            raise record.error(f"two objects are named '{thing.name}', and names tell them apart")
+        seen.add(thing.name)
+    area, clearance, pose = _start(record.record("start"))
+    scene = Scene(
+        name=name,
+        description=record.text("description", ""),
+        things=things,
+        area=area,
+        clearance=clearance,
+        pose=pose,
+        floor=record.color("floor", "#8d9297"),
+        waypoints=record.points("waypoints"),
+        keepout=tuple(map(_rectangle, record.rows("keepout", 4))),
+        physics_rate=record.whole("physics_rate", PHYSICS_RATE),
+    )
+    for x0, y0, x1, y1 in scene.keepout:
+        if not (x0 < x1 and y0 < y1):
+            raise record.error(f"'keepout' has [{x0:g}, {y0:g}, {x1:g}, {y1:g}], and {_ORDER}")
+    record.reject_unknown_fields()
+    return scene
+
+
+def _rectangle(row: list[float]) -> Rectangle:
+    return row[0], row[1], row[2], row[3]
+
+
+def _start(record: JsonRecord) -> tuple[tuple[float, float, float, float], float, Pose2D | None]:
+    if record.has("pose"):
+        x, y, yaw = record.numbers("pose", [3])
+        record.reject_unknown_fields()
+        return (x, y, x, y), 0.0, Pose2D(x, y, yaw)
+    x0, y0, x1, y1 = record.numbers("area", [4])
+    if not (x0 < x1 and y0 < y1):
+        raise record.error(f"'area' is {_ORDER}")
+    clearance = record.number("clearance", 1.0)
+    record.reject_unknown_fields()
+    return (x0, y0, x1, y1), clearance, None
+
+
+def _things(record: JsonRecord, index: int) -> list[SceneObject]:
+    name = record.text("name", f"object_{index}")
+    kind = record.text("kind", among=("box", "cylinder", "table"))
+    if kind == "cylinder":
+        x = y = 2 * record.number("radius", over=0.0)
+        z = record.number("height", over=0.0)
+    else:
+        x, y, z = record.numbers("size", [3])
+    if min(x, y, z) <= 0.0:
+        raise record.error("'size' has to be greater than 0 in all three directions")
+    place = record.numbers("position", [2, 3])
+    mass = record.number("mass", 0.0) if kind != "table" else 0.0
+    if mass < 0.0:
+        raise record.error(f"'mass' is {mass:g}, and it can't be below 0")
+    thing = SceneObject(
+        name=name,
+        kind=kind,
+        size=(x, y, z),
+        position=(place[0], place[1], place[2] if len(place) == 3 else 0.0),
+        yaw=record.number("yaw", 0.0),
+        mass=mass,
+        color=record.color("color", "#c9b79c"),
+    )
+    found = [thing] if kind != "table" else _table(record, thing)
+    record.reject_unknown_fields()
+    return found
+
+
+def _table(record: JsonRecord, whole: SceneObject) -> list[SceneObject]:
+    """The parts of a table that fills *whole*: its top, and its legs flush with the corners."""
+    thick, wide = record.number("top", 0.04, over=0.0), record.number("leg", 0.06, over=0.0)
+    length, width, height = whole.size
+    if thick >= height or 2 * wide > min(length, width):
+        raise record.error(
+            f"a 'top' of {thick:g} m and legs of {wide:g} m don't fit into 'size': smaller ones do"
+        )
+    x, y, z = whole.position
+    under = height - thick
+    board = replace(
+        whole, name=f"{whole.name}_top", kind="box", size=(length, width, thick), position=(x, y, z + under)
+    )
+    parts = [board]
+    cos, sin = math.cos(whole.yaw), math.sin(whole.yaw)
+    for number, (along, across) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1)), 1):
+        dx, dy = along * (length - wide) / 2, across * (width - wide) / 2
+        foot = (x + cos * dx - sin * dy, y + sin * dx + cos * dy, z)
+        name = f"{whole.name}_leg_{number}"
+        parts.append(replace(board, name=name, size=(wide, wide, under), position=foot))
+    return parts

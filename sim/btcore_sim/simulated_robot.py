@@ -1,0 +1,339 @@
+"""A robot's body in a world, made from its description: the simulator's `Robot`."""
+
+import logging
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from btcore_robot.robot import (
+    CMD_VEL,
+    BaseInfo,
+    BatteryState,
+    CameraImage,
+    CameraInfo,
+    HeadInfo,
+    HeadPosition,
+    LaserInfo,
+    LaserScan,
+    Odometry,
+    Phase,
+    Pose2D,
+    Robot,
+    SonarReading,
+    TorsoInfo,
+    TransformStamped,
+    Twist2D,
+)
+from btcore_sim import scene_data
+from btcore_sim.battery import FULL, BatteryModel
+from btcore_sim.camera import Camera, CameraSettings
+from btcore_sim.contacts import ContactCounter
+from btcore_sim.differential_drive import (
+    CommandMultiplexer,
+    DifferentialDrive,
+    WheelErrorModel,
+    WheelOdometry,
+)
+from btcore_sim.faults import Fault, FaultSchedule
+from btcore_sim.kinematics import Kinematics
+from btcore_sim.laser import Laser, MovableObstacles
+from btcore_sim.physics_body import PhysicsBody
+from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.ray_casting import RayCaster
+from btcore_sim.render_scene import RenderScene
+from btcore_sim.robot_description import RobotDescription, load_description
+from btcore_sim.schedule import TaskSchedule
+from btcore_sim.sonar import Sonars
+from btcore_sim.world import World
+
+log = logging.getLogger(__name__)
+
+_SETTLING = 0.5  # s in which the wheels find the floor before the run begins
+
+
+class SimulatedRobot(Robot):
+    """A differential base with a planar laser and perhaps head, torso, camera and sonars, in *world*.
+
+    The start pose is drawn by the scene's rule from the world's seed, its battery begins at *battery*
+    (percent). When this returns there is a scan and an odometry, both of time 0. What the Robot protocol does
+    not offer (the true pose, contacts, the way driven) is for whoever judges a run, not for leaves.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        description: RobotDescription | None = None,
+        *,
+        camera: CameraSettings | None = None,
+        faults: Sequence[Fault] = (),
+        battery: float = FULL,
+    ) -> None:
+        self.world = world
+        self.description = description if description is not None else load_description()
+        self._faults = FaultSchedule(faults)
+        self.cells = BatteryModel(battery)
+        """The battery: its level, the lowest that there was, how often it was filled."""
+        self._empty = False
+        wheels = self.description.wheels
+        start = world.scene.start(world.random("start"), self.description.base.radius)
+        self.model = PhysicsBody(world, self.description, start)
+        for held in self.description.held:
+            self.model.hold(self.model.joint(held.joint), held.position, held.force, held.speed)
+        self._wheels = [self.model.joint(wheels.left), self.model.joint(wheels.right)]
+        self._laser_link = self.model.link(self.description.laser.link)
+        self._camera_link = self.model.link(self.description.camera.link) if self.description.camera else -1
+        head = self.description.head
+        self._head = [self.model.joint(head.pan), self.model.joint(head.tilt)] if head else []
+        torso = self.description.torso
+        self._torso = [self.model.joint(torso.joint)] if torso else []
+        self._kinematics = Kinematics(self.description)
+        self._joints = [self.model.joint(name) for name in self._kinematics.joints]
+        self._base = DifferentialDrive(self.description.base, wheels.radius, wheels.separation)
+        self._sources = CommandMultiplexer()
+        self._rates: tuple[float, float] | None = None
+        self.move_head(0.0, 0.0)
+        self.lift(0.0)
+        self._obey(0)
+        world.settle(_SETTLING)
+        self.contacts = ContactCounter(world.client, self.model.body_id, world.floor)
+        self._place = self.model.place()[0]
+        self.distance = 0.0
+        """The length (m) of the way driven, in truth."""
+        self.teleport_times: list[int] = []
+        """When (ns) somebody carried it elsewhere."""
+        still = [thing for thing in world.scene.things if thing.still]
+        facts = self.description.laser.facts
+        moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
+        self._laser = Laser(facts, RayCaster.of(still), world.random("laser"), moved)
+        self._camera = (
+            Camera(RenderScene(world, self.model), self.description.camera, camera)
+            if camera and self.description.camera
+            else None
+        )
+        mounts = self.description.sonars
+        self._sonar_links = [self.model.link(mount.link) for mount in mounts]
+        self._sonars = Sonars(world.client, mounts)
+        angles = self.model.joint_positions(self._wheels)
+        errors = WheelErrorModel(self.description.odometry, world.random("odometry"))
+        self._dead_reckoning = WheelOdometry(wheels.radius, wheels.separation, angles, errors)
+        self._odometry = self._dead_reckoning.update(angles, 0)
+        self.start_pose = self.true_pose()
+        """Where the base stood, in truth, at time 0."""
+        self._scan: LaserScan | None = None
+        self._sense_laser(0)
+        every = world.schedule.every
+        every(facts.rate, Phase.SENSORS, self._sense_laser)
+        every(self.description.odometry.rate, Phase.SENSORS, self._sense_wheels)
+        self._heard: tuple[SonarReading, ...] = ()
+        if mounts:
+            self._sense_sonars(0)
+            every(self.description.sonar_rate, Phase.SENSORS, self._sense_sonars)
+        self._eye: list[list[Any]] = []
+        self._shown = -1
+        world.around_steps(self._before_step, self._after_step)
+
+    @property
+    def clock(self) -> World:
+        """The world: to wait on this clock is to run it."""
+        return self.world
+
+    @property
+    def schedule(self) -> TaskSchedule:
+        """What runs while somebody waits on the clock."""
+        return self.world.schedule
+
+    @property
+    def base(self) -> BaseInfo:
+        """The base's limits and size."""
+        return self.description.base
+
+    @property
+    def laser(self) -> LaserInfo:
+        """The laser's geometry and range."""
+        return self.description.laser.facts
+
+    @property
+    def head_info(self) -> HeadInfo | None:
+        """The head's limits, or None without a head."""
+        return self.description.head.facts if self.description.head else None
+
+    @property
+    def camera_info(self) -> CameraInfo | None:
+        """The camera's geometry, or None without a camera."""
+        return self._camera.facts if self._camera is not None else None
+
+    @property
+    def torso(self) -> TorsoInfo | None:
+        """The torso's limits, or None for a robot whose torso is fixed."""
+        return self.description.torso.facts if self.description.torso else None
+
+    def frames(self) -> list[TransformStamped]:
+        """Where links and sensors are now, below ``base_footprint``, as the joints tell."""
+        return self._kinematics.frames(self.model.joint_positions(self._joints), self.world.now())
+
+    def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
+        """Ask for *v* (m/s) and *w* (rad/s); see `Robot.drive`."""
+        if not (math.isfinite(v) and math.isfinite(w)):
+            raise ValueError(f"a velocity command of v={v} m/s, w={w} rad/s is not a number")
+        now = self.world.now()
+        if self._sources.admits(priority, now):
+            self._base.command(v, w, now)
+
+    def stop(self) -> None:
+        """Stand still, whoever asked for what before."""
+        self._sources.clear()
+        self._base.command(0.0, 0.0, self.world.now())
+
+    def commanded_velocity(self) -> Twist2D:
+        """The velocity that was asked for last, as it was asked for; zero once it has lapsed."""
+        return self._base.commanded_twist(self.world.now())
+
+    def scan(self) -> LaserScan | None:
+        """The newest scan; its ranges are read-only."""
+        return self._scan
+
+    def odometry(self) -> Odometry:
+        """The newest odometry."""
+        return self._odometry
+
+    def move_head(self, pan: float, tilt: float) -> None:
+        """Turn the head to *pan* and *tilt* (rad), held within the neck's limits, at its speed."""
+        head = self.description.head
+        if head is None:
+            return
+        pan = min(max(pan, head.facts.pan_min), head.facts.pan_max)
+        tilt = min(max(tilt, head.facts.tilt_min), head.facts.tilt_max)
+        self.model.hold(self._head[0], pan, head.torque, head.facts.speed)
+        self.model.hold(self._head[1], tilt, head.torque, head.facts.speed)
+
+    def head(self) -> HeadPosition | None:
+        """Where the head looks now, or None without one."""
+        if not self._head:
+            return None
+        pan, tilt = self.model.joint_positions(self._head)
+        return HeadPosition(pan, tilt, self.world.now())
+
+    def camera(self) -> CameraImage | None:
+        """The newest picture, drawn now if it is time for one; None without a camera."""
+        if self._camera is None:
+            return None
+        now = self.world.now()
+        return self._camera.picture(self.model, self._camera_link, now, self._faults.dead("camera", now))
+
+    def sonars(self) -> tuple[SonarReading, ...]:
+        """The newest reading of every sonar."""
+        return self._heard
+
+    def battery(self) -> BatteryState:
+        """The battery; an empty one drives no more."""
+        return BatteryState(self.cells.level, self.world.now())
+
+    def recharge(self) -> None:
+        """Fill the battery at once."""
+        self.cells.fill()
+
+    def lift(self, height: float) -> None:
+        """Bring the torso to *height* (m), held within its limits, at its speed."""
+        torso = self.description.torso
+        if torso is not None:
+            height = min(max(height, torso.facts.lift_min), torso.facts.lift_max)
+            self.model.hold(self._torso[0], height, torso.force, torso.facts.speed)
+
+    def torso_height(self) -> float | None:
+        """How high (m) the torso is now, or None without one that lifts."""
+        return self.model.joint_positions(self._torso)[0] if self._torso else None
+
+    def true_pose(self) -> Pose2D:
+        """Where the base truly is, in the frame of the world."""
+        place, turned = self.model.place()
+        return Pose2D(place[0], place[1], pybullet.getEulerFromQuaternion(turned)[2])
+
+    def teleport(self, pose: Pose2D) -> None:
+        """Stand at *pose* as if somebody had carried the robot: its wheels tell nothing of it."""
+        self.teleport_times.append(self.world.now())
+        self.model.put(pose)
+        self._place = self.model.place()[0]
+
+    def ramped_twist(self) -> tuple[float, float]:
+        """The velocity (m/s, rad/s) that the wheels are asked for now."""
+        return self._base.twist.v, self._base.twist.w
+
+    def scene_static(self) -> dict[str, Any]:
+        """The shapes of world and robot, the sensors' geometry, named places, as plain data."""
+        self._shown = -1
+        static: dict[str, Any] = {
+            "frame": "map",
+            "parts": scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
+            "laser": scene_data.laser_data(self.laser),
+            "places": scene_data.waypoint_data(self.world),
+            "footprint_radius": self.base.radius,
+            "battery": self.cells.level,
+        }
+        if self.camera_info is not None:
+            static["cameras"] = [scene_data.camera_data(self.camera_info)]
+            self._eye = scene_data.frame_chain(self.camera_info.frame, self.frames(), self.model.links)
+        return static
+
+    def scene_moving(self) -> dict[str, Any]:
+        """Every frame now, the newest scan, velocity, battery and contacts, as plain data.
+
+        A picture is among it when somebody had one taken since the last call.
+        """
+        twist = self._odometry.twist
+        moving: dict[str, Any] = {
+            "stamp": self.world.now(),
+            "frames": scene_data.frames(self.world, self.model) + self._eye,
+            "velocity": [twist.v, twist.w],
+            "battery": self.cells.level,
+            "collisions": self.contacts.collisions,
+            "grazes": self.contacts.grazes,
+        }
+        if self._scan is not None:
+            moving["scan"] = scene_data.scan_data(self._scan)
+        picture = self._camera.newest if self._camera is not None else None
+        if picture is not None and picture.stamp != self._shown:
+            self._shown = picture.stamp
+            moving["pictures"] = [scene_data.picture_data(picture)]
+        return moving
+
+    def _before_step(self, now: int) -> None:
+        self._obey(now)
+        self.cells.drain(self._base.commanded_twist(now), 1.0 / self.world.rate)
+        if self.cells.empty and not self._empty:
+            log.warning("the robot's battery is empty: it stands until it is recharged")
+        self._empty = self.cells.empty
+        self.contacts.before_step(now)
+
+    def _after_step(self, now: int) -> None:
+        place = self.model.place()[0]
+        self.distance += math.dist(place[:2], self._place[:2])
+        self._place = place
+        self.contacts.after_step(now)
+
+    def _obey(self, now: int) -> None:
+        seconds = 1.0 / self.world.rate
+        self._base.step(now, seconds, obeys=not self.cells.empty)
+        left, right = self._base.wheel_rates()
+        if self._faults.dead("wheel", now):
+            left = 0.0
+        if (left, right) != self._rates:
+            self._rates = (left, right)
+            self.model.spin(self._wheels, self._rates, self.description.wheels.torque)
+
+    def _sense_laser(self, now: int) -> None:
+        if self._faults.dead("laser", now):
+            return
+        place, turned = self.model.link_place(self._laser_link)
+        origin, turned = pybullet.multiplyTransforms(
+            place, turned, self.description.laser.position, (0.0, 0.0, 0.0, 1.0)
+        )
+        heading = pybullet.getEulerFromQuaternion(turned)[2]
+        self._scan = self._laser.sweep(origin[0], origin[1], origin[2], heading, now)
+        self._scan.ranges.flags.writeable = False
+
+    def _sense_wheels(self, now: int) -> None:
+        if not self._faults.dead("odometry", now):
+            self._odometry = self._dead_reckoning.update(self.model.joint_positions(self._wheels), now)
+
+    def _sense_sonars(self, now: int) -> None:
+        self._heard = self._sonars.read([self.model.link_place(link) for link in self._sonar_links], now)

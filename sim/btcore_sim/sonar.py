@@ -1,0 +1,62 @@
+"""Sonars: the nearest thing in a cone, whatever its height, by a few rays of the physics engine."""
+
+import math
+from collections.abc import Sequence
+
+from btcore_robot.robot import SonarReading
+from btcore_sim.kinematics import from_rpy
+from btcore_sim.physics_body import Pose3D
+from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.robot_description import SonarMount
+from btcore_sim.world import MOVABLE, STATIC
+
+_AROUND = 6  # rays on each ring of the cone
+_RINGS = (0.5, 1.0)  # of half the cone's angle
+
+
+class Sonars:
+    """All sonars of one robot, read at once. No echo is +inf, one nearer than the minimum -inf."""
+
+    def __init__(self, client: int, mounts: Sequence[SonarMount]) -> None:
+        self._client = client
+        self._mounts = mounts
+        self._rays = [_cone(mount) for mount in mounts]
+
+    def read(self, places: Sequence[Pose3D], stamp: int) -> tuple[SonarReading, ...]:
+        """What is heard now, each sonar's link being where *places* says."""
+        starts: list[Sequence[float]] = []
+        ends: list[Sequence[float]] = []
+        for mount, rays, (place, turned) in zip(self._mounts, self._rays, places, strict=True):
+            facing = from_rpy((0.0, 0.0, mount.yaw))
+            at, facing = pybullet.multiplyTransforms(place, turned, mount.position, facing)
+            for ray in rays:
+                starts.append(at)
+                ends.append(pybullet.multiplyTransforms(at, facing, ray, (0.0, 0.0, 0.0, 1.0))[0])
+        # The mask leaves out the robot itself, and the floor, from which a slanting echo doesn't come back.
+        hits = pybullet.rayTestBatch(
+            starts, ends, collisionFilterMask=MOVABLE | STATIC, physicsClientId=self._client
+        )
+        found: list[SonarReading] = []
+        begin = 0
+        for mount, rays in zip(self._mounts, self._rays, strict=True):
+            part = min(hit[2] if hit[0] >= 0 else math.inf for hit in hits[begin : begin + len(rays)])
+            begin += len(rays)
+            distance = part * mount.range_max
+            if distance < mount.range_min:
+                distance = -math.inf
+            found.append(
+                SonarReading(distance, stamp, mount.fov, mount.range_min, mount.range_max, mount.frame)
+            )
+        return tuple(found)
+
+
+def _cone(mount: SonarMount) -> list[tuple[float, float, float]]:
+    """The ends (m) of the rays of a sonar that faces x: its axis, and rings about it."""
+    ends = [(mount.range_max, 0.0, 0.0)]
+    for ring in _RINGS:
+        off = ring * mount.fov / 2
+        for k in range(_AROUND):
+            around = 2 * math.pi * k / _AROUND
+            wide = mount.range_max * math.sin(off)
+            ends.append((mount.range_max * math.cos(off), wide * math.cos(around), wide * math.sin(around)))
+    return ends

@@ -1,0 +1,61 @@
+"""Where a robot begins, when the user says so: ``1.5,-2,90``, a place and a heading, or ``random``."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from btcore_robot.robot import Pose2D
+from btcore_sim.clearance_map import ClearanceMap, Point
+from btcore_sim.errors import SimError
+from btcore_sim.obstacles import PASSAGE
+from btcore_sim.scene import Scene
+
+RANDOM = "random"
+
+_TRIES = 300
+
+
+def with_start(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Scene:
+    """The scene with the start that *text* says, for a robot of *radius* (m).
+
+    ``random`` is a free place with `PASSAGE` around it, from which the robot can go to all waypoints, and any
+    heading; a world that has a rule for random starts keeps it. Else it is ``X,Y`` (m) or ``X,Y,YAW``
+    (degrees). Raises `SimError` for another text, and where there is no room.
+    """
+    if text == RANDOM:
+        return scene if scene.pose is None else replace(scene, pose=_drawn(scene, random))
+    pose = _parsed(text)
+    room = scene.clearance_at(pose.x, pose.y)
+    if room < radius:
+        raise SimError(
+            f"--start {text}: there is {room:.2f} m of room in world '{scene.name}', and the robot has a "
+            f"radius of {radius:g} m"
+        )
+    return replace(scene, pose=pose)
+
+
+def _drawn(scene: Scene, random: np.random.Generator) -> Pose2D:
+    floor = ClearanceMap.of(scene)
+    points: list[Point] = list(scene.waypoints.values())
+    for _ in range(_TRIES):
+        place = floor.random_point(random, PASSAGE / 2)
+        if place is None:
+            break
+        yaw = random.uniform(-math.pi, math.pi)
+        if floor.connected([*points, place], PASSAGE / 2):
+            return Pose2D(*place, yaw)
+    raise SimError(f"--start random: world '{scene.name}' has no free place with a way to all its waypoints")
+
+
+def _parsed(text: str) -> Pose2D:
+    try:
+        x, y, *turn = (float(part) for part in text.split(","))
+        (degrees,) = turn or [0.0]
+    except ValueError:
+        raise SimError(
+            f"--start {text}: write random, or X,Y or X,Y,YAW in metres and degrees, like 1.5,-2,90"
+        ) from None
+    if not all(map(math.isfinite, (x, y, degrees))):
+        raise SimError(f"--start {text}: that is no place; X, Y and YAW are finite numbers")
+    return Pose2D(x, y, math.remainder(math.radians(degrees), 2 * math.pi))

@@ -1,0 +1,102 @@
+"""Runs of the command line over many seeds, on all cores, which go on where they were interrupted.
+
+Results are lines of JSON in .accept/, in files named after a digest of the sources, so that no result
+outlives what it was got with.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / ".accept"
+
+Result = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """``btcore run`` with *arguments*; *misses* tells what one result falls short of."""
+
+    name: str
+    arguments: tuple[str, ...]
+    misses: Callable[[Result], list[str]]
+
+    @property
+    def file(self) -> Path:
+        """Where its results are kept."""
+        return RESULTS / f"{self.name.replace(' ', '-')}-{sources()}.jsonl"
+
+
+@cache
+def sources() -> str:
+    """A digest of everything that a run depends on."""
+    digest = sha256()
+    for room in ("btcore", "robot_nodes", "sim", "trees"):
+        for path in sorted((ROOT / room).rglob("*")):
+            if path.suffix in {".py", ".json", ".urdf", ".xml"}:
+                digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def run(case: Case, seed: int) -> Result:
+    """One run by the command line, in a process of its own, with its seed."""
+    command = [sys.executable, "-m", "btcore", "run", *case.arguments]
+    command += ["--fast", "--json", "--seed", str(seed)]
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    # Several runs share the cores already: more threads in one only wait for each other.
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = {**os.environ, "PYTHONPATH": path, **threads}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    if done.returncode != 0:
+        return {"seed": seed, "error": f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"}
+    return {"seed": seed, **json.loads(done.stdout.splitlines()[-1])}
+
+
+def known(case: Case) -> dict[int, Result]:
+    """The results there are, by seed; a line that an interruption cut is dropped."""
+    found: dict[int, Result] = {}
+    if case.file.exists():
+        for line in case.file.read_text(encoding="utf-8").splitlines():
+            try:
+                result = json.loads(line)
+            except json.JSONDecodeError:
+                continue
+            if "error" not in result:
+                found[result["seed"]] = result
+    return found
+
+
+def results(case: Case, seeds: Sequence[int], workers: int) -> list[Result]:
+    """The results of *seeds*, in their order: those that are known, and the others, *workers* at a time."""
+    return sorted(_results(case, seeds, workers), key=lambda one: int(one["seed"]))
+
+
+def _results(case: Case, seeds: Sequence[int], workers: int) -> Iterator[Result]:
+    before = known(case)
+    yield from (before[seed] for seed in seeds if seed in before)
+    case.file.parent.mkdir(exist_ok=True)
+    with case.file.open("a", encoding="utf-8") as file, ThreadPoolExecutor(workers) as pool:
+        pending = [pool.submit(run, case, seed) for seed in seeds if seed not in before]
+        for one in as_completed(pending):
+            result = one.result()
+            file.write(json.dumps(result) + "\n")
+            file.flush()
+            yield result
+
+
+def failure_messages(case: Case, found: Sequence[Result]) -> list[str]:
+    """A sentence for each miss."""
+    return [
+        f"{case.name}, seed {one['seed']}: {miss}"
+        for one in found
+        for miss in ([one["error"]] if "error" in one else case.misses(one))
+    ]

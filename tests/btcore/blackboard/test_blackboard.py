@@ -1,0 +1,395 @@
+"""The blackboard: entries, types, scopes (nodes.md §9)."""
+
+import enum
+from fractions import Fraction
+
+import pytest
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.clock import SimClock
+from btcore.errors import BlackboardError
+from btcore.status import Status
+from btcore.values import (
+    ANY,
+    ANY_VALUE,
+    BOOL,
+    DOUBLE,
+    INT,
+    INT64,
+    NODE_STATUS,
+    STRING,
+    UINT,
+    UINT8,
+    VECTOR_DOUBLE,
+    VECTOR_INT,
+    TypeRegistry,
+)
+
+
+class Colour(enum.Enum):
+    RED = 1
+    BLUE = 3
+
+
+class Shape:
+    pass
+
+
+class Circle(Shape):
+    pass
+
+
+@pytest.fixture
+def board():
+    return Blackboard(clock=SimClock(5))
+
+
+def scopes():
+    """A root with an inner scope that has its key `in` remapped to `out`."""
+    root = Blackboard(clock=SimClock())
+    inner = Blackboard(root)
+    inner.remap("in", "out")
+    return root, inner
+
+
+class TestReading:
+    def test_a_value_comes_back(self, board):
+        board["x"] = 3
+        assert board["x"] == 3
+        assert "x" in board
+        assert list(board) == ["x"]
+
+    def test_a_key_that_is_missing_is_an_error_that_knows_the_nearest(self, board):
+        board["battery"] = 0.5
+        with pytest.raises(BlackboardError, match=r"no entry 'batery' .*did you mean 'battery'"):
+            board["batery"]
+
+    def test_an_entry_that_was_never_written_is_another_error(self, board):
+        board.create("x", INT)
+        assert "x" not in board
+        assert list(board) == []
+        with pytest.raises(BlackboardError, match="never written"):
+            board.get("x")
+
+    def test_none_is_no_value(self, board):
+        with pytest.raises(BlackboardError, match="None"):
+            board["x"] = None
+        assert board.find("x") is None
+
+    def test_an_entry_is_forgotten_with_its_type(self, board):
+        board["x"] = 3
+        del board["x"]
+        board["x"] = [1.5]
+        assert board["x"] == [1.5]
+        with pytest.raises(BlackboardError, match="'y'"):
+            del board["y"]
+        board.unset("y")
+
+    def test_an_empty_blackboard_counts_as_one(self, board):
+        assert board
+
+
+class TestWriting:
+    def test_every_write_counts_and_is_stamped(self, board):
+        board["x"] = 3
+        entry = board.find("x")
+        assert (entry.sequence_id, entry.stamp) == (1, 5)
+        board.clock.advance(1.0)
+        board["x"] = 3
+        assert (entry.sequence_id, entry.stamp) == (2, 1_000_000_005)
+
+    def test_declaring_is_no_write(self, board):
+        assert board.create("x", INT).sequence_id == 0
+
+    def test_the_first_value_types_the_entry(self, board):
+        for key, value, kind in [
+            ("i", 3, INT),
+            ("x", 2.5, DOUBLE),
+            ("b", True, BOOL),
+            ("l", [1], VECTOR_INT),
+        ]:
+            board[key] = value
+            assert board.find(key).declared is kind
+
+    def test_a_text_leaves_a_new_entry_untyped_and_types_it_the_second_time(self, board):
+        board["s"] = "a"
+        assert board.find("s").declared is ANY
+        board["s"] = "b"
+        assert board.find("s").declared is STRING
+        with pytest.raises(BlackboardError, match=r"std::string"):
+            board["s"] = 3
+
+    def test_an_untyped_entry_takes_any_type_once(self, board):
+        board["s"] = "a"
+        board["s"] = 3
+        assert board.find("s").declared is INT
+        board.create("any", ANY_VALUE)
+        board["any"] = 2.5
+        assert board.find("any").declared is DOUBLE
+
+    def test_an_empty_list_says_nothing_of_its_items(self, board):
+        board["path"] = []
+        board["path"] = [1.5]
+        assert board.find("path").declared is VECTOR_DOUBLE
+        board["path"] = []
+        assert board["path"] == []
+
+    @pytest.mark.parametrize(
+        ("kind", "value", "stored"),
+        [
+            (INT, 2.0, 2),
+            (INT, "12", 12),
+            (INT, "3.7", 3),
+            (DOUBLE, 3, 3.0),
+            (UINT8, 255, 255),
+            (INT64, 2**40, 2**40),
+            (BOOL, "true", True),
+            (VECTOR_DOUBLE, "1;2", [1.0, 2.0]),
+            (STRING, "text", "text"),
+        ],
+    )
+    def test_numbers_that_fit_and_texts_that_convert_are_taken(self, board, kind, value, stored):
+        board.create("x", kind)
+        board["x"] = value
+        assert board["x"] == stored
+        assert type(board["x"]) is type(stored)
+
+    @pytest.mark.parametrize(
+        ("kind", "value"),
+        [
+            (INT, 2.5),
+            (INT, 2**40),
+            (INT, "abc"),
+            (INT, [1]),
+            (UINT, -42),
+            (UINT8, 300),
+            (DOUBLE, 2**60 + 1),
+            (STRING, 3),
+            (BOOL, 1),
+            (NODE_STATUS, "SUCCESS"),
+            (VECTOR_INT, [1.5]),
+        ],
+    )
+    def test_anything_else_is_refused_and_changes_nothing(self, board, kind, value):
+        entry = board.create("x", kind)
+        with pytest.raises(BlackboardError, match="'x' is of type"):
+            board["x"] = value
+        assert entry.value is None
+        assert entry.sequence_id == 0
+
+    def test_an_integer_of_more_than_64_bits_is_refused(self, board):
+        with pytest.raises(BlackboardError, match="64 bits"):
+            board["x"] = 2**64
+
+    def test_an_object_may_be_of_a_subclass(self, board):
+        board.create("shape", TypeRegistry().of(Shape))
+        board["shape"] = Circle()
+        board["circle"] = Circle()
+        with pytest.raises(BlackboardError):
+            board["circle"] = Shape()
+
+    def test_enums_are_types_of_their_own(self, board):
+        board["colour"] = Colour.RED
+        board["colour"] = Colour.BLUE
+        with pytest.raises(BlackboardError):
+            board["colour"] = Status.IDLE
+
+    def test_a_foreign_number_becomes_python_s(self, board):
+        board["x"] = Fraction(1, 4)
+        assert board["x"] == 0.25
+        assert type(board["x"]) is float
+
+
+class TestDeclaring:
+    def test_the_same_type_twice_or_none_is_fine(self, board):
+        entry = board.create("x", INT)
+        assert board.create("x", INT) is entry
+        assert board.create("x") is entry
+        assert entry.declared is INT
+
+    def test_another_type_is_a_clash(self, board):
+        board.create("x", INT)
+        with pytest.raises(
+            BlackboardError, match=r"'x' is of type int, and is used as std::string elsewhere"
+        ):
+            board.create("x", STRING)
+
+    def test_redeclaring_a_string_or_untyped_entry_keeps_its_type(self, board):
+        board.create("s", STRING)
+        board.create("a", ANY)
+        assert board.create("s", INT).declared is STRING
+        assert board.create("a", INT).declared is ANY
+
+    def test_a_written_integer_is_claimed_by_a_wider_port(self, board):
+        board["x"] = 3
+        board["n"] = 3
+        board["l"] = [1, 2]
+        assert board.create("x", DOUBLE).value == 3.0
+        assert type(board["x"]) is float
+        assert board.create("n", INT64).declared is INT64
+        assert board.create("l", VECTOR_DOUBLE).value == [1.0, 2.0]
+
+    def test_a_declared_integer_is_not_claimed_by_a_wider_port(self, board):
+        board.set("x", 3, INT)
+        with pytest.raises(BlackboardError, match="double"):
+            board.create("x", DOUBLE)
+        board["y"] = 3
+        board.create("y", INT)
+        with pytest.raises(BlackboardError, match="double"):
+            board.create("y", DOUBLE)
+
+    def test_a_written_integer_is_not_claimed_by_an_unrelated_type(self, board):
+        board["x"] = 1
+        for kind in (UINT, BOOL, STRING):
+            with pytest.raises(BlackboardError):
+                board.create("x", kind)
+
+    def test_a_registered_type_takes_over_its_class(self, board):
+        kind = TypeRegistry().add(complex, complex)
+        board["z"] = 1j
+        board.create("z", kind)
+        board["z"] = "2j"
+        assert board["z"] == 2j
+
+
+class TestScopes:
+    def test_a_remapped_key_is_the_parent_s(self):
+        root, inner = scopes()
+        root["out"] = 3
+        assert inner["in"] == 3
+        inner["in"] = 4
+        assert root["out"] == 4
+        assert inner.local_entries() == {}
+        assert "out" not in inner
+
+    def test_a_remapped_key_is_made_where_the_way_ends(self):
+        root, inner = scopes()
+        innermost = Blackboard(inner)
+        innermost.remap("deep", "in")
+        innermost["deep"] = 1
+        assert root["out"] == 1
+        assert innermost.create("deep", INT) is root.find("out")
+
+    def test_the_first_remapping_of_a_key_stays(self):
+        root, inner = scopes()
+        inner.remap("in", "other")
+        root["out"] = 1
+        assert inner["in"] == 1
+
+    def test_what_is_stored_locally_hides_the_parent_s(self):
+        root = Blackboard()
+        inner = Blackboard(root)
+        inner["x"] = 1
+        inner.autoremap = True
+        root["x"] = 2
+        assert inner["x"] == 1
+
+    def test_autoremap_leads_every_key_up_but_private_ones(self):
+        root = Blackboard()
+        inner = Blackboard(root)
+        inner.autoremap = True
+        inner["x"] = 1
+        inner["_x"] = 2
+        assert root["x"] == 1
+        assert "_x" not in root
+        root["_y"] = 3
+        assert inner.find("_y") is None
+
+    def test_without_autoremap_a_key_stays(self):
+        root = Blackboard()
+        inner = Blackboard(root)
+        inner["x"] = 1
+        assert root.find("x") is None
+
+    def test_an_at_sign_means_the_root_s_entry(self):
+        root, inner = scopes()
+        innermost = Blackboard(inner)
+        innermost["@x"] = 1
+        assert root["x"] == 1
+        assert innermost["@x"] == 1
+        assert root["@x"] == 1
+        assert innermost.create("@new") is root.find("new")
+
+    def test_a_second_at_sign_makes_no_entry(self):
+        with pytest.raises(BlackboardError, match="more than one '@'"):
+            Blackboard().create("@@x")
+
+    def test_a_remapping_to_the_root_reads_it_and_writes_elsewhere(self):
+        # The original's: reading resolves the '@', creating an entry does not.
+        root, inner = scopes()
+        innermost = Blackboard(inner)
+        innermost.remap("a", "@x")
+        root["x"] = 1
+        assert innermost["a"] == 1
+        innermost["a"] = 2
+        assert root["x"] == 1
+        assert inner.local_entries()["@x"].value == 2
+
+    def test_an_entry_further_up_takes_its_own_type_alone(self):
+        root, inner = scopes()
+        root.create("out", DOUBLE)
+        with pytest.raises(BlackboardError, match="double"):
+            inner["in"] = 3
+        inner["in"] = 3.0
+        assert root["out"] == 3.0
+
+    def test_a_text_goes_into_any_entry_further_up(self):
+        root, inner = scopes()
+        root["out"] = 3
+        inner["in"] = "text"
+        assert root["out"] == "text"
+        assert root.find("out").declared is INT
+
+    def test_a_remapping_without_a_parent_leads_nowhere(self):
+        board = Blackboard()
+        board.remap("in", "out")
+        assert board.find("in") is None
+        with pytest.raises(BlackboardError, match="no parent"):
+            board["in"] = 1
+
+    def test_unset_is_for_the_own_entries(self):
+        root, inner = scopes()
+        root["out"] = 1
+        inner.unset("in")
+        assert root["out"] == 1
+
+    def test_spaces_belong_to_a_key(self, board):
+        board[" a "] = 1
+        assert "a" not in board
+        assert board[" a "] == 1
+
+    def test_a_child_has_the_parent_s_clock(self):
+        root, inner = scopes()
+        assert inner.clock is root.clock
+
+    def test_visible_is_what_can_be_read(self):
+        root, inner = scopes()
+        root["out"] = 1
+        root["_private"] = 1
+        inner["own"] = 1
+        assert inner.visible_keys() == ["in", "own"]
+        inner.autoremap = True
+        assert inner.visible_keys() == ["in", "out", "own"]
+
+
+class TestCloning:
+    def test_a_clone_has_the_entries_and_no_others(self, board):
+        copy = Blackboard(clock=SimClock(9))
+        copy["x"] = 1
+        copy["gone"] = 1
+        copy.remap("in", "out")
+        board["x"] = 2
+        board["new"] = "text"
+        board.clone_into(copy)
+        assert {key: entry.value for key, entry in copy.local_entries().items()} == {"x": 2, "new": "text"}
+
+    def test_an_overwritten_entry_counts_on_and_a_new_one_begins(self, board):
+        copy = Blackboard(clock=SimClock(9))
+        copy["x"] = 1
+        board["x"] = 2
+        board["new"] = 3
+        board.clone_into(copy)
+        assert (copy.find("x").sequence_id, copy.find("x").stamp) == (2, 9)
+        assert copy.find("new").sequence_id == 0
+        copy["new"] = 4
+        assert board["new"] == 3

@@ -1,0 +1,48 @@
+"""What leaves log during a run is said on stderr, a line each."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from rich.console import Console
+
+from btcore.cli.leaf_logging import log_to_console
+
+LOGGER = logging.getLogger("some.leaf")
+WARNING, ERROR, INFO = logging.WARNING, logging.ERROR, logging.INFO
+
+
+@contextmanager
+def bare_logging(*handlers: logging.Handler) -> Iterator[logging.Logger]:
+    """Logging as in a program that has given it nothing but *handlers*."""
+    root = logging.getLogger()
+    before, root.handlers = root.handlers, list(handlers)
+    try:
+        yield root
+    finally:
+        root.handlers = before
+
+
+@pytest.mark.parametrize(
+    ("level", "line"), [(WARNING, "warning: [red] has 3 %\n"), (ERROR, "error: [red] has 3 %\n"), (INFO, "")]
+)
+def test_a_warning_is_a_line_with_that_word_in_front(capsys, level, line):
+    with bare_logging(), log_to_console(Console(stderr=True, highlight=False)):
+        LOGGER.log(level, "%s has %d %%", "[red]", 3)
+    assert capsys.readouterr().err == line
+
+
+def test_nothing_stays_behind():
+    with bare_logging() as root:
+        with log_to_console(Console(stderr=True)):
+            assert len(root.handlers) == 1
+        assert root.handlers == []
+
+
+def test_a_program_that_has_set_up_logging_is_left_alone(capsys):
+    own = logging.NullHandler()
+    with bare_logging(own) as root, log_to_console(Console(stderr=True)):
+        LOGGER.warning("it rains")
+        assert root.handlers == [own]
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,299 @@
+"""A leaf that raises, while it is ticked and while it is halted: the tree is halted, and the node named."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import (
+    NodeExecutionError,
+    Observer,
+    Registry,
+    SimClock,
+    StatefulAction,
+    Status,
+    SyncAction,
+    Tree,
+    action,
+)
+from btcore.testing.plan_leaves import CallLog
+
+Grow = Callable[..., Tree]
+
+
+class Explode(SyncAction):
+    def tick(self) -> Status:
+        raise ValueError("the fuse was lit")
+
+
+class Cling(StatefulAction):
+    """Runs, and can't let go."""
+
+    def on_start(self) -> Status:
+        return Status.RUNNING
+
+    def on_running(self) -> Status:
+        return Status.RUNNING
+
+    def on_halted(self) -> None:
+        raise OSError(f"{self.name} can't let go")
+
+
+def tick_raises(tree: Tree) -> NodeExecutionError:
+    with pytest.raises(NodeExecutionError) as caught:
+        tree.tick_once()
+    return caught.value
+
+
+def halt_raises(tree: Tree) -> NodeExecutionError:
+    with pytest.raises(NodeExecutionError) as caught:
+        tree.halt()
+    return caught.value
+
+
+def idle(tree: Tree) -> bool:
+    return {node.status for node in tree} == {Status.IDLE}
+
+
+# --- while ticking
+
+PARALLEL = (
+    '<Parallel name="all" success_count="3">'
+    '<PlanAction name="a" plan="R"/><Inverter name="i"><Explode name="boom"/></Inverter>'
+    '<PlanAction name="b" plan="R"/></Parallel>'
+)
+
+
+def test_the_error_names_node_id_place_and_cause(tmp_path: Path) -> None:
+    file = tmp_path / "mission.xml"
+    file.write_text(
+        '<root BTCPP_format="4">\n <BehaviorTree ID="Main">\n  <Inverter>\n   <Explode/>\n'
+        "  </Inverter>\n </BehaviorTree>\n</root>\n",
+        encoding="utf-8",
+    )
+    nodes = Registry.standard()
+    nodes.add(Explode)
+    error = tick_raises(btcore.load(file, nodes=nodes, clock=SimClock()))
+    assert (error.path, error.node_id) == ("Explode::2", "Explode")
+    assert error.where == f"{file}:4"
+    assert isinstance(error.__cause__, ValueError)
+    assert error.cause is error.__cause__
+    assert str(error).splitlines() == [
+        f"{file}:4: node 'Explode::2' <Explode> raised while ticking: ValueError: the fuse was lit",
+        "      Inverter::1",
+        "    →   Explode::2",
+    ]
+
+
+def test_the_path_leads_from_the_root_through_subtrees(make_tree: Grow) -> None:
+    tree = make_tree(
+        '<Sequence name="s"><SubTree ID="Sub" name="inner"/></Sequence>',
+        Explode,
+        others='<BehaviorTree ID="Sub"><Fallback name="f"><Explode name="boom"/></Fallback></BehaviorTree>',
+    )
+    assert tick_raises(tree).backtrace == ["s", "inner", "inner/f", "inner/boom"]
+
+
+def test_the_tree_is_halted_and_what_ran_beside_it_is_told(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(PARALLEL, Explode)
+    tick_raises(tree)
+    assert journal.calls == ["a:start", "a:halted"]
+    assert idle(tree)
+    assert tree.status is Status.IDLE
+
+
+def test_it_can_be_ticked_again(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree('<Sequence><PlanAction name="a" plan="S"/><PlanAction name="x" plan="X|S"/></Sequence>')
+    tick_raises(tree)
+    assert tree.tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize("step", [Tree.tick_exactly_once, Tree.tick_once, Tree.tick_while_running])
+def test_every_way_of_ticking_raises_it(step: Callable[[Tree], Status], make_tree: Grow) -> None:
+    with pytest.raises(NodeExecutionError):
+        step(make_tree("<Explode/>", Explode))
+
+
+def test_an_error_in_a_tick_is_told_to_observers_before_the_tree_is_halted(make_tree: Grow) -> None:
+    heard: list[tuple[str, int, list[str]]] = []
+
+    class Listener(Observer):
+        def raised(self, error: NodeExecutionError, stamp: int) -> None:
+            heard.append((error.path, stamp, [node.name for node in tree if node.status is Status.RUNNING]))
+
+    tree = make_tree(PARALLEL, Explode)
+    tree.subscribe(Listener())
+    tree.sleep(0.5)
+    tick_raises(tree)
+    assert heard == [("boom", 500_000_000, ["all", "a", "i"])]
+
+
+def test_what_a_halt_raises_after_it_does_not_hide_the_first_error(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
+        '<Parallel success_count="3"><Cling name="c"/><PlanAction name="a" plan="R"/>'
+        '<Explode name="boom"/></Parallel>',
+        Explode,
+        Cling,
+    )
+    assert tick_raises(tree).path == "boom"
+    assert idle(tree)
+    assert journal.calls == ["a:start", "a:halted"]
+
+
+def test_a_script_that_can_not_be_run_names_its_own_node(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><AlwaysSuccess name="a" _skipIf="missing == 1"/></Sequence>')
+    error = tick_raises(tree)
+    assert error.path == "a"
+    assert "missing" in str(error)
+
+
+def test_a_script_after_the_tick_too(make_tree: Grow) -> None:
+    error = tick_raises(make_tree('<Sequence><AlwaysSuccess name="a" _onSuccess="x += 1"/></Sequence>'))
+    assert error.path == "a"
+
+
+def test_what_is_no_exception_but_an_interruption_passes_as_it_is(make_tree: Grow) -> None:
+    class Interrupted(SyncAction):
+        def tick(self) -> Status:
+            raise KeyboardInterrupt
+
+    tree = make_tree('<Parallel><PlanAction name="a" plan="R"/><Interrupted/></Parallel>', Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        tree.tick_once()
+    tree.halt()
+    assert idle(tree)
+
+
+# --- while halting
+
+
+def test_a_leaf_that_raises_when_it_is_halted_is_named_and_idle_all_the_same(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence name="s"><Cling name="c"/></Sequence>', Cling)
+    tree.tick_once()
+    error = halt_raises(tree)
+    assert (error.path, error.node_id, error.doing) == ("c", "Cling", "being halted")
+    assert "node 'c' <Cling> raised while being halted: OSError: c can't let go" in str(error)
+    assert isinstance(error.__cause__, OSError)
+    assert idle(tree)
+    assert tree.status is Status.IDLE
+
+
+def test_the_others_are_halted_nevertheless_and_the_first_error_is_raised(
+    make_tree: Grow, journal: CallLog
+) -> None:
+    tree = make_tree(
+        '<Parallel><PlanAction name="a" plan="R"/><Cling name="c1"/><PlanAction name="b" plan="R"/>'
+        '<Inverter><Cling name="c2"/></Inverter><PlanAction name="d" plan="R"/></Parallel>',
+        Cling,
+    )
+    tree.tick_once()
+    journal.take()
+    assert halt_raises(tree).path == "c1"
+    assert journal.take() == ["a:halted", "b:halted", "d:halted"]
+    assert idle(tree)
+
+
+def test_halted_by_its_parent_in_a_tick_it_is_an_error_of_that_tick(
+    make_tree: Grow, journal: CallLog
+) -> None:
+    tree = make_tree(
+        '<ReactiveSequence><PlanCondition name="q" plan="SF"/><Cling name="c"/></ReactiveSequence>', Cling
+    )
+    tree.tick_once()
+    error = tick_raises(tree)
+    assert (error.path, error.doing) == ("c", "being halted")
+    assert idle(tree)
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        "<Inverter>{}</Inverter>",
+        '<Timeout msec="100">{}</Timeout>',
+        '<Repeat num_cycles="3">{}</Repeat>',
+        "<IfThenElse><AlwaysSuccess/>{}</IfThenElse>",
+        '<Switch2 variable="1" case_1="1" case_2="2">{}<AlwaysSuccess/><AlwaysSuccess/></Switch2>',
+        "<TryCatch>{}<AlwaysSuccess/></TryCatch>",
+        '<SequenceWithMemory><PlanAction name="x" plan="S"/>{}</SequenceWithMemory>',
+    ],
+)
+def test_whatever_is_around_it_nothing_stays_running(around: str, make_tree: Grow) -> None:
+    tree = make_tree(around.format('<Cling name="c"/>'), Cling)
+    assert tree.tick_exactly_once() is Status.RUNNING
+    if tree.find(Cling)[0].status is Status.IDLE:
+        tree.tick_exactly_once()
+    assert tree.find(Cling)[0].status is Status.RUNNING
+    assert halt_raises(tree).path == "c"
+    assert idle(tree)
+
+
+def test_a_script_that_can_not_be_run_on_a_halt_names_its_node(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><PlanAction name="a" plan="R" _onHalted="x += 1"/></Sequence>')
+    tree.tick_once()
+    assert halt_raises(tree).path == "a"
+    assert idle(tree)
+
+
+def test_an_error_of_a_halt_is_told_to_observers(make_tree: Grow) -> None:
+    heard: list[str] = []
+
+    class Listener(Observer):
+        def raised(self, error: NodeExecutionError, stamp: int) -> None:
+            heard.append(error.path)
+
+    tree = make_tree('<Cling name="c"/>', Cling)
+    tree.subscribe(Listener())
+    tree.tick_once()
+    halt_raises(tree)
+    assert heard == ["c"]
+
+
+class Leaving(BaseException):
+    """What no leaf should raise."""
+
+
+@pytest.mark.parametrize("fault", [SystemExit(7), Leaving("gone")])
+def test_whatever_a_leaf_raises_names_it(fault: BaseException) -> None:
+    @action
+    def leave() -> bool:
+        raise fault
+
+    nodes = Registry.standard()
+    nodes.add(leave)
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Leave name="door"/></BehaviorTree></root>',
+        nodes=nodes,
+    )
+    with pytest.raises(NodeExecutionError, match="node 'door' <Leave> raised while ticking") as caught:
+        tree.tick_once()
+    assert caught.value.__cause__ is fault
+    assert tree.root.status is Status.IDLE
+
+
+def test_what_raises_while_the_tree_is_halted_after_an_error_is_told_too() -> None:
+    class Stubborn(StatefulAction):
+        def on_start(self) -> Status:
+            return Status.RUNNING
+
+        def on_running(self) -> Status:
+            return Status.RUNNING
+
+        def on_halted(self) -> None:
+            raise ValueError(f"{self.name} is stuck")
+
+    @action
+    def fall() -> bool:
+        raise RuntimeError("fallen")
+
+    nodes = Registry.standard()
+    nodes.add(Stubborn, fall)
+    tree = btcore.loads(
+        """<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>
+        <Stubborn name="left"/><Stubborn name="right"/><Fall/></Parallel></BehaviorTree></root>""",
+        nodes=nodes,
+    )
+    with pytest.raises(NodeExecutionError, match="fallen") as caught:
+        tree.tick_once()
+    assert "left is stuck" in str(caught.value)
+    assert "right is stuck" in str(caught.value)

@@ -1,0 +1,684 @@
+"""A leaf is a function or a class: what its annotations mean, and what it may return."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Protocol, runtime_checkable
+
+import pytest
+
+from btcore import (
+    Blackboard,
+    Clock,
+    Condition,
+    Direction,
+    In,
+    InOut,
+    NodeExecutionError,
+    NodeType,
+    Out,
+    Port,
+    Put,
+    RegistrationError,
+    Registry,
+    SimClock,
+    StatefulAction,
+    Status,
+    SyncAction,
+    Tree,
+    TreeError,
+    TreeState,
+    action,
+    condition,
+)
+from btcore.values import INT64, STRING, Int64
+
+Grow = Callable[..., Tree]
+
+
+class Robot:
+    def __init__(self, name: str = "tiago") -> None:
+        self.name = name
+        self.driven: list[float] = []
+
+
+# --- functions
+
+
+def test_true_is_success_false_is_failure_and_a_status_is_itself(make_tree: Grow) -> None:
+    @action
+    def yes() -> bool:
+        return True
+
+    @action
+    def no() -> bool:
+        return False
+
+    @action
+    def skips() -> Status:
+        return Status.SKIPPED
+
+    assert make_tree("<Yes/>", yes).tick_once() is Status.SUCCESS
+    assert make_tree("<No/>", no).tick_once() is Status.FAILURE
+    assert make_tree("<Skips/>", skips).tick_once() is Status.SKIPPED
+
+
+def test_the_tag_is_the_name_in_camel_case_or_the_one_given() -> None:
+    @condition
+    def battery_ok() -> bool:
+        return True
+
+    @action(ID="Recharge")
+    def charge_the_battery() -> bool:
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(battery_ok, charge_the_battery)
+    assert nodes.manifests["BatteryOk"].type is NodeType.CONDITION
+    assert nodes.manifests["Recharge"].type is NodeType.ACTION
+    assert "ChargeTheBattery" not in nodes
+
+
+def test_a_function_needs_no_mark(make_tree: Grow) -> None:
+    def plain() -> bool:
+        return True
+
+    assert make_tree("<Plain/>", plain).tick_once() is Status.SUCCESS
+
+
+def test_a_marked_function_is_still_a_function() -> None:
+    @action
+    def double(value: In[int]) -> int:
+        return 2 * value
+
+    assert double(21) == 42
+
+
+def test_an_input_is_read_anew_at_every_tick_as_the_type_that_it_is_annotated_with(make_tree: Grow) -> None:
+    seen: list[object] = []
+
+    @action
+    def look(number: In[int], real: In[float], text: In[str], truth: In[bool], many: In[list[int]]) -> bool:
+        seen.append((number, real, text, truth, many))
+        return True
+
+    tree = make_tree('<Look number="7" real="{x}" text="7" truth="true" many="1;2"/>', look)
+    tree.blackboard["x"] = 0.5
+    tree.tick_once()
+    tree.blackboard["x"] = 1.5
+    tree.tick_once()
+    assert seen == [(7, 0.5, "7", True, [1, 2]), (7, 1.5, "7", True, [1, 2])]
+    assert type(seen[0][0]) is int  # type: ignore[index]
+
+
+def test_a_list_that_a_leaf_changes_is_its_own(make_tree: Grow) -> None:
+    lengths: list[int] = []
+
+    @action
+    def consume(many: In[list[int]]) -> bool:
+        lengths.append(len(many))
+        many.clear()
+        return True
+
+    tree = make_tree('<Consume many="1;2;3"/>', consume)
+    tree.tick_once()
+    tree.tick_once()
+    assert lengths == [3, 3]
+
+
+def test_a_put_port_is_a_callable_that_writes_the_blackboard(make_tree: Grow) -> None:
+    @action
+    def measure(distance: Put[float]) -> bool:
+        distance(0.25)
+        return True
+
+    tree = make_tree('<Measure distance="{d}"/>', measure)
+    tree.tick_once()
+    assert tree.blackboard["d"] == 0.25
+
+
+def test_the_default_of_a_parameter_is_that_of_the_port(make_tree: Grow) -> None:
+    seen: list[object] = []
+
+    @action
+    def look(minimum: In[float] = 0.2, key: In[str] = "{name}", pose: In[Robot | None] = None) -> bool:
+        seen.append((minimum, key, pose))
+        return True
+
+    tree = make_tree("<Look/>", look)
+    tree.blackboard["name"] = "Ada"
+    tree.tick_once()
+    assert seen == [(0.2, "Ada", None)]
+    port = tree.registry.manifests["Look"].ports["minimum"]
+    assert (port.direction, port.type.name, port.default) == (Direction.IN, "double", "0.200000")
+
+
+def test_a_default_may_be_a_value_that_no_text_stands_for(make_tree: Grow) -> None:
+    home = Robot("home")
+    seen: list[Robot] = []
+
+    @action
+    def look(where: In[Robot] = home) -> bool:
+        seen.append(where)
+        return True
+
+    make_tree("<Look/>", look).tick_once()
+    assert seen == [home]
+
+
+def test_the_default_of_an_output_names_an_entry(make_tree: Grow) -> None:
+    @action
+    def measure(distance: Put[float] = "{nearest}") -> bool:  # type: ignore[assignment]
+        distance(1.0)
+        return True
+
+    tree = make_tree("<Measure/>", measure)
+    tree.tick_once()
+    assert tree.blackboard["nearest"] == 1.0
+
+
+def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: Grow) -> None:
+    @action
+    def drive(robot: Robot, speed: In[float]) -> bool:
+        robot.driven.append(speed)
+        return True
+
+    class Tiago(Robot):
+        pass
+
+    tiago = Tiago()
+    make_tree('<Drive speed="0.3"/>', drive, resources=["no robot", tiago, Robot()]).tick_once()
+    assert tiago.driven == [0.3]
+
+
+def test_a_resource_may_be_asked_for_by_a_protocol(make_tree: Grow) -> None:
+    @runtime_checkable
+    class Horn(Protocol):
+        def honk(self) -> str: ...
+
+    class Klaxon:
+        def honk(self) -> str:
+            return "ahooga"
+
+    @action
+    def warn(horn: Horn, said: Put[str]) -> bool:
+        said(horn.honk())
+        return True
+
+    tree = make_tree('<Warn said="{said}"/>', warn, resources=[Klaxon()])
+    tree.tick_once()
+    assert tree.blackboard["said"] == "ahooga"
+
+
+def test_the_clock_and_the_blackboard_of_the_tree_are_resources_that_are_always_there(
+    make_tree: Grow, clock: SimClock
+) -> None:
+    given: list[object] = []
+
+    @action
+    def look(clock: Clock, blackboard: Blackboard) -> bool:
+        given.extend([clock, blackboard])
+        return True
+
+    tree = make_tree("<Look/>", look)
+    tree.tick_once()
+    assert given == [clock, tree.blackboard]
+    assert tree.registry.manifests["Look"].required_resources == []
+
+
+def test_the_leaves_of_one_tree_share_its_state_and_every_tree_has_its_own(make_tree: Grow) -> None:
+    class Laps(TreeState):
+        def __init__(self) -> None:
+            self.count = 0
+
+    @action
+    def lap(laps: Laps, number: Put[int]) -> bool:
+        laps.count += 1
+        number(laps.count)
+        return True
+
+    text = '<Sequence><Lap number="{first}"/><Lap number="{second}"/></Sequence>'
+    for _ in range(2):
+        tree = make_tree(text, lap)
+        tree.tick_once()
+        assert (tree.blackboard["first"], tree.blackboard["second"]) == (1, 2)
+    assert tree.registry.manifests["Lap"].required_resources == []
+
+
+def test_a_resource_with_a_default_need_not_be_handed_in(make_tree: Grow) -> None:
+    @action
+    def greet(robot: Robot = Robot("nobody"), *, said: Put[str]) -> bool:  # noqa: B008
+        said(robot.name)
+        return True
+
+    tree = make_tree('<Greet said="{said}"/>', greet)
+    tree.tick_once()
+    assert tree.blackboard["said"] == "nobody"
+
+
+def test_a_resource_that_nobody_handed_in_is_named_when_the_tree_is_made(make_tree: Grow) -> None:
+    @action
+    def drive(robot: Robot) -> bool:
+        return True
+
+    with pytest.raises(TreeError, match=r"<Drive> wants a Robot \(its parameter 'robot'\)"):
+        make_tree("<Drive/>", drive)
+
+
+def test_the_docstring_describes_the_leaf_and_a_text_in_the_annotation_its_port() -> None:
+    @action
+    def drive(speed: Annotated[float, *In[float].__metadata__, "how fast (m/s)"]) -> bool:
+        """Drive on.
+
+        Until told otherwise.
+        """
+        return True
+
+    class Wait(SyncAction):
+        """Wait a bit."""
+
+    nodes = Registry.standard()
+    nodes.add(drive, Wait)
+    assert nodes.manifests["Drive"].description == "Drive on.\n\nUntil told otherwise."
+    assert nodes.manifests["Drive"].ports["speed"].description == "how fast (m/s)"
+    assert nodes.manifests["Wait"].description == "Wait a bit."
+
+
+def test_the_wider_numbers_are_annotations_of_ports_too(make_tree: Grow) -> None:
+    @action
+    def note(stamp: In[Int64], kept: Put[Int64]) -> bool:
+        kept(stamp)
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(note)
+    assert {port.type for port in nodes.manifests["Note"].ports.values()} == {INT64}
+    tree = make_tree('<Note stamp="1700000000000000000" kept="{last}"/>', note)
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.blackboard["last"] == 1_700_000_000_000_000_000
+
+
+# --- classes
+
+
+def test_a_class_is_a_leaf_and_its_tag_is_its_name(make_tree: Grow) -> None:
+    class IsOpen(Condition):
+        def tick(self) -> bool:  # type: ignore[override]
+            return True
+
+    class Open(SyncAction):
+        def tick(self) -> Status:
+            return Status.FAILURE
+
+    tree = make_tree("<Fallback><Open/><IsOpen/></Fallback>", IsOpen, Open)
+    assert tree.tick_once() is Status.SUCCESS
+    assert [node.type for node in tree] == [NodeType.CONTROL, NodeType.ACTION, NodeType.CONDITION]
+
+
+class Approach(StatefulAction):
+    """Drive towards *goal* until closer than *reach*."""
+
+    goal: In[float]
+    reach: In[float] = 0.3
+    remaining: Out[float]
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.halts = 0
+
+    def on_start(self) -> Status:
+        self.left = self.goal
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        self.left -= 0.5
+        self.robot.driven.append(0.5)
+        self.remaining = self.left
+        return Status.SUCCESS if self.left < self.reach else Status.RUNNING
+
+    def on_halted(self) -> None:
+        self.halts += 1
+
+
+def test_a_stateful_action_starts_goes_on_and_is_reset_when_done(make_tree: Grow) -> None:
+    robot = Robot()
+    tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[robot])
+    assert [tree.tick_once() for _ in range(3)] == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
+    assert tree.root.status is Status.IDLE
+    assert tree.tick_once() is Status.RUNNING
+    assert len(robot.driven) == 4
+
+
+def test_assigning_an_out_port_writes_the_blackboard(make_tree: Grow) -> None:
+    tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[Robot()])
+    tree.tick_once()
+    assert tree.blackboard["left"] == 1.0
+    tree.tick_once()
+    assert tree.blackboard["left"] == 0.5
+    assert "remaining" not in vars(tree.root)
+
+
+def test_on_halted_is_called_only_while_the_action_runs(make_tree: Grow) -> None:
+    tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[Robot()])
+    tree.halt()
+    assert tree.find(Approach)[0].halts == 0
+    tree.tick_once()
+    tree.halt()
+    assert tree.find(Approach)[0].halts == 1
+
+
+def test_a_completed_stateful_action_that_nobody_has_reset_keeps_its_result(make_tree: Grow) -> None:
+    starts: list[str] = []
+
+    class Once(StatefulAction):
+        def on_start(self) -> Status:
+            starts.append(self.name)
+            return Status.FAILURE
+
+        def on_running(self) -> Status:
+            return Status.FAILURE
+
+    node = make_tree("<Sequence><Once/></Sequence>", Once).find(Once)[0]
+    assert node.execute_tick() is Status.FAILURE
+    assert node.execute_tick() is Status.FAILURE
+    assert len(starts) == 1
+
+
+def test_a_port_of_a_class_can_be_read_and_written_in_both_directions(make_tree: Grow) -> None:
+    class Count(SyncAction):
+        counter: InOut[int]
+
+        def tick(self) -> Status:
+            self.counter += 1
+            return Status.SUCCESS
+
+    tree = make_tree('<Count counter="{n}"/>', Count)
+    tree.blackboard["n"] = 40
+    tree.tick_once()
+    tree.tick_once()
+    assert tree.blackboard["n"] == 42
+
+
+def test_an_input_is_not_assigned_and_an_output_is_not_read(make_tree: Grow) -> None:
+    class Muddle(SyncAction):
+        given: In[int]
+        made: Out[int]
+
+        def tick(self) -> Status:
+            with pytest.raises(AttributeError, match="is read, not written"):
+                self.given = 1
+            with pytest.raises(AttributeError, match="is written, not read"):
+                print(self.made)
+            return Status.SUCCESS
+
+    assert make_tree('<Muddle given="1" made="{m}"/>', Muddle).tick_once() is Status.SUCCESS
+
+
+def test_ports_and_resources_are_inherited(make_tree: Grow) -> None:
+    class Careful(Approach):
+        """Keep a larger distance."""
+
+        reach = 0.9
+        margin: In[float] = 0.1
+
+    tree = make_tree('<Careful goal="1.5" remaining="{left}"/>', Approach, Careful, resources=[Robot()])
+    assert tree.tick_once() is Status.RUNNING
+    assert tree.tick_once() is Status.SUCCESS
+    careful = tree.registry.manifests["Careful"]
+    assert list(careful.ports) == ["goal", "reach", "remaining", "margin"]
+    assert careful.ports["reach"].default == "0.900000"
+    assert tree.registry.manifests["Approach"].ports["reach"].default == "0.300000"
+
+
+def test_a_subclass_may_turn_an_inherited_port_round(make_tree: Grow) -> None:
+    class Reads(SyncAction):
+        counter: In[int]
+
+        def tick(self) -> Status:
+            return Status.SUCCESS
+
+    class Writes(Reads):
+        counter: InOut[int]
+
+        def tick(self) -> Status:
+            self.counter = 5
+            return Status.SUCCESS
+
+    tree = make_tree('<Writes counter="{n}"/>', Reads, Writes)
+    tree.tick_once()
+    assert tree.blackboard["n"] == 5
+
+
+def test_a_leaf_may_be_a_dataclass(make_tree: Grow) -> None:
+    @dataclass
+    class Greet(SyncAction):
+        robot: Robot
+        who: In[str]
+        word: In[str] = "Hello"
+        greeting: Out[str] = field(kw_only=True)
+        spoken: list[str] = field(default_factory=list, init=False)
+
+        def tick(self) -> Status:
+            self.spoken.append(self.who)
+            self.greeting = f"{self.word}, {self.who}"
+            return Status.SUCCESS
+
+    tree = make_tree('<Greet who="Ada" greeting="{g}"/>', Greet, resources=[Robot()])
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.blackboard["g"] == "Hello, Ada"
+    assert tree.find(Greet)[0].spoken == ["Ada"]
+    assert list(tree.registry.manifests["Greet"].ports) == ["who", "word", "greeting"]
+
+
+def test_a_leaf_knows_its_place_before_its_own_init_runs(make_tree: Grow) -> None:
+    class Curious(SyncAction):
+        level: In[int]
+
+        def __init__(self) -> None:
+            self.known = (self.name, self.path, self.uid, self.id, self.level, self.status)
+
+        def tick(self) -> Status:
+            return Status.SUCCESS
+
+    tree = make_tree('<Sequence><Curious name="who" level="3"/></Sequence>', Curious)
+    assert tree.find(Curious)[0].known == ("who", "who", 2, "Curious", 3, Status.IDLE)
+
+
+def test_a_leaf_that_raises_in_its_init_is_an_error_of_the_tree_with_its_place(make_tree: Grow) -> None:
+    class Broken(SyncAction):
+        def __init__(self) -> None:
+            raise ValueError("out of luck")
+
+    with pytest.raises(TreeError, match=r"<text>:1:.*<Broken> raised .*ValueError: out of luck"):
+        make_tree("<Broken/>", Broken)
+
+
+# --- what goes wrong at a tick
+
+
+def raised(tree: Tree) -> str:
+    with pytest.raises(NodeExecutionError) as caught:
+        tree.tick_once()
+    return str(caught.value)
+
+
+def test_none_is_no_result(make_tree: Grow) -> None:
+    def forgets() -> None:
+        pass
+
+    class Forgets(SyncAction):
+        def tick(self) -> None:  # type: ignore[override]
+            pass
+
+    assert raised(make_tree("<Forgets/>", forgets)).splitlines()[0].endswith("not None")
+    assert raised(make_tree("<Forgets/>", Forgets)).splitlines()[0].endswith("not None")
+
+
+@pytest.mark.parametrize("result", [1, "SUCCESS", Status.IDLE, object()])
+def test_a_tick_that_returns_no_status_raises(result: Any, make_tree: Grow) -> None:
+    def answer() -> Any:
+        return result
+
+    said = raised(make_tree("<Answer/>", answer))
+    assert "a tick ends RUNNING, SUCCESS" in said
+    assert f"not {'IDLE' if result is Status.IDLE else repr(result)}" in said
+
+
+def test_a_synchronous_action_never_returns_running(make_tree: Grow) -> None:
+    @action
+    def lasting() -> Status:
+        return Status.RUNNING
+
+    said = raised(make_tree("<Lasting/>", lasting))
+    assert "use StatefulAction, a generator or async def for one that lasts" in said
+
+
+def test_a_condition_may_return_running(make_tree: Grow) -> None:
+    @condition
+    def unsure() -> Status:
+        return Status.RUNNING
+
+    assert make_tree("<Unsure/>", unsure).tick_once() is Status.RUNNING
+
+
+def test_a_mandatory_port_that_the_tree_does_not_give_is_missed_at_the_tick(make_tree: Grow) -> None:
+    def look(level: In[float], distance: Put[float]) -> bool:
+        distance(level)
+        return True
+
+    assert "<Look> needs port [level], which the tree does not give" in raised(make_tree("<Look/>", look))
+    said = raised(make_tree('<Look level="1"/>', look))
+    assert "<Look> writes port [distance], which the tree does not give" in said
+
+
+def test_an_entry_that_was_never_written_is_named(make_tree: Grow) -> None:
+    class Look(SyncAction):
+        level: In[float]
+
+        def tick(self) -> bool:  # type: ignore[override]
+            return self.level > 0
+
+    assert "port [level] reads {battery}, which has never been written" in raised(
+        make_tree('<Look level="{battery}"/>', Look)
+    )
+
+
+def test_a_value_of_another_type_is_named_with_the_port_that_refuses_it(make_tree: Grow) -> None:
+    def measure(distance: Put[float]) -> bool:
+        distance(object())  # type: ignore[arg-type]
+        return True
+
+    assert "port [distance] takes double" in raised(make_tree('<Measure distance="{d}"/>', measure))
+
+
+def test_an_output_that_is_no_entry_is_named(make_tree: Grow) -> None:
+    def note(text: Put[str]) -> bool:
+        text("one")
+        return True
+
+    assert "name one in braces, {like_this}" in raised(make_tree('<Note text="t"/>', note))
+
+
+# --- what goes wrong at registration
+
+
+def refused(*things: Any) -> str:
+    with pytest.raises(RegistrationError) as caught:
+        Registry.standard().add(*things)
+    return str(caught.value)
+
+
+def test_a_parameter_without_an_annotation_is_refused() -> None:
+    def drive(speed):  # type: ignore[no-untyped-def]
+        return True
+
+    assert "parameter 'speed' of" in refused(drive)
+    assert "mark a port with In[…] or Put[…]" in refused(drive)
+
+
+@pytest.mark.parametrize("form", [Out, InOut])
+def test_a_function_is_not_given_a_port_that_it_could_not_write(form: Any) -> None:
+    def count(n):  # type: ignore[no-untyped-def]
+        return True
+
+    count.__annotations__["n"] = form[int]
+    assert "count can't be assigned: mark it Put[…]" in refused(count)
+
+
+def test_a_port_of_a_function_may_be_of_any_type(make_tree: Grow) -> None:
+    def copy(source: In, target: Put) -> bool:
+        target(source)
+        return True
+
+    tree = make_tree('<Copy source="{a}" target="{b}"/>', copy)
+    tree.blackboard["a"] = [1, 2]
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.blackboard["b"] == [1, 2]
+
+
+def test_what_takes_any_number_of_arguments_is_refused() -> None:
+    def drive(*speeds: float) -> bool:
+        return True
+
+    def turn(**angles: float) -> bool:
+        return True
+
+    assert "takes *speeds, which nothing in a tree can fill" in refused(drive)
+    assert "angles, which nothing in a tree can fill" in refused(turn)
+
+
+@pytest.mark.parametrize("name", ["path", "status", "type", "config", "tick"])
+def test_a_port_that_would_hide_an_attribute_of_every_node_is_refused(name: str) -> None:
+    follow = type("Follow", (SyncAction,), {"__annotations__": {name: In[str]}, "__module__": __name__})
+    assert f"port '{name}' of Follow would hide what" in refused(follow)
+
+
+def test_such_a_port_is_listed_and_read_by_name(make_tree: Grow) -> None:
+    class Follow(SyncAction):
+        @staticmethod
+        def provided_ports() -> list[Port]:
+            return [Port("path", type=STRING), Port("status", Direction.OUT, type=STRING)]
+
+        def tick(self) -> Status:
+            self.set_output("status", f"at the end of {self.get_input('path')}")
+            return Status.SUCCESS
+
+    tree = make_tree('<Follow path="the road" status="{s}"/>', Follow)
+    tree.tick_once()
+    assert tree.blackboard["s"] == "at the end of the road"
+
+
+@pytest.mark.parametrize("name", ["name", "ID", "_private", "7th", "with space", "a.b", "a:b", ""])
+def test_what_no_attribute_of_the_xml_can_be_is_no_port(name: str) -> None:
+    class Odd(SyncAction):
+        @staticmethod
+        def provided_ports() -> list[Port]:
+            return [Port(name)]
+
+    assert f"<Odd> can't have a port called '{name}'" in refused(Odd)
+
+
+def test_a_port_may_have_a_name_beyond_ascii() -> None:
+    def drive(größe: In[float]) -> bool:
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(drive)
+    assert list(nodes.manifests["Drive"].ports) == ["größe"]
+
+
+def test_an_asynchronous_generator_is_refused() -> None:
+    async def both():  # type: ignore[no-untyped-def]
+        yield
+
+    assert "async def" in refused(both)
+
+
+def test_a_default_is_no_way_round_a_protocol_that_cannot_be_asked_for(make_tree: Grow) -> None:
+    class Horn(Protocol):
+        def honk(self) -> str: ...
+
+    def warn(horn: Horn) -> bool:
+        return True
+
+    with pytest.raises(TreeError, match="marked @runtime_checkable"):
+        make_tree("<Warn/>", warn)

@@ -1,0 +1,426 @@
+"""Who subscribes hears of transitions, ticks and errors; and never disturbs the tree."""
+
+import logging
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from btcore import (
+    NodeExecutionError,
+    Observer,
+    SimClock,
+    Status,
+    SyncAction,
+    Transition,
+    Transitions,
+    Tree,
+)
+from btcore.tree.hooks import Hook
+
+Grow = Callable[..., Tree]
+
+BODY = '<Sequence name="s"><PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>'
+
+
+class Listener(Observer):
+    def __init__(self) -> None:
+        self.changes: list[Transition] = []
+        self.ticks: list[tuple[int, int, Status]] = []
+        self.durations: list[int] = []
+        self.errors: list[str] = []
+
+    def transition(self, change: Transition) -> None:
+        self.changes.append(change)
+
+    def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
+        self.ticks.append((tick, stamp, status))
+        self.durations.append(duration_ns)
+
+    def raised(self, error: NodeExecutionError, stamp: int) -> None:
+        self.errors.append(error.path)
+
+
+class Broken(Observer):
+    """Raises whenever it hears something."""
+
+    def transition(self, change: Transition) -> None:
+        raise RuntimeError("the wire is cut")
+
+    ticked = raised = transition  # type: ignore[assignment]
+
+
+def test_every_change_of_a_stored_status_is_a_transition_in_order(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_exactly_once()
+    tree.tick_exactly_once()
+    names = {node.uid: node.name for node in tree}
+    told = [(names[one.uid], one.previous.name, one.status.name) for one in listener.changes]
+    assert told == [
+        ("s", "IDLE", "RUNNING"),
+        ("a", "IDLE", "SUCCESS"),
+        ("b", "IDLE", "RUNNING"),
+        ("b", "RUNNING", "SUCCESS"),
+        ("a", "SUCCESS", "IDLE"),
+        ("b", "SUCCESS", "IDLE"),
+        ("s", "RUNNING", "SUCCESS"),
+        ("s", "SUCCESS", "IDLE"),
+    ]
+
+
+def test_transitions_are_numbered_from_one_without_holes_and_carry_time_and_tick(
+    make_tree: Grow, clock: SimClock
+) -> None:
+    tree = make_tree(BODY)
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_while_running(period=0.25)
+    tree.tick_once()
+    tree.halt()
+    assert [one.number for one in listener.changes] == list(range(1, len(listener.changes) + 1))
+    assert [(one.tick, one.stamp) for one in listener.changes] == (
+        [(1, 0)] * 3 + [(2, 250_000_000)] * 5 + [(3, 250_000_000)] * 6
+    )
+
+
+def test_numbers_go_on_for_who_comes_later(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    early, late = Listener(), Listener()
+    tree.subscribe(early)
+    tree.tick_exactly_once()
+    tree.subscribe(late)
+    tree.tick_exactly_once()
+    assert late.changes == early.changes[3:]
+    assert late.changes[0].number == 4
+
+
+def test_who_comes_after_some_ticks_hears_their_right_number(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    tree.tick_exactly_once()
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_exactly_once()
+    assert {one.tick for one in listener.changes} == {2}
+    assert [tick for tick, _, _ in listener.ticks] == [2]
+
+
+def test_the_end_of_every_tick_of_the_root_is_told_with_its_status_and_duration(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_while_running(period=0.1)
+    assert listener.ticks == [(1, 0, Status.RUNNING), (2, 100_000_000, Status.SUCCESS)]
+    assert all(duration > 0 for duration in listener.durations)
+
+
+def test_every_tick_of_a_step_is_told(make_tree: Grow) -> None:
+    tree = make_tree("<AsyncSequence><AlwaysSuccess/><AlwaysSuccess/></AsyncSequence>")
+    listener = Listener()
+    tree.subscribe(listener)
+    tree.tick_once()
+    assert [(tick, status) for tick, _, status in listener.ticks] == [
+        (1, Status.RUNNING),
+        (2, Status.SUCCESS),
+    ]
+
+
+def test_a_tick_that_raised_is_told_as_an_error_and_not_as_ticked(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><PlanAction name="x" plan="X"/></Sequence>')
+    listener = Listener()
+    tree.subscribe(listener)
+    with pytest.raises(NodeExecutionError):
+        tree.tick_once()
+    assert listener.errors == ["x"]
+    assert listener.ticks == []
+
+
+def test_who_unsubscribes_hears_no_more_and_may_do_so_twice(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    stays, goes = Listener(), Listener()
+    tree.subscribe(stays)
+    unsubscribe = tree.subscribe(goes)
+    tree.tick_exactly_once()
+    unsubscribe()
+    unsubscribe()
+    tree.tick_exactly_once()
+    assert len(goes.changes) == 3
+    assert len(stays.changes) == 8
+
+
+def test_who_unsubscribes_while_it_hears_does_not_disturb_the_others(make_tree: Grow) -> None:
+    class Once(Listener):
+        def transition(self, change: Transition) -> None:
+            super().transition(change)
+            unsubscribe()
+
+    tree = make_tree(BODY)
+    once, after = Once(), Listener()
+    unsubscribe = tree.subscribe(once)
+    tree.subscribe(after)
+    tree.tick_exactly_once()
+    assert len(once.changes) == 1
+    assert len(after.changes) == 3
+
+
+def test_an_observer_that_raises_is_dropped_with_one_warning(
+    make_tree: Grow, caplog: pytest.LogCaptureFixture
+) -> None:
+    tree = make_tree(BODY)
+    before, after = Listener(), Listener()
+    tree.subscribe(before)
+    tree.subscribe(Broken())
+    tree.subscribe(after)
+    with caplog.at_level(logging.WARNING, logger="btcore"):
+        assert tree.tick_exactly_once() is Status.RUNNING
+        assert tree.tick_exactly_once() is Status.SUCCESS
+    assert len(before.changes) == len(after.changes) == 8
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "Broken" in caplog.text
+    assert "is dropped" in caplog.text
+    assert "the wire is cut" in caplog.text
+
+
+def test_an_observer_that_raises_at_tick_end_does_not_stop_the_tree(
+    make_tree: Grow, caplog: pytest.LogCaptureFixture
+) -> None:
+    class LateBroken(Broken):
+        def transition(self, change: Transition) -> None:
+            pass
+
+    tree = make_tree('<PlanAction plan="S|X"/>')
+    tree.subscribe(LateBroken())
+    assert tree.tick_once() is Status.SUCCESS
+    tree.subscribe(LateBroken())
+    with pytest.raises(NodeExecutionError, match="the plan says"):
+        tree.tick_once()
+    assert len(caplog.records) == 2
+
+
+class Keeper(Observer):
+    """Keeps what it hears at the end of ticks."""
+
+    def __init__(self) -> None:
+        self.told: list[Transitions] = []
+
+    def transitions(self, changes: Transitions) -> None:
+        self.told.append(changes)
+
+
+def test_who_keeps_transitions_is_told_the_same_at_the_end_of_each_tick_and_after_a_halt(
+    make_tree: Grow, clock: SimClock
+) -> None:
+    tree = make_tree(BODY)
+    listener, keeper = Listener(), Keeper()
+    tree.subscribe(listener)
+    tree.subscribe(keeper)
+    tree.tick_while_running(period=0.25)
+    tree.tick_once()
+    tree.halt()
+    assert [list(one) for one in keeper.told] == [
+        [change for change in listener.changes if change.tick == 1],
+        [change for change in listener.changes if change.tick == 2],
+        listener.changes[8:11],
+        listener.changes[11:],
+    ]
+    assert [(len(one), one.first, one.tick, one[0]) for one in keeper.told] == [
+        (3, 1, 1, listener.changes[0]),
+        (5, 4, 2, listener.changes[3]),
+        (3, 9, 3, listener.changes[8]),
+        (3, 12, 3, listener.changes[11]),
+    ]
+
+
+def test_what_led_to_an_error_is_told_before_it_and_the_halt_after_it(make_tree: Grow) -> None:
+    order: list[str] = []
+
+    class Both(Observer):
+        def transitions(self, changes: Transitions) -> None:
+            order.append("->".join(change.status.name for change in changes))
+
+        def raised(self, error: NodeExecutionError, stamp: int) -> None:
+            order.append(error.path)
+
+    tree = make_tree('<Sequence><PlanAction name="x" plan="X"/></Sequence>')
+    tree.subscribe(Both())
+    with pytest.raises(NodeExecutionError):
+        tree.tick_once()
+    assert order == ["RUNNING", "x", "IDLE"]
+
+
+def test_who_leaves_within_a_tick_is_told_what_was_noted_until_then(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    keeper = Keeper()
+
+    class Leaving(Observer):
+        def transition(self, change: Transition) -> None:
+            if change.number == 2:
+                leave()
+
+    leave = tree.subscribe(keeper)
+    tree.subscribe(Leaving())
+    tree.tick_exactly_once()
+    tree.flush_observers()
+    assert [change.number for one in keeper.told for change in one] == [1, 2]
+
+
+def test_one_that_raises_at_the_end_of_a_tick_is_dropped_and_the_others_are_told(
+    make_tree: Grow, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Cut(Observer):
+        def transitions(self, changes: Transitions) -> None:
+            raise RuntimeError("the disk is full")
+
+    tree = make_tree(BODY)
+    keeper = Keeper()
+    tree.subscribe(Cut())
+    tree.subscribe(keeper)
+    tree.tick_exactly_once()
+    tree.tick_exactly_once()
+    assert [len(one) for one in keeper.told] == [3, 5]
+    assert len(caplog.records) == 1
+
+
+def test_an_observer_may_override_only_what_it_needs(make_tree: Grow) -> None:
+    class Silent(Observer):
+        pass
+
+    tree = make_tree('<PlanAction plan="S|X"/>')
+    tree.subscribe(Silent())
+    tree.tick_once()
+    with pytest.raises(NodeExecutionError):
+        tree.tick_once()
+
+
+# --- coming, going and halting in the middle
+
+
+class Doing(Observer):
+    """Calls *act* once, at transition number *at*, or when it is told of several."""
+
+    def __init__(self, act: Callable[[], object], at: int = 0) -> None:
+        self.act = act
+        self.at = at
+
+    def transition(self, change: Transition) -> None:
+        if change.number == self.at:
+            self.act()
+
+    def transitions(self, changes: Transitions) -> None:
+        if not self.at:
+            self.at = -1
+            self.act()
+
+
+def numbers(keeper: Keeper) -> list[int]:
+    return [change.number for one in keeper.told for change in one]
+
+
+def test_who_comes_within_a_tick_hears_what_follows_with_its_right_number(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    listener, keeper = Listener(), Keeper()
+    tree.subscribe(Doing(lambda: (tree.subscribe(listener), tree.subscribe(keeper)), at=2))
+    tree.tick_exactly_once()
+    assert numbers(keeper) == [change.number for change in listener.changes] == [3]
+    assert listener.ticks == [(1, 0, Status.RUNNING)]
+
+
+def test_the_first_who_comes_within_a_tick_hears_of_its_error(make_tree: Grow) -> None:
+    listener, keeper = Listener(), Keeper()
+
+    class Calling(SyncAction):
+        tree: Tree
+
+        def tick(self) -> bool:
+            self.tree.subscribe(listener)
+            self.tree.subscribe(keeper)
+            return True
+
+    tree = make_tree('<Sequence><Calling/><PlanSync name="x" plan="X"/></Sequence>', Calling)
+    tree.find(Calling)[0].tree = tree
+    with pytest.raises(NodeExecutionError):
+        tree.tick_once()
+    assert listener.errors == ["x"]
+    assert [change.status.name for change in listener.changes] == ["SUCCESS", "IDLE", "IDLE"]
+    assert [list(one) for one in keeper.told] == [listener.changes[:1], listener.changes[1:]]
+
+
+def test_a_tree_that_is_halted_while_it_tells_tells_everybody_in_order(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    first, last = Keeper(), Keeper()
+    tree.subscribe(first)
+    tree.subscribe(Doing(tree.halt))
+    tree.subscribe(last)
+    tree.tick_exactly_once()
+    assert numbers(first) == numbers(last) == [1, 2, 3, 4, 5, 6]
+    assert all(node.status is Status.IDLE for node in tree)
+
+
+def test_one_that_raises_or_leaves_within_a_halt_does_not_disturb_it(
+    make_tree: Grow, clock: SimClock
+) -> None:
+    tree = make_tree(BODY)
+    listener, keeper = Listener(), Keeper()
+
+    class Cut(Observer):
+        def transition(self, change: Transition) -> None:
+            if change.status is Status.IDLE:
+                raise RuntimeError("the wire is cut")
+
+    tree.subscribe(Cut())
+    leave = tree.subscribe(keeper)
+    tree.subscribe(listener)
+    tree.subscribe(Doing(leave, at=4))
+    tree.tick_exactly_once()
+    tree.halt()
+    assert [change.number for change in listener.changes] == [1, 2, 3, 4, 5, 6]
+    assert numbers(keeper) == [1, 2, 3, 4]
+    assert all(node.status is Status.IDLE for node in tree)
+
+
+def test_an_observer_may_be_equal_to_another(make_tree: Grow) -> None:
+    class Alike(Keeper):
+        def __eq__(self, other: object) -> bool:
+            return isinstance(other, Alike)
+
+        __hash__ = None  # type: ignore[assignment]
+
+    tree = make_tree(BODY)
+    one, other = Alike(), Alike()
+    tree.subscribe(one)
+    tree.subscribe(other)()
+    tree.tick_exactly_once()
+    assert (numbers(one), numbers(other)) == ([1, 2, 3], [])
+
+
+def test_at_a_breakpoint_who_looks_is_told_what_led_there(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    keeper = Keeper()
+    tree.subscribe(keeper)
+    seen: list[list[int]] = []
+
+    def look(hook: Hook) -> None:
+        tree.flush_observers()
+        seen.append(numbers(keeper))
+        threading.Thread(target=tree.hooks.unlock, args=(hook.uid,)).start()
+
+    tree.hooks.insert(Hook(tree.node("b").uid))
+    tree.hooks.subscribe(look)
+    tree.tick_exactly_once()
+    assert seen == [[1, 2]]
+    assert numbers(keeper) == [1, 2, 3]
+
+
+def test_transitions_are_a_sequence_made_once_and_kept_by_whom_likes(make_tree: Grow) -> None:
+    tree = make_tree(BODY)
+    keeper = Keeper()
+    tree.subscribe(keeper)
+    tree.tick_exactly_once()
+    (told,) = keeper.told
+    assert told.to_list() is told.to_list()
+    assert (told[-1], list(told), len(told)) == (told[2], told.to_list(), 3)
+    assert told[0] == Transition(1, 0, 1, 1, Status.IDLE, Status.RUNNING)
+    assert isinstance(told[0], Transition)
+    with pytest.raises(IndexError):
+        told[3]

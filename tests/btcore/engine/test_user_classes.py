@@ -1,0 +1,456 @@
+"""A class of the user's own is an ordinary Python class, whichever build it derives from."""
+
+import abc
+import copy
+import gc
+import inspect
+import pickle
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
+
+import pytest
+
+import btcore
+from btcore import (
+    Blackboard,
+    In,
+    NodeError,
+    NodeExecutionError,
+    NodeType,
+    Observer,
+    Put,
+    RegistrationError,
+    Registry,
+    SimClock,
+    StatefulAction,
+    Status,
+    SyncAction,
+    Transition,
+    Tree,
+    TreeError,
+    action,
+)
+from btcore.values import ValueType
+
+Grow = Callable[..., Tree]
+T = TypeVar("T")
+
+
+class Robot:
+    """A resource."""
+
+    speed = 3
+
+
+class Yes(SyncAction):
+    """Says yes."""
+
+    def tick(self) -> bool:
+        return True
+
+
+# --- making one
+
+
+@pytest.mark.parametrize("calls_super", [False, True])
+def test_super_init_may_be_called_or_not(calls_super: bool, make_tree: Grow) -> None:
+    class Fast(SyncAction):
+        def __init__(self, robot: Robot) -> None:
+            if calls_super:
+                super().__init__()
+            self.robot = robot
+
+        def tick(self) -> bool:
+            return self.robot.speed == 3
+
+    assert make_tree("<Fast/>", Fast, resources=[Robot()]).tick_once() is Status.SUCCESS
+
+
+def test_an_attribute_that_is_the_engines_is_not_assigned(make_tree: Grow) -> None:
+    class Bold(Yes):
+        def __init__(self) -> None:
+            self.status = Status.SUCCESS  # type: ignore[misc]
+
+    with pytest.raises(TreeError, match=r"E115 <Bold> raised while it was made: AttributeError: .*'status'"):
+        make_tree("<Bold/>", Bold)
+
+
+def test_new_may_be_overridden(make_tree: Grow) -> None:
+    class Made(SyncAction):
+        made: int
+
+        def __new__(cls) -> "Made":
+            one = super().__new__(cls)
+            one.made = 1
+            return one
+
+        def tick(self) -> bool:
+            return self.made == 1
+
+    assert make_tree("<Made/>", Made).tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize("options", [{}, {"eq": False}, {"slots": True}, {"kw_only": True}, {"order": True}])
+def test_a_dataclass_of_any_kind_is_a_leaf(options: dict[str, bool], make_tree: Grow) -> None:
+    @dataclass(**options)
+    class Drive(SyncAction):
+        robot: Robot
+        speed: In[int]
+        turn: In[int] = 5
+
+        def tick(self) -> bool:
+            return (self.speed, self.turn) == (self.robot.speed, 5)
+
+    assert make_tree('<Drive speed="3"/>', Drive, resources=[Robot()]).tick_once() is Status.SUCCESS
+
+
+def test_a_frozen_dataclass_is_rejected() -> None:
+    @dataclass(frozen=True)
+    class Ice(SyncAction):
+        robot: Robot
+
+    with pytest.raises(RegistrationError, match=r"<Ice>: .*Ice is a frozen dataclass, but a node changes"):
+        Registry.standard().add(Ice)
+
+
+def test_slots_are_kept(make_tree: Grow) -> None:
+    class Narrow(SyncAction):
+        __slots__ = ("left",)
+
+        def __init__(self) -> None:
+            self.left = 1
+
+        def tick(self) -> bool:
+            self.left -= 1
+            return self.left == 0
+
+    assert make_tree("<Narrow/>", Narrow).tick_once() is Status.SUCCESS
+
+
+# --- deriving one
+
+
+class Remembers:
+    """A mixin with state, and with a tick that passes on."""
+
+    def __init__(self) -> None:
+        self.ticks: list[str] = []
+
+    def tick(self) -> Any:
+        self.ticks.append(type(self).__name__)
+        return super().tick()  # type: ignore[misc]
+
+
+class HasLimit:
+    """A mixin with a port."""
+
+    limit: In[int]
+
+
+def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: Grow) -> None:
+    class Both(Remembers, HasLimit, Yes):
+        pass
+
+    tree = make_tree('<Both limit="4"/>', Both)
+    assert tree.tick_once() is Status.SUCCESS
+    (node,) = tree.find(Both)
+    assert (node.ticks, node.limit) == (["Both"], 4)
+
+
+def test_a_mixin_may_stand_behind_the_leaf(make_tree: Grow) -> None:
+    class Behind(SyncAction, Remembers):
+        def tick(self) -> bool:
+            return not self.ticks
+
+    assert make_tree("<Behind/>", Behind).tick_once() is Status.SUCCESS
+
+
+def test_a_protocol_may_be_among_the_bases(make_tree: Grow) -> None:
+    class Measures(Protocol):
+        def measured(self) -> int: ...
+
+    class Gauge(SyncAction, Measures):
+        def measured(self) -> int:
+            return 2
+
+        def tick(self) -> bool:
+            return self.measured() == 2
+
+    assert make_tree("<Gauge/>", Gauge).tick_once() is Status.SUCCESS
+
+
+def test_a_leaf_may_be_generic(make_tree: Grow) -> None:
+    class Compare(SyncAction, Generic[T]):
+        expected: ClassVar[Any]
+
+        def same(self, value: T) -> bool:
+            return bool(value == self.expected)
+
+    class CompareInt(Compare[int]):
+        expected = 3
+        value: In[int]
+
+        def tick(self) -> bool:
+            return self.same(self.value)
+
+    assert make_tree('<CompareInt value="3"/>', CompareInt).tick_once() is Status.SUCCESS
+
+
+class Sensor(SyncAction, abc.ABC):
+    """Leaves a method to those that are derived from it."""
+
+    @abc.abstractmethod
+    def measure(self) -> int: ...
+
+    def tick(self) -> bool:
+        return self.measure() > 1
+
+
+def test_a_leaf_may_fill_in_what_an_abstract_one_leaves_out(make_tree: Grow) -> None:
+    class Sonar(Sensor):
+        def measure(self) -> int:
+            return 2
+
+    assert make_tree("<Sonar/>", Sonar).tick_once() is Status.SUCCESS
+
+
+def test_an_abstract_one_itself_is_refused_with_what_it_lacks() -> None:
+    with pytest.raises(RegistrationError, match=r"<Sensor>: Sensor is abstract: .* has measure\(\)"):
+        Registry.standard().add(Sensor)
+
+
+def test_deriving_may_be_hooked_into_and_have_a_metaclass(make_tree: Grow) -> None:
+    class Kind(type(SyncAction)):  # type: ignore[misc]
+        pass
+
+    class Flavoured(Yes, metaclass=Kind):
+        flavours: ClassVar[list[str]] = []
+
+        def __init_subclass__(cls, flavour: str) -> None:
+            super().__init_subclass__()
+            cls.flavours.append(flavour)
+
+    class Sweet(Flavoured, flavour="sweet"):
+        pass
+
+    assert make_tree("<Sweet/>", Sweet).tick_once() is Status.SUCCESS
+    assert Flavoured.flavours == ["sweet"]
+
+
+def test_every_built_in_node_may_be_derived_from() -> None:
+    built_in = {
+        manifest.cls for format in (3, 4) for manifest in Registry.standard().manifests_of(format).values()
+    }
+    assert len(built_in) > 42
+    for cls in built_in:
+        derived = type("Own" + cls.__name__, (cls,), {})
+        assert issubclass(derived, cls)
+
+
+# --- overriding
+
+
+def test_a_property_of_the_engine_may_be_overridden(make_tree: Grow) -> None:
+    class Renamed(SyncAction):
+        @property
+        def name(self) -> str:
+            return "mine"
+
+        def tick(self) -> bool:
+            return self.name == "mine"
+
+    tree = make_tree("<Renamed/>", Renamed)
+    assert tree.tick_once() is Status.SUCCESS
+    assert (tree.root.name, tree.root.path) == ("mine", "Renamed::1")
+
+
+def test_execute_tick_may_be_overridden(make_tree: Grow) -> None:
+    class Contrary(Yes):
+        def execute_tick(self) -> Status:
+            super().execute_tick()
+            return Status.FAILURE
+
+    assert make_tree("<Sequence><Contrary/></Sequence>", Contrary).tick_once() is Status.FAILURE
+
+
+def test_halt_may_be_overridden(make_tree: Grow) -> None:
+    class Careful(StatefulAction):
+        halts = 0
+
+        def on_start(self) -> Status:
+            return Status.RUNNING
+
+        def on_running(self) -> Status:
+            return Status.RUNNING
+
+        def halt(self) -> None:
+            self.halts += 1
+            super().halt()
+
+    tree = make_tree("<Careful/>", Careful)
+    tree.tick_once()
+    tree.root.halt()
+    assert (tree.find(Careful)[0].halts, tree.root.status) == (1, Status.IDLE)
+
+
+def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: Grow) -> None:
+    class Changing(Yes):
+        pass
+
+    tree = make_tree("<Changing/>", Changing)
+    assert tree.tick_once() is Status.SUCCESS
+    Changing.tick = lambda self: False  # type: ignore[method-assign]
+    assert tree.tick_once() is Status.FAILURE
+    tree.root.tick = lambda: True  # type: ignore[method-assign]
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_attributes_may_be_made_when_they_are_asked_for(make_tree: Grow) -> None:
+    class Lazy(SyncAction):
+        @cached_property
+        def half(self) -> int:
+            return 21
+
+        def __getattr__(self, name: str) -> int:
+            if name == "double":
+                return 2 * self.half
+            raise AttributeError(name)
+
+        def tick(self) -> bool:
+            return bool(self.double == 42)
+
+    tree = make_tree("<Lazy/>", Lazy)
+    assert tree.tick_once() is Status.SUCCESS
+    assert not hasattr(tree.root, "triple")
+
+
+# --- the engine's other classes
+
+
+def test_a_clock_an_observer_and_a_tree_may_be_derived_from() -> None:
+    class Stopped(SimClock):
+        def now(self) -> int:
+            return 7
+
+    class Listens(Observer):
+        def __init__(self) -> None:
+            self.heard: list[Transition] = []
+
+        def transition(self, change: Transition) -> None:
+            self.heard.append(change)
+
+    class Own(Tree):
+        pass
+
+    listener = Listens()
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>',
+        clock=Stopped(),
+    )
+    tree.subscribe(listener)
+    tree.tick_once()
+    assert [(change.stamp, change.status) for change in listener.heard] == [
+        (7, Status.SUCCESS),
+        (7, Status.IDLE),
+    ]
+    assert issubclass(Own, Tree)
+
+
+def test_a_type_of_port_may_be_derived_from(make_tree: Grow) -> None:
+    class Names(ValueType):
+        def __init__(self) -> None:
+            super().__init__("std::vector<Name>", list)
+
+        def from_text(self, text: str, format: int = 4) -> list[str]:
+            return text.split("|")
+
+        def accepts(self, value: object) -> bool:
+            return isinstance(value, list)
+
+    @action
+    def greet(names: In[Annotated[list[str], Names()]], said: Put[str]) -> bool:
+        said(", ".join(names))
+        return True
+
+    tree = make_tree(
+        '<Sequence><Greet names="Ada|Bob" said="{a}"/><Greet names="{n}" said="{b}"/></Sequence>', greet
+    )
+    tree.blackboard["n"] = ["Cy"]
+    assert tree.tick_once() is Status.SUCCESS
+    assert (tree.blackboard["a"], tree.blackboard["b"]) == ("Ada, Bob", "Cy")
+
+
+# --- living and dying
+
+
+def test_a_tree_that_nobody_holds_goes_with_its_leaves(make_tree: Grow) -> None:
+    class Selfish(Yes):
+        def __init__(self) -> None:
+            self.me = self
+
+    tree = make_tree("<Sequence><Selfish/></Sequence>", Selfish)
+    tree.tick_once()
+    leaf = weakref.ref(tree.find(Selfish)[0])
+    assert leaf() is not None
+    del tree
+    gc.collect()
+    assert leaf() is None
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_tree_and_its_nodes_are_neither_copied_nor_pickled(
+    copied: Callable[[Any], Any], make_tree: Grow
+) -> None:
+    tree = make_tree("<Sequence><Yes/></Sequence>", Yes)
+    for thing in (tree, tree.root, tree.find(Yes)[0]):
+        with pytest.raises(TypeError, match="load"):
+            copied(thing)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_the_entries_of_a_blackboard_are_copied_into_another(copied: Callable[[Any], Any]) -> None:
+    board, other = Blackboard(), Blackboard()
+    board["x"] = 1
+    with pytest.raises(TypeError, match=r"clone_into\(\) copies its entries"):
+        copied(board)
+    board.clone_into(other)
+    other["x"] = 2
+    assert (board["x"], other["x"]) == (1, 2)
+
+
+def test_what_a_tree_tells_can_be_pickled(make_tree: Grow) -> None:
+    def broken() -> bool:
+        raise ValueError("out of reach")
+
+    with pytest.raises(NodeExecutionError) as raised:
+        make_tree("<Broken/>", broken).tick_once()
+    change = Transition(1, 2, 3, 4, Status.IDLE, Status.SUCCESS)
+    fault = NodeError("no such thing")
+    again = pickle.loads(pickle.dumps([Status.SUCCESS, NodeType.CONTROL, change, fault, raised.value]))
+    assert again[0] is Status.SUCCESS
+    assert again[1] is NodeType.CONTROL
+    assert again[2] == change
+    assert [str(one) for one in again[3:]] == [str(fault), str(raised.value)]
+
+
+# --- help()
+
+
+@pytest.mark.parametrize("name", [name for name in btcore.__all__ if callable(getattr(btcore, name))])
+def test_help_tells_what_the_source_says(name: str) -> None:
+    thing = getattr(btcore, name)
+    said = inspect.getdoc(thing)
+    assert said
+    assert "mypyc" not in said
+
+
+def test_help_tells_of_methods_with_their_parameters() -> None:
+    assert str(inspect.getdoc(Tree.tick_while_running)).startswith(
+        "Tick until the root isn't RUNNING, every *per"
+    )
+    assert list(inspect.signature(Tree.tick_while_running).parameters) == ["self", "period"]
+    assert list(inspect.signature(btcore.load).parameters)[:2] == ["path", "nodes"]
+    assert str(inspect.getdoc(StatefulAction.on_halted)).startswith("Clean up.")

@@ -1,0 +1,236 @@
+"""Control nodes and decorators of the user's own are classes, and are used from XML like any other."""
+
+from collections.abc import Callable
+
+import pytest
+
+from btcore import (
+    ControlNode,
+    DecoratorNode,
+    In,
+    InOut,
+    NodeExecutionError,
+    NodeType,
+    Out,
+    RegistrationError,
+    Registry,
+    Status,
+    Tree,
+    TreeError,
+    TreeNode,
+)
+from btcore.nodes.result_decorators import Inverter
+from btcore.nodes.sequence import Sequence
+from btcore.testing.plan_leaves import CallLog
+
+Grow = Callable[..., Tree]
+
+
+class Shuffle(ControlNode):
+    """Ticks its children from the last to the first, `rounds` times."""
+
+    rounds: In[int] = 1
+    done: Out[int]
+
+    def __init__(self, journal: CallLog) -> None:
+        self.journal = journal
+        self.left: list[int] = []
+
+    def tick(self) -> Status:
+        if self.status is Status.IDLE:
+            self.left = list(range(len(self.children))) * self.rounds
+        self.set_status(Status.RUNNING)
+        while self.left:
+            status = self.children[self.left[-1]].execute_tick()
+            if status is Status.RUNNING:
+                return status
+            self.halt_child(self.left.pop())
+            if status is Status.FAILURE:
+                self.reset_children()
+                return status
+        self.done = self.rounds
+        self.reset_children()
+        return Status.SUCCESS
+
+    def halt(self) -> None:
+        self.journal.record(self.name, "halt")
+        super().halt()
+
+
+class AtMost(DecoratorNode):
+    """Gives its child *ticks* ticks, then fails."""
+
+    ticks: In[int]
+    used: InOut[int]
+
+    def tick(self) -> Status:
+        if self.status is Status.IDLE:
+            self.used = 0
+        self.set_status(Status.RUNNING)
+        if self.used >= self.ticks:
+            self.halt_child()
+            return Status.FAILURE
+        self.used += 1
+        return self.child.execute_tick()
+
+
+def test_a_control_node_ticks_its_children_as_it_likes(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
+        '<Shuffle name="x" rounds="2" done="{done}">'
+        '<PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS|S"/></Shuffle>',
+        Shuffle,
+    )
+    assert tree.tick_exactly_once() is Status.RUNNING
+    assert tree.tick_exactly_once() is Status.SUCCESS
+    assert journal.calls == ["b:start", "b:running", "a:tick", "b:start", "a:tick"]
+    assert tree.blackboard["done"] == 2
+    assert {node.status for node in tree} == {Status.IDLE}
+
+
+def test_it_is_halted_with_its_children(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
+        '<Sequence><Shuffle name="x"><PlanAction name="b" plan="R"/></Shuffle></Sequence>', Shuffle
+    )
+    tree.tick_once()
+    journal.take()
+    tree.root.halt()
+    assert journal.take() == ["x:halt", "b:halted"]
+    assert {node.status for node in tree} == {Status.IDLE}
+
+
+def test_it_is_known_for_what_it_is(make_tree: Grow) -> None:
+    tree = make_tree(
+        '<Shuffle done="{d}"><AtMost ticks="3" used="{u}"><AlwaysSuccess/></AtMost></Shuffle>',
+        Shuffle,
+        AtMost,
+    )
+    assert [node.type for node in tree] == [NodeType.CONTROL, NodeType.DECORATOR, NodeType.ACTION]
+    assert list(tree.registry.manifests["Shuffle"].ports) == ["rounds", "done"]
+    assert tree.registry.manifests["AtMost"].description == "Gives its child *ticks* ticks, then fails."
+
+
+def test_a_decorator_decides_when_its_child_is_ticked(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree('<AtMost ticks="2" used="{u}"><PlanAction name="a" plan="RRR"/></AtMost>', AtMost)
+    assert [tree.tick_once().name for _ in range(3)] == ["RUNNING", "RUNNING", "FAILURE"]
+    assert journal.calls == ["a:start", "a:running", "a:halted"]
+    assert tree.blackboard["u"] == 2
+
+
+def test_the_completed_child_of_a_decorator_is_reset(make_tree: Grow) -> None:
+    tree = make_tree('<AtMost ticks="5" used="{u}"><PlanAction name="a" plan="S"/></AtMost>', AtMost)
+    assert [tree.tick_once() for _ in range(2)] == [Status.SUCCESS, Status.SUCCESS]
+
+
+def test_a_child_taken_by_an_overridden_adopt_is_reset(make_tree: Grow) -> None:
+    class Taking(DecoratorNode):
+        def set_children(self, children: list[TreeNode]) -> None:
+            self.child = children[0]
+
+        def tick(self) -> Status:
+            return self.child.execute_tick()
+
+    tree = make_tree("<Taking><AlwaysSuccess/></Taking>", Taking)
+    assert tree.tick_exactly_once() is Status.SUCCESS
+    assert tree.nodes[1].status is Status.IDLE
+
+
+def test_both_may_be_written_in_the_explicit_form(make_tree: Grow) -> None:
+    tree = make_tree(
+        '<Control ID="Shuffle" done="{d}"><Decorator ID="AtMost" ticks="1" used="{u}">'
+        '<Action ID="PlanSync" plan="S"/></Decorator></Control>',
+        Shuffle,
+        AtMost,
+    )
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_pre_and_post_conditions_work_around_them(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
+        '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1">'
+        '<PlanSync name="a" plan="S"/></Shuffle>',
+        Shuffle,
+    )
+    tree.blackboard["n"] = 0
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.tick_once() is Status.SKIPPED
+    assert journal.calls == ["a:tick"]
+
+
+def test_a_decorator_has_exactly_one_child_and_a_control_node_at_least_one(make_tree: Grow) -> None:
+    with pytest.raises(TreeError, match="AtMost"):
+        make_tree('<AtMost ticks="1"><AlwaysSuccess/><AlwaysSuccess/></AtMost>', AtMost)
+    with pytest.raises(TreeError, match="Shuffle"):
+        make_tree("<Shuffle/>", Shuffle)
+
+
+def test_one_without_a_tick_is_an_error_that_names_it(make_tree: Grow) -> None:
+    class Idler(ControlNode):
+        pass
+
+    with pytest.raises(NodeExecutionError, match=r"'Idler::1' <Idler>.*<Idler> has no tick\(\)"):
+        make_tree("<Idler><AlwaysSuccess/></Idler>", Idler).tick_once()
+
+
+def test_one_that_returns_idle_is_an_error_that_names_it(make_tree: Grow) -> None:
+    class Lazy(DecoratorNode):
+        def tick(self) -> Status:
+            return Status.IDLE
+
+    with pytest.raises(NodeExecutionError, match=r"'Lazy::1' <Lazy>.*not IDLE"):
+        make_tree("<Lazy><AlwaysSuccess/></Lazy>", Lazy).tick_once()
+
+
+def test_a_built_in_control_node_may_be_derived_from(make_tree: Grow, journal: CallLog) -> None:
+    class Polite(Sequence):
+        """A Sequence that says so."""
+
+        greeting: In[str] = "hello"
+
+        def tick(self) -> Status:
+            status = super().tick()
+            journal.record(self.greeting, status.name)
+            return status
+
+    tree = make_tree('<Polite><PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS"/></Polite>', Polite)
+    tree.tick_once()
+    tree.tick_once()
+    assert journal.calls == ["a:tick", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
+
+
+def test_a_built_in_decorator_may_be_derived_from(make_tree: Grow) -> None:
+    class Sometimes(Inverter):
+        inverts: In[bool]
+
+        def tick(self) -> Status:
+            return super().tick() if self.inverts else self.child.execute_tick()
+
+    tree = make_tree('<Sometimes inverts="{i}"><AlwaysSuccess/></Sometimes>', Sometimes)
+    tree.blackboard["i"] = True
+    assert tree.tick_once() is Status.FAILURE
+    tree.blackboard["i"] = False
+    assert tree.tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("base", "name"), [(ControlNode, "halt_child"), (DecoratorNode, "child"), (DecoratorNode, "reset_child")]
+)
+def test_no_port_hides_what_a_node_with_children_has(base: type[TreeNode], name: str) -> None:
+    hiding = type("Hiding", (base,), {"__annotations__": {name: In[str]}})
+    with pytest.raises(
+        RegistrationError, match=f"port '{name}' of Hiding would hide what {base.__name__} has"
+    ):
+        Registry.standard().add(hiding)
+
+
+def test_attributes_need_no_call_of_super_init(make_tree: Grow) -> None:
+    class Counted(ControlNode):
+        def __init__(self) -> None:
+            self.number = len(self.children)
+
+        def tick(self) -> Status:
+            return Status.SUCCESS if self.number == 2 else Status.FAILURE
+
+    assert (
+        make_tree("<Counted><AlwaysSuccess/><AlwaysSuccess/></Counted>", Counted).tick_once()
+        is Status.SUCCESS
+    )

@@ -1,0 +1,76 @@
+"""A saved file replaces the tree between two ticks; a broken one does not."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+import btcore
+from btcore import Status, TreeError
+from btcore.loading.hot_reload import FileWatcher, reload_tree
+
+FIRST = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+    <Script code="x := 1"/><Sleep msec="3600000"/></Sequence></BehaviorTree></root>"""
+SECOND = """<root BTCPP_format="4"><BehaviorTree ID="Main">
+    <ScriptCondition code="x == 1"/></BehaviorTree></root>"""
+
+
+def save(path: Path, text: str) -> None:
+    """Save as an editor does, at a time that no earlier save had."""
+    before = path.stat().st_mtime_ns if path.exists() else 0
+    path.write_text(text)
+    os.utime(path, ns=(before + 1_000_000_000, before + 1_000_000_000))
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "tree.xml"
+    save(path, FIRST)
+    return path
+
+
+def test_a_saved_file_is_noticed_once(file: Path) -> None:
+    watch = FileWatcher(file)
+    assert not watch.has_changed()
+    save(file, SECOND)
+    assert watch.has_changed()
+    assert not watch.has_changed()
+
+
+def test_a_file_that_is_gone_for_a_moment_is_no_new_file(file: Path) -> None:
+    """Editors save by renaming."""
+    watch = FileWatcher(file)
+    text = file.read_text()
+    file.unlink()
+    assert not watch.has_changed()
+    save(file, text + "\n")
+    assert watch.has_changed()
+
+
+def test_a_saved_include_is_noticed_too(file: Path) -> None:
+    part = file.parent / "part.xml"
+    save(part, SECOND.replace("Main", "Part"))
+    save(file, FIRST.replace('<BehaviorTree ID="Main"', '<include path="part.xml"/><BehaviorTree ID="Main"'))
+    watch = FileWatcher(file)
+    save(part, SECOND.replace("Main", "Part").replace("1", "2"))
+    assert watch.has_changed()
+
+
+def test_the_blackboard_stays_and_the_old_tree_is_halted(file: Path) -> None:
+    old = btcore.load(file, clock=btcore.SimClock())
+    assert old.tick_once() is Status.RUNNING
+    save(file, SECOND)
+    new = reload_tree(old, file)
+    assert all(node.status is Status.IDLE for node in old)
+    assert new.tick_once() is Status.SUCCESS
+    assert new.blackboard is old.blackboard
+
+
+def test_a_broken_file_leaves_the_old_tree_running_and_the_blackboard_as_it_was(file: Path) -> None:
+    old = btcore.load(file, clock=btcore.SimClock())
+    old.tick_once()
+    save(file, SECOND.replace("<ScriptCondition", '<Switch2 variable="{new_key}"/><ScriptCondition'))
+    with pytest.raises(TreeError):
+        reload_tree(old, file)
+    assert old.root.status is Status.RUNNING
+    assert set(old.blackboard) == {"x"}

@@ -1,0 +1,107 @@
+"""A tree's blackboards as JSON, and back."""
+
+import json
+from dataclasses import dataclass
+from enum import Enum
+
+import pytest
+
+import btcore
+from btcore import (
+    BlackboardError,
+    In,
+    Registry,
+    action,
+)
+from btcore.loading.json_export import (
+    export_blackboard,
+    export_tree,
+    import_blackboard,
+    import_tree,
+)
+
+
+@dataclass
+class Pose:
+    x: float
+    y: float
+
+
+class Color(Enum):
+    RED = 1
+
+
+def tree_of() -> btcore.Tree:
+    nodes = Registry.standard()
+    nodes.add_type(Pose, name="Pose")
+
+    @action
+    def go(goal: In[Pose]) -> bool:
+        return goal.x > 0
+
+    nodes.add(go)
+    return btcore.loads(
+        """<root BTCPP_format="4" main_tree_to_execute="Main">
+        <BehaviorTree ID="Main"><SubTree ID="Inner" name="inner" n="{count}" k="3"/></BehaviorTree>
+        <BehaviorTree ID="Inner"><Sequence><Script code="n := 1; own := 'x'"/><Go goal="{@goal}"/></Sequence>
+        </BehaviorTree></root>""",
+        nodes=nodes,
+    )
+
+
+def filled() -> btcore.Tree:
+    tree = tree_of()
+    tree.blackboard["goal"] = Pose(1.5, 2.0)
+    tree.blackboard["list"] = [1, 2]
+    tree.blackboard["on"] = True
+    tree.blackboard["color"] = Color.RED
+    tree.tick_once()
+    return tree
+
+
+def test_every_subtree_is_exported_under_its_path_and_the_main_one_under_its_id() -> None:
+    assert export_tree(filled()) == {
+        "Main": {
+            "count": 1,
+            "goal": {"__type": "Pose", "x": 1.5, "y": 2.0},
+            "list": [1, 2],
+            "on": 1,
+            "color": 1,
+        },
+        "inner": {"k": 3, "own": "x"},
+    }
+
+
+def test_what_was_exported_can_be_imported_by_way_of_a_file() -> None:
+    text = json.dumps(export_tree(filled()))
+    fresh = tree_of()
+    import_tree(fresh, json.loads(text))
+    assert fresh.blackboard["goal"] == Pose(1.5, 2.0)
+    assert json.dumps(export_tree(fresh), sort_keys=True) == json.dumps(json.loads(text), sort_keys=True)
+
+
+def test_an_entry_never_written_is_null_and_stays_so() -> None:
+    tree = tree_of()
+    assert export_blackboard(tree.blackboard) == {"goal": None}
+    import_blackboard(tree.blackboard, {"goal": None}, tree.registry.types)
+    assert export_blackboard(tree.blackboard) == {"goal": None}
+
+
+def test_an_unknown_subtree_is_refused_before_anything_is_written() -> None:
+    tree = tree_of()
+    with pytest.raises(BlackboardError, match="no subtree 'iner'; did you mean 'inner'"):
+        import_tree(tree, {"Main": {"count": 5}, "iner": {}})
+    assert "count" not in tree.blackboard
+
+
+def test_a_subtree_without_data_is_refused() -> None:
+    with pytest.raises(BlackboardError, match="nothing is given for the subtrees inner"):
+        import_tree(tree_of(), {"Main": {}})
+
+
+def test_an_unknown_type_is_named_with_its_key() -> None:
+    tree = tree_of()
+    with pytest.raises(
+        BlackboardError, match=r"\[goal\] can't be imported: a 'Twist' is no type that is registered"
+    ):
+        import_blackboard(tree.blackboard, {"goal": {"__type": "Twist"}}, tree.registry.types)

@@ -1,0 +1,404 @@
+"""The scripting language: the rules that the recorded scripts don't cover (nodes.md §3.1, §8)."""
+
+import enum
+import math
+
+import pytest
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.clock import SimClock
+from btcore.errors import ScriptError
+from btcore.script.program import compile_script, condition_result
+from btcore.values import (
+    BOOL,
+    INT,
+    STRING,
+    UINT8,
+    UINT64,
+    VECTOR_INT,
+)
+
+ENUMS = {"RED": 1, "BLUE": 3}
+
+
+class Colour(enum.Enum):
+    RED = 1
+    BLUE = 3
+
+
+class Opaque:
+    pass
+
+
+@pytest.fixture
+def board():
+    return Blackboard(clock=SimClock(5))
+
+
+def run(text, board=None, enums=None):
+    return compile_script(text, ENUMS if enums is None else enums).run(board or Blackboard())
+
+
+def fault(text, board=None):
+    with pytest.raises(ScriptError) as caught:
+        run(text, board)
+    return caught.value
+
+
+class TestTokens:
+    @pytest.mark.parametrize(
+        ("text", "value"),
+        [
+            ("0x1F", 31),
+            ("0X1f", 31),
+            ("007", 7),
+            ("9223372036854775807", 2**63 - 1),
+            ("9223372036854775808", 0),
+            ("0x7FFFFFFFFFFFFFFF", 2**63 - 1),
+            ("0xFFFFFFFFFFFFFFFF", 0),
+            ("9" * 5000, 0),
+            ("1e3", 1000.0),
+            ("1.5E-1", 0.15),
+            ("'a \"b\" \\n'", 'a "b" \\n'),
+            ("''", ""),
+        ],
+    )
+    def test_literals(self, text, value):
+        found = run(text)
+        assert found == value
+        assert type(found) is type(value)
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "3foo",
+            "0x",
+            "0x1G",
+            "0x1.5",
+            "1.",
+            ".5",
+            "1.x",
+            "1e",
+            "1e+",
+            "1.5foo",
+            "'open",
+            ".",
+            "$",
+            "#",
+            '"a"',
+            "ä",
+        ],
+    )
+    def test_malformed_words_are_refused(self, text):
+        assert fault(text).column == 1
+
+    def test_a_dot_dot_may_follow_an_integer_at_once(self):
+        assert run("65..'a'") == "65a"
+
+    def test_white_space_is_space_tab_and_line_ends_alone(self):
+        assert run("\t1\r\n + 1 ") == 2.0
+        fault("1\v+ 1")
+
+    def test_true_and_false_are_lower_case(self):
+        assert run("true") == 1.0
+        assert fault("True").message.startswith("there is no variable 'True'")
+
+    def test_an_at_sign_begins_a_name(self, board):
+        inner = Blackboard(board)
+        run("@x := 1", inner)
+        assert board["x"] == 1
+        board.local()[""] = board.find("x")
+        assert run("@@x", inner) == 1
+        assert fault("@@y", inner).message.startswith("there is no variable '@y'")
+
+
+class TestStatements:
+    def test_semicolons_between_are_optional_and_repeatable(self, board):
+        assert run("a:=1 b:=2;; ; a + b;", board) == 3.0
+
+    def test_the_value_is_the_last_statement_s(self, board):
+        assert run("1; 'two'", board) == "two"
+
+    @pytest.mark.parametrize("text", ["", " \n\t"])
+    def test_an_empty_script_is_refused(self, text):
+        assert "empty" in fault(text).message
+
+    @pytest.mark.parametrize("text", ["; a := 1", "(1", "1 +", ")", "1 ? 2", "a :=", ":= 1", "()", "1 ? : 2"])
+    def test_a_broken_one_is_refused_before_it_runs(self, text):
+        with pytest.raises(ScriptError):
+            compile_script(text)
+
+    def test_the_place_of_a_fault_is_known(self):
+        broken = fault("a := 1;\n b := (2")
+        assert (broken.column, broken.width) == (17, 1)
+        assert "for the '(' in column 15" in broken.message
+        assert str(broken).endswith("\n   2 |   b := (2\n     |          ^")
+        missing = fault("a := 1; a + wrong")
+        assert (missing.column, missing.width) == (13, 5)
+
+    def test_nesting_has_an_end(self):
+        assert run("(" * 150 + "1" + ")" * 150) == 1
+        for text in ("(" * 5000 + "1" + ")" * 5000, "1?1:" * 5000 + "1", "a:=" * 5000 + "1"):
+            assert "nested" in fault(text).message
+
+    def test_a_long_row_of_operators_is_no_nesting(self):
+        assert run("1" + "+1" * 5000) == 5001.0
+        assert run("-" * 5000 + "1") == 1.0
+        assert run("1" + "<=1" * 5000) == 1.0
+
+
+class TestPrecedence:
+    @pytest.mark.parametrize(
+        ("text", "value"),
+        [
+            ("-3-2", -5.0),
+            ("2*-3", -6.0),
+            ("2+3*4", 14.0),
+            ("10-4-3", 3.0),
+            ("8/4/2", 1.0),
+            ("1|2==3", 1.0),
+            ("1|2^3", 0.0),
+            ("1|6&3", 3.0),
+            ("1&1+1", 0.0),
+            ("1<2<3", 1.0),
+            ("3>2>2", 0.0),
+            ("2==2==2", 1.0),
+            ("1==1&&2==2||false", 1.0),
+            ("false ? 1 : false ? 2 : 3", 3),
+            ("true ? 1 : 2 + 5", 1),
+            ("!1==0", 1.0),
+            ("~5.5", -6.0),
+            ("!!3", 1.0),
+            ("-~1", 2.0),
+            ("(2+3)*4", 20.0),
+            ("'a'..1+2", "error"),
+        ],
+    )
+    def test_of_operators(self, text, value):
+        if value == "error":
+            fault(text)
+        else:
+            assert run(text) == value
+
+    def test_an_assignment_takes_all_that_follows(self, board):
+        assert run("a:=b:=1+2", board) == 3.0
+        assert board["a"] == board["b"] == 3.0
+
+    def test_an_assignment_ends_a_choice(self, board):
+        fault("true ? a := 1 : b := 2", board)
+        assert run("true ? a := 1 : (b := 2)", board) == 1
+        assert "b" not in board
+
+
+class TestEvaluation:
+    def test_arithmetic_is_in_doubles(self):
+        assert repr(run("1+2")) == "3.0"
+        assert run("10/4") == 2.5
+        assert run("1/0") == math.inf
+        assert run("-1/0") == -math.inf
+        assert math.isnan(run("0/0"))
+
+    def test_an_integer_of_more_than_53_bits_is_no_double(self, board):
+        board["n"] = 2**53
+        assert "too large" in fault("n + 1", board).message
+        assert run("m := n", board) == 2**53
+
+    def test_texts_add_and_anything_joins(self):
+        assert run("'a' + 'b'") == "ab"
+        assert run("'a' .. 1 .. 1.5") == "a11.500000"
+        assert run("1 .. 2") is None
+        fault("'a' + 1")
+
+    def test_bits_are_of_integers_or_integral_reals(self, board):
+        assert run("6 & 3.0") == 2.0
+        assert "needs integers" in fault("6 | 2.5").message
+        assert run("~(0/0)") == 2.0**63
+        assert "range" in fault("~1e300").message
+
+    def test_logic_evaluates_both_sides(self, board):
+        run("false && (a := 1) || (b := 1)", board)
+        assert board["a"] == board["b"] == 1
+
+    def test_logic_takes_0_and_1_of_the_integers_and_no_negative_real(self):
+        assert run("1.5 && 1") == 1.0
+        assert "needs bools" in fault("2 && 1").message
+        assert "negative" in fault("1 || -1").message
+        fault("'true' && true")
+
+    def test_a_comparison_skips_what_follows_a_false_one(self, board):
+        assert run("2 < 1 < (a := 1)", board) == 0.0
+        assert "a" not in board
+
+    def test_numbers_are_equal_within_a_float_s_precision(self):
+        assert run("1 == 1.0000001") == 1.0
+        assert run("1 == 1.0000002") == 0.0
+        assert run("1/0 == 1/0") == 0.0
+
+    def test_a_text_beside_a_number_is_read_as_one(self):
+        assert run("'true' == 1") == 1.0
+        assert run("'BLUE' > 2") == 1.0
+        assert run("'2.5x' == 2.5") == 1.0
+        fault("'abc' == 1")
+
+    def test_texts_compare_by_their_letters(self):
+        assert run("'abc' < 'abd'") == 1.0
+        assert run("'ab' >= 'abc'") == 0.0
+
+    def test_a_choice_needs_a_number_or_the_text_of_one(self):
+        assert run("'2' ? 1 : 0") == 1
+        assert run("-1 ? 1 : 0") == 1
+        fault("'true' ? 1 : 0")
+        fault("'' ? 1 : 0")
+
+    def test_only_the_side_chosen_is_evaluated(self, board):
+        run("true ? 1 : (a := 1)", board)
+        assert "a" not in board
+
+    def test_an_enum_name_hides_a_variable_for_reading(self, board):
+        assert run("RED := 7; RED", board) == 1.0
+        assert board["RED"] == 7
+
+    def test_enums_are_looked_up_when_the_script_runs(self, board):
+        enums = {}
+        program = compile_script("LATE", enums)
+        enums["LATE"] = 4
+        assert program.run(board) == 4.0
+
+    def test_an_entry_without_a_value_is_no_operand(self, board):
+        board.create("e", INT)
+        assert run("e", board) is None
+        assert "before '+'" in fault("e + 1", board).message
+        assert "after '<'" in fault("1 < e", board).message
+        fault("-e", board)
+        fault("e ? 1 : 2", board)
+        fault("x := e", board)
+
+    def test_other_objects_only_pass_through(self, board):
+        board["o"] = Opaque()
+        assert run("p := o; p", board) is board["o"]
+        for text in ("o + 1", "o == o", "!o", "o ? 1 : 2", "'a' .. o", "o += 1", "o := 1", "o := 'a'"):
+            assert "Opaque" in fault(text, board).message
+
+    def test_a_missing_variable_is_named_with_the_nearest(self, board):
+        board["battery"] = 1
+        assert fault("batery > 0", board).message.endswith("did you mean 'battery'?")
+        assert fault("1 + BLU", board).message.endswith("did you mean 'BLUE'?")
+
+
+class TestAssignment:
+    def test_only_the_creating_one_makes_an_entry(self, board):
+        for operator in ("=", "+=", "-=", "*=", "/="):
+            assert "':=' makes a new one" in fault(f"x {operator} 1", board).message
+        run("x := 1", board)
+        assert board["x"] == 1
+
+    def test_an_entry_made_is_made_before_the_value_is_known(self, board):
+        fault("x := missing", board)
+        assert board.find("x").value is None
+
+    def test_the_left_side_is_a_name(self, board):
+        for text in ("1 := 2", "a + b := 2", "-a := 2", "'a' = 2"):
+            assert "name of an entry" in fault(text, board).message
+        run("(a) := 2", board)
+        assert board["a"] == 2
+
+    def test_every_assignment_counts_and_is_stamped(self, board):
+        run("x := 1; x = 2; x += 3", board)
+        assert (board.find("x").sequence_id, board.find("x").stamp) == (3, 5)
+
+    @pytest.mark.parametrize(
+        ("text", "value"),
+        [("x := 1", 1), ("x := 1.0", 1.0), ("x := true", 1.0), ("x := 1 + 1", 2.0), ("x := RED", 1.0)],
+    )
+    def test_the_first_value_decides_the_kind_of_number(self, board, text, value):
+        run(text, board)
+        assert type(board["x"]) is type(value)
+        assert board["x"] == value
+        assert not board.find("x").declared.strong
+
+    def test_an_integer_stays_one(self, board):
+        assert repr(run("a := 1; a = 3.0; a", board)) == "3"
+        assert "'a' can't take the value" in fault("a = 2.5", board).message
+        assert repr(run("a = 8; a /= 4; a", board)) == "2"
+        fault("a /= 3", board)
+        assert board["a"] == 2
+
+    def test_small_integers_and_bools_are_not_checked(self, board):
+        board.create("b", BOOL)
+        board["b"] = True
+        assert run("b = 0; b", board) is False
+        assert run("b = 2; b", board) == 2
+        board.set("u", 3, UINT8)
+        assert run("u = 300", board) == 300
+
+    def test_an_unsigned_64_bit_entry_takes_no_negative_number(self, board):
+        board.set("u", 3, UINT64)
+        fault("u = -1", board)
+
+    def test_a_text_is_converted_by_the_entry_s_type(self, board):
+        board["i"] = 3
+        board.set("v", [1], VECTOR_INT)
+        assert run("i = '12'", board) == 12
+        assert run("v = '1;2'", board) == [1, 2]
+        fault("i = 'abc'", board)
+
+    def test_a_text_in_an_untyped_number_becomes_a_real(self, board):
+        assert repr(run("a := 1; a = '7'", board)) == "7.0"
+        assert run("a = 'true'", board) == 1.0
+
+    def test_a_number_does_not_become_a_text(self, board):
+        board["s"] = "text"
+        for text in ("s = 1", "s += 1", "s -= 'a'"):
+            fault(text, board)
+        assert run("s += 's'", board) == "texts"
+
+    def test_a_declared_entry_without_a_value_takes_any_first_number(self, board):
+        board.create("i", INT)
+        board.create("j", INT)
+        board.create("s", STRING)
+        assert run("i := 2.5", board) == 2.5
+        assert run("j := '2'", board) == 2
+        assert run("s := 'a'", board) == "a"
+        board.create("k", INT)
+        assert "has no value" in fault("k += 1", board).message
+
+    def test_an_enum_entry_keeps_its_enum(self, board):
+        board["c"] = Colour.RED
+        assert run("c == RED", board) == 1.0
+        assert run("c := BLUE", board) is Colour.BLUE
+        assert run("c := 7", board) == 7
+
+    def test_remapping_and_the_root_apply(self, board):
+        inner = Blackboard(board)
+        inner.remap("in", "out")
+        run("in := 1; @g := 2; own := 3", inner)
+        assert {key: entry.value for key, entry in board.local().items()} == {"out": 1, "g": 2}
+        assert inner["own"] == 3
+
+    def test_what_was_written_before_a_fault_stays(self, board):
+        fault("a := 1; b := missing", board)
+        assert board["a"] == 1
+
+
+class TestTruth:
+    @pytest.mark.parametrize(
+        ("value", "meant"),
+        [(1.0, True), (0.0, False), (2.5, True), (math.nan, True), (1, True), (0, False), (True, True)],
+    )
+    def test_of_numbers(self, value, meant):
+        assert condition_result(value) is meant
+
+    @pytest.mark.parametrize("value", [2, -1, -1.0, "true", "", None, [1]])
+    def test_other_types_have_no_truth_value(self, value):
+        with pytest.raises(ScriptError):
+            condition_result(value)
+
+
+def test_a_program_runs_on_any_blackboard():
+    program = compile_script("n += 1")
+    first, second = Blackboard(), Blackboard()
+    first["n"], second["n"] = 1, 10
+    assert program.run(first) == 2
+    assert program.run(second) == 11
+    assert program.run(first) == 3
+    assert program.text == "n += 1"

@@ -1,0 +1,181 @@
+"""Leaves in threads and under asyncio: both end when the tree is halted."""
+
+import asyncio
+import threading
+
+import pytest
+
+import btcore
+from btcore import (
+    NodeExecutionError,
+    Registry,
+    SimClock,
+    Status,
+    ThreadedAction,
+    action,
+    running,
+    sleep,
+)
+
+
+def tree_of(xml: str, *leaves: object, clock: btcore.Clock | None = None) -> btcore.Tree:
+    nodes = Registry.standard()
+    nodes.add(*leaves)
+    return btcore.loads(
+        f'<root BTCPP_format="4"><BehaviorTree ID="Main">{xml}</BehaviorTree></root>',
+        nodes=nodes,
+        clock=clock,
+    )
+
+
+def test_a_leaf_awaits_what_asyncio_offers() -> None:
+    done = []
+
+    @action
+    async def fetch() -> bool:
+        done.append(await asyncio.wait_for(asyncio.sleep(0.01, "page"), 5))
+        return True
+
+    assert asyncio.run(tree_of("<Fetch/>", fetch).run()) is Status.SUCCESS
+    assert done == ["page"]
+
+
+def test_the_event_loop_goes_on_while_the_tree_waits() -> None:
+    @action
+    async def wait() -> bool:
+        await sleep(0.05)
+        return True
+
+    async def both() -> int:
+        turns = 0
+        run = asyncio.ensure_future(tree_of("<Wait/>", wait).run(period=10))
+        while not run.done():
+            turns += 1
+            await asyncio.sleep(0.001)
+        assert run.result() is Status.SUCCESS
+        return turns
+
+    assert asyncio.run(both()) > 3
+
+
+def test_the_end_of_what_is_awaited_wakes_the_tree() -> None:
+    """With a period of an hour the test would not end otherwise."""
+
+    @action
+    async def fetch() -> bool:
+        await asyncio.sleep(0)
+        await asyncio.get_running_loop().run_in_executor(None, lambda: None)
+        return True
+
+    assert asyncio.run(asyncio.wait_for(tree_of("<Fetch/>", fetch).run(period=3600), 20)) is Status.SUCCESS
+
+
+def test_without_an_event_loop_awaiting_asyncio_is_an_error_that_says_what_to_do() -> None:
+    @action
+    async def fetch() -> bool:
+        await asyncio.sleep(1)
+        return True
+
+    tree = tree_of('<Fetch name="page"/>', fetch)
+    with pytest.raises(NodeExecutionError, match=r"node 'page' <Fetch> .* by `await tree.run\(\)`"):
+        tree.tick_once()
+    assert tree.root.status is Status.IDLE
+
+
+def test_halting_cancels_what_is_awaited_and_runs_finally() -> None:
+    trace = []
+
+    @action
+    async def fetch() -> bool:
+        try:
+            await asyncio.sleep(3600)
+        finally:
+            trace.append("cleaned up")
+        return True
+
+    async def cancel() -> None:
+        tree = tree_of("<Fetch/>", fetch)
+        run = asyncio.ensure_future(tree.run())
+        await asyncio.sleep(0.02)
+        run.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await run
+        assert all(node.status is Status.IDLE for node in tree)
+
+    asyncio.run(cancel())
+    assert trace == ["cleaned up"]
+
+
+def test_a_simulated_clock_jumps_under_asyncio_too() -> None:
+    @action
+    async def wait() -> bool:
+        await running()
+        await sleep(3600)
+        return True
+
+    clock = SimClock()
+    assert asyncio.run(tree_of("<Wait/>", wait, clock=clock).run(period=60)) is Status.SUCCESS
+    assert clock.now() == 3_660_000_000_000
+
+
+def test_a_threaded_action_works_beside_the_tree_and_wakes_it() -> None:
+    here = threading.current_thread()
+
+    class Work(ThreadedAction):
+        def work(self) -> bool:
+            return threading.current_thread() is not here
+
+    tree = tree_of("<Work/>", Work)
+    assert tree.tick_once() in (Status.RUNNING, Status.SUCCESS)
+    assert tree.tick_while_running(period=3600) is Status.SUCCESS
+
+
+def test_halting_a_threaded_action_waits_for_its_thread() -> None:
+    trace = []
+    begun = threading.Event()
+
+    class Work(ThreadedAction):
+        def work(self) -> bool:
+            begun.set()
+            trace.append(self.pause(3600))
+            return True
+
+    tree = tree_of("<Work/>", Work)
+    tree.tick_exactly_once()
+    assert begun.wait(20)
+    tree.halt()
+    assert trace == [True]
+    assert tree.root.status is Status.IDLE
+
+
+def test_what_a_thread_raises_is_raised_by_the_next_tick() -> None:
+    class Work(ThreadedAction):
+        def work(self) -> bool:
+            raise ValueError("no arm")
+
+    tree = tree_of('<Work name="arm"/>', Work)
+    with pytest.raises(
+        NodeExecutionError, match="node 'arm' <Work> raised while ticking: ValueError: no arm"
+    ):
+        tree.tick_while_running(period=3600)
+
+
+def test_the_tick_that_a_thread_wakes_finds_its_result_even_if_the_thread_has_not_ended() -> None:
+    told, release = threading.Event(), threading.Event()
+
+    class Held(ThreadedAction):
+        def work(self) -> bool:
+            return True
+
+        def wake_up(self) -> None:
+            super().wake_up()
+            told.set()
+            release.wait(30)
+
+    tree = tree_of("<Held/>", Held)
+    try:
+        assert tree.tick_exactly_once() is Status.RUNNING
+        assert told.wait(30)
+        assert tree.tick_exactly_once() is Status.SUCCESS
+    finally:
+        release.set()

@@ -1,0 +1,525 @@
+"""Breakpoints and injected statuses: where they fire, what they change, and how they end."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+import btcore
+from btcore import (
+    Observer,
+    Registry,
+    SimClock,
+    StatefulAction,
+    Status,
+    Transition,
+    action,
+    running,
+)
+from btcore.tree.hooks import Hook, HookMode, HookPosition
+
+TREE = """
+<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <Fallback name="root">
+    <Sequence name="try"><Work name="first"/><Work name="second"/></Sequence>
+    <AlwaysSuccess name="rescue"/>
+  </Fallback>
+</BehaviorTree></root>
+"""
+
+
+def tree_of(xml: str, *leaves: object) -> btcore.Tree:
+    nodes = Registry.standard()
+    nodes.add(*leaves)
+    return btcore.loads(xml, nodes=nodes, resources=[SimClock()])
+
+
+def body_of(xml: str) -> str:
+    return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{xml}</BehaviorTree></root>'
+
+
+class Bench:
+    """A tree whose leaves note that they were ticked, and the statuses that an observer saw."""
+
+    def __init__(self) -> None:
+        self.worked: list[str] = []
+        bench = self
+
+        class Work(btcore.SyncAction):
+            def tick(self) -> bool:
+                bench.worked.append(self.name)
+                return True
+
+        self.tree = tree_of(TREE, Work)
+        self.seen: list[tuple[str, Status]] = []
+        names = {node.uid: node.name for node in self.tree.nodes}
+        seen = self.seen
+
+        class Notes(Observer):
+            def transition(self, change: Transition) -> None:
+                if change.status is not Status.IDLE:
+                    seen.append((names[change.uid], change.status))
+
+        self.tree.subscribe(Notes())
+
+    def uid(self, name: str) -> int:
+        return self.tree.node(name).uid
+
+    def inject(
+        self, name: str, status: Status, position: HookPosition = HookPosition.PRE, **more: bool
+    ) -> None:
+        assert self.tree.hooks.insert(Hook(self.uid(name), position, HookMode.REPLACE, status, **more))
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+class Ticking:
+    """Ticks a tree once on another thread."""
+
+    def __init__(self, tree: btcore.Tree) -> None:
+        self.tree = tree
+        self.status: Status | None = None
+        self.thread = threading.Thread(target=self._tick)
+        self.thread.start()
+
+    def _tick(self) -> None:
+        self.status = self.tree.tick_once()
+
+    def stands(self) -> bool:
+        return any(hook.waiting for hook in self.tree.hooks.all())
+
+    def end(self) -> Status:
+        self.thread.join(10)
+        assert not self.thread.is_alive(), "the tick still stands"
+        assert self.status is not None
+        return self.status
+
+
+def until(true: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 10
+    while not true():
+        assert time.monotonic() < deadline, "not within 10 s"
+        time.sleep(0.001)
+
+
+@pytest.fixture
+def ticking() -> Iterator[Callable[[btcore.Tree], Ticking]]:
+    made: list[Ticking] = []
+
+    def start(tree: btcore.Tree) -> Ticking:
+        made.append(Ticking(tree))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.tree.hooks.remove_all()
+        one.end()
+
+
+def test_a_status_before_the_tick_takes_its_place(bench: Bench) -> None:
+    bench.inject("first", Status.FAILURE)
+    assert bench.tree.tick_once() is Status.SUCCESS
+    assert bench.worked == []
+    assert [one for one in bench.seen if one[1] is not Status.RUNNING] == [
+        ("first", Status.FAILURE),
+        ("try", Status.FAILURE),
+        ("rescue", Status.SUCCESS),
+        ("root", Status.SUCCESS),
+    ]
+
+
+def test_a_status_after_the_tick_takes_the_results_place(bench: Bench) -> None:
+    bench.inject("second", Status.FAILURE, HookPosition.POST)
+    assert bench.tree.tick_once() is Status.SUCCESS
+    assert bench.worked == ["first", "second"]
+    assert ("second", Status.FAILURE) in bench.seen
+    assert ("second", Status.SUCCESS) not in bench.seen
+
+
+@pytest.mark.parametrize("status", [Status.SKIPPED, Status.RUNNING, Status.IDLE])
+@pytest.mark.parametrize("position", list(HookPosition))
+def test_only_success_and_failure_replace_anything(
+    bench: Bench, status: Status, position: HookPosition
+) -> None:
+    bench.inject("first", status, position)
+    assert bench.tree.tick_once() is Status.SUCCESS
+    assert bench.worked == ["first", "second"]
+
+
+def test_a_hook_fires_once_if_told_so_and_is_gone(bench: Bench) -> None:
+    bench.inject("first", Status.FAILURE, once=True)
+    bench.tree.tick_once()
+    assert bench.tree.hooks.all() == []
+    bench.tree.tick_once()
+    assert bench.worked == ["first", "second"]
+
+
+def test_a_hook_that_is_not_enabled_does_nothing(bench: Bench) -> None:
+    bench.inject("first", Status.FAILURE, enabled=False)
+    bench.tree.tick_once()
+    assert bench.worked == ["first", "second"]
+
+
+def test_a_pre_condition_decides_before_a_hook_does() -> None:
+    tree = tree_of(body_of('<AlwaysSuccess _failureIf="true"/>'))
+    tree.hooks.insert(Hook(1, HookPosition.PRE, HookMode.REPLACE, Status.SUCCESS))
+    assert tree.tick_once() is Status.FAILURE
+    tree.hooks.insert(Hook(1, HookPosition.POST, HookMode.REPLACE, Status.SUCCESS))
+    assert tree.tick_once() is Status.SUCCESS
+
+
+def test_post_conditions_follow_an_injected_status_but_not_an_overridden_one() -> None:
+    tree = tree_of(body_of('<AlwaysSuccess _onFailure="said := 1" _onSuccess="said := 2"/>'))
+    tree.hooks.insert(Hook(1, HookPosition.PRE, HookMode.REPLACE, Status.FAILURE))
+    tree.tick_once()
+    assert tree.blackboard["said"] == 1
+    tree.hooks.remove(1)
+    tree.hooks.insert(Hook(1, HookPosition.POST, HookMode.REPLACE, Status.FAILURE))
+    assert tree.tick_once() is Status.FAILURE
+    assert tree.blackboard["said"] == 2
+
+
+def test_a_skipped_node_is_overridden_after_its_tick() -> None:
+    tree = tree_of(body_of('<Sequence><AlwaysSuccess _skipIf="true"/></Sequence>'))
+    assert tree.tick_once() is Status.SKIPPED
+    tree.hooks.insert(Hook(2, HookPosition.POST, HookMode.REPLACE, Status.FAILURE))
+    assert tree.tick_once() is Status.FAILURE
+
+
+def test_a_running_node_can_be_ended_before_and_after_its_tick() -> None:
+    calls = []
+
+    class Lasting(StatefulAction):
+        def on_start(self) -> Status:
+            calls.append("start")
+            return Status.RUNNING
+
+        def on_running(self) -> Status:
+            calls.append("running")
+            return Status.RUNNING
+
+    tree = tree_of(body_of("<Lasting/>"), Lasting)
+    assert tree.tick_once() is Status.RUNNING
+    tree.hooks.insert(Hook(1, HookPosition.PRE, HookMode.REPLACE, Status.SUCCESS, once=True))
+    assert tree.tick_once() is Status.SUCCESS
+    assert calls == ["start"]
+    tree.hooks.insert(Hook(1, HookPosition.POST, HookMode.REPLACE, Status.FAILURE, once=True))
+    assert tree.tick_once() is Status.FAILURE
+    assert calls == ["start", "start"]
+
+
+def test_a_hook_for_a_node_that_is_not_there_is_refused(bench: Bench) -> None:
+    assert not bench.tree.hooks.insert(Hook(999))
+    assert not bench.tree.hooks.unlock(1)
+    assert not bench.tree.hooks.remove(1)
+    assert bench.tree.hooks.all() == []
+
+
+def test_hooks_are_listed_those_before_a_tick_first(bench: Bench) -> None:
+    bench.inject("first", Status.FAILURE, HookPosition.POST)
+    bench.inject("second", Status.SUCCESS)
+    places = [(hook.uid, hook.position) for hook in bench.tree.hooks.all()]
+    assert places == [(bench.uid("second"), HookPosition.PRE), (bench.uid("first"), HookPosition.POST)]
+
+
+def test_a_node_without_hooks_is_as_it_was(bench: Bench) -> None:
+    node = bench.tree.node("first")
+    bench.inject("first", Status.FAILURE)
+    bench.tree.hooks.remove(node.uid)
+    bench.tree.tick_once()
+    assert bench.worked == ["first", "second"]
+
+
+def test_a_count_of_ticks_goes_on_beside_hooks(bench: Bench) -> None:
+    tally = bench.tree.node("first").count_ticks()
+    bench.inject("first", Status.FAILURE, once=True)
+    bench.tree.tick_once()
+    bench.tree.tick_once()
+    assert (tally.ticks, tally.failure, tally.success) == (2, 1, 1)
+
+
+def test_two_trees_have_their_own_hooks() -> None:
+    one, other = Bench(), Bench()
+    one.inject("first", Status.FAILURE)
+    other.tree.tick_once()
+    assert other.worked == ["first", "second"]
+
+
+def test_callbacks_of_ones_own_are_asked_before_and_after_a_tick(bench: Bench) -> None:
+    asked: list[object] = []
+    node = bench.tree.node("first")
+
+    def before(one: btcore.TreeNode) -> Status:
+        asked.append(one.name)
+        return Status.SKIPPED
+
+    def after(one: btcore.TreeNode, status: Status) -> Status:
+        asked.append(status)
+        return Status.FAILURE
+
+    node.set_pre_tick_function(before)
+    node.set_post_tick_function(after)
+    bench.tree.tick_once()
+    assert asked == ["first", Status.SUCCESS]
+    assert bench.worked == ["first"]
+    node.set_pre_tick_function(None)
+    node.set_post_tick_function(None)
+    bench.tree.tick_once()
+    assert len(asked) == 2
+
+
+def test_a_breakpoint_stops_the_tick_until_it_is_unlocked(bench: Bench, ticking: type[Ticking]) -> None:
+    fired: list[int] = []
+    bench.tree.hooks.subscribe(lambda hook: fired.append(hook.uid))
+    uid = bench.uid("second")
+    bench.tree.hooks.insert(Hook(uid))
+    run = ticking(bench.tree)
+    until(run.stands)
+    assert bench.worked == ["first"]
+    assert fired == [uid]
+    assert bench.tree.hooks.unlock(uid)
+    assert run.end() is Status.SUCCESS
+    assert bench.worked == ["first", "second"]
+    assert len(bench.tree.hooks.all()) == 1
+
+
+def test_the_unlocking_says_what_the_status_is_and_may_take_the_breakpoint_away(
+    bench: Bench, ticking: type[Ticking]
+) -> None:
+    uid = bench.uid("second")
+    bench.tree.hooks.insert(Hook(uid, HookPosition.POST))
+    run = ticking(bench.tree)
+    until(run.stands)
+    bench.tree.hooks.unlock(uid, HookPosition.POST, Status.FAILURE, remove_when_done=True)
+    run.end()
+    assert bench.worked == ["first", "second"]
+    assert ("second", Status.FAILURE) in bench.seen
+    assert bench.tree.hooks.all() == []
+
+
+def test_an_unlocking_that_comes_early_lets_the_next_tick_pass_once(
+    bench: Bench, ticking: type[Ticking]
+) -> None:
+    uid = bench.uid("first")
+    bench.tree.hooks.insert(Hook(uid))
+    bench.tree.hooks.unlock(uid)
+    assert bench.tree.tick_once() is Status.SUCCESS
+    run = ticking(bench.tree)
+    until(run.stands)
+    bench.tree.hooks.unlock(uid)
+    run.end()
+
+
+@pytest.mark.parametrize("way", ["remove", "remove_all", "disable", "ignore_breakpoints", "insert disabled"])
+def test_what_ends_a_breakpoint_lets_the_tick_go_on_as_if_it_was_never_there(
+    bench: Bench, ticking: type[Ticking], way: str
+) -> None:
+    hooks, uid = bench.tree.hooks, bench.uid("first")
+    hooks.insert(Hook(uid, desired_status=Status.FAILURE))
+    run = ticking(bench.tree)
+    until(run.stands)
+    if way == "remove":
+        hooks.remove(uid)
+    elif way == "remove_all":
+        hooks.remove_all()
+    elif way == "disable":
+        hooks.enable_all(False)
+    elif way == "ignore_breakpoints":
+        hooks.ignore_breakpoints()
+    else:
+        hooks.insert(Hook(uid, enabled=False, desired_status=Status.FAILURE))
+    assert run.end() is Status.SUCCESS
+    assert bench.worked == ["first", "second"]
+
+
+def test_a_breakpoint_that_becomes_a_replacement_goes_on_with_its_status(
+    bench: Bench, ticking: type[Ticking]
+) -> None:
+    uid = bench.uid("first")
+    bench.tree.hooks.insert(Hook(uid))
+    run = ticking(bench.tree)
+    until(run.stands)
+    bench.inject("first", Status.FAILURE)
+    run.end()
+    assert bench.worked == []
+    assert ("first", Status.FAILURE) in bench.seen
+
+
+def test_disabled_hooks_work_again_when_enabled(bench: Bench) -> None:
+    bench.inject("first", Status.FAILURE)
+    bench.tree.hooks.enable_all(False)
+    bench.tree.tick_once()
+    bench.tree.hooks.enable_all(True)
+    bench.tree.tick_once()
+    assert bench.worked == ["first", "second"]
+
+
+def test_a_time_out_above_a_breakpoint_strikes_after_it() -> None:
+    halted = []
+
+    class Lasting(StatefulAction):
+        def on_start(self) -> Status:
+            return Status.RUNNING
+
+        def on_running(self) -> Status:
+            return Status.RUNNING
+
+        def on_halted(self) -> None:
+            halted.append(self.name)
+
+    tree = tree_of(body_of('<Timeout msec="100"><Lasting/></Timeout>'), Lasting)
+    tree.hooks.insert(Hook(2))
+    run = Ticking(tree)
+    until(run.stands)
+    assert isinstance(tree.clock, SimClock)
+    tree.clock.wait_until(tree.clock.now() + 10**9, threading.Event())
+    tree.hooks.remove(2)
+    assert run.end() is Status.FAILURE  # the time that is over asks for another tick at once
+    assert halted == ["Lasting"]
+
+
+def test_hooks_come_and_go_while_the_tree_ticks() -> None:
+    """Nothing is lost: in the end the tree works as if there had been none."""
+    bench = Bench()
+    stop = threading.Event()
+
+    def tick() -> None:
+        while not stop.is_set():
+            bench.tree.tick_once()
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    for turn in range(300):
+        uid = 1 + turn % len(bench.tree.nodes)
+        position = HookPosition(turn % 2)
+        bench.tree.hooks.insert(Hook(uid, position, HookMode(turn // 2 % 2), Status.FAILURE))
+        bench.tree.hooks.unlock(uid, position, Status.SKIPPED, turn % 3 == 0)
+        bench.tree.hooks.remove(uid, position)
+    stop.set()
+    thread.join(10)
+    assert not thread.is_alive()
+    bench.worked.clear()
+    assert bench.tree.tick_once() is Status.SUCCESS
+    assert bench.worked == ["first", "second"]
+
+
+# --- under an event loop
+
+
+async def soon(true: Callable[[], object]) -> int:
+    """Wait until *true*; returns how often the event loop went round meanwhile."""
+    deadline = time.monotonic() + 10
+    turns = 0
+    while not true():
+        assert time.monotonic() < deadline, "not within 10 s"
+        turns += 1
+        await asyncio.sleep(0.001)
+    return turns
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_under_an_event_loop_a_breakpoint_is_awaited(debug: bool) -> None:
+    steps: list[str] = []
+
+    @action
+    async def fetch() -> bool:
+        steps.append("fetch")
+        await asyncio.wait_for(asyncio.sleep(0.001), 5)
+        steps.append("fetched")
+        return True
+
+    tree = tree_of(body_of('<Sequence><Fetch name="page"/><Fetch name="next"/></Sequence>'), fetch)
+    tree.hooks.insert(Hook(tree.node("next").uid))
+
+    async def main() -> None:
+        run = asyncio.ensure_future(tree.run(period=0.001))
+        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        assert steps == ["fetch", "fetched"]
+        for _ in range(10):
+            await asyncio.sleep(0)
+        assert not run.done()
+        tree.hooks.unlock(tree.node("next").uid, remove_when_done=True)
+        assert await asyncio.wait_for(run, 10) is Status.SUCCESS
+        assert asyncio.get_running_loop().get_debug() is debug
+
+    asyncio.run(main(), debug=debug)
+    assert steps == ["fetch", "fetched"] * 2
+    assert not [one for one in threading.enumerate() if one.name == "btcore-tick"]
+
+
+def test_an_event_loop_that_is_cancelled_at_a_breakpoint_halts_the_tree() -> None:
+    trace: list[str] = []
+
+    @action
+    async def hold() -> bool:
+        try:
+            while True:
+                await running()
+        finally:
+            trace.append("halted")
+
+    xml = '<Parallel success_count="2"><Hold/><AlwaysSuccess name="stop here"/></Parallel>'
+    tree = tree_of(body_of(xml), hold)
+    tree.hooks.insert(Hook(tree.node("stop here").uid))
+
+    async def main() -> None:
+        run = asyncio.ensure_future(tree.run())
+        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        run.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await run
+
+    asyncio.run(main())
+    assert trace == ["halted"]
+    assert all(node.status is Status.IDLE for node in tree)
+    assert not [one for one in threading.enumerate() if one.name == "btcore-tick"]
+
+
+def test_a_breakpoint_set_within_a_tick_never_stops_the_loop_itself() -> None:
+    stops: list[int] = []
+
+    @action
+    def arm() -> bool:
+        if not stops:
+            stops.append(1)
+            tree.hooks.insert(Hook(tree.node("later").uid, once=True))
+        return True
+
+    @action
+    async def turn() -> bool:
+        await running()
+        return True
+
+    xml = '<Repeat num_cycles="2"><Sequence><Arm/><AlwaysSuccess name="later"/><Turn/></Sequence></Repeat>'
+    tree = tree_of(body_of(xml), arm, turn)
+
+    async def main() -> None:
+        run = asyncio.ensure_future(tree.run())
+        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        tree.hooks.remove_all()
+        assert await asyncio.wait_for(run, 10) is Status.SUCCESS
+
+    asyncio.run(main())
+
+
+def test_an_error_in_the_tick_thread_is_raised_by_run() -> None:
+    @action
+    def explode() -> bool:
+        raise ValueError("boom")
+
+    tree = tree_of(body_of("<Explode/>"), explode)
+    tree.hooks.insert(Hook(1))
+
+    async def main() -> None:
+        run = asyncio.ensure_future(tree.run())
+        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        tree.hooks.unlock(1)
+        with pytest.raises(btcore.NodeExecutionError, match="boom"):
+            await run
+
+    asyncio.run(main())

@@ -1,0 +1,376 @@
+"""Ticking, halting, waiting and looking into a tree."""
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+import btcore
+from btcore import (
+    Blackboard,
+    BtcoreError,
+    ControlNode,
+    SimClock,
+    StatefulAction,
+    Status,
+    SystemClock,
+    Tree,
+)
+from btcore.nodes.sequence import Sequence
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog, PlanAction
+
+Grow = Callable[..., Tree]
+
+THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
+
+
+# --- ticking
+
+
+def test_an_asynchronous_sequence_takes_a_tick_for_each_child_but_all_in_one_step(make_tree: Grow) -> None:
+    tree = make_tree(f"<AsyncSequence>{THREE}</AsyncSequence>")
+    assert tree.tick_exactly_once() is Status.RUNNING
+    assert [child.status for child in tree.root.children].count(Status.SUCCESS) == 1
+    tree = make_tree(f"<AsyncSequence>{THREE}</AsyncSequence>")
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.ticks == 3
+
+
+def test_tick_once_ticks_again_only_while_the_root_runs(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><PlanSync plan="S"/></Sequence>')
+    tree.wake()
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.ticks == 1
+
+
+def test_tick_once_takes_the_wake_up_and_tick_exactly_once_leaves_it(make_tree: Grow) -> None:
+    tree = make_tree('<PlanAction plan="RRRR"/>')
+    tree.wake()
+    tree.tick_exactly_once()
+    assert tree.ticks == 1
+    tree.tick_once()
+    assert tree.ticks == 3
+    tree.tick_once()
+    assert tree.ticks == 4
+
+
+def test_a_completed_root_is_idle_and_the_tree_keeps_its_result(make_tree: Grow) -> None:
+    tree = make_tree('<PlanAction plan="RF"/>')
+    assert tree.status is Status.IDLE
+    assert (tree.tick_once(), tree.root.status, tree.status) == (Status.RUNNING,) * 3
+    assert (tree.tick_once(), tree.root.status, tree.status) == (Status.FAILURE, Status.IDLE, Status.FAILURE)
+
+
+def test_skipped_ends_every_way_of_ticking(make_tree: Grow) -> None:
+    tree = make_tree('<AlwaysSuccess _skipIf="true"/>')
+    assert tree.tick_exactly_once() is Status.SKIPPED
+    assert tree.tick_once() is Status.SKIPPED
+    assert tree.tick_while_running() is Status.SKIPPED
+    assert tree.root.status is Status.IDLE
+
+
+def test_a_sequence_whose_children_were_all_skipped_returns_skipped_and_stays_running(
+    make_tree: Grow,
+) -> None:
+    tree = make_tree('<Sequence><AlwaysSuccess _skipIf="true"/></Sequence>')
+    assert tree.tick_once() is Status.SKIPPED
+    assert tree.root.status is Status.RUNNING
+
+
+# --- time
+
+
+class Works:
+    """How long each tick takes (s)."""
+
+    def __init__(self, durations: list[float]) -> None:
+        self.durations = list(durations)
+
+
+class Moments(StatefulAction):
+    """Notes the time of every tick (ms), works for a while, and succeeds at last."""
+
+    def __init__(self, clock: SimClock, works: Works) -> None:
+        self.clock = clock
+        self.works = works.durations
+        self.at: list[float] = []
+
+    def on_start(self) -> Status:
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        self.at.append(self.clock.now() / 1e6)
+        if not self.works:
+            return Status.SUCCESS
+        self.clock.advance(self.works.pop(0))
+        return Status.RUNNING
+
+
+def moments(clock: SimClock, works: list[float], period: float) -> list[float]:
+    nodes = conformance_registry()
+    nodes.add(Moments)
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Moments/></BehaviorTree></root>'
+    tree = btcore.loads(xml, nodes=nodes, resources=[clock, Works(works)])
+    assert tree.tick_while_running(period) is Status.SUCCESS
+    return tree.find(Moments)[0].at
+
+
+def test_the_first_clock_among_the_resources_is_the_trees(clock: SimClock) -> None:
+    assert moments(clock, [0.0], 0.01) == [0.0, 10.0]
+    assert clock.now() == 10_000_000
+
+
+def test_without_any_the_tree_has_the_systems_clock() -> None:
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+    assert isinstance(btcore.loads(xml).clock, SystemClock)
+
+
+def test_ticks_come_every_period_from_the_first_whatever_they_take(clock: SimClock) -> None:
+    assert moments(clock, [0.004, 0.009, 0.0, 0.01], 0.01) == [0.0, 10.0, 20.0, 30.0, 40.0]
+
+
+def test_a_late_tick_moves_the_next_ones_and_none_is_made_up_for(clock: SimClock) -> None:
+    assert moments(clock, [0.0, 0.035, 0.0, 0.0], 0.01) == [0.0, 10.0, 45.0, 55.0, 65.0]
+
+
+def test_many_periods_do_not_drift(clock: SimClock) -> None:
+    at = moments(clock, [0.001] * 3000, 1 / 30)
+    assert at[-1] == pytest.approx(3000 * 1000 / 30, abs=0.01)
+
+
+def test_a_simulated_clock_starts_where_it_is_told(make_tree: Grow) -> None:
+    assert moments(SimClock(5_000_000_000), [0.0], 0.5) == [5000.0, 5500.0]
+
+
+def test_with_a_period_of_zero_it_never_sleeps(clock: SimClock) -> None:
+    assert moments(clock, [0.0, 0.0, 0.0], 0.0) == [0.0] * 4
+
+
+def test_a_node_that_waits_for_a_moment_is_ticked_then_and_the_period_goes_on(
+    make_tree: Grow, clock: SimClock
+) -> None:
+    ticked: list[int] = []
+
+    class Watch(btcore.Observer):
+        def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
+            ticked.append(stamp // 1_000_000)
+
+    tree = make_tree('<Sequence><Sleep msec="25"/><Sleep msec="20"/></Sequence>')
+    tree.subscribe(Watch())
+    assert tree.tick_while_running(period=0.01) is Status.SUCCESS
+    assert ticked == [0, 10, 20, 25, 30, 40, 45]
+
+
+def test_sleep_lets_time_pass_and_tells_whether_it_was_woken(make_tree: Grow, clock: SimClock) -> None:
+    tree = make_tree("<AlwaysSuccess/>")
+    assert tree.sleep(2.5) is False
+    assert clock.now() == 2_500_000_000
+    tree.wake()
+    assert tree.sleep(2.5) is True
+    assert clock.now() == 2_500_000_000
+    assert tree.sleep(2.5) is False
+
+
+def test_another_thread_wakes_a_tree_that_sleeps() -> None:
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+    tree = btcore.loads(xml)
+    woken: list[bool] = []
+    sleeper = threading.Thread(target=lambda: woken.append(tree.sleep(60.0)))
+    started = time.monotonic()
+    sleeper.start()
+    tree.wake()
+    sleeper.join(timeout=30.0)
+    assert woken == [True]
+    assert time.monotonic() - started < 30.0
+
+
+def test_another_thread_ends_the_wait_between_two_ticks() -> None:
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><PlanAction plan="RS"/></BehaviorTree></root>'
+    journal = CallLog()
+    tree = btcore.loads(xml, nodes=conformance_registry(), resources=[journal])
+    result: list[Status] = []
+    driver = threading.Thread(target=lambda: result.append(tree.tick_while_running(period=60.0)))
+    driver.start()
+    tree.wake()
+    driver.join(timeout=30.0)
+    assert result == [Status.SUCCESS]
+
+
+def test_the_systems_clock_waits_for_the_moment() -> None:
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="30"/></BehaviorTree></root>'
+    tree = btcore.loads(xml)
+    before = time.monotonic()
+    assert tree.tick_while_running(period=10.0) is Status.SUCCESS
+    assert 0.03 <= time.monotonic() - before < 5.0
+
+
+# --- halting
+
+COUNTS = (
+    '<Sequence _onHalted="n += 1">'
+    '<PlanAction plan="RS" _onHalted="n += 10"/><PlanAction plan="RS" _onHalted="n += 100"/>'
+    "</Sequence>"
+)
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 2])
+def test_a_halt_runs_on_halted_of_every_node_and_twice_that_of_the_root(ticks: int, make_tree: Grow) -> None:
+    tree = make_tree(COUNTS, blackboard=counter())
+    for _ in range(ticks):
+        tree.tick_exactly_once()
+    already = tree.blackboard["n"]
+    tree.halt()
+    counted = int(str(tree.blackboard["n"])) - int(str(already))
+    running = {0: 0, 1: 10, 2: 100}[ticks]
+    assert counted == 112 + running
+
+
+def counter() -> Blackboard:
+    board = Blackboard()
+    board["n"] = 0
+    return board
+
+
+def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree(
+        '<Parallel><PlanAction name="a" plan="RR"/><PlanAction name="b" plan="S"/>'
+        '<Inverter><PlanAction name="c" plan="RR"/></Inverter></Parallel>'
+    )
+    tree.tick_once()
+    journal.take()
+    tree.halt()
+    assert journal.take() == ["a:halted", "c:halted"]
+    assert {node.status for node in tree} == {Status.IDLE}
+    assert tree.status is Status.IDLE
+
+
+def test_a_halted_tree_starts_again(make_tree: Grow, journal: CallLog) -> None:
+    tree = make_tree('<Sequence><PlanAction name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>')
+    tree.tick_once()
+    tree.halt()
+    journal.take()
+    tree.tick_once()
+    assert journal.take() == ["a:start", "b:start"]
+
+
+def test_a_tree_is_a_context_that_halts_it(make_tree: Grow, journal: CallLog) -> None:
+    with make_tree('<PlanAction name="a" plan="R"/>') as tree:
+        tree.tick_once()
+    assert journal.calls == ["a:start", "a:halted"]
+
+
+# --- looking
+
+SUBTREES = '<BehaviorTree ID="Sub"><Sequence name="again"><PlanSync plan="S"/></Sequence></BehaviorTree>'
+
+
+def test_paths_and_numbers_are_those_of_the_original(make_tree: Grow) -> None:
+    tree = make_tree(
+        '<Sequence><SubTree ID="Sub" name="inst"/><SubTree ID="Sub"/><AlwaysSuccess name="nm"/></Sequence>',
+        others=SUBTREES,
+    )
+    assert [(node.uid, node.path) for node in tree] == [
+        (1, "Sequence::1"),
+        (2, "inst"),
+        (3, "inst/again"),
+        (4, "inst/PlanSync::4"),
+        (5, "Sub::5"),
+        (6, "Sub::5/again"),
+        (7, "Sub::5/PlanSync::7"),
+        (8, "nm"),
+    ]
+    assert [(one.id, one.path) for one in tree.subtrees] == [("Main", ""), ("Sub", "inst"), ("Sub", "Sub::5")]
+    assert [node.uid for node in tree.subtrees[0].nodes] == [1, 2, 5, 8]
+    assert tree.subtrees[1].root is tree.nodes[2]
+
+
+def test_a_node_is_found_by_its_path_and_by_its_name_if_only_one_has_it(make_tree: Grow) -> None:
+    tree = make_tree(
+        '<Sequence><SubTree ID="Sub" name="inst"/><AlwaysSuccess name="nm"/></Sequence>', others=SUBTREES
+    )
+    assert tree.node("inst/again") is tree.nodes[2]
+    assert tree.node("again") is tree.nodes[2]
+    assert tree.node("Sequence::1") is tree.root
+
+
+def test_a_path_that_is_not_there_is_named_with_the_nearest(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><AlwaysSuccess name="wave"/></Sequence>')
+    with pytest.raises(BtcoreError, match=r"the tree has no node 'wawe'; did you mean 'wave'\?"):
+        tree.node("wawe")
+
+
+def test_where_two_nodes_have_a_path_their_number_tells_them_apart(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><PlanSync name="p" plan="S"/><PlanSync name="p" plan="S"/></Sequence>')
+    assert list(tree.nodes_by_path()) == ["Sequence::1", "p#2", "p#3"]
+    assert tree.node("p#3") is tree.nodes[2]
+    with pytest.raises(BtcoreError, match="'p' is the name of 2 nodes: p, p"):
+        tree.node("p")
+
+
+def test_nodes_are_found_by_their_type_in_pre_order(make_tree: Grow) -> None:
+    inner = '<Sequence><PlanAction name="b" plan="S"/></Sequence>'
+    tree = make_tree(f'<Sequence><PlanAction name="a" plan="S"/>{inner}</Sequence>')
+    assert [node.name for node in tree.find(PlanAction)] == ["a", "b"]
+    assert [node.uid for node in tree.find(Sequence)] == [1, 3]
+    assert len(tree.find(ControlNode)) == 2
+    assert tree.find(SystemClock) == []  # type: ignore[type-var]
+
+
+def test_a_tree_counts_what_its_nodes_did_from_the_moment_it_is_asked_to(make_tree: Grow) -> None:
+    tree = make_tree(
+        '<ReactiveSequence name="r"><PlanCondition name="c" plan="SSF"/><PlanAction name="a" plan="RR"/>'
+        '<PlanSync name="k" plan="K"/></ReactiveSequence>'
+    )
+    counts = tree.count_ticks()
+    for _ in range(3):
+        tree.tick_once()
+    c, a, k = counts["c"], counts["a"], counts["k"]
+    assert (c.ticks, c.success, c.failure, c.skipped, c.halted) == (3, 2, 1, 0, 0)
+    assert (a.ticks, a.success, a.failure, a.halted) == (2, 0, 0, 1)
+    assert k.ticks == 0
+    assert tree.ticks == 3
+
+
+def test_a_tick_that_a_condition_answered_counts_with_its_result(make_tree: Grow) -> None:
+    tree = make_tree('<AlwaysSuccess name="a" _skipIf="true"/>')
+    count = tree.count_ticks()["a"]
+    tree.tick_once()
+    assert (count.ticks, count.skipped) == (1, 1)
+
+
+# --- two trees
+
+
+def test_two_trees_share_nothing(make_tree: Grow) -> None:
+    body = '<Sequence><Script code="x := 1"/><PlanAction plan="RS"/></Sequence>'
+    one, other = make_tree(body), make_tree(body)
+    one.tick_once()
+    assert "x" in one.blackboard
+    assert "x" not in other.blackboard
+    assert {node.status for node in other} == {Status.IDLE}
+    one.wake()
+    other.tick_once()
+    assert other.ticks == 1
+
+
+def test_two_trees_may_share_a_blackboard(make_tree: Grow) -> None:
+    shared = Blackboard()
+    writer = make_tree('<Script code="x := 41"/>', blackboard=shared)
+    reader = make_tree('<Script code="x += 1"/>', blackboard=shared)
+    writer.tick_once()
+    reader.tick_once()
+    assert writer.blackboard["x"] == 42
+
+
+def test_the_types_of_a_filled_blackboard_count_when_the_tree_is_made(make_tree: Grow) -> None:
+    shared = Blackboard()
+    shared["plan"] = 7
+    with pytest.raises(btcore.TreeError, match="plan"):
+        make_tree('<PlanSync plan="{plan}"/>', blackboard=shared)
+
+
+def test_a_deep_tree_has_room_to_tick(make_tree: Grow) -> None:
+    tree = make_tree("<Inverter>" * 200 + "<AlwaysSuccess/>" + "</Inverter>" * 200)
+    assert tree.tick_once() is Status.SUCCESS

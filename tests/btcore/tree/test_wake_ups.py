@@ -1,0 +1,150 @@
+"""Wake-ups: from any thread, taken once, and never lost."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+import btcore
+from btcore import (
+    SimClock,
+    StatefulAction,
+    Status,
+    Tree,
+)
+from btcore.clock import NS_PER_S
+from btcore.engine.context import TreeContext
+
+Grow = Callable[..., Tree]
+
+SOON = 30.0  # seconds of patience with a busy machine
+
+
+class Lasting(StatefulAction):
+    """Runs until it was ticked as often as *ticks* says, which the test sets."""
+
+    ticks = 10**9
+    seen = 0
+
+    def on_start(self) -> Status:
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        self.seen += 1
+        return Status.RUNNING if self.seen < self.ticks else Status.SUCCESS
+
+
+def test_one_that_comes_before_a_wait_ends_it_at_once_and_counts_once(clock: SimClock) -> None:
+    context = TreeContext(clock)
+    context.wake_up()
+    context.wake_up()
+    assert context.wait_until(NS_PER_S) is True
+    assert clock.now() == 0
+    assert context.wait_until(NS_PER_S) is False
+    assert clock.now() == NS_PER_S
+
+
+def test_one_that_was_taken_ends_no_wait(clock: SimClock) -> None:
+    context = TreeContext(clock)
+    context.wake_up()
+    assert context.take_wake_up() is True
+    assert context.take_wake_up() is False
+    assert context.wait_until(7) is False
+    assert clock.now() == 7
+
+
+def test_one_that_comes_within_a_wait_of_another_clock_is_told() -> None:
+    class Stepping(SimClock):
+        def wait_until(self, deadline: int, wake: threading.Event) -> bool:
+            self.advance(1.0)
+            context.wake_up()
+            return False  # it came too late for the clock to see
+
+    context = TreeContext(Stepping())
+    assert context.wait_until(NS_PER_S) is True
+    assert context.take_wake_up() is False
+
+
+def test_a_deadline_that_passed_is_a_wake_up_once(clock: SimClock) -> None:
+    context = TreeContext(clock)
+    context.deadlines[3] = NS_PER_S
+    assert context.take_wake_up() is False
+    assert context.wait_until(2 * NS_PER_S) is True
+    assert (clock.now(), context.deadlines) == (NS_PER_S, {})
+    assert context.wait_until(2 * NS_PER_S) is False
+
+
+def test_dozing_ends_at_once_when_woken_already_whatever_the_clock(clock: SimClock) -> None:
+    context = TreeContext(clock)
+    context.wake_up()
+    started = time.monotonic()
+    context.doze(SOON)
+    assert time.monotonic() - started < SOON
+    assert (context.take_wake_up(), clock.now()) == (False, 0)
+
+
+def test_none_of_many_from_other_threads_is_lost(make_tree: Grow) -> None:
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Lasting/></BehaviorTree></root>',
+        nodes=_with_lasting(),
+    )
+    leaf = tree.find(Lasting)[0]
+    leaf.ticks = 2000
+    driver = threading.Thread(target=lambda: tree.tick_while_running(period=SOON * 100), daemon=True)
+    driver.start()
+    # Each is sent when the one before was answered: a single lost one would leave both waiting.
+    end = time.monotonic() + SOON
+    while driver.is_alive() and time.monotonic() < end:
+        seen = leaf.seen
+        tree.wake()
+        while leaf.seen == seen and driver.is_alive() and time.monotonic() < end:
+            time.sleep(0)
+    driver.join(timeout=SOON)
+    assert leaf.seen == 2000
+
+
+def test_a_leaf_that_wakes_its_tree_is_ticked_again_in_the_same_step(make_tree: Grow) -> None:
+    class Eager(Lasting):
+        ticks = 3
+
+        def on_running(self) -> Status:
+            self.wake_up()
+            return super().on_running()
+
+    tree = make_tree("<Eager/>", Eager)
+    assert tree.tick_once() is Status.SUCCESS
+    assert tree.ticks == 3
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_another_thread_wakes_a_tree_that_an_event_loop_runs(simulated: bool) -> None:
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Lasting/></BehaviorTree></root>',
+        nodes=_with_lasting(),
+        clock=SimClock() if simulated else None,
+    )
+    leaf = tree.find(Lasting)[0]
+    leaf.ticks = 50
+    done = threading.Event()
+
+    def wake() -> None:
+        while not done.wait(0.001):
+            tree.wake()
+
+    waker = threading.Thread(target=wake)
+    waker.start()
+    try:
+        status = asyncio.run(asyncio.wait_for(tree.run(period=0.01 if simulated else 100.0), SOON))
+    finally:
+        done.set()
+        waker.join()
+    assert (status, leaf.seen) == (Status.SUCCESS, 50)
+    tree.wake()  # by nobody's loop: no error
+
+
+def _with_lasting() -> btcore.Registry:
+    nodes = btcore.Registry.standard()
+    nodes.add(Lasting)
+    return nodes

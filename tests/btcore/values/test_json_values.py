@@ -1,0 +1,130 @@
+"""Values written as `json:…` in ports and on the blackboard (nodes.md §9.2)."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from btcore import (
+    In,
+    NodeExecutionError,
+    Tree,
+    TreeError,
+    action,
+)
+
+Grow = Callable[..., Tree]
+
+
+@dataclass
+class Pose:
+    x: float
+    y: float
+
+
+class Seen:
+    def __init__(self) -> None:
+        self.values: list[object] = []
+
+
+@action
+def numbers(given: In[list[int]], seen: Seen) -> bool:
+    seen.values.append(given)
+    return True
+
+
+@action
+def texts(given: In[list[str]], seen: Seen) -> bool:
+    seen.values.append(given)
+    return True
+
+
+@action
+def text(given: In[str], seen: Seen) -> bool:
+    seen.values.append(given)
+    return True
+
+
+@action
+def pose(given: In[Pose], seen: Seen) -> bool:
+    seen.values.append(given)
+    return True
+
+
+LEAVES = (numbers, texts, text, pose)
+
+
+def read(make_tree: Grow, tag: str, written: str, format: int = 4) -> object:
+    """What the leaf *tag* gets for *written*, in its port and again from the blackboard."""
+    seen = Seen()
+    literal = make_tree(f"<{tag} given='{written}'/>", *LEAVES, resources=[seen], format=format)
+    literal.tick_once()
+    entry = make_tree(f'<{tag} given="{{k}}"/>', *LEAVES, resources=[seen], format=format)
+    found = entry.blackboard.find("k")
+    assert found is not None
+    found.put(written, 0)
+    entry.tick_once()
+    assert seen.values[0] == seen.values[1]
+    return seen.values[0]
+
+
+@pytest.mark.parametrize(
+    ("tag", "written", "value"),
+    [
+        ("Numbers", "1;2;3", [1, 2, 3]),
+        ("Numbers", "json:[1,2,3]", [1, 2, 3]),
+        ("Texts", 'json:["a;b", "c"]', ["a;b", "c"]),
+        ("Texts", "a;b", ["a", "b"]),
+        ("Pose", 'json:{"x": 1, "y": 2.5}', Pose(1, 2.5)),
+        ("Pose", 'json:{"__type": "Pose", "x": 1, "y": 2.5}', Pose(1, 2.5)),
+    ],
+)
+def test_a_list_or_a_record_may_be_written_as_json(
+    tag: str, written: str, value: object, make_tree: Grow
+) -> None:
+    assert read(make_tree, tag, written) == value
+
+
+def test_a_text_is_taken_as_it_stands(make_tree: Grow) -> None:
+    assert read(make_tree, "Text", 'json:{"x": 1}') == 'json:{"x": 1}'
+
+
+def test_what_a_registry_has_a_converter_for_may_be_either(make_tree: Grow) -> None:
+    seen = Seen()
+    nodes = make_tree("<AlwaysSuccess/>").registry
+    nodes.add_type(Pose, lambda said: Pose(*map(float, said.split(","))))
+    body = "<Sequence><Pose given='1,2'/><Pose given='json:{\"x\": 1, \"y\": 2}'/></Sequence>"
+    make_tree(body, pose, nodes=nodes, resources=[seen]).tick_once()
+    assert seen.values == [Pose(1, 2), Pose(1, 2)]
+
+
+@pytest.mark.parametrize(
+    ("tag", "written"),
+    [("Pose", "1;2"), ("Pose", "json:[1]"), ("Pose", 'json:{"z": 1}'), ("Numbers", 'json:{"x": 1}')],
+)
+def test_what_does_not_become_the_type_is_refused_when_the_tree_is_made(
+    tag: str, written: str, make_tree: Grow
+) -> None:
+    with pytest.raises(TreeError, match="given"):
+        make_tree(f"<{tag} given='{written}'/>", *LEAVES, resources=[Seen()])
+
+
+def test_format_3_knows_no_json(make_tree: Grow) -> None:
+    seen = Seen()
+    tree = make_tree("<Numbers given='json:[7,8]'/>", *LEAVES, resources=[seen], format=3)
+    tree.tick_once()
+    assert seen.values != [[7, 8]]
+    with pytest.raises((TreeError, NodeExecutionError), match="given"):
+        make_tree(
+            """<Pose given='json:{"x": 1, "y": 2}'/>""", *LEAVES, resources=[seen], format=3
+        ).tick_once()
+
+
+def test_a_value_goes_out_as_it_came_in(make_tree: Grow) -> None:
+    tree = make_tree("<AlwaysSuccess/>")
+    text = tree.registry.types.of(Pose).to_text(Pose(1.0, 2.5))
+    assert text.startswith("json:")
+    record = json.loads(text.removeprefix("json:"))
+    assert (record["x"], record["y"]) == (1.0, 2.5)
+    assert tree.registry.types.of(Pose).from_text(text) == Pose(1.0, 2.5)

@@ -1,0 +1,431 @@
+"""Text ⇄ values: the rules that the recorded conversions don't cover."""
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import pytest
+
+from btcore.errors import BlackboardError, ConversionError, RegistrationError
+from btcore.status import Status
+from btcore.values import (
+    ANY,
+    ANY_VALUE,
+    BOOL,
+    DOUBLE,
+    FLOAT,
+    INT,
+    INT8,
+    INT64,
+    NODE_STATUS,
+    PORT_DIRECTION,
+    STRING,
+    UINT,
+    UINT8,
+    UINT64,
+    VECTOR_BOOL,
+    VECTOR_DOUBLE,
+    VECTOR_INT,
+    VECTOR_STRING,
+    Int64,
+    PortDirection,
+    TypeRegistry,
+    parse_constant,
+    to_text,
+    type_of,
+)
+
+
+class Colour(enum.Enum):
+    RED = 1
+    BLUE = 3
+
+
+@dataclass
+class Point:
+    x: float
+    y: float
+
+
+class Opaque:
+    pass
+
+
+def refused(kind, text, format=4):
+    with pytest.raises(ConversionError) as caught:
+        kind.from_text(text, format)
+    return str(caught.value)
+
+
+class TestTextToValue:
+    def test_an_integer_of_five_thousand_digits_is_out_of_range(self):
+        assert "out of range" in refused(INT64, "9" * 5000)
+        assert INT.from_text("0" * 5000 + "7") == 7
+
+    def test_digits_of_other_scripts_are_no_digits(self):
+        refused(INT, "٣")
+        refused(DOUBLE, "٣")
+
+    def test_a_minus_sign_before_zero_is_fine_but_for_64_unsigned_bits(self):
+        assert UINT.from_text("-0.5") == 0
+        refused(UINT64, "-0")
+
+    def test_a_real_too_close_to_zero_is_out_of_range_as_one_too_large_is(self):
+        for kind, text in [(DOUBLE, "1e-400"), (DOUBLE, "-1e400"), (FLOAT, "1e-50"), (FLOAT, "3.5e38")]:
+            assert "out of range" in refused(kind, text)
+        assert DOUBLE.from_text("0e-400") == 0.0
+        assert DOUBLE.from_text("4.9e-324") == 5e-324
+
+    def test_a_float_is_rounded_once_from_the_digits(self):
+        # Just above the midpoint of two floats, by less than a double can tell.
+        above = "1.00000005960464477539062500000000000000000001"
+        assert float(above) == 1.000000059604644775390625
+        assert FLOAT.from_text(above) == 1.00000011920928955078125
+        assert FLOAT.from_text("1.000000059604644775390625") == 1.0
+
+    @pytest.mark.parametrize("text", ["infinity", "INF", "inf;1"])
+    def test_infinity_is_read_in_any_case(self, text):
+        assert DOUBLE.from_text(text) == math.inf
+
+    def test_an_error_names_the_text_and_what_is_wanted(self):
+        assert refused(INT, "abc") == "'abc' is no integer"
+        assert refused(INT8, "128") == "'128' is out of range: -128 to 127 fit"
+        assert refused(BOOL, "yes") == "'yes' is no bool: true, false, 1 and 0 are"
+        assert "SKIPPED" in refused(NODE_STATUS, "Success")
+
+    def test_a_vector_ends_with_its_last_item_or_a_semicolon(self):
+        assert VECTOR_INT.from_text("") == []
+        assert VECTOR_INT.from_text("1;2;") == [1, 2]
+        assert VECTOR_STRING.from_text("a; b") == ["a", " b"]
+        refused(VECTOR_INT, "1;;2")
+
+    @pytest.mark.parametrize(
+        ("kind", "text", "value"),
+        [
+            (VECTOR_INT, "json:[1, 2.9, -2.9, true]", [1, 2, -2, 1]),
+            (VECTOR_INT, "json:[4294967297]", [1]),
+            (VECTOR_DOUBLE, "json:[1, 2.5]", [1.0, 2.5]),
+            (VECTOR_BOOL, "json:[true,false]", [True, False]),
+            (VECTOR_STRING, 'json:["a;b"]', ["a;b"]),
+            (VECTOR_INT, "json:[]", []),
+        ],
+    )
+    def test_a_vector_may_be_a_json_array(self, kind, text, value):
+        found = kind.from_text(text)
+        assert found == value
+        assert [type(one) for one in found] == [type(one) for one in value]
+
+    @pytest.mark.parametrize(
+        ("kind", "text"),
+        [
+            (VECTOR_INT, 'json:["1"]'),
+            (VECTOR_INT, "json:null"),
+            (VECTOR_DOUBLE, "json:[true]"),
+            (VECTOR_DOUBLE, "json:[NaN]"),
+            (VECTOR_DOUBLE, "json:[1e400]"),
+            (VECTOR_BOOL, "json:[1]"),
+            (VECTOR_STRING, "json:[1]"),
+            (VECTOR_STRING, "json:" + "[" * 100_000),
+        ],
+    )
+    def test_a_json_array_of_something_else_is_refused(self, kind, text):
+        refused(kind, text)
+
+    def test_a_direction_is_capitalised_or_in_upper_case(self):
+        assert PORT_DIRECTION.from_text("InOut") is PortDirection.INOUT
+        assert PORT_DIRECTION.from_text("OUTPUT") is PortDirection.OUTPUT
+        refused(PORT_DIRECTION, "input")
+
+
+class TestFormat3:
+    def test_integers_may_have_spaces_and_a_plus_sign_before_them(self):
+        assert INT.from_text(" \t+42abc", 3) == 42
+        refused(INT, "2147483648", 3)
+        refused(INT, "", 3)
+
+    def test_unsigned_integers_wrap(self):
+        assert UINT.from_text("-1", 3) == 2**32 - 1
+        assert UINT64.from_text("-1", 3) == 2**64 - 1
+        assert UINT.from_text("4294967296", 3) == 0
+
+    def test_reals_may_be_hexadecimal(self):
+        assert DOUBLE.from_text(" +0x1.8p1", 3) == 3.0
+        assert DOUBLE.from_text("0x10", 3) == 16.0
+        refused(DOUBLE, "1e400", 3)
+
+    def test_items_of_vectors_that_are_no_numbers_are_zero(self):
+        assert VECTOR_INT.from_text("1;x;;4294967297", 3) == [1, 0, 0, 1]
+        assert VECTOR_DOUBLE.from_text("1.5;x", 3) == [1.5, 0.0]
+
+    def test_there_is_no_skipped_and_no_json(self):
+        refused(NODE_STATUS, "SKIPPED", 3)
+        assert VECTOR_INT.from_text("json:[1]", 3) == [0]
+
+
+class TestCast:
+    """A stored value is read as another type if nothing is lost."""
+
+    @pytest.mark.parametrize(
+        ("kind", "value", "expected"),
+        [
+            (INT, 2.0, 2),
+            (INT, True, 1),
+            (INT, "42abc", 42),
+            (INT, Status.SUCCESS, 2),
+            (INT, Colour.BLUE, 3),
+            (DOUBLE, 3, 3.0),
+            (DOUBLE, "2.5", 2.5),
+            (FLOAT, 0.1, 0.10000000149011612),
+            (BOOL, 1, True),
+            (BOOL, 2.5, True),
+            (BOOL, math.nan, True),
+            (STRING, 2.5, "2.500000"),
+            (STRING, 7, "7"),
+            (STRING, True, "1"),
+            (NODE_STATUS, 2.0, Status.SUCCESS),
+            (VECTOR_DOUBLE, [1, 2.5], [1.0, 2.5]),
+            (VECTOR_INT, (1, 2), [1, 2]),
+        ],
+    )
+    def test_what_fits(self, kind, value, expected):
+        found = kind.cast(value)
+        assert found == expected
+        assert type(found) is type(expected)
+
+    @pytest.mark.parametrize(
+        ("kind", "value"),
+        [
+            (INT, 2.5),
+            (INT, 2**31),
+            (INT, math.inf),
+            (INT, math.nan),
+            (INT, [1]),
+            (INT, None),
+            (UINT, -1),
+            (UINT8, 256.0),
+            (INT64, 2.0**63),
+            (DOUBLE, 2**53),
+            (DOUBLE, "x"),
+            (BOOL, 2),
+            (BOOL, -1.0),
+            (BOOL, "true"),
+            (STRING, [1]),
+            (NODE_STATUS, 7),
+            (VECTOR_INT, [1.5]),
+            (VECTOR_INT, "1;2"),
+            (ANY, None),
+        ],
+    )
+    def test_what_does_not(self, kind, value):
+        with pytest.raises(ConversionError):
+            kind.cast(value)
+
+    def test_a_list_that_fits_is_not_copied(self):
+        items = [1.0, 2.0]
+        assert VECTOR_DOUBLE.cast(items) is items
+
+
+class TestTypes:
+    @pytest.mark.parametrize(
+        ("annotation", "kind"),
+        [
+            (int, INT),
+            (float, DOUBLE),
+            (str, STRING),
+            (bool, BOOL),
+            (Status, NODE_STATUS),
+            (object, ANY),
+            (Any, ANY),
+            (list[int], VECTOR_INT),
+            (list[float], VECTOR_DOUBLE),
+            (int | None, INT),
+            (int | str, ANY),
+            (Int64, INT64),
+            (Annotated[int, "metres"], INT),
+            (UINT, UINT),
+        ],
+    )
+    def test_of_an_annotation(self, annotation, kind):
+        assert TypeRegistry().of(annotation) is kind
+
+    def test_the_names_are_those_of_c_plus_plus(self):
+        types = TypeRegistry()
+        for name in ["int", "unsigned int", "long", "double", "std::string", "std::vector<bool>"]:
+            assert types.named(name).name == name
+        assert types.named("BT::AnyTypeAllowed") is ANY
+        assert not ANY.strong
+        assert not ANY_VALUE.strong
+        assert types.named("nothing") is None
+
+    def test_an_annotation_always_means_the_same_type(self):
+        types = TypeRegistry()
+        assert types.of(Opaque) is types.of(Opaque)
+        assert types.of(Colour) is types.of(Colour)
+        assert types.of(list[Opaque]) is types.of(list[Opaque])
+
+    def test_an_enum_is_read_by_name_or_by_number(self):
+        kind = TypeRegistry().of(Colour)
+        assert kind.from_text("BLUE") is Colour.BLUE
+        assert kind.from_text("1") is Colour.RED
+        assert kind.cast(3.0) is Colour.BLUE
+        assert kind.to_text(Colour.RED) == "RED"
+        assert refused(kind, "GREEN") == "'GREEN' is no Colour: RED, BLUE are"
+        refused(kind, "2")
+        refused(kind, "1x")
+
+    def test_enum_names_are_known_to_scripts_once_registered(self):
+        types = TypeRegistry()
+        types.add_enum(Colour)
+        types.add_enum({"UP": 1})
+        assert types.enums == {"RED": 1, "BLUE": 3, "UP": 1}
+
+    def test_one_enum_name_is_one_number(self):
+        types = TypeRegistry()
+        types.add_enum(Colour)
+        types.add_enum({"RED": 1})
+        with pytest.raises(RegistrationError, match="RED is 1 already, not 2"):
+            types.add_enum({"RED": 2})
+        with pytest.raises(RegistrationError, match="integers"):
+            types.add_enum({"NAME": "text"})
+
+    def test_a_class_may_be_given_a_text_form(self):
+        types = TypeRegistry()
+        kind = types.add(complex, complex, str, name="std::complex")
+        assert types.of(complex) is kind
+        assert kind.from_text("1+2j") == 1 + 2j
+        assert kind.to_text(1j) == "1j"
+        assert refused(kind, "x").startswith("'x' is no std::complex: ")
+        with pytest.raises(RegistrationError, match="text form already"):
+            types.add(complex, complex)
+        with pytest.raises(RegistrationError, match="text form already"):
+            types.add(int, int)
+
+    def test_two_registries_know_different_things(self):
+        first, second = TypeRegistry(), TypeRegistry()
+        first.add(complex, complex)
+        first.add_enum(Colour)
+        assert refused(second.of(complex), "1j")
+        assert second.enums == {}
+
+    def test_a_class_without_a_text_form_has_no_literal(self):
+        assert "no text form" in refused(TypeRegistry().of(Opaque), "x")
+
+    def test_a_dataclass_is_read_from_json(self):
+        kind = TypeRegistry().of(Point)
+        assert kind.from_text('json:{"__type": "Point", "x": 1, "y": 2.5}') == Point(1, 2.5)
+        assert kind.from_text(to_text(Point(1.0, 2.0))) == Point(1.0, 2.0)
+        refused(kind, 'json:{"z": 1}')
+        refused(kind, "json:[1]")
+        refused(kind, "1;2")
+
+
+class TestTheTypeOfAValue:
+    @pytest.mark.parametrize(
+        ("value", "kind"),
+        [
+            (3, INT),
+            (2**31, INT64),
+            (2**63, UINT64),
+            (True, BOOL),
+            (2.5, DOUBLE),
+            ("text", STRING),
+            (Status.IDLE, NODE_STATUS),
+            ([1, 2], VECTOR_INT),
+            ([1.5], VECTOR_DOUBLE),
+            ([True], VECTOR_BOOL),
+            (["a"], VECTOR_STRING),
+            ([], ANY),
+        ],
+    )
+    def test_the_type_follows_the_value(self, value, kind):
+        assert type_of(value) is kind
+
+    def test_of_an_object_is_its_class(self):
+        assert type_of(Opaque()).same(TypeRegistry().of(Opaque))
+        assert not type_of(Opaque()).same(type_of(Point(1, 2)))
+        assert type_of(Colour.RED).same(TypeRegistry().of(Colour))
+
+    def test_no_entry_holds_more_than_64_bits(self):
+        with pytest.raises(BlackboardError, match="at most 64 bits"):
+            type_of(2**64)
+
+
+class TestValueToText:
+    @pytest.mark.parametrize(
+        ("value", "text"),
+        [
+            (3, "3"),
+            (2.5, "2.500000"),
+            (-math.nan, "-nan"),
+            (-math.inf, "-inf"),
+            (True, "true"),
+            (False, "false"),
+            ("text", "text"),
+            (Status.SKIPPED, "SKIPPED"),
+            (PortDirection.INOUT, "InOut"),
+            ([1, 2], "json:[1,2]"),
+            ([1.5], "json:[1.5]"),
+            (["é"], 'json:["é"]'),
+        ],
+    )
+    def test_is_that_of_the_original(self, value, text):
+        assert to_text(value) == text
+
+    @pytest.mark.parametrize("value", [None, Opaque()])
+    def test_a_value_without_a_text_form_raises(self, value):
+        with pytest.raises(ConversionError):
+            to_text(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("3", 3),
+        ("-7", -7),
+        ("99999999999", 99999999999),
+        ("1e3", 1000.0),
+        ("2.5", 2.5),
+        ("1;2", "1;2"),
+        ("0x10", "0x10"),
+        ("true", "true"),
+        (" 1", " 1"),
+        ("", ""),
+        ("99999999999999999999", 1e20),
+    ],
+)
+def test_a_constant_of_a_subtree_is_a_whole_number_or_a_text(text, value):
+    found = parse_constant(text)
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_an_enum_is_read_by_a_registered_name_then_by_number_then_by_the_users_converter() -> None:
+    types = TypeRegistry()
+    types.add_enum({"STOP": 1})
+    light = types.add(
+        Colour, lambda text: Colour[text.removeprefix("#")], to_text=lambda member: f"#{member.name}"
+    )
+    first, second = list(Colour)[:2]
+    by_number = {member.value: member for member in Colour}
+    assert light.from_text("STOP") is by_number[1]
+    assert light.from_text("3") is by_number[3]
+    assert light.from_text(f"#{second.name}") is second
+    assert light.to_text(first) == f"#{first.name}"
+    with pytest.raises(ConversionError, match=r"'#NONE' is no Colour"):
+        light.from_text("#NONE")
+
+
+def test_a_type_may_get_its_converters_after_a_leaf_has_asked_for_it() -> None:
+    class Pose:
+        def __init__(self, x: float) -> None:
+            self.x = x
+
+    types = TypeRegistry()
+    asked = types.of(Pose)
+    types.add(Pose, lambda text: Pose(float(text)))
+    made = asked.from_text("1.5")
+    assert isinstance(made, Pose)
+    assert made.x == 1.5
+    with pytest.raises(RegistrationError, match="Pose has a text form already"):
+        types.add(Pose, lambda text: Pose(float(text)))

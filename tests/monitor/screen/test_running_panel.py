@@ -1,0 +1,71 @@
+"""What runs now, in words."""
+
+import pytest
+
+from btcore_monitor.events import (
+    ObservedNode,
+    ObservedTree,
+    SceneMoving,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+)
+
+SECOND = 10**9
+IDLE, RUNNING, SUCCESS, FAILURE = range(4)
+NODES = (
+    ObservedNode(1, "root", "Fallback", "control", "root", 0, (2, 3, 4)),
+    ObservedNode(2, "Charged", "Charged", "condition", "Charged", 1),
+    ObservedNode(3, "Move", "Move", "action", "Move", 1, (), {"goal": "{dock}"}),
+    ObservedNode(4, "Move", "Move", "action", "Move::4", 1, (), {"goal": "{next}"}),
+)
+
+
+@pytest.fixture
+def told(recorded, tmp_path):
+    """``told({second: [(uid, status), …]}, notes)``: what stands there at the end of each second."""
+
+    def said(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
+        picture = ObservedTree("a" * 32, "Main", NODES, {"": "Main"})
+        events = [TreeSeen(picture, 0, 0, {node.uid: IDLE for node in NODES})]
+        events += [SceneMoving(0, 0, {"notes": notes or {}})]
+        stands, number = {node.uid: IDLE for node in NODES}, 0
+        for second, changes in ticks.items():
+            t = second * SECOND
+            for uid, status in changes:
+                number += 1
+                events.append(StatusChanged(number, t, t, second, uid, stands[uid], status))
+                stands[uid] = status
+            if stands[1] != IDLE:
+                events.append(Ticked(second, t, t, 1000, stands[1]))
+        recording = recorded(events, tmp_path / "run.rrd")
+        return {second: recording.at("/now", "TextDocument:text", second * SECOND)[0] for second in ticks}
+
+    return said
+
+
+def test_of_namesakes_ports_say_which_one_runs(told):
+    now = told({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, FAILURE), (4, RUNNING)]})
+    assert "| runs | **Move {dock}** |" in now[1]
+    assert "| runs | **Move {next}** |" in now[2]
+
+
+def test_a_leaf_that_failed_tells_why_another_runs(told):
+    now = told({1: [(1, RUNNING), (2, SUCCESS)], 2: [(2, FAILURE), (2, IDLE), (3, RUNNING)], 3: []})
+    assert "failed" not in now[1]
+    assert "| failed | **Charged** |" in now[2]
+    assert "failed" not in now[3], "said in the tick before"
+
+
+def test_a_tree_that_is_halted_after_its_last_tick_runs_nothing(told):
+    now = told({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, IDLE), (1, IDLE)]})
+    assert "| runs | **Move {dock}** |" in now[1]
+    assert "| runs | – |" in now[2]
+    assert "| root | IDLE |" in now[2]
+
+
+def test_a_long_note_stands_below_the_table_where_it_is_wrapped(told):
+    way = "(-10.6, -12.2), 19.9 m to go, 2 recoveries"
+    (now,) = told({1: [(1, RUNNING)]}, {"localisation": "sure", "goal": way}).values()
+    assert "| localisation | sure |" in now
+    assert now.endswith(f"\n\ngoal: {way}")

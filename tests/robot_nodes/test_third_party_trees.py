@@ -1,0 +1,113 @@
+"""Trees as readers of the book and users of Nav2 write them: they load as they are, and do what they say.
+
+They are in `trees_of_others`: with the book's node names and ports, subtrees of format 3, Groot's models, and
+the tree that Nav2 came with in 2020.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from btcore import Registry
+from btcore.cli.main import main
+from btcore.xml.lint.validate import validate
+
+FOLDER = Path(__file__).parent / "trees_of_others"
+GIVEN = ("goal", "goals", "low")
+
+
+def btcore_run(name: str, *options: str) -> Result:
+    arguments = ["run", name, "--camera", "off", "--fast", *options]
+    done = CliRunner().invoke(main, arguments, prog_name="btcore")
+    assert "Traceback" not in done.stderr
+    assert "btcore itself failed" not in done.stderr
+    return done
+
+
+def run(name: str, *options: str) -> dict[str, Any]:
+    done = btcore_run(str(FOLDER / name), "--json", *options)
+    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    assert result["robot"]["collisions"] == 0
+    return result
+
+
+def ids(result: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """What the nodes did, by ID; of several with one ID the last."""
+    return {node["id"]: node for node in result["nodes"].values()}
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.xml")), ids=lambda path: path.stem)
+def test_they_have_no_faults(path: Path) -> None:
+    nodes = Registry.standard()
+    assert nodes.add_plugins() == []
+    nodes.add_plugin(FOLDER / "nod.py")
+    assert validate(path, nodes=nodes, given=GIVEN) == []
+
+
+def test_the_patrol_of_the_books_text_ends_after_one_waypoint() -> None:
+    # Its figure has no KeepRunningUntilFailure, and calls conditions actions.
+    result = run("patrol_of_the_text.xml", "--world", "aws_house", "--duration", "60")
+    assert result["status"] == "SUCCESS"
+    assert result["robot"]["waypoints_visited"] == ["wp1"]
+    assert ids(result)["Patrol"]["ticks"] == 151
+
+
+def test_a_patrol_in_subtrees_recharges_when_its_own_threshold_says_so() -> None:
+    # low="{low}", and SubTreePlus with constants: 99 is too much for any distance.
+    result = run("patrol_in_subtrees.xml", "--world", "house", "--duration", "60", "--set", "low=99")
+    assert result["status"] == "RUNNING"
+    assert result["robot"]["recharges"] >= 1
+    assert ids(result)["TrackObjects"]["halted"] >= 1
+
+
+def test_a_subtree_that_is_visited_with_a_port_remaps_goals_and_gives_up_after_a_timeout() -> None:
+    result = run("round_of_visits.xml", "--world", "aws_house", "--duration", "150")
+    assert result["robot"]["waypoints_visited"][:3] == ["wp1", "wp2", "wp3"]
+    assert ids(result)["Timeout"]["failure"] >= 1
+
+
+def test_a_reactive_fallback_cuts_the_manoeuvre_as_the_book_warns() -> None:
+    # The book's Fallback remembers its running child; with ReactiveFallback the robot never gets to turn.
+    result = run("reactive_escape.xml", "--duration", "30")
+    assert ids(result)["Back"]["halted"] > 10
+    assert ids(result)["Turn"]["ticks"] == 0
+
+
+def test_nav2s_tree_of_2020_drives_to_its_goal() -> None:
+    result = run("navigate_of_2020.xml", "--world", "house", "--duration", "60", "--set", "goal=0.7;-3.5")
+    assert result["status"] == "SUCCESS"
+    assert result["robot"]["pose"]["y"] == pytest.approx(-3.5, abs=0.3)
+
+
+def test_the_navigator_takes_a_tree_and_nodes_of_others(tmp_path: Path) -> None:
+    parameters = tmp_path / "nav.yaml"
+    parameters.write_text(
+        "bt_navigator:\n  ros__parameters:\n"
+        f"    default_nav_to_pose_bt_xml: {FOLDER / 'navigate_and_nod.xml'}\n"
+        "    plugin_lib_names:\n"
+        "    - nav2_compute_path_to_pose_action_bt_node\n"
+        f"    - {FOLDER / 'nod.py'}\n"
+    )
+    tree = tmp_path / "go.xml"
+    tree.write_text(
+        '<root main_tree_to_execute="Go"><BehaviorTree ID="Go"><Move goal="1;0.3"/></BehaviorTree></root>'
+    )
+    result = run(str(tree), "--world", "house", "--duration", "40", "--nav-params", str(parameters))
+    assert result["status"] == "SUCCESS"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("plugin_lib_names: [no_such_library]", "plugin 'no_such_library'"),
+        ("default_nav_to_pose_bt_xml: nowhere.xml", "there is no tree nowhere.xml: navigate_to_pose_w_"),
+    ],
+)
+def test_what_the_parameters_name_and_is_not_there_is_told(tmp_path: Path, line: str, said: str) -> None:
+    parameters = tmp_path / "nav.yaml"
+    parameters.write_text(f"bt_navigator:\n  ros__parameters:\n    {line}\n")
+    options = ["--world", "house", "--duration", "0.2", "--nav-params", str(parameters)]
+    assert said in btcore_run("patrolling", *options).stderr

@@ -1,0 +1,169 @@
+"""The differential base: limits, ramps, time-out, priorities, dead reckoning."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from btcore_robot.robot import (
+    BaseInfo,
+    Odometry,
+    Pose2D,
+    Twist2D,
+)
+from btcore_sim.differential_drive import (
+    CommandMultiplexer,
+    DifferentialDrive,
+    WheelErrorModel,
+    WheelOdometry,
+    wrap,
+)
+from btcore_sim.robot_description import OdometryFacts
+
+SECOND = 1_000_000_000
+STEP = 1 / 240
+FACTS = BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+
+speeds = st.floats(-5.0, 5.0)
+
+
+def base() -> DifferentialDrive:
+    return DifferentialDrive(FACTS, 0.0985, 0.4044)
+
+
+def run(drive: DifferentialDrive, seconds: float, start: int = 0) -> list[Twist2D]:
+    return [drive.step(start + round(k * SECOND / 240), STEP) for k in range(1, round(seconds * 240) + 1)]
+
+
+def test_backing_at_the_books_speed_is_backing_at_the_bases():
+    assert base().limited(-0.3, 0.0) == Twist2D(-0.2, 0.0)
+
+
+@given(speeds, speeds)
+def test_limiting_stays_within_the_limits_and_keeps_the_turning_radius(v: float, w: float):
+    twist = base().limited(v, w)
+    assert FACTS.v_min - 1e-9 <= twist.v <= FACTS.v_max + 1e-9
+    assert abs(twist.w) <= FACTS.w_max + 1e-9
+    assert twist.v * w == pytest.approx(twist.w * v, abs=1e-9)
+
+
+@given(speeds, speeds, speeds, speeds)
+def test_speed_changes_no_faster_than_the_base_can(v0: float, w0: float, v1: float, w1: float):
+    drive = base()
+    drive.command(v0, w0, 0)
+    twists = [Twist2D(0.0, 0.0), *run(drive, 0.2)]
+    drive.command(v1, w1, SECOND // 5)
+    twists += run(drive, 0.2, SECOND // 5)
+    for one, next_one in itertools.pairwise(twists):
+        assert abs(next_one.v - one.v) <= FACTS.v_rate * STEP + 1e-9
+        assert abs(next_one.w - one.w) <= FACTS.w_rate * STEP + 1e-9
+
+
+def test_a_ramp_from_standing_keeps_the_turning_radius():
+    drive = base()
+    drive.command(0.6, 0.3, 0)
+    for twist in run(drive, 0.2):
+        assert twist.v == pytest.approx(2.0 * twist.w)
+
+
+def test_a_command_is_reached_and_held():
+    drive = base()
+    drive.command(0.2, 0.0, 0)
+    assert run(drive, 0.25)[-1] == Twist2D(0.2, 0.0)
+
+
+def test_a_command_lapses_after_a_quarter_of_a_second():
+    drive = base()
+    drive.command(0.2, 0.0, 0)
+    assert drive.step(SECOND // 4, 1.0).v == 0.2
+    assert drive.step(SECOND // 4 + 1, 1.0).v == 0.0
+
+
+def test_wheels_turn_for_the_twist():
+    drive = base()
+    drive.command(0.3, 0.5, 0)
+    drive.step(1, 10.0)
+    left, right = drive.wheel_rates()
+    assert left * 0.0985 == pytest.approx(0.3 - 0.5 * 0.2022)
+    assert right * 0.0985 == pytest.approx(0.3 + 0.5 * 0.2022)
+
+
+def test_the_higher_priority_wins_for_half_a_second():
+    sources = CommandMultiplexer()
+    assert sources.admits(90, 0)
+    assert not sources.admits(10, SECOND // 2)
+    assert sources.admits(10, SECOND // 2 + 1)
+    assert sources.admits(100, SECOND // 2 + 2)
+
+
+def test_dead_reckoning_of_a_circle_comes_back():
+    odometry = WheelOdometry(0.1, 0.4, (0.0, 0.0))
+    turns = 1000
+    for k in range(1, turns + 1):  # radius 1 m: the wheels run on 0.8 m and 1.2 m
+        angle = 2 * math.pi * k / turns
+        reading = odometry.update((0.8 * angle / 0.1, 1.2 * angle / 0.1), k * SECOND)
+        if k == turns // 2:
+            assert (reading.pose.x, reading.pose.y) == pytest.approx((0.0, 2.0), abs=1e-4)
+    assert (reading.pose.x, reading.pose.y, reading.pose.yaw) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert reading.twist.v == pytest.approx(2 * math.pi / turns)
+
+
+def noisy(seed: int, facts: OdometryFacts, left: float, right: float) -> Odometry:
+    """The odometry after a thousand readings in which each wheel has turned so far in all (rad)."""
+    errors = WheelErrorModel(facts, np.random.default_rng(seed))
+    odometry = WheelOdometry(0.1, 0.4, (0.0, 0.0), errors)
+    for k in range(1, 1001):
+        reading = odometry.update((left * k / 1000, right * k / 1000), k * SECOND // 50)
+    return reading
+
+
+def test_wheels_of_wrong_size_tell_a_wrong_way_and_a_drift():
+    facts = OdometryFacts(50.0, 0.01, 0.0, 0.0)
+    ways = [noisy(seed, facts, 10.0, 10.0) for seed in range(200)]
+    drifts = [reading.pose.yaw for reading in ways]
+    assert np.std(drifts) == pytest.approx(0.01 * math.sqrt(2.0) / 0.4, rel=0.2)
+    assert np.mean(drifts) == pytest.approx(0.0, abs=0.01)
+
+
+def test_slip_tells_of_more_turning_than_there_is():
+    facts = OdometryFacts(50.0, 0.0, 0.02, 0.03)
+    turned = [noisy(seed, facts, -5.0, 5.0).pose.yaw for seed in range(100)]
+    assert np.mean(turned) == pytest.approx(2.5 * 1.02, rel=0.001)
+    assert np.std(turned) == pytest.approx(2.5 * 0.03 / math.sqrt(1000), rel=0.3)
+
+
+def test_straight_ahead_nothing_slips():
+    assert noisy(1, OdometryFacts(50.0, 0.0, 0.02, 0.03), 10.0, 10.0).pose == Pose2D(
+        pytest.approx(1.0), 0.0, 0.0
+    )
+
+
+def test_the_same_seed_has_the_same_errors():
+    facts = OdometryFacts(50.0, 0.001, 0.02, 0.03)
+    assert noisy(3, facts, 8.0, 9.0) == noisy(3, facts, 8.0, 9.0)
+    assert noisy(3, facts, 8.0, 9.0) != noisy(4, facts, 8.0, 9.0)
+
+
+def test_what_was_asked_for_is_told_as_it_was_given_until_it_lapses():
+    drive = base()
+    drive.command(3.0, -0.5, SECOND)
+    assert drive.commanded_twist(SECOND + SECOND // 4) == Twist2D(3.0, -0.5)
+    assert drive.commanded_twist(SECOND + SECOND // 4 + 1) == Twist2D(0.0, 0.0)
+
+
+def test_a_base_that_does_not_obey_comes_to_rest():
+    drive = base()
+    drive.command(0.2, 0.0, 0)
+    drive.step(1, 1.0)
+    assert drive.step(2, 0.1, obeys=False).v == pytest.approx(0.1)
+    assert drive.step(3, 0.1, obeys=False) == Twist2D(0.0, 0.0)
+
+
+@given(st.floats(-100.0, 100.0))
+def test_wrapped_angles_are_the_same_direction(angle: float):
+    wrapped = wrap(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert math.cos(wrapped - angle) == pytest.approx(1.0)

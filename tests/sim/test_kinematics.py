@@ -1,0 +1,155 @@
+"""The frames that a body tells of: those of the data sheet, where the physics engine has them."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from btcore_sim.errors import SimError
+from btcore_sim.kinematics import (
+    Kinematics,
+    from_rpy,
+    product,
+    rotated,
+)
+from btcore_sim.meshes import rotation_matrix
+from btcore_sim.robot_description import TIAGO, load_description
+
+LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
+
+
+def pose(frames: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where a frame is in ``base_footprint``: rotation (3, 3) and position (m)."""
+    known = {frame.child: frame for frame in frames}
+    rotation, position = np.eye(3), np.zeros(3)
+    while name != "base_footprint":
+        frame = known[name]
+        rotation, position = (
+            rotation_matrix(frame.quaternion) @ rotation,
+            rotation_matrix(frame.quaternion) @ position,
+        )
+        position = position + frame.position
+        name = frame.parent
+    return rotation, position
+
+
+def test_every_frame_hangs_on_the_footprint_once(robot_at):
+    frames = robot_at().frames()
+    children = [frame.child for frame in frames]
+    assert len(children) == len(set(children))
+    for frame in frames:
+        pose(frames, frame.child)
+        assert np.linalg.norm(frame.quaternion) == pytest.approx(1.0)
+
+
+def test_the_names_are_those_of_the_data_sheet(robot_at):
+    assert {frame.child for frame in robot_at().frames()} == {
+        "base_link",
+        "base_laser_link",
+        "base_sonar_01_link",
+        "base_sonar_02_link",
+        "base_sonar_03_link",
+        "torso_fixed_link",
+        "torso_lift_link",
+        "head_1_link",
+        "head_2_link",
+        "head_front_camera_link",
+        "head_front_camera_rgb_frame",
+        "head_front_camera_rgb_optical_frame",
+        "head_front_camera_depth_frame",
+        "head_front_camera_depth_optical_frame",
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "position"),
+    [
+        ("base_laser_link", (0.202, 0.0, 0.0945)),
+        ("torso_lift_link", (-0.062, 0.0, 0.8885)),
+        ("head_2_link", (0.125, 0.0, 0.9865)),
+        ("head_front_camera_rgb_frame", (0.2158, 0.022, 1.0665)),
+        ("base_sonar_02_link", (-0.259, 0.0, 0.2715)),
+    ],
+)
+def test_they_are_where_the_data_sheet_has_them(robot_at, name: str, position: tuple[float, float, float]):
+    assert pose(robot_at().frames(), name)[1] == pytest.approx(position, abs=0.002)
+
+
+def test_in_the_optical_frame_z_is_ahead_and_x_to_the_right(robot_at):
+    rotation, _ = pose(robot_at().frames(), "head_front_camera_rgb_optical_frame")
+    assert rotation[:, 2] == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
+    assert rotation[:, 0] == pytest.approx([0.0, -1.0, 0.0], abs=0.02)
+
+
+def test_with_head_and_torso_moved_they_are_where_the_engine_has_the_links(robot_at, steer):
+    body = robot_at()
+    body.look(0.7, -0.5)
+    body.lift(0.2)
+    steer(body, 4.0, None)
+    frames = body.frames()
+    assert {frame.stamp for frame in frames} == {body.world.now()}
+    base_place, base_turned = body.model.place()
+    for name in ("torso_lift_link", "head_1_link", "head_2_link"):
+        place, turned = body.model.link_place(body.model.link(name))
+        base = rotation_matrix(base_turned)
+        expected = base.T @ (np.array(place) - base_place) + (0.0, 0.0, 0.0985)
+        rotation, position = pose(frames, name)
+        assert position == pytest.approx(expected, abs=1e-4)
+        assert rotation == pytest.approx(base.T @ rotation_matrix(turned), abs=1e-4)
+
+
+def test_the_camera_sees_from_its_optical_frame(robot_at, steer):
+    from btcore_sim.camera import CameraSettings
+
+    body = robot_at(camera=CameraSettings(32, 24, 10.0))
+    body.look(-0.4, 0.3)
+    steer(body, 2.0, None)
+    eye, turned = body._camera.pose(body.model, body._camera_link)
+    rotation, position = pose(body.frames(), body.lens.frame)
+    base_place, base_turned = body.model.place()
+    base = rotation_matrix(base_turned)
+    assert base @ (position - (0.0, 0.0, 0.0985)) + base_place == pytest.approx(eye, abs=1e-4)
+    assert (base @ rotation)[:, 2] == pytest.approx(rotation_matrix(turned)[:, 0], abs=1e-4)
+
+
+def described(folder: Path, change: Any) -> Any:
+    data = json.loads(TIAGO.read_text())
+    data["urdf"] = str(TIAGO.with_name("tiago.urdf"))
+    change(data)
+    path = folder / "mine.json"
+    path.write_text(json.dumps(data))
+    return load_description(path)
+
+
+def test_a_sensor_has_a_frame_even_if_nobody_describes_one(tmp_path: Path):
+    bare = Kinematics(described(tmp_path, lambda data: data.pop("frames")))
+    told = Kinematics(load_description())
+    zeros = [0.0] * len(told.joints)
+    name = "head_front_camera_rgb_optical_frame"
+    for one, other in zip(pose(bare.frames(zeros, 0), name), pose(told.frames(zeros, 0), name), strict=True):
+        assert one == pytest.approx(other, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("frame", "said"),
+    [
+        ({"name": "hat", "parent": "head_3_link"}, "'hat' is fixed to 'head_3_link'.* did you mean 'head_"),
+        ({"name": "base_link", "parent": "head_2_link"}, "there are two frames 'base_link'"),
+        ({"name": "hat", "parent": "hat"}, "'hat' is fixed to itself"),
+    ],
+)
+def test_a_frame_that_hangs_on_nothing_is_told(tmp_path: Path, frame: dict[str, str], said: str):
+    with pytest.raises(SimError, match=said):
+        Kinematics(described(tmp_path, lambda data: data["frames"].append(frame)))
+
+
+def test_turns_about_fixed_axes_come_in_the_order_x_y_z():
+    turned = from_rpy((0.0, math.pi / 2, math.pi / 2))
+    assert rotated(turned, (1.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, -1.0))
+    assert rotated(turned, (0.0, 0.0, 1.0)) == pytest.approx((0.0, 1.0, 0.0))
+    assert rotation_matrix(product(turned, turned)) == pytest.approx(
+        rotation_matrix(turned) @ rotation_matrix(turned)
+    )

@@ -1,0 +1,125 @@
+"""The map of a world: which cells are occupied, free and unknown, where not to go, and the command."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from btcore_robot.navigation.occupancy_map import load_map
+from btcore_robot.robot import Pose2D
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.commands import map_command
+from btcore_sim.map_rasteriser import overhangs, rasterise
+from btcore_sim.scene import Scene, SceneObject, load_scene
+
+GREY = (128, 128, 128, 255)
+
+
+@pytest.fixture
+def room(box):
+    """A closed room of 4 m by 4 m around the origin with walls of 0.2 m."""
+
+    def make(*things: SceneObject, **changes: object) -> Scene:
+        walls = (
+            box(2.1, 0.0, (0.2, 4.4, 2.5), name="east"),
+            box(-2.1, 0.0, (0.2, 4.4, 2.5), name="west"),
+            box(0.0, 2.1, (4.0, 0.2, 2.5), name="north"),
+            box(0.0, -2.1, (4.0, 0.2, 2.5), name="south"),
+        )
+        scene = Scene("room", "", (*walls, *things), (0, 0, 0, 0), 0.0, Pose2D(0, 0, 0), GREY)
+        return replace(scene, **changes)
+
+    return make
+
+
+def test_walls_on_the_grid_fill_whole_cells(room):
+    map = rasterise(room())
+    assert np.count_nonzero(map.free) == 80 * 80
+    assert np.count_nonzero(map.occupied) == 88 * 88 - 80 * 80
+    assert map.cells[map.cell(1.99, 0.0)] == 0
+    assert map.cells[map.cell(2.01, 0.0)] == 100
+
+
+def test_what_cannot_be_reached_is_unknown(room, box):
+    closet = [
+        box(1.0, 1.5, (0.1, 1.0, 2.0), name="side"),
+        box(1.5, 1.0, (1.1, 0.1, 2.0), name="front"),
+    ]
+    map = rasterise(room(*closet))
+    assert map.cells[map.cell(1.5, 1.5)] == -1
+    assert map.cells[map.cell(0.0, 1.5)] == 0
+    assert map.cells[0, 0] == -1
+
+
+def test_a_turned_box_and_a_drum_have_their_areas(room, box, drum):
+    things = room(box(-0.8, 0.8, (1.2, 0.6, 1.0), yaw=0.5), drum(0.9, -0.9, 0.5))
+    occupied = np.count_nonzero(rasterise(things, 0.02).occupied) - np.count_nonzero(
+        rasterise(room(), 0.02).occupied
+    )
+    perimeter = 2 * (1.2 + 0.6) + math.pi
+    # Half a cell is added all around.
+    assert occupied * 0.02**2 == pytest.approx(0.72 + math.pi * 0.25 + perimeter * 0.01, rel=0.03)
+
+
+def test_even_a_thin_leg_is_on_the_map(room, drum):
+    for x in np.linspace(0.5, 0.6, 9):
+        map = rasterise(room(drum(float(x), 0.731, 0.01)))
+        assert map.occupied[map.cell(0.3, 0.55)[0] : map.cell(0.3, 0.9)[0], map.cell(0.3, 0.0)[1] :].any()
+
+
+def test_only_what_stays_and_crosses_the_plane_is_on_the_map(room, box):
+    movable = box(1.0, 0.0, (0.4, 0.4, 0.5), mass=3.0, name="movable")
+    led = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="led"), led=True)
+    flat = box(0.0, 1.0, (0.4, 0.4, 0.05), name="flat")
+    board = replace(box(0.0, -1.0, (0.4, 0.4, 0.05), name="board"), position=(0.0, -1.0, 0.7))
+    lamp = replace(box(1.0, 1.0, (0.2, 0.2, 0.3), name="lamp"), position=(1.0, 1.0, 2.0))
+    scene = room(movable, led, flat, board, lamp)
+    assert (rasterise(scene).cells == rasterise(room()).cells).all()
+    assert overhangs(scene) == ((-0.2, 0.8, 0.2, 1.2), (-0.2, -1.2, 0.2, -0.8))
+    assert ClearanceMap.of(scene).clearance_at(1.0, 0.0) == 0.0
+
+
+def test_keep_outs_of_the_world_come_along(room):
+    scene = room(keepout=((0.5, 0.5, 1.0, 1.5),))
+    assert rasterise(scene).keepout == ((0.5, 0.5, 1.0, 1.5),)
+    floor = ClearanceMap.of(scene)
+    assert floor.clearance_at(0.75, 1.0) == 0.0
+    assert floor.clearance_at(0.0, 1.0) == pytest.approx(0.5, abs=0.05)
+
+
+def test_room_along_a_line_is_that_of_its_narrowest_place(room, box):
+    floor = ClearanceMap.of(room(box(0.0, 1.2, (0.4, 0.4, 1.0))))
+    assert floor.clearance_along((-1.5, 0.0), (1.5, 0.0)) == pytest.approx(0.5, abs=0.06)
+    assert floor.clearance_along((-1.5, 1.2), (1.5, 1.2)) == 0.0
+    assert floor.clearance_along((0.0, 0.0), (9.0, 0.0)) == 0.0
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(map_command, arguments)
+
+
+@pytest.mark.parametrize("name", ["house", "aws_house", "arena_boxes"])
+def test_the_command_writes_what_a_map_server_reads(tmp_path: Path, name: str):
+    ended = run(name, "-o", str(tmp_path / "maps"))
+    assert ended.exit_code == 0, ended.output
+    assert f"{name}.yaml and {name}.pgm: " in ended.output
+    read, drawn = load_map(tmp_path / "maps" / f"{name}.yaml"), rasterise(load_scene(name))
+    assert (read.cells == drawn.cells).all()
+    assert (read.resolution, read.origin, read.keepout) == (drawn.resolution, drawn.origin, drawn.keepout)
+    assert ("keepout.yaml" in ended.output) == bool(drawn.keepout)
+
+
+def test_the_command_takes_a_resolution(tmp_path: Path):
+    assert "of 0.1 m" in run("arena", "-o", str(tmp_path), "--resolution", "0.1").output
+    assert load_map(tmp_path / "arena.yaml").resolution == 0.1
+
+
+def test_the_commands_mistakes_are_sentences(tmp_path: Path):
+    ended = run("hose", "-o", str(tmp_path))
+    assert (ended.exit_code, "did you mean 'house'?" in ended.output) == (2, True)
+    (tmp_path / "taken").write_text("")
+    ended = run("arena", "-o", str(tmp_path / "taken" / "maps"))
+    assert (ended.exit_code, "the map can't be written there" in ended.output) == (2, True)

@@ -1,0 +1,118 @@
+"""Robots as data: another robot by its description, and what a description can get wrong."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from btcore_sim.errors import SimError
+from btcore_sim.robot_description import TIAGO, load_description
+
+
+def write(folder: Path, change: Any = None) -> Path:
+    data = json.loads(TIAGO.read_text())
+    data["urdf"] = str(TIAGO.with_name("tiago.urdf"))
+    if change is not None:
+        change(data)
+    path = folder / "mine.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+def test_the_tiago_has_the_figures_of_its_data_sheet():
+    tiago = load_description()
+    assert (tiago.base.v_min, tiago.base.v_max, tiago.base.w_max) == (-0.2, 1.0, 2.09)
+    assert (tiago.base.command_timeout, tiago.base.radius) == (0.25, 0.27)
+    laser = tiago.laser.facts
+    assert (laser.rays, laser.range_min, laser.range_max, laser.rate) == (666, 0.05, 25.0, 10.0)
+    assert math.degrees(laser.angle_increment) == pytest.approx(0.3308, abs=1e-4)
+    assert tiago.camera is not None
+    assert math.degrees(tiago.camera.fov) == pytest.approx(63.0)
+
+
+def test_another_robot_is_driven_by_its_own_figures(tmp_path: Path, robot_at: Any, steer: Any):
+    def slow(data: dict[str, Any]) -> None:
+        data["base"]["v_max"] = 0.1
+        del data["camera"]
+
+    body = robot_at(description=load_description(write(tmp_path, slow)))
+    steer(body, 2.0, (0.5, 0.0))
+    assert body.true_pose().x == pytest.approx(0.2, abs=0.02)
+    assert body.camera() is None
+
+
+def test_a_robot_of_which_little_is_said_has_little(tmp_path: Path, robot_at: Any):
+    def bare(data: dict[str, Any]) -> None:
+        for part in ("head", "torso", "camera", "sonars", "frames", "odometry"):
+            del data[part]
+
+    body = robot_at(description=load_description(write(tmp_path, bare)))
+    body.lift(0.3)
+    assert (body.torso, body.lifted(), body.lens, body.camera()) == (None, None, None, None)
+    assert body.sonars() == ()
+    assert body.description.odometry.scale_sigma == 0.0
+    names = {frame.child for frame in body.frames()}
+    assert {"base_link", "base_laser_link", "head_2_link"} <= names
+    assert not [name for name in names if "sonar" in name or "camera" in name]
+
+
+def test_a_robot_without_a_head_has_none(tmp_path: Path, robot_at: Any):
+    body = robot_at(description=load_description(write(tmp_path, lambda data: data.pop("head"))))
+    body.look(0.3, 0.0)
+    assert body.neck is None
+    assert body.head() is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: d.pop("urdf"), "'urdf' is missing"),
+        (lambda d: d.update(urdf="nowhere.urdf"), "'urdf' names .*nowhere.urdf, and there is no such file"),
+        (
+            lambda d: d["wheels"].update(raduis=d["wheels"].pop("radius")),
+            "'radius' is missing: did you mean 'raduis'",
+        ),
+        (lambda d: d["base"].update(v_min=0.1), "'v_min' is 0.1: a base has to be able to stand"),
+        (lambda d: d["laser"].update(rays=0), "'rays' is 0, and a whole number of at least 1"),
+        (lambda d: d["laser"].update(angle_max=-3.0), "'angle_max' has to be greater than 'angle_min'"),
+        (lambda d: d["laser"].update(rate="10"), "'rate' is \"10\", and a number is expected"),
+        (lambda d: d.update(wings={}), "'wings' is unknown"),
+        (lambda d: d["torso"].update(limits=[0.3, 0.1]), r"torso: 'limits' is \[0.3, 0.1\]"),
+        (lambda d: d["odometry"].update(slip_sigma=-1), "'slip_sigma' are spreads, and can't be below 0"),
+        (lambda d: d["sonars"][1].update(range_min=2.0), r"sonars\[1\]: 'range_max' has to be greater"),
+        (lambda d: d["frames"][0].pop("parent"), r"frames\[0\]: 'parent' is missing"),
+    ],
+)
+def test_a_mistake_in_a_description_is_told(tmp_path: Path, change: Any, said: str):
+    with pytest.raises(SimError, match=said) as caught:
+        load_description(write(tmp_path, change))
+    assert "mine.json: " in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda d: d["wheels"].update(left="wheel_lift_joint"),
+            "no joint 'wheel_lift_joint': did you mean 'wheel_left",
+        ),
+        (lambda d: d["laser"].update(link="base"), "no link 'base': did you mean 'base_link'"),
+    ],
+)
+def test_a_name_that_the_urdf_does_not_have_is_told(tmp_path: Path, robot_at: Any, change: Any, said: str):
+    with pytest.raises(SimError, match=said):
+        robot_at(description=load_description(write(tmp_path, change)))
+
+
+def test_a_urdf_that_the_engine_cannot_read_is_told(tmp_path: Path, robot_at: Any):
+    (tmp_path / "broken.urdf").write_text("<robot name='x'></robot>")
+    path = write(tmp_path, lambda data: data.update(urdf="broken.urdf"))
+    with pytest.raises(SimError, match=r"broken.urdf: the physics engine can't read this URDF"):
+        robot_at(description=load_description(path))
+
+
+def test_a_missing_description_is_told():
+    with pytest.raises(SimError, match=r"nowhere\.json: there is no such file"):
+        load_description(Path("nowhere.json"))

@@ -1,0 +1,112 @@
+"""`btcore run` of a tree that wants a robot: what it reports, and what may be asked wrongly."""
+
+import json
+from collections.abc import Callable
+
+import pytest
+from click.testing import CliRunner, Result
+
+from btcore.cli.main import main
+from btcore_robot.robot import Robot
+from btcore_sim.run_extension import RobotExtension
+from btcore_sim.simulated_robot import SimulatedRobot
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch) -> Run:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setenv("COLUMNS", "110")
+
+    def call(*arguments: str) -> Result:
+        return CliRunner().invoke(main, ["run", *arguments], prog_name="btcore")
+
+    return call
+
+
+def refused(result: Result, *expected: str) -> None:
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+    for words in expected:
+        assert words in result.stderr
+
+
+def test_the_robots_figures_join_the_json(run: Run) -> None:
+    result = run("bumpgo", "--fast", "--duration", "3", "--seed", "5", "--json")
+    data = json.loads(result.stdout.splitlines()[-1])
+    assert result.exit_code == 0, result.output
+    assert list(data) == ["status", "ticks", "time_s", "real_time_factor", "nodes", "robot"]
+    assert (data["ticks"], data["time_s"]) == (30, 3.0)
+    assert list(data["robot"]) == [
+        "distance_m",
+        "collisions",
+        "grazes",
+        "pose",
+        "battery_min",
+        "odometry_error_m",
+    ]
+    assert data["robot"]["distance_m"] > 0.1
+
+
+def test_the_same_seed_gives_the_same_line_twice_in_one_process(run: Run) -> None:
+    def line(seed: int) -> dict[str, object]:
+        result = run(
+            "bumpgo_wide",
+            "--world",
+            "arena_boxes",
+            "--fast",
+            "--duration",
+            "20",
+            "--json",
+            "--seed",
+            str(seed),
+        )
+        data: dict[str, object] = json.loads(result.stdout.splitlines()[-1])
+        del data["real_time_factor"]
+        return data
+
+    assert line(3) == line(3)
+    assert line(3) != line(4)
+
+
+def test_a_battery_to_begin_with(run: Run) -> None:
+    result = run("bumpgo", "--fast", "--duration", "2", "--battery", "25", "--camera", "off", "--json")
+    data = json.loads(result.stdout.splitlines()[-1])
+    assert 24.0 < data["robot"]["battery_min"] < 25.0
+    refused(run("bumpgo", "--fast", "--battery", "120"), "--battery", "120")
+    refused(run("bumpgo", "--fast", "--battery", "nan"), "--battery nan", "a number from 0 to 100")
+
+
+def test_a_world_that_does_not_exist(run: Run) -> None:
+    refused(run("bumpgo", "--world", "aerna", "--fast"), "no world 'aerna'", "did you mean 'arena'?")
+
+
+def test_a_window_without_a_display(run: Run) -> None:
+    refused(run("bumpgo", "--gui", "--duration", "1"), "there is none: DISPLAY isn't set")
+
+
+def test_a_rate_at_which_the_base_would_stop_between_ticks(run: Run) -> None:
+    refused(run("bumpgo", "--rate", "2", "--fast"), "--rate 2 is too slow for a tree that drives")
+
+
+def test_a_fault_that_says_nothing(run: Run) -> None:
+    refused(run("bumpgo", "--fault", "laser", "--fast"), "laser")
+
+
+def test_a_robot_that_does_not_exist(run: Run) -> None:
+    refused(run("bumpgo", "--robot", "no_robot.json", "--fast"), "no_robot.json")
+
+
+def test_a_robot_that_is_there_already_is_the_only_one() -> None:
+    settings = {"fast": True}
+    [mine, *_] = RobotExtension().provide(settings, [Robot])
+    assert isinstance(mine, SimulatedRobot)
+    try:
+        simulator = RobotExtension()
+        assert list(simulator.provide(settings, [Robot], [mine])) == []
+        with simulator.attach(None, [mine], settings):
+            pass
+        assert simulator.report() == {}
+    finally:
+        mine.world.close()

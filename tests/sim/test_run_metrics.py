@@ -1,0 +1,174 @@
+"""What is told of a run: battery and odometry always, localisation and goals when somebody navigates."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from btcore_robot.robot import (
+    GoalOutcome,
+    NavigationReporter,
+    Odometry,
+    Pose2D,
+)
+from btcore_sim.robot_description import load_description
+from btcore_sim.run_metrics import (
+    RunMetrics,
+    navigator_among,
+    odometry_error,
+    waypoint,
+)
+from btcore_sim.scene import load_scene
+
+
+class Navigator:
+    """Knows the truth but for a constant error, and has the outcomes that a test gives it."""
+
+    def __init__(self, body: Any, error: Pose2D | None = None) -> None:
+        self.body = body
+        self.error = error
+        self.ended: list[GoalOutcome] = []
+
+    def estimate(self) -> Pose2D | None:
+        true = self.body.true_pose()
+        if self.error is None:
+            return None
+        return Pose2D(true.x + self.error.x, true.y + self.error.y, true.yaw + self.error.yaw)
+
+    def outcomes(self) -> Sequence[GoalOutcome]:
+        return self.ended
+
+    def end(self, x: float, y: float, status: str) -> None:
+        self.ended.append(GoalOutcome(Pose2D(x, y, 0.0), status, self.body.world.now()))
+
+
+@pytest.fixture
+def body(robot_at: Any) -> Any:
+    made = robot_at()
+    made.world.scene = replace(made.world.scene, waypoints={"wp1": (0.2, 0.1), "recharge": (0.1, 0.0)})
+    return made
+
+
+def test_without_a_navigator_battery_and_odometry_are_told(body: Any, steer: Any):
+    judge = RunMetrics(body, None)
+    steer(body, 10.0, (0.0, 0.5))
+    figures = judge.figures()
+    assert list(figures) == ["battery_min", "odometry_error_m"]
+    assert figures["battery_min"] == pytest.approx(100.0 - 10.0 * 0.26, abs=0.01)
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (2.0, -1.0, 2.2)])
+def test_odometry_is_judged_from_the_true_start(
+    robot_at: Any, steer: Any, noiseless_tiago: Any, start: tuple[float, ...]
+):
+    body = robot_at(pose=start, description=noiseless_tiago)
+    steer(body, 8.0, (0.3, 0.2))
+    assert odometry_error(body) < 0.03
+    said: Odometry = body.odometry()
+    body._odometry = replace(said, pose=replace(said.pose, x=said.pose.x + 2.0))
+    assert odometry_error(body) == pytest.approx(2.0, abs=0.04)
+
+
+def test_localisation_is_judged_from_ten_metres_on(body: Any, steer: Any):
+    navigator = Navigator(body, Pose2D(3.0, 4.0, -0.2))
+    judge = RunMetrics(body, navigator)
+    steer(body, 9.0, (1.0, 0.5))
+    assert judge.figures()["localization_error_m"] == {"median": None, "max": None}
+    steer(body, 3.0, (1.0, 0.5))
+    navigator.error = Pose2D(0.0, 6.0, 0.1)
+    steer(body, 0.1, (1.0, 0.5))
+    figures = judge.figures()
+    assert figures["localization_error_m"] == pytest.approx({"median": 5.0, "max": 6.0})
+    assert figures["localization_yaw_error_rad"] == {"max": pytest.approx(0.2)}
+    assert figures["unlocalized_s"] == 0.0
+
+
+def test_not_to_know_is_no_error_but_it_is_counted(body: Any, steer: Any):
+    judge = RunMetrics(body, Navigator(body))
+    steer(body, 12.5, (1.0, 0.5))
+    figures = judge.figures()
+    assert figures["localization_error_m"] == {"median": None, "max": None}
+    assert figures["unlocalized_s"] == pytest.approx(2.0, abs=0.2)
+
+
+def test_goals_are_told_by_how_they_ended_and_where_the_robot_was(body: Any, steer: Any):
+    navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
+    judge = RunMetrics(body, navigator)
+    navigator.end(0.2, 0.1, "SUCCEEDED")
+    navigator.end(0.1, 0.0, "SUCCEEDED")
+    navigator.end(0.3, 0.3, "SUCCEEDED")
+    navigator.end(0.2, 0.1, "ABORTED")
+    navigator.end(0.2, 0.1, "CANCELED")
+    steer(body, 0.1, None)
+    body.recharge()
+    steer(body, 4.0, (0.3, 0.0))
+    navigator.end(0.2, 0.1, "SUCCEEDED")  # it says so, and is a metre away
+    figures = judge.figures()
+    assert (figures["waypoints_visited"], figures["goals_failed"], figures["recharges"]) == (["wp1"], 1, 1)
+
+
+def test_a_navigator_is_known_by_what_it_can_do(body: Any):
+    navigator = Navigator(body)
+    assert isinstance(navigator, NavigationReporter)
+    assert navigator_among([object(), body, navigator]) is navigator
+    assert navigator_among([object(), body]) is None
+
+
+@pytest.mark.parametrize("world", ["house", "aws_house"])
+def test_the_waypoints_of_the_houses_are_known_by_their_places(world: str):
+    places = load_scene(world).waypoints
+    assert {"recharge", "wp1", "wp2", "wp3"} <= set(places)
+    for name, (x, y) in places.items():
+        assert waypoint(Pose2D(x, y, math.pi), places) == name
+        assert waypoint(Pose2D(x + 0.1, y, 0.0), places) is None
+
+
+def test_the_tiagos_odometry_is_as_wrong_as_a_patrol_needs():
+    facts = load_description().odometry
+    assert 0.0005 <= facts.scale_sigma <= 0.005
+    assert 0.01 <= facts.slip <= 0.04
+    assert 0.01 <= facts.slip_sigma <= 0.05
+
+
+def test_turning_on_the_spot_four_times_odometry_is_wrong_by_some_degrees(robot_at: Any, steer: Any):
+    wrong = []
+    for seed in range(3):
+        body = robot_at(seed=seed)
+        steer(body, 15.0, (0.0, 0.5))
+        off = math.remainder(body.odometry().pose.yaw - body.true_pose().yaw, 2 * math.pi)
+        wrong.append(math.degrees(off))
+    # 7.5 rad with a slip of 4 %, give or take the wheels' own errors.
+    assert all(12.0 < one < 22.0 for one in wrong)
+    assert len(set(wrong)) == 3
+
+
+def test_how_a_robot_gets_over_being_carried_off_is_told(body: Any, steer: Any):
+    navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
+    judge = RunMetrics(body, navigator)
+    steer(body, 2.0, (0.5, 0.0))
+    assert "carried" not in judge.figures()
+    body.carry(Pose2D(3.0, 3.0, 0.0))
+    navigator.error = Pose2D(3.0, 0.0, 0.0)
+    steer(body, 1.0, (0.5, 0.0))
+    navigator.error = None
+    steer(body, 2.0, (0.0, 0.5))
+    navigator.error = Pose2D(0.4, 0.0, 0.0)
+    steer(body, 1.0, (0.5, 0.0))
+    navigator.error = Pose2D(0.1, 0.0, 0.0)
+    steer(body, 1.0, (0.5, 0.0))
+    (one,) = judge.figures()["carried"]
+    assert one["t"] == pytest.approx(2.0)
+    assert one["noticed_s"] == pytest.approx(1.0, abs=0.11)
+    assert one["found_s"] == pytest.approx(4.0, abs=0.11)
+    assert one["astray_m"] == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_robot_that_never_notices_that_it_was_carried_off_goes_astray(body: Any, steer: Any):
+    judge = RunMetrics(body, Navigator(body, Pose2D(0.0, 2.0, 0.0)))
+    body.carry(Pose2D(3.0, 3.0, 0.0))
+    steer(body, 4.0, (0.5, 0.0))
+    (one,) = judge.figures()["carried"]
+    assert one["noticed_s"] is one["found_s"] is None
+    assert one["astray_m"] == pytest.approx(2.0, abs=0.2)
