@@ -92,7 +92,7 @@ class Slot:
         return self._column
 
     def column_for_write(self) -> tuple[Column, bool]:
-        """As :meth:`Schema.written`."""
+        """As :meth:`ColumnTable.column_for_write`."""
         if self._written is None or self._version_written != self.schema.version:
             self._written = self.schema.column_for_write(self.board, self.key)
             self._version_written = self.schema.version

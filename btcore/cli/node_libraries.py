@@ -39,7 +39,7 @@ class NodeLibraries:
 
     @contextmanager
     def annotate_errors(self) -> Iterator[None]:
-        """Add :meth:`notes` to a TreeError that passes."""
+        """Add :meth:`missing_library_notes` to a TreeError that passes."""
         try:
             yield
         except TreeError as error:

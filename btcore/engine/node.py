@@ -121,7 +121,7 @@ class TreeNode:
 
     @property
     def tick_counts(self) -> TickCounts | None:
-        """How often it was ticked, if its tree counts (:meth:`Tree.count`)."""
+        """How often it was ticked, if its tree counts (:meth:`Tree.count_ticks`)."""
         return None if self._guard is None else self._guard.tick_counts
 
     def count_ticks(self) -> TickCounts:

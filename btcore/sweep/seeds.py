@@ -43,7 +43,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 
 def format_seeds(seeds: tuple[int, ...]) -> str:
-    """*seeds* as :func:`parsed` reads them, runs of them as ranges."""
+    """*seeds* as :func:`parse_seeds` reads them, runs of them as ranges."""
     runs: list[list[int]] = []
     for seed in seeds:
         if runs and seed == runs[-1][1] + 1:

@@ -1,6 +1,6 @@
 """For tests of trees: a harness, assertions, coverage, substitution, planned leaves, random trees.
 
-``trees``, ``documents``, ``outcomes``, ``plans``, ``letters`` and ``blackboards`` are hypothesis strategies,
+``trees``, ``xml_documents``, ``outcomes``, ``action_plans``, ``sync_plans`` and ``blackboards`` are hypothesis strategies,
 and need it to be installed; nothing else here does.
 """
 
@@ -82,7 +82,7 @@ __all__ = [
     "xml_documents",
 ]
 
-_STRATEGIES = frozenset({"blackboards", "documents", "letters", "outcomes", "plans", "trees"})
+_STRATEGIES = frozenset({"action_plans", "blackboards", "outcomes", "sync_plans", "trees", "xml_documents"})
 
 
 def __getattr__(name: str) -> object:

@@ -284,7 +284,7 @@ class Tree:
             self.context.observers.flush()
 
     def count_ticks(self) -> dict[str, TickCounts]:
-        """Count the ticks of every node from now on, by path (see :meth:`keys`)."""
+        """Count the ticks of every node from now on, by path (see :meth:`nodes_by_path`)."""
         return {key: node.count_ticks() for key, node in self.nodes_by_path().items()}
 
     def nodes_by_path(self) -> dict[str, TreeNode]:

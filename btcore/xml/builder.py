@@ -70,7 +70,7 @@ class Builder:
 
     Children come first; keywords are ports, ``name``, ``_skipIf`` and the like. A value is written as
     its text; a keyword that Python has for itself takes an underscore more (``if_``, ``else_``).
-    ``b.SubTree("Dock", goal="{home}")`` calls a tree; :meth:`of` makes a twig of the function or class
+    ``b.SubTree("Dock", goal="{home}")`` calls a tree; :meth:`node` makes a twig of the function or class
     that is registered.
     """
 

@@ -23,7 +23,7 @@ for name in sys.argv[1:]:
     importlib.import_module(name)
 files = [one.__file__ for name, one in sys.modules.items() if name.startswith("btcore.")]
 print(*sorted({pathlib.Path(file).suffix for file in files}))
-print(btcore.builds.running())
+print(btcore.builds.active_build())
 """
 
 only_compiled = pytest.mark.skipif(builds.active_build() == "pure", reason="nothing here is compiled")

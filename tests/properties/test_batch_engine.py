@@ -116,7 +116,7 @@ class ActForAll(batch.StatefulAction):
 
     def on_start(self, mask: batch.Mask) -> object:
         for at in np.flatnonzero(mask):
-            self.left[at] = self.plans.plans[at].take()
+            self.left[at] = self.plans.plans[at].next_entry()
         return self._letters(mask, "start")
 
     def on_running(self, mask: batch.Mask) -> object:
@@ -142,7 +142,7 @@ def ask_for_all(mask: batch.Mask, plans: PlanFor) -> object:
     found = np.full(len(mask), 77, dtype=np.uint8)
     for at in np.flatnonzero(mask):
         plans.calls[at].made.append(("Ask", "tick"))
-        found[at] = LETTERS.get(plans.plans[at].take()[-1].replace("K", "F"), 0)
+        found[at] = LETTERS.get(plans.plans[at].next_entry()[-1].replace("K", "F"), 0)
     return found
 
 
@@ -444,7 +444,7 @@ def test_every_type_of_entry_is_read_and_written_as_in_one_tree(
                 f"agent {at}"
             )
             boards = {
-                one.path: {key: entry.value for key, entry in one.blackboard.local().items()}
+                one.path: {key: entry.value for key, entry in one.blackboard.local_entries().items()}
                 for one in tree.subtrees
             }
             assert repr(shown(held(many, at))) == repr(shown(boards)), f"agent {at}"

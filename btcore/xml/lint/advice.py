@@ -39,7 +39,7 @@ class LintReporter:
     ) -> None:
         """Note a warning (or, by its *code*, an error) about *node*, or about one of its attributes.
 
-        For the place see :meth:`Document.place`; *width* is how many characters are meant from *within* on.
+        For the place see :meth:`Document.span`; *width* is how many characters are meant from *within* on.
         """
         found = document.diagnostic(code, said, node.element, attribute, part, hint, within)
         if width and found.width < width:

@@ -101,7 +101,7 @@ class Document:
         hint: str = "",
         within: int = 0,
     ) -> Diagnostic:
-        """A diagnostic about *element*, or about one of its attributes (see :meth:`place`)."""
+        """A diagnostic about *element*, or about one of its attributes (see :meth:`span`)."""
         place = self.span(element, attribute, part, within)
         if place is None:
             return Diagnostic(code, message, self.file, hint=hint)

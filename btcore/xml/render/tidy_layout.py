@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True, eq=False)
 class LayoutBox:
-    """What is placed: its size, its children, and (after :func:`tidy`) where it is.
+    """What is placed: its size, its children, and (after :func:`layout_tree`) where it is.
 
     *breadth* and *depth* are sizes; *middle* is its centre along the breadth, *top* where it begins
     along the depth; *frame* is (breadth from, depth from, breadth to, depth to) around what is below.

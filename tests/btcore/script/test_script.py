@@ -107,7 +107,7 @@ class TestTokens:
         inner = Blackboard(board)
         run("@x := 1", inner)
         assert board["x"] == 1
-        board.local()[""] = board.find("x")
+        board.local_entries()[""] = board.find("x")
         assert run("@@x", inner) == 1
         assert fault("@@y", inner).message.startswith("there is no variable '@y'")
 
@@ -372,7 +372,7 @@ class TestAssignment:
         inner = Blackboard(board)
         inner.remap("in", "out")
         run("in := 1; @g := 2; own := 3", inner)
-        assert {key: entry.value for key, entry in board.local().items()} == {"out": 1, "g": 2}
+        assert {key: entry.value for key, entry in board.local_entries().items()} == {"out": 1, "g": 2}
         assert inner["own"] == 3
 
     def test_what_was_written_before_a_fault_stays(self, board):
