@@ -6,12 +6,9 @@ source, slower. A development install (``pip install -e``) is always pure, since
 would hide the source beside it.
 """
 
-import ast
 import os
-import re
 import sys
 import sysconfig
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +99,9 @@ def extensions() -> list[Extension]:
 
         made: list[Any] = mypycify(
             ["--follow-imports=silent", "--no-warn-unused-configs", *hot_modules()],
-            opt_level=os.environ.get("BTCORE_OPT_LEVEL", "3"),
+            # -O1 compiles in half the time of -O3, and ticks as fast within the noise (docs/performance.md).
+            opt_level=os.environ.get("BTCORE_OPT_LEVEL", "1"),
+            debug_level="0",
             group_name=GROUP,
         )
     except (Exception, SystemExit) as error:
@@ -110,82 +109,17 @@ def extensions() -> list[Extension]:
             raise
         told(f"mypyc can't translate the engine ({error})")
         return []
-    texts = docstrings()
     for extension in made:
         # Another compiler's new warning is no reason to go without the compiled build.
         extension.extra_compile_args = [
             flag for flag in extension.extra_compile_args if flag not in ("-Werror", "/WX")
         ]
-        extension.sources = [documented(Path(source), texts) for source in extension.sources]
     return made
 
 
 def told(reason: str) -> None:
     """Say why this is the pure build."""
     print(f"warning: {reason}: this is the pure build of btcore", file=sys.stderr)
-
-
-# --- docstrings, which mypyc leaves out of what it makes, and help() shows
-
-
-def docstrings() -> dict[str, str]:
-    """The docstrings of the hot modules, by the names that mypyc may have given to their owners in C."""
-    texts: dict[str, str] = {}
-    for file in hot_modules():
-        module = Path(file).with_suffix("").parts
-        tree = ast.parse((HERE / file).read_text(encoding="utf-8"))
-        for owner, text in owners(tree):
-            # mypyc shortens a module's name from the left, as far as it stays unique.
-            for first in range(len(module)):
-                texts["___".join((*module[first:], *owner))] = text
-    return texts
-
-
-def owners(parent: ast.Module | ast.ClassDef) -> Iterator[tuple[tuple[str, ...], str]]:
-    """The classes and functions in *parent*, by path, that have a docstring."""
-    for node in parent.body:
-        if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
-            text = ast.get_docstring(node)
-            if text:
-                yield (node.name,), text
-        if isinstance(node, ast.ClassDef):
-            yield from (((node.name, *path), text) for path, text in owners(node))
-
-
-OWNER = re.compile(r"\(PyCFunction\)CPyPy_(\w+),|PyTypeObject CPyType_(\w+)_template_ = ")
-PLACE = re.compile(r'PyDoc_STR\((NULL|"(?:[^"\\]|\\.)*")\)')
-
-
-def documented(source: Path, texts: dict[str, str]) -> str:
-    """The path of a copy of the C file *source* with *texts* where they belong; of itself without any."""
-    name, found, lines = "", 0, []
-    for line in source.read_text(encoding="utf-8").splitlines(keepends=True):
-        owner = OWNER.search(line)
-        if owner:
-            name = owner[1] or owner[2]
-        place = PLACE.search(line)
-        if place and name in texts:
-            signature = "" if place[1] == "NULL" else place[1] + " "
-            line = f"{line[: place.start(1)]}{signature}{literal(texts[name])}{line[place.end(1) :]}"
-            found += 1
-        if place:
-            name = ""
-        lines.append(line)
-    if not found:
-        return str(source)
-    copy, text = source.with_stem(source.stem + "_documented"), "".join(lines)
-    # An unchanged file is left alone, so that it isn't compiled again.
-    if not copy.exists() or copy.read_text(encoding="utf-8") != text:
-        copy.write_text(text, encoding="utf-8")
-    return str(copy)
-
-
-def literal(text: str) -> str:
-    """*text* in C: octal escapes, since one of three digits can't run into what follows."""
-    plain = (
-        chr(byte) if 32 <= byte < 127 and byte not in b'"\\?' else f"\\{byte:03o}" for byte in text.encode()
-    )
-    return f'"{"".join(plain)}"'
 
 
 # --- commands

@@ -1,101 +1,149 @@
-"""Behavior trees written for BehaviorTree.CPP, run in Python."""
+"""Behavior trees written for BehaviorTree.CPP, run in Python.
 
-# ruff: noqa: E402 - which build the other modules come from has to be chosen first
+A public name is imported from its module when it is first used, so that a small program does not pay for
+what it leaves alone.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from btcore import builds
 
+# The build is chosen before any module is imported that may be compiled.
 builds.select_build()
 
-from btcore import values
-from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.ports import Direction, Port
-from btcore.clock import Clock, SimClock, SystemClock
-from btcore.engine.context import TreeState
-from btcore.engine.control import ControlNode, DecoratorNode
-from btcore.engine.coroutine import running, sleep
-from btcore.engine.functions import action, condition
-from btcore.engine.leaf import Condition, StatefulAction, SyncAction
-from btcore.engine.node import TreeNode
-from btcore.engine.observers import Observer, Transitions
-from btcore.engine.signature import (
-    In,
-    InOut,
-    Out,
-    Put,
-)
-from btcore.engine.threaded import ThreadedAction
-from btcore.errors import (
-    BlackboardError,
-    BtcoreError,
-    ConversionError,
-    Diagnostic,
-    NodeError,
-    NodeExecutionError,
-    PortError,
-    RegistrationError,
-    ScriptError,
-    TreeError,
-    UnknownNodeError,
-    XmlSyntaxError,
-)
-from btcore.loading.load import load, loads, required_resources
-from btcore.registry.registry import Registry
-from btcore.script.program import compile_script
-from btcore.status import NodeType, Status, Transition
-from btcore.tree.tree import Subtree, Tree
-from btcore.xml.builder import Builder, blackboard_key
+if TYPE_CHECKING:
+    from btcore.blackboard.blackboard import Blackboard as Blackboard
+    from btcore.blackboard.blackboard import Entry as Entry
+    from btcore.blackboard.ports import Direction as Direction
+    from btcore.blackboard.ports import Port as Port
+    from btcore.clock import Clock as Clock
+    from btcore.clock import SimClock as SimClock
+    from btcore.clock import SystemClock as SystemClock
+    from btcore.engine.context import TreeState as TreeState
+    from btcore.engine.control import ControlNode as ControlNode
+    from btcore.engine.control import DecoratorNode as DecoratorNode
+    from btcore.engine.coroutine import running as running
+    from btcore.engine.coroutine import sleep as sleep
+    from btcore.engine.functions import action as action
+    from btcore.engine.functions import condition as condition
+    from btcore.engine.leaf import (
+        Condition as Condition,
+    )
+    from btcore.engine.leaf import (
+        StatefulAction as StatefulAction,
+    )
+    from btcore.engine.leaf import (
+        SyncAction as SyncAction,
+    )
+    from btcore.engine.node import TreeNode as TreeNode
+    from btcore.engine.observers import Observer as Observer
+    from btcore.engine.observers import Transitions as Transitions
+    from btcore.engine.signature import In as In
+    from btcore.engine.signature import InOut as InOut
+    from btcore.engine.signature import Out as Out
+    from btcore.engine.signature import Put as Put
+    from btcore.engine.threaded import ThreadedAction as ThreadedAction
+    from btcore.errors import (
+        BlackboardError as BlackboardError,
+    )
+    from btcore.errors import (
+        BtcoreError as BtcoreError,
+    )
+    from btcore.errors import (
+        ConversionError as ConversionError,
+    )
+    from btcore.errors import (
+        Diagnostic as Diagnostic,
+    )
+    from btcore.errors import (
+        NodeError as NodeError,
+    )
+    from btcore.errors import (
+        NodeExecutionError as NodeExecutionError,
+    )
+    from btcore.errors import (
+        PortError as PortError,
+    )
+    from btcore.errors import (
+        RegistrationError as RegistrationError,
+    )
+    from btcore.errors import (
+        ScriptError as ScriptError,
+    )
+    from btcore.errors import (
+        TreeError as TreeError,
+    )
+    from btcore.errors import (
+        UnknownNodeError as UnknownNodeError,
+    )
+    from btcore.errors import (
+        XmlSyntaxError as XmlSyntaxError,
+    )
+    from btcore.loading.load import load as load
+    from btcore.loading.load import loads as loads
+    from btcore.loading.load import required_resources as required_resources
+    from btcore.registry.registry import Registry as Registry
+    from btcore.script.program import compile_script as compile_script
+    from btcore.status import NodeType as NodeType
+    from btcore.status import Status as Status
+    from btcore.status import Transition as Transition
+    from btcore.tree.tree import Subtree as Subtree
+    from btcore.tree.tree import Tree as Tree
+    from btcore.xml.builder import Builder as Builder
+    from btcore.xml.builder import blackboard_key as blackboard_key
 
-builds.describe(Direction, NodeType, Status, Transition)
+_HOMES = {
+    "btcore.blackboard.blackboard": ("Blackboard", "Entry"),
+    "btcore.blackboard.ports": ("Direction", "Port"),
+    "btcore.clock": ("Clock", "SimClock", "SystemClock"),
+    "btcore.engine.context": ("TreeState",),
+    "btcore.engine.control": ("ControlNode", "DecoratorNode"),
+    "btcore.engine.coroutine": ("running", "sleep"),
+    "btcore.engine.functions": ("action", "condition"),
+    "btcore.engine.leaf": ("Condition", "StatefulAction", "SyncAction"),
+    "btcore.engine.node": ("TreeNode",),
+    "btcore.engine.observers": ("Observer", "Transitions"),
+    "btcore.engine.signature": ("In", "InOut", "Out", "Put"),
+    "btcore.engine.threaded": ("ThreadedAction",),
+    "btcore.errors": (
+        "BlackboardError",
+        "BtcoreError",
+        "ConversionError",
+        "Diagnostic",
+        "NodeError",
+        "NodeExecutionError",
+        "PortError",
+        "RegistrationError",
+        "ScriptError",
+        "TreeError",
+        "UnknownNodeError",
+        "XmlSyntaxError",
+    ),
+    "btcore.loading.load": ("load", "loads", "required_resources"),
+    "btcore.registry.registry": ("Registry",),
+    "btcore.script.program": ("compile_script",),
+    "btcore.status": ("NodeType", "Status", "Transition"),
+    "btcore.tree.tree": ("Subtree", "Tree"),
+    "btcore.xml.builder": ("Builder", "blackboard_key"),
+}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
-__all__ = [
-    "Blackboard",
-    "BlackboardError",
-    "BtcoreError",
-    "Builder",
-    "Clock",
-    "Condition",
-    "ControlNode",
-    "ConversionError",
-    "DecoratorNode",
-    "Diagnostic",
-    "Direction",
-    "Entry",
-    "In",
-    "InOut",
-    "NodeError",
-    "NodeExecutionError",
-    "NodeType",
-    "Observer",
-    "Out",
-    "Port",
-    "PortError",
-    "Put",
-    "RegistrationError",
-    "Registry",
-    "ScriptError",
-    "SimClock",
-    "StatefulAction",
-    "Status",
-    "Subtree",
-    "SyncAction",
-    "SystemClock",
-    "ThreadedAction",
-    "Transition",
-    "Transitions",
-    "Tree",
-    "TreeError",
-    "TreeNode",
-    "TreeState",
-    "UnknownNodeError",
-    "XmlSyntaxError",
-    "action",
-    "blackboard_key",
-    "builds",
-    "compile_script",
-    "condition",
-    "load",
-    "loads",
-    "required_resources",
-    "running",
-    "sleep",
-    "values",
-]
+__all__ = [*_MODULE_OF, "builds", "values"]
+
+
+def __getattr__(name: str) -> object:
+    """Import the public name *name*, or the submodule of that name."""
+    if name in _MODULE_OF:
+        value: object = getattr(import_module(_MODULE_OF[name]), name)
+    elif name in __all__:
+        value = import_module(f"btcore.{name}")
+    else:
+        raise AttributeError(f"module 'btcore' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names, imported or not."""
+    return sorted({*globals(), *__all__})

@@ -6,7 +6,6 @@ somebody compiled there; in an install that lacks a part, which would crash; and
 is in the environment, so that a debugger can step through the engine of any install.
 """
 
-import ast
 import os
 import sys
 from collections.abc import Sequence
@@ -122,20 +121,6 @@ def _source_only() -> SourceOnly | None:
 # --- docstrings
 
 
-class Written:
-    """The ``__doc__`` of a compiled class that has none: looked up in the source when it is asked for."""
-
-    def __get__(self, instance: object, owner: type) -> str:
-        return written_docstring(owner)
-
-
-def describe(*classes: type) -> None:
-    """Give *classes* the docstrings of their source, if they are compiled; enums and tuples need it."""
-    if active_build() == "compiled":
-        for cls in classes:
-            cls.__doc__ = Written()  # type: ignore[assignment]
-
-
 def written_docstring(cls: type) -> str:
     """The docstring of a class of the engine, which its compiled form has not: from the source beside it."""
     module = sys.modules[cls.__module__]
@@ -148,5 +133,7 @@ def written_docstring(cls: type) -> str:
 @cache
 def _docstrings(source: Path) -> dict[str, str]:
     """The docstrings of the classes in the file *source*."""
+    import ast
+
     classes = [node for node in ast.parse(source.read_text("utf-8")).body if isinstance(node, ast.ClassDef)]
     return {node.name: ast.get_docstring(node) or "" for node in classes}

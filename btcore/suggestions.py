@@ -1,7 +1,6 @@
 """The nearest name to a mistyped one, and lists that read as sentences."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 
 def nearest_name(word: str, names: Iterable[str]) -> str | None:
@@ -10,6 +9,9 @@ def nearest_name(word: str, names: Iterable[str]) -> str | None:
     folded = {name.casefold(): name for name in reversed(known)}
     if word.casefold() in folded:
         return folded[word.casefold()]
+    # Imported for a mistake only: start-up does without it.
+    from difflib import get_close_matches
+
     found = get_close_matches(word, known, n=1, cutoff=0.6)
     return found[0] if found else None
 

@@ -4,7 +4,6 @@ Telemetry never ticks: an observer may be slow or wrong, the tree does not notic
 raises is dropped, with a warning in the log.
 """
 
-import logging
 from collections.abc import Callable, Iterator
 from typing import Any, Final, cast
 
@@ -20,7 +19,6 @@ from btcore.status import (
     Transition,
 )
 
-_log = logging.getLogger("btcore")
 # What Transition(…) calls in the end, by way of a function in Python, which takes far longer.
 _new_tuple: Final[Any] = tuple.__new__
 
@@ -241,7 +239,9 @@ class Observers:
 
     def _drop(self, listener: Observer, fault: Exception) -> None:
         self._are([other for other in self.listeners if other is not listener])
-        _log.warning("observer %r raised and is dropped: %r", listener, fault)
+        import logging
+
+        logging.getLogger("btcore").warning("observer %r raised and is dropped: %r", listener, fault)
 
 
 class Unsubscribe:

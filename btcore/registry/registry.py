@@ -1,13 +1,10 @@
 """What tags a tree may use: built-in nodes, your own, and those of node libraries."""
 
 import importlib
-import importlib.util
 import inspect
 import sys
-import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -227,6 +224,9 @@ class Registry:
         One that needs a module which isn't installed (an extra, say) is left out, and told of in the
         result. Raises RegistrationError for any other fault.
         """
+        # It takes longer to import than the rest of the engine, and most programs do without.
+        from importlib.metadata import entry_points
+
         left_out = []
         for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
             try:
@@ -323,11 +323,13 @@ def _import(library: str, name: str | None) -> ModuleType:
 def _import_file(path: Path) -> ModuleType:
     if not path.is_file():
         raise RegistrationError(f"plugin '{path}' is not found: there is no such file")
+    from importlib.util import module_from_spec, spec_from_file_location
+
     name = f"{_OF_FILE}{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise RegistrationError(f"plugin '{path}' is no Python file")
-    module = importlib.util.module_from_spec(spec)
+    module = module_from_spec(spec)
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
@@ -341,6 +343,8 @@ def _broken(library: str, fault: BaseException, doing: str = "it was imported") 
     if isinstance(fault, SyntaxError):
         where = f"{fault.filename}:{fault.lineno}"
     else:
+        import traceback
+
         last = traceback.extract_tb(fault.__traceback__)[-1]
         where = f"{last.filename}:{last.lineno}"
     return RegistrationError(

@@ -16,7 +16,9 @@ from btcore.sweep import (
     options,
     success,
 )
-from btcore.sweep import seeds as seed_texts
+from btcore.sweep import (
+    seeds as seed_texts,
+)
 from btcore.sweep.journal import Journal
 from btcore.sweep.results import write_results
 

@@ -1,7 +1,7 @@
 """For tests of trees: a harness, assertions, coverage, substitution, planned leaves, random trees.
 
-``trees``, ``xml_documents``, ``outcomes``, ``action_plans``, ``sync_plans`` and ``blackboards`` are hypothesis strategies,
-and need it to be installed; nothing else here does.
+``trees``, ``xml_documents``, ``outcomes``, ``action_plans``, ``sync_plans`` and ``blackboards`` are
+strategies of hypothesis, which must be installed for them; nothing else here needs it.
 """
 
 from typing import TYPE_CHECKING

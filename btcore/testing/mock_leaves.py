@@ -19,9 +19,9 @@ from btcore.tree.tree import Tree
 class Outcomes:
     """What leaves do, one entry a start, in the order in which they start; after the last the first again.
 
-    An entry is S (success), F (failure), K (skipped) or X (raises :class:`LeafPlanError`), with an R before it
-    for every tick that an action runs first. Of a condition the last letter alone counts, and K is a failure:
-    several control nodes don't let their condition be skipped.
+    An entry is S (success), F (failure), K (skipped) or X (raises :class:`LeafPlanError`), with an R before
+    it for every tick that an action runs first. Of a condition the last letter alone counts, and K is a
+    failure: several control nodes don't let their condition be skipped.
     Raises ValueError for any other entry, and for none at all.
     """
 

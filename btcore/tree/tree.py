@@ -1,10 +1,8 @@
 """A tree that can be ticked."""
 
-import asyncio
-import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import NoReturn, SupportsIndex, TypeVar
+from typing import TYPE_CHECKING, NoReturn, SupportsIndex, TypeVar
 
 from mypy_extensions import mypyc_attr
 
@@ -12,7 +10,6 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import (
     NS_PER_S,
     Clock,
-    SystemClock,
     TickSchedule,
 )
 from btcore.engine.context import TreeContext
@@ -34,28 +31,11 @@ from btcore.status import (
     Status,
 )
 from btcore.suggestions import nearest_name
-from btcore.tree.hooks import Hooks
+
+if TYPE_CHECKING:
+    from btcore.tree.hooks import Hooks
 
 N = TypeVar("N", bound=TreeNode)
-
-
-class Waker:
-    """Sets an event of an event loop, from any thread."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
-        self.loop = loop
-        self.event = event
-
-    def __call__(self) -> None:
-        """Set it, unless the loop is closed."""
-        if not self.loop.is_closed():
-            self.loop.call_soon_threadsafe(self.event.set)
-
-
-async def _until(wait: int, event: asyncio.Event) -> None:
-    """Wait for *wait* ns or for *event*; let the event loop run in any case."""
-    with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(event.wait(), max(wait, 0) / NS_PER_S)
 
 
 class Subtree:
@@ -154,11 +134,12 @@ class Tree:
         awaited: where one is set, ticks run on a thread of their own, in turns with the loop's. Raises as
         above.
         """
-        context = self.context
-        loop = asyncio.get_running_loop()
-        woken = asyncio.Event()
-        metronome = TickSchedule(period, context.clock.now())
-        context.on_wake = Waker(loop, woken)
+        # asyncio takes as long to import as the engine, and is needed here only.
+        from asyncio import CancelledError
+
+        from btcore.tree.event_loop import EventLoopWait
+
+        wait = EventLoopWait(self.context, period)
         try:
             while True:
                 hooks = self._hooks
@@ -168,20 +149,12 @@ class Tree:
                     status = self.tick_once()
                 if status is not RUNNING:
                     return status
-                due = context.first_deadline(metronome.next(context.clock.now()))
-                if isinstance(context.clock, SystemClock):
-                    await _until(due - context.clock.now(), woken)
-                    due = 0
-                else:
-                    await asyncio.sleep(0)
-                woken.clear()
-                # Takes what is due of wake-ups, and lets a simulated clock step.
-                context.wait_until(due)
-        except asyncio.CancelledError:
+                await wait.until_next_tick()
+        except CancelledError:
             self.halt()
             raise
         finally:
-            context.on_wake = None
+            wait.close()
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
 
@@ -259,8 +232,10 @@ class Tree:
     # --- breakpoints, looking
 
     @property
-    def hooks(self) -> Hooks:
+    def hooks(self) -> "Hooks":
         """Breakpoints and injected statuses; any thread may set them."""
+        from btcore.tree.hooks import Hooks
+
         with self.context.lock:
             if self._hooks is None:
                 self._hooks = Hooks(self.nodes, self.context)

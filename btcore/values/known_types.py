@@ -9,7 +9,6 @@ integer that user code writes is ``int`` where 32 bits hold it, else ``long``, e
 an ``In[float]`` or ``In[Int64]`` may still claim such an entry when the tree is made.
 """
 
-import json
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
@@ -129,6 +128,8 @@ class UserType(ValueType):
             return self._to_text(value)
         if is_dataclass(value) and not isinstance(value, type):
             try:
+                import json
+
                 return "json:" + json.dumps(_record(value), ensure_ascii=False)
             except TypeError:
                 pass

@@ -6,11 +6,9 @@ C++'s ``std::from_chars``. Format 3 reads by C's ``strtol`` and ``strtod``, whic
 a plus sign, and know hexadecimal reals.
 """
 
-import json
 import math
 import re
 import struct
-from fractions import Fraction
 from typing import Final
 
 from btcore.errors import ConversionError
@@ -157,6 +155,8 @@ def json_items(text: str) -> list[object]:
 
 def read_json(text: str) -> object:
     """The value of the JSON *text*, strictly: no NaN, no number beyond a double. Raises ConversionError."""
+    import json
+
     try:
         value: object = json.loads(text, parse_constant=_refuse_constant, parse_float=_json_float)
     except (ValueError, RecursionError):
@@ -198,6 +198,8 @@ def _finite(number: str, text: str, as_single: bool) -> float:
     neighbour = _halfway_partner(value, rounded)
     if neighbour is not None:
         # The double lies exactly between two floats: the digits that it lost decide.
+        from fractions import Fraction
+
         exact = Fraction(number)
         if exact != Fraction(value):
             upper, lower = max(rounded, neighbour), min(rounded, neighbour)

@@ -1,6 +1,5 @@
 """Lists of one type."""
 
-import json
 from typing import Final
 
 from btcore.errors import ConversionError
@@ -46,6 +45,8 @@ class VectorType(ValueType):
         """A JSON array, ``json:[…]``, of numbers, bools or strings; else the items between ``;``."""
         items = self.cast(value)
         if self.item in (INT, DOUBLE, BOOL, STRING):
+            import json
+
             return "json:" + json.dumps(items, separators=(",", ":"), ensure_ascii=False)
         return ";".join([self.item.to_text(one) for one in items])
 

@@ -43,8 +43,7 @@ from btcore.xml.read.includes import PackageResolver
 def pause_gc() -> Iterator[None]:
     """Let Python's collector of cyclic garbage rest, as nothing of a tree in the making is garbage.
 
-    Otherwise it would look through the growing tree again and again. What was made lives long: it goes
-    to the collector's oldest generation at once.
+    Otherwise it would look through the growing tree again and again.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -52,9 +51,6 @@ def pause_gc() -> Iterator[None]:
         yield
     finally:
         if was_enabled:
-            if not gc.get_freeze_count():
-                gc.freeze()
-                gc.unfreeze()
             gc.enable()
 
 

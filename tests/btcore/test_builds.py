@@ -113,7 +113,7 @@ def test_every_hot_module_is_compiled() -> None:
 
 @only_compiled
 def test_an_install_that_lacks_a_part_runs_its_source(home: Path) -> None:
-    (home / "btcore" / ("tree" + SUFFIX)).unlink()
+    (home / "btcore" / "tree" / ("tree" + SUFFIX)).unlink()
     first, second = said_by("-m", "btcore", "--version", home=home).splitlines()
     assert "(pure build, " in first
     assert second.endswith(": btcore.tree.tree is missing among them; reinstall btcore")
@@ -122,14 +122,14 @@ def test_an_install_that_lacks_a_part_runs_its_source(home: Path) -> None:
 def test_compiled_files_without_their_library_are_not_used(home: Path) -> None:
     for library in home.glob(builds.LIBRARY + ".*"):
         library.unlink()
-    compile_badly(home / "btcore" / "node.py", home / "btcore" / "nodes" / "sequence.py")
+    compile_badly(home / "btcore" / "engine" / "node.py", home / "btcore" / "nodes" / "sequence.py")
     first, second = said_by("-m", "btcore", "--version", home=home).splitlines()
     assert "(pure build, " in first
     assert second.endswith("are not used: btcore__mypyc, which they need, is missing")
 
 
 def test_compiled_files_with_an_unloadable_library_are_not_used(home: Path) -> None:
-    compile_badly(home / "btcore__mypyc.py", home / "btcore" / "node.py")
+    compile_badly(home / "btcore__mypyc.py", home / "btcore" / "engine" / "node.py")
     first, second = said_by("-m", "btcore", "--version", home=home).splitlines()
     assert "(pure build, " in first
     assert "are not used: btcore__mypyc, which they need, can't be loaded (" in second
@@ -138,9 +138,8 @@ def test_compiled_files_with_an_unloadable_library_are_not_used(home: Path) -> N
 def test_a_checkout_runs_its_source_whatever_was_compiled_in_it(home: Path) -> None:
     for name in ("setup.py", "pyproject.toml"):
         (home / name).touch()
-    compile_badly(
-        home / "btcore__mypyc.py", home / "btcore" / "node.py", home / "btcore" / "script" / "lexer.py"
-    )
+    package = home / "btcore"
+    compile_badly(home / "btcore__mypyc.py", package / "engine" / "node.py", package / "script" / "lexer.py")
     assert said_by("-c", FILES, home=home).split() == [".py", "pure"]
     first, second = said_by("-m", "btcore", "--version", home=home).splitlines()
     assert "(pure build, " in first
@@ -167,27 +166,3 @@ def test_the_commands_of_a_development_install_compile_nothing(monkeypatch: pyte
     monkeypatch.setenv("BTCORE_PURE", "1")
     monkeypatch.setattr(sys, "argv", ["setup.py", "bdist_wheel"])
     assert script.wanted() is False
-
-
-def test_the_c_code_gets_the_docstrings_of_the_source(tmp_path: Path) -> None:
-    script = setup_script()
-    other = '    {"__getstate__", (PyCFunction)CPyPickle_GetState, METH_NOARGS, PyDoc_STR("For pickle.")},'
-    before = [
-        '    {"now",',
-        "     (PyCFunction)CPyPy_clock___SimClock___now,",
-        r'     METH_FASTCALL, PyDoc_STR("now($self)\n--\n\n")},',
-        other,
-        "static PyTypeObject CPyType_clock___SimClock_template_ = {",
-        "    .tp_doc = PyDoc_STR(NULL),",
-    ]
-    code = tmp_path / "native.c"
-    code.write_text("\n".join(before))
-    texts = {"clock___SimClock___now": 'The "time" (ns).\nAt °', "clock___SimClock": "A clock."}
-    after = Path(script.documented(code, texts)).read_text().splitlines()
-    said = r'"now($self)\n--\n\n" "The \042time\042 (ns).\012At \302\260"'
-    assert after[2] == f"     METH_FASTCALL, PyDoc_STR({said})}},"
-    assert after[5] == '    .tp_doc = PyDoc_STR("A clock."),'
-    assert [*after[:2], *after[3:5]] == [*before[:2], *before[3:5]]
-    assert script.documented(code, {}) == str(code)
-    known = script.docstrings()
-    assert known["clock___SimClock"] == known["btcore___clock___SimClock"] == btcore.SimClock.__doc__

@@ -1,0 +1,41 @@
+"""Waiting between the ticks of a tree in an asyncio event loop."""
+
+import asyncio
+import contextlib
+
+from btcore.clock import NS_PER_S, SystemClock, TickSchedule
+from btcore.engine.context import TreeContext
+
+
+class EventLoopWait:
+    """Lets the event loop run until the next tick is due, or until a wake-up from any thread."""
+
+    def __init__(self, context: TreeContext, period: float) -> None:
+        self._context = context
+        self._loop = asyncio.get_running_loop()
+        self._woken = asyncio.Event()
+        self._schedule = TickSchedule(period, context.clock.now())
+        context.on_wake = self._wake
+
+    async def until_next_tick(self) -> None:
+        """Wait for the next tick of the schedule, a deadline of the tree or a wake-up."""
+        context = self._context
+        due = context.first_deadline(self._schedule.next(context.clock.now()))
+        if isinstance(context.clock, SystemClock):
+            duration = max(due - context.clock.now(), 0) / NS_PER_S
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._woken.wait(), duration)
+            due = 0
+        else:
+            await asyncio.sleep(0)
+        self._woken.clear()
+        # Takes what is due of wake-ups, and lets a simulated clock step.
+        context.wait_until(due)
+
+    def close(self) -> None:
+        """Let wake-ups no longer reach the event loop."""
+        self._context.on_wake = None
+
+    def _wake(self) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._woken.set)
