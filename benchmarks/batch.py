@@ -21,15 +21,7 @@ import time
 import numpy as np
 
 import btcore
-from btcore import (
-    In,
-    Put,
-    Registry,
-    SimClock,
-    action,
-    batch,
-    condition,
-)
+from btcore import In, Put, Registry, SimClock, action, batch, condition
 from btcore.batch import BatchTree, Bools, Floats
 from measure.paired_timing import Spread
 from measure.report import Report, arguments, at_least

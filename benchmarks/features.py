@@ -11,14 +11,7 @@ its blackboard by a client. A script's peer is Python's own ``eval`` of the comp
 from collections.abc import Callable
 
 import btcore
-from btcore import (
-    In,
-    Out,
-    Registry,
-    Status,
-    SyncAction,
-    action,
-)
+from btcore import In, Out, Registry, Status, SyncAction, action
 from btcore.tree.tree import Tree
 from measure.benchmark_trees import SUCCESS, Succeed
 from measure.paired_timing import SLICE, Spread, Work, measure
@@ -29,7 +22,7 @@ try:
 except ModuleNotFoundError as missing:
     if missing.name != "py_trees":
         raise
-    other_leaves = None
+    py_trees_leaves = None
 
 WIDTH = 100
 ENTRIES = {"pace": 0.5, "n": 1, "far": 0.5}
@@ -160,7 +153,7 @@ def main() -> None:
     report = Report("features", "What a node's ports, scripts, conditions and subtrees cost", given.pairs)
     works: dict[str, Work] = {name: grow(child).tick_once for name, child in TREES.items()}
     works["eval"] = evaluating()
-    if other_leaves is None:
+    if py_trees_leaves is None:
         report.remarks.append("py_trees isn't installed; you can have it: pip install 'btcore[bench]'")
     else:
         works["py_trees reads"] = py_trees_leaves.grow(py_trees_leaves.Reads, WIDTH).tick_once

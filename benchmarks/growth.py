@@ -21,12 +21,7 @@ from itertools import cycle
 from random import Random
 
 import btcore
-from btcore import (
-    Blackboard,
-    Builder,
-    Registry,
-    Tree,
-)
+from btcore import Blackboard, Builder, Registry, Tree
 from btcore.xml.plan.document_checks import MAX_NODES
 from measure.benchmark_trees import Succeed
 from measure.memory import bytes_kept

@@ -19,12 +19,7 @@ from pathlib import Path
 from lxml import etree
 
 import btcore
-from btcore import (
-    In,
-    Out,
-    Registry,
-    condition,
-)
+from btcore import In, Out, Registry, condition
 from measure.memory import bytes_kept
 from measure.paired_timing import Spread
 from measure.report import Report, arguments, at_most, in_short

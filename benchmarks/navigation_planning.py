@@ -22,12 +22,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from skimage.graph import route_through_array
 
-from btcore_robot.navigation.costmap import (
-    LETHAL,
-    Costmap,
-    GlobalCostmap,
-    LocalCostmap,
-)
+from btcore_robot.navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
 from btcore_robot.navigation.grid_search import grid_costs
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.planner import Planner

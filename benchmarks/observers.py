@@ -12,13 +12,7 @@ mostly what making and telling a transition takes.
 """
 
 import btcore
-from btcore import (
-    Observer,
-    Registry,
-    Transition,
-    Transitions,
-    Tree,
-)
+from btcore import Observer, Registry, Transition, Transitions, Tree
 from measure.benchmark_trees import Forward, Succeed, succeed
 from measure.paired_timing import SLICE, Work, measure
 from measure.report import Report, Target, arguments, at_most, in_short

@@ -26,7 +26,7 @@ try:
 except ModuleNotFoundError as missing:
     if missing.name != "py_trees":
         raise
-    other_trees = None
+    py_trees_trees = None
 
 CYCLES = {"bump-and-go": 14}
 """By tree: after how many ticks all begins anew; in the others each tick is like the one before."""
@@ -49,7 +49,7 @@ def executed(shape: Shape, kind: str, ticks: int) -> float:
     """How many nodes a tick executes, on average over *ticks*; the same in both engines, tick by tick."""
     tree = grow(shape, kind)
     tallies = tree.count_ticks().values()
-    root = py_trees_trees.grow(shape, kind) if other_trees else None
+    root = py_trees_trees.grow(shape, kind) if py_trees_trees else None
     before = 0
     for _ in range(ticks):
         tree.tick_once()
@@ -88,7 +88,7 @@ def main() -> None:
     parser.add_argument("--leaves", choices=benchmark_trees.KINDS, action="append", help="default: all kinds")
     given = parser.parse_args()
     report = Report("ticking", "What a tick costs, in ns for each node that it executes", given.pairs)
-    if other_trees is None:
+    if py_trees_trees is None:
         report.remarks.append("py_trees isn't installed; you can have it: pip install 'btcore[bench]'")
     for name in given.tree or benchmark_trees.TREES:
         shape = benchmark_trees.TREES[name]()
@@ -103,7 +103,7 @@ def beside(report: Report, name: str, shape: Shape, kind: str, quick: bool) -> N
     nodes = executed(shape, kind, 2 * CYCLES.get(name, 1))
     tree = grow(shape, kind)
     works: dict[str, Work] = {"btcore": tree.tick_once}
-    if other_trees is not None:
+    if py_trees_trees is not None:
         works["py_trees"] = py_trees_trees.grow(shape, kind).tick_once
     if name == "wide":
         works["a loop"] = bare_loop(tree, kind)

@@ -1,11 +1,6 @@
 """A leaf, a tree in XML, a tick."""
 
-from btcore import (
-    In,
-    Registry,
-    condition,
-    loads,
-)
+from btcore import In, Registry, condition, loads
 
 
 @condition

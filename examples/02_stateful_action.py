@@ -1,16 +1,6 @@
 """An action over several ticks, as a class and as a coroutine, on a simulated clock."""
 
-from btcore import (
-    In,
-    Out,
-    Registry,
-    SimClock,
-    StatefulAction,
-    Status,
-    action,
-    loads,
-    sleep,
-)
+from btcore import In, Out, Registry, SimClock, StatefulAction, Status, action, loads, sleep
 
 
 class Drive(StatefulAction):

@@ -1,13 +1,6 @@
 """A control node of one's own: it rates its children and ticks the best."""
 
-from btcore import (
-    ControlNode,
-    In,
-    Registry,
-    Status,
-    action,
-    loads,
-)
+from btcore import ControlNode, In, Registry, Status, action, loads
 
 
 class Best(ControlNode):

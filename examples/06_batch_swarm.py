@@ -4,19 +4,8 @@ import sys
 
 import numpy as np
 
-from btcore import (
-    In,
-    InOut,
-    SimClock,
-    batch,
-)
-from btcore.batch import (
-    BatchTree,
-    Floats,
-    Mask,
-    Rows,
-    Texts,
-)
+from btcore import In, InOut, SimClock, batch
+from btcore.batch import BatchTree, Floats, Mask, Rows, Texts
 
 TREE = """
 <root BTCPP_format="4"> <BehaviorTree ID="Forage">

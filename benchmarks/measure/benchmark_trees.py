@@ -8,14 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import cycle
 
-from btcore import (
-    Condition,
-    Registry,
-    StatefulAction,
-    Status,
-    SyncAction,
-    action,
-)
+from btcore import Condition, Registry, StatefulAction, Status, SyncAction, action
 
 SUCCESS, FAILURE, RUNNING = Status.SUCCESS, Status.FAILURE, Status.RUNNING
 OBSTACLE_RESULTS = (FAILURE,) * 9 + (SUCCESS,)

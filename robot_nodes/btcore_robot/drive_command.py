@@ -7,20 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from btcore.cli.program_runner import (
-    Finite,
-    RunCommand,
-    require_resources,
-    run_program,
-)
-from btcore_robot.control.keyboard import (
-    HELP,
-    KeyDrive,
-    KeyInputError,
-    Keys,
-    Terminal,
-    script,
-)
+from btcore.cli.program_runner import Finite, RunCommand, require_resources, run_program
+from btcore_robot.control.keyboard import HELP, KeyDrive, KeyInputError, Keys, Terminal, script
 from btcore_robot.robot import Phase, Robot
 
 if TYPE_CHECKING:

@@ -6,13 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from btcore_robot.robot import (
-    LaserScan,
-    Phase,
-    Robot,
-    TransformStamped,
-    Twist2D,
-)
+from btcore_robot.robot import LaserScan, Phase, Robot, TransformStamped, Twist2D
 
 NS_PER_S = 1_000_000_000
 

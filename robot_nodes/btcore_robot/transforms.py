@@ -5,6 +5,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from difflib import get_close_matches
 
+from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import Robot, TransformStamped
 
@@ -25,7 +26,7 @@ HISTORY = 10 * NS_PER_S
 _UNIT = 1e-3  # how far from 1 the length of a quaternion may be that stands for a rotation
 
 
-class TransformError(Exception):
+class TransformError(RobotError):
     """There is no transform to be had, in a sentence."""
 
 

@@ -25,7 +25,7 @@ class ClearanceMap:
 
     @classmethod
     def of(cls, scene: Scene) -> "ClearanceMap":
-        """The floor of *scene*, where all things are where they begin and led ones are not there."""
+        """The floor of *scene*, where all things are where they begin and kinematic ones are not there."""
         return cls(rasterise(scene, movable=True))
 
     def add_obstacle(self, thing: SceneObject) -> None:

@@ -101,7 +101,7 @@ class ContactCounter:
     def _velocity(self, body: int, link: int, at: Sequence[float]) -> tuple[float, float, float]:
         moving = self._moving.get((body, link)) or self._moving.get((body, -1))
         if moving is None:
-            # Who was not near before: what stands still, or what is led, whose velocity no contact changes.
+            # Not near before: what stands still, or a kinematic body, whose velocity no contact changes.
             if pybullet.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0.0:
                 return 0.0, 0.0, 0.0
             self._note(body)

@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from btcore_robot.robot import (
-    BaseInfo,
-    Odometry,
-    Pose2D,
-    Twist2D,
-)
+from btcore_robot.robot import BaseInfo, Odometry, Pose2D, Twist2D
 from btcore_sim.robot_description import OdometryFacts
 
 NS_PER_S = 1_000_000_000

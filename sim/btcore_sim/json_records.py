@@ -10,7 +10,7 @@ from btcore_sim.errors import SimError, did_you_mean
 
 
 class JsonRecord:
-    """One JSON object of a file. Each field is asked for by name; `finish` refuses what nobody asked for."""
+    """One JSON object of a file. Fields are read by name; `reject_unknown_fields` refuses all others."""
 
     def __init__(self, data: dict[str, Any], where: str) -> None:
         self._data = data

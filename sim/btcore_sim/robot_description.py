@@ -10,12 +10,7 @@ frequencies hertz.
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from btcore_robot.robot import (
-    BaseInfo,
-    HeadInfo,
-    LaserInfo,
-    TorsoInfo,
-)
+from btcore_robot.robot import BaseInfo, HeadInfo, LaserInfo, TorsoInfo
 from btcore_sim.json_records import JsonRecord, read_record
 
 TIAGO = Path(__file__).parent / "tiago.json"

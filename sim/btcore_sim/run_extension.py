@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from btcore_robot.robot import (
-    BaseInfo,
-    Pose2D,
-    Robot,
-    Waypoints,
-)
+from btcore_robot.robot import BaseInfo, Pose2D, Robot, Waypoints
 from btcore_sim.errors import SimError
 
 if TYPE_CHECKING:
@@ -155,13 +150,13 @@ class RobotExtension:
     ) -> Iterator[None]:
         """Stop the robot when the run ends, however it ends, note how it went, and close the world."""
         body = self._body
-        judge = _judge(body, resources) if body is not None else None
+        metrics = _metrics(body, resources) if body is not None else None
         try:
             yield
         finally:
-            if body is not None and judge is not None:
+            if body is not None and metrics is not None:
                 body.stop()
-                self._report = {"robot": {**_report(body), **judge.figures()}}
+                self._report = {"robot": {**_report(body), **metrics.figures()}}
                 if self._events is not None:
                     self._report["events"] = self._events.event_log
                 body.world.close()
@@ -208,22 +203,22 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
     camera = parse_camera(settings.get("camera", "off"))
     faults = [parse_fault(text) for text in settings.get("fault", ())]
     events = [parse_event(text) for text in settings.get("event", ())]
-    life = Scenario(settings.get("people", 0), settings.get("obstacles", 0), events)
+    scenario = Scenario(settings.get("people", 0), settings.get("obstacles", 0), events)
     seed = settings.get("seed", 0)
     scene = load_scene(settings.get("world", "arena"))
     start = settings.get("start")
     if start is not None:
         scene = with_start(scene, start, random_generator(seed, "start"), description.base.radius)
-    scene = life.scene(scene, seed)
+    scene = scenario.scene(scene, seed)
     world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)
     if math.isnan(level):
         raise SimError("--battery nan: a battery's level is a number from 0 to 100")
     body = SimulatedRobot(world, description, camera=camera, faults=faults, battery=level)
-    return body, life.begin(world, body, description.base.radius)
+    return body, scenario.begin(world, body, description.base.radius)
 
 
-def _judge(body: "SimulatedRobot", resources: Sequence[object]) -> "RunMetrics":
+def _metrics(body: "SimulatedRobot", resources: Sequence[object]) -> "RunMetrics":
     from btcore_sim.run_metrics import RunMetrics, navigator_among
 
     return RunMetrics(body, navigator_among(resources))

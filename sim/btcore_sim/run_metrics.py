@@ -4,12 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from statistics import median
 
-from btcore_robot.robot import (
-    GoalOutcome,
-    NavigationReporter,
-    Phase,
-    Pose2D,
-)
+from btcore_robot.robot import GoalOutcome, NavigationReporter, Phase, Pose2D
 from btcore_sim.schedule import NS_PER_S
 from btcore_sim.simulated_robot import SimulatedRobot
 

@@ -4,12 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from btcore_sim.clearance_map import ClearanceMap
-from btcore_sim.events import (
-    Event,
-    EventRunner,
-    EventTarget,
-    with_boxes,
-)
+from btcore_sim.events import Event, EventRunner, EventTarget, with_boxes
 from btcore_sim.obstacles import with_obstacles
 from btcore_sim.people import PeopleSimulation, with_people
 from btcore_sim.scene import Scene
@@ -37,5 +32,5 @@ class Scenario:
         if not (self.people or self.events):
             return None
         floor = ClearanceMap.of(world.scene)
-        walkers = PeopleSimulation(world, floor, robot.true_pose, radius)
-        return EventRunner(world, robot, radius, self.events, floor, walkers.places)
+        people = PeopleSimulation(world, floor, robot.true_pose, radius)
+        return EventRunner(world, robot, radius, self.events, floor, people.places)

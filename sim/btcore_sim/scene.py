@@ -46,8 +46,8 @@ class SceneObject:
 
     *size* is the full extent (m) along its own x, y and z; a cylinder's first two are its diameter.
     *position* is the middle of the underside, *mass* (kg) is 0 for what no push moves, *color* is RGBA
-    (0–255). What is *led* goes where the world takes it, as people do; *position* and *yaw* are then where it
-    begins.
+    (0–255). An object that *is_kinematic* is moved by `World.move_kinematic_body`, as people are; *position*
+    and *yaw* are then where it begins.
     """
 
     name: str

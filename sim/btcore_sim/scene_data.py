@@ -9,13 +9,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from btcore_robot.robot import (
-    CameraImage,
-    CameraInfo,
-    LaserInfo,
-    LaserScan,
-    TransformStamped,
-)
+from btcore_robot.robot import CameraImage, CameraInfo, LaserInfo, LaserScan, TransformStamped
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject

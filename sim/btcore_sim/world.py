@@ -19,12 +19,7 @@ import numpy as np
 from btcore_robot.robot import Phase
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.scene import (
-    PHYSICS_RATE,
-    Rectangle,
-    Scene,
-    SceneObject,
-)
+from btcore_sim.scene import PHYSICS_RATE, Rectangle, Scene, SceneObject
 from btcore_sim.schedule import NS_PER_S, TaskSchedule
 
 __all__ = ["PHYSICS_RATE", "Pacer", "World", "random_generator", "scene_extent"]
@@ -63,7 +58,7 @@ class World:
         self.bodies = {self._make(thing): thing for thing in scene.things}
         """Every thing of the scene by its body's number in the engine."""
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
-        """The bodies that don't always stay where they are: a push moves them, or `lead` does."""
+        """The bodies that can move: by a push, or by `move_kinematic_body`."""
         self.schedule.every(self.rate, Phase.PHYSICS, self._step)
 
     def now(self) -> int:
@@ -101,7 +96,7 @@ class World:
             pybullet.stepSimulation(physicsClientId=self.client)
 
     def kinematic_bodies(self, prefix: str) -> list[int]:
-        """The bodies for `lead` whose things' names begin with *prefix*, in the scene's order."""
+        """The kinematic bodies whose objects' names begin with *prefix*, in the scene's order."""
         return [
             body
             for body, thing in self.bodies.items()
@@ -111,7 +106,7 @@ class World:
     def move_kinematic_body(
         self, body: int, x: float, y: float, yaw: float, *, z: float = 0.0, v: float = 0.0
     ) -> None:
-        """Put a thing that is led at x, y, z (m) with heading *yaw* (rad), to go on that way at *v* (m/s)."""
+        """Put a kinematic body at x, y, z (m) with heading *yaw* (rad); it goes on that way at *v* (m/s)."""
         engine = {"physicsClientId": self.client}
         middle = [x, y, z + self.bodies[body].size[2] / 2]
         turned = [0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)]

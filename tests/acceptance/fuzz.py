@@ -18,25 +18,11 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from pathlib import Path
 
-from btcore import (
-    Blackboard,
-    BtcoreError,
-    SimClock,
-    loads,
-)
+from btcore import Blackboard, BtcoreError, SimClock, loads
 from btcore.script.program import compile_script
 from btcore.testing.conformance_trees import conformance_registry
 from btcore.testing.plan_leaves import CallLog
-from btcore.values import (
-    DOUBLE,
-    INT,
-    INT64,
-    NODE_STATUS,
-    UINT,
-    UINT64,
-    VECTOR_DOUBLE,
-    VECTOR_INT,
-)
+from btcore.values import DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, VECTOR_DOUBLE, VECTOR_INT
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
 

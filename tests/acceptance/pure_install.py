@@ -1,8 +1,7 @@
 """Installing where compiling fails: the pure build, whole, and nothing left of the compiled one.
 
 ``python tests/acceptance/pure_install.py`` makes a wheel for each way to fail, prints what is in it, and
-exits
-with 1 when a wheel isn't the one that is promised. It takes some 15 s of a processor for each.
+exits with 1 when a wheel isn't the one that is promised. It takes some 15 s of a processor for each.
 """
 
 import argparse

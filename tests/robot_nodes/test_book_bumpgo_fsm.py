@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from btcore_robot.control.bumpgo_fsm import BumpGo, State
-from btcore_robot.control.bumpgo_turns import (
-    ClosedLoop,
-    Diagonals,
-    OpenLoop,
-    freest,
-)
+from btcore_robot.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest
 from btcore_robot.process.bridge import Bridge
 from btcore_robot.process.executor import Executor
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
@@ -30,10 +25,10 @@ class Bumping:
 
     def __init__(self, robot, kind: type[BumpGo] = BumpGo) -> None:
         self.clock = robot.clock
-        self.around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+        self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)
-        self.process = kind(self.around)
-        self.laser = Process("laser", self.around)
+        self.process = kind(self.context)
+        self.laser = Process("laser", self.context)
         self.scans = self.laser.publisher("input_scan", LaserScan)
         self.said: list[tuple[float, Twist2D]] = []
         self.laser.subscribe("output_vel", Twist2D, self.hear)
@@ -160,10 +155,10 @@ def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
 def turned(kind: type[BumpGo], seconds: float) -> tuple[SimulatedRobot, BumpGo, float]:
     """The process in the simulator for a while; the body, the process, and the distance."""
     body = SimulatedRobot(World(load_scene("arena_boxes"), seed=2))
-    around = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
+    context = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
     executor = Executor(body.schedule, body.clock)
-    process = kind(around, ProcessOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
-    executor.add(Bridge(around))
+    process = kind(context, ProcessOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
+    executor.add(Bridge(context))
     executor.add(process)
     body.world.wait_until(round(seconds * SECOND), threading.Event())
     return body, process, body.distance

@@ -5,21 +5,10 @@ from pathlib import Path
 import pytest
 
 from btcore_robot.process.executor import Executor, MessageLoopError
-from btcore_robot.process.first_steps import (
-    Int32,
-    Localization,
-    Logger,
-    NumberPublisher,
-    NumberSubscriber,
-)
+from btcore_robot.process.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
 from btcore_robot.process.launch import LaunchError, read_launch, start_all
 from btcore_robot.process.parameters import ParameterError, parameters_of
-from btcore_robot.process.process import (
-    LogMessage,
-    Process,
-    ProcessContext,
-    ProcessOptions,
-)
+from btcore_robot.process.process import LogMessage, Process, ProcessContext, ProcessOptions
 from btcore_robot.process.programs import UnknownProgramError, create_processes
 from btcore_robot.process.topics import TopicError
 from btcore_robot.robot import Phase
@@ -33,7 +22,7 @@ class Desk:
     def __init__(self, clock) -> None:
         self.clock = clock
         self.lines: list[LogMessage] = []
-        self.around = ProcessContext(clock, clock, self.lines.append)
+        self.context = ProcessContext(clock, clock, self.lines.append)
         self.executor = Executor(clock, clock)
 
     def add(self, *processes: Process) -> None:
@@ -51,7 +40,7 @@ def desk(robot) -> Desk:
 
 
 def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
-    desk.add(Logger(desk.around))
+    desk.add(Logger(desk.context))
     desk.clock.sleep(1.6)
     assert desk.said == [
         (0.5, "logger_node", "Hello 0"),
@@ -63,15 +52,15 @@ def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
 
 def test_the_publisher_counts_before_it_publishes(desk: Desk):
     heard: list[tuple[float, int]] = []
-    listener = Process("listener", desk.around)
+    listener = Process("listener", desk.context)
     listener.subscribe("int_topic", Int32, lambda one: heard.append((desk.clock.now() / SECOND, one.data)))
-    desk.add(NumberPublisher(desk.around), listener)
+    desk.add(NumberPublisher(desk.context), listener)
     desk.clock.sleep(1.6)
     assert heard == [(0.5, 1), (1.0, 2), (1.5, 3)]
 
 
 def test_publisher_and_subscriber_in_one_executor(desk: Desk):
-    desk.add(*create_processes("executor", desk.around))
+    desk.add(*create_processes("executor", desk.context))
     desk.clock.sleep(1.6)
     assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2", "Hello 3"]
     assert {name for _, name, _ in desk.said} == {"subscriber_node"}
@@ -79,14 +68,14 @@ def test_publisher_and_subscriber_in_one_executor(desk: Desk):
 
 def test_publisher_and_subscriber_in_two_executors(desk: Desk):
     other = Executor(desk.clock, desk.clock)
-    other.add(NumberSubscriber(desk.around))
-    desk.add(NumberPublisher(desk.around))
+    other.add(NumberSubscriber(desk.context))
+    desk.add(NumberPublisher(desk.context))
     desk.clock.sleep(1.1)
     assert [(time, text) for time, _, text in desk.said] == [(0.5, "Hello 1"), (1.0, "Hello 2")]
 
 
 def test_the_localization_has_its_defaults(desk: Desk):
-    process = Localization(desk.around)
+    process = Localization(desk.context)
     assert (process.number_particles, process.topics, process.topic_types) == (200, [], [])
     assert desk.lines[0].level == "INFO"
 
@@ -103,14 +92,14 @@ localization_node:
 def test_a_parameter_file_sets_them(desk: Desk, tmp_path: Path):
     (tmp_path / "params.yaml").write_text(PARAMS)
     given = parameters_of(tmp_path / "params.yaml", "localization_node")
-    process = Localization(desk.around, ProcessOptions(parameters=given))
+    process = Localization(desk.context, ProcessOptions(parameters=given))
     assert process.number_particles == 300
     assert process.topics == ["scan", "image"]
     assert [line.level for line in desk.lines] == ["INFO"] * 3
 
 
 def test_lists_of_different_lengths_are_an_error_that_it_reports(desk: Desk):
-    Localization(desk.around, ProcessOptions(parameters={"topics": ["scan"]}))
+    Localization(desk.context, ProcessOptions(parameters={"topics": ["scan"]}))
     assert [(line.level, line.text) for line in desk.lines] == [
         ("ERROR", "Number of topics (1) != number of types (0)")
     ]
@@ -118,7 +107,7 @@ def test_lists_of_different_lengths_are_an_error_that_it_reports(desk: Desk):
 
 def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
     """The first launch file of the book passes "particles"."""
-    process = Localization(desk.around, ProcessOptions(parameters={"particles": 300}))
+    process = Localization(desk.context, ProcessOptions(parameters={"particles": 300}))
     assert process.number_particles == 200
     assert list(process.unused()) == [
         "the parameter 'particles' is none of localization_node's, and does nothing; "
@@ -127,7 +116,7 @@ def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
 
 
 def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
-    assert list(Logger(desk.around, ProcessOptions(parameters={"use_sim_time": True})).unused()) == []
+    assert list(Logger(desk.context, ProcessOptions(parameters={"use_sim_time": True})).unused()) == []
 
 
 @pytest.mark.parametrize(
@@ -136,7 +125,7 @@ def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
 )
 def test_a_parameter_of_another_type_is_a_fault(desk: Desk, given: dict):
     with pytest.raises(ParameterError, match="localization_node: the parameter '"):
-        Localization(desk.around, ProcessOptions(parameters=given))
+        Localization(desk.context, ProcessOptions(parameters=given))
 
 
 # --- topics
@@ -146,8 +135,8 @@ class Talk:
     """Somebody who publishes numbers, and somebody who hears them."""
 
     def __init__(self, desk: Desk, *, latched: bool = False) -> None:
-        self.speaker = Process("speaker", desk.around)
-        self.listener = Process("listener", desk.around)
+        self.speaker = Process("speaker", desk.context)
+        self.listener = Process("listener", desk.context)
         self.numbers = self.speaker.publisher("numbers", Int32, latched=latched)
         self.heard: list[int] = []
 
@@ -197,7 +186,7 @@ def test_a_message_or_a_listener_of_another_type_is_a_fault(desk: Desk):
 
 
 def test_a_process_is_remapped_at_its_start(desk: Desk):
-    listener = NumberSubscriber(desk.around, ProcessOptions("other", {"int_topic": "/numbers"}))
+    listener = NumberSubscriber(desk.context, ProcessOptions("other", {"int_topic": "/numbers"}))
     talk = Talk(desk)
     desk.add(listener)
     talk.say(7)
@@ -218,7 +207,7 @@ def test_a_message_is_heard_at_the_moment_it_is_published_after_the_sensors(desk
 def test_a_process_that_ended_hears_nothing_and_its_timers_rest(desk: Desk):
     talk = Talk(desk)
     talk.listener.subscribe("numbers", Int32, talk.hear)
-    logger = Logger(desk.around)
+    logger = Logger(desk.context)
     desk.add(talk.listener, logger)
     talk.listener.end()
     logger.end()
@@ -228,7 +217,7 @@ def test_a_process_that_ended_hears_nothing_and_its_timers_rest(desk: Desk):
 
 
 def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
-    process = Process("once", desk.around)
+    process = Process("once", desk.context)
     calls: list[int] = []
     timer = process.timer(0.1, lambda: (calls.append(1), timer.cancel()))
     desk.add(process)
@@ -267,7 +256,7 @@ launch:
 
 def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Path):
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
-    desk.add(*start_all(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.around))
+    desk.add(*start_all(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.context))
     assert [process.name for process in desk.executor.processes] == ["speaker", "subscriber_node"]
     desk.clock.sleep(1.1)
     assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2"]
@@ -277,7 +266,7 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
     (tmp_path / "params.yaml").write_text(PARAMS)
     (tmp_path / "all.launch.yaml").write_text(WITH_PARAMS)
-    processes = start_all(read_launch(tmp_path / "all.launch.yaml"), desk.around)
+    processes = start_all(read_launch(tmp_path / "all.launch.yaml"), desk.context)
     assert [one.name for one in processes] == ["speaker", "subscriber_node", "localization_node"]
     assert processes[2].parameters["number_particles"] == 400
     assert processes[2].parameters["topics"] == ["scan", "image"]
@@ -306,9 +295,9 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
 def test_a_mistake_in_a_launch_file_is_told_with_its_place(desk: Desk, tmp_path: Path, text: str, said: str):
     (tmp_path / "f.yaml").write_text(text)
     with pytest.raises(LaunchError, match=said):
-        start_all(read_launch(tmp_path / "f.yaml"), desk.around)
+        start_all(read_launch(tmp_path / "f.yaml"), desk.context)
 
 
 def test_a_program_that_there_is_not_is_told(desk: Desk):
     with pytest.raises(UnknownProgramError, match="there are logger, publisher"):
-        create_processes("xyz", desk.around)
+        create_processes("xyz", desk.context)

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from btcore_robot.control.head_tracker import (
-    REACTIVE,
-    HeadTracker,
-    PanTilt,
-    command_of,
-)
+from btcore_robot.control.head_tracker import REACTIVE, HeadTracker, PanTilt, command_of
 from btcore_robot.control.pid import PID
 from btcore_robot.perception.colour import (
     WOOD,
@@ -118,13 +113,13 @@ def test_the_debug_image_dims_the_rest_and_boxes_what_was_found():
 
 
 def detector(robot, **parameters) -> tuple[ProcessContext, Process, ObjectDetector]:
-    around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+    context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
     executor = Executor(robot.schedule, robot.clock)
-    process = ObjectDetector(around, ProcessOptions(parameters=parameters))
-    other = Process("other", around)
+    process = ObjectDetector(context, ProcessOptions(parameters=parameters))
+    other = Process("other", context)
     executor.add(process)
     executor.add(other)
-    return around, other, process
+    return context, other, process
 
 
 def test_as_a_process_it_tells_what_it_finds_to_listeners(robot):

@@ -11,12 +11,7 @@ from btcore_robot.control.head_tracker import HeadTracker
 from btcore_robot.leaves.waypoint import BOOK
 from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.process.lifecycle import LifecycleState
-from btcore_robot.robot import (
-    HeadInfo,
-    HeadPosition,
-    Phase,
-    Pose2D,
-)
+from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D
 
 TREES = Path(__file__).parents[2] / "trees"
 SECOND = 10**9

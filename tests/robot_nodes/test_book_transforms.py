@@ -13,18 +13,8 @@ from btcore_robot.perception.obstacle_detector import (
 )
 from btcore_robot.perception.transform_reports import Displacement, ObstacleInFrames
 from btcore_robot.process.executor import Executor
-from btcore_robot.process.messages import (
-    GREEN,
-    RED,
-    Arrow,
-    Arrows,
-)
-from btcore_robot.process.process import (
-    LogMessage,
-    Process,
-    ProcessContext,
-    ProcessOptions,
-)
+from btcore_robot.process.messages import GREEN, RED, Arrow, Arrows
+from btcore_robot.process.process import LogMessage, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster
 
@@ -37,21 +27,21 @@ class Looking:
     def __init__(self, robot) -> None:
         self.robot = robot
         self.lines: list[LogMessage] = []
-        self.around = ProcessContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
+        self.context = ProcessContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
         self.executor = Executor(robot.schedule, robot.clock)
-        self.laser = Process("laser", self.around)
+        self.laser = Process("laser", self.context)
         self.scans = self.laser.publisher("input_scan", LaserScan)
         self.arrows: list[Arrow] = []
         self.laser.subscribe("obstacle_marker", Arrows, lambda one: self.arrows.extend(one.arrows), depth=1)
         self.executor.add(self.laser)
 
     def know_frames(self) -> None:
-        broadcaster = FrameBroadcaster(self.robot, self.around.transforms)
+        broadcaster = FrameBroadcaster(self.robot, self.context.transforms)
         broadcaster.step(self.robot.clock.now())
         self.robot.schedule.every(50.0, Phase.TRANSFORMS, broadcaster.step)
 
     def add(self, kind, **parameters) -> Process:
-        process = kind(self.around, ProcessOptions(parameters=parameters))
+        process = kind(self.context, ProcessOptions(parameters=parameters))
         self.executor.add(process)
         return process
 
@@ -61,7 +51,7 @@ class Looking:
         self.robot.clock.sleep(0.0)
 
     def where(self, frame: str) -> tuple[float, ...]:
-        return self.around.transforms.lookup(frame, "detected_obstacle").position
+        return self.context.transforms.lookup(frame, "detected_obstacle").position
 
 
 @pytest.fixture
@@ -72,17 +62,17 @@ def looking(robot) -> Looking:
 def test_the_detector_tells_of_what_the_middle_ray_hits_in_the_lasers_frame(looking: Looking):
     looking.add(ObstacleDetector)
     looking.see(0.3, 1.5, 0.4)
-    found = looking.around.transforms.lookup(LASER, "detected_obstacle")
+    found = looking.context.transforms.lookup(LASER, "detected_obstacle")
     assert found.position == pytest.approx((1.5, 0.0, 0.0))
     assert found.quaternion == (0.0, 0.0, 0.0, 1.0)
-    assert looking.around.transforms.parent("detected_obstacle") == LASER
+    assert looking.context.transforms.parent("detected_obstacle") == LASER
 
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan])
 def test_without_an_echo_it_tells_nothing(looking: Looking, reading: float):
     looking.add(ObstacleDetector)
     looking.see(1.0, reading, 1.0)
-    assert "detected_obstacle" not in looking.around.transforms.frames()
+    assert "detected_obstacle" not in looking.context.transforms.frames()
 
 
 def test_its_transform_is_static_and_so_never_forgotten(looking: Looking):
@@ -127,7 +117,7 @@ def test_without_the_robots_frames_the_improved_one_warns_and_skips(looking: Loo
     looking.add(ObstacleDetectorImproved)
     looking.see(1.0, 1.5, 1.0)
     assert [line.level for line in looking.lines] == ["WARN"]
-    assert "detected_obstacle" not in looking.around.transforms.frames()
+    assert "detected_obstacle" not in looking.context.transforms.frames()
 
 
 def test_the_monitor_says_where_it_is_twice_a_second_and_points_at_it(looking: Looking):

@@ -5,20 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.control.vff import (
-    Avoidance,
-    AvoidanceOfAll,
-    forces,
-    forces_of_all,
-    velocity,
-)
+from btcore_robot.control.vff import Avoidance, AvoidanceOfAll, forces, forces_of_all, velocity
 from btcore_robot.process.executor import Executor
-from btcore_robot.process.messages import (
-    BLUE,
-    GREEN,
-    RED,
-    Arrows,
-)
+from btcore_robot.process.messages import BLUE, GREEN, RED, Arrows
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
 
@@ -109,12 +98,12 @@ class Avoiding:
 
     def __init__(self, robot, kind: type[Avoidance] = Avoidance) -> None:
         self.robot = robot
-        self.around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+        self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)
         self.process = kind(
-            self.around, ProcessOptions(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"})
+            self.context, ProcessOptions(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"})
         )
-        self.laser = Process("laser", self.around)
+        self.laser = Process("laser", self.context)
         self.said: list[Twist2D] = []
         self.scans = self.laser.publisher("/scan_raw", LaserScan)
         self.laser.subscribe("/nav_vel", Twist2D, self.said.append)

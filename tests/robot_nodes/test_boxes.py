@@ -116,7 +116,7 @@ def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
     body: SimulatedRobot, locator: ObjectLocator
 ):
     assert locator.activate()
-    body.look(-1.2, -0.15)
+    body.move_head(-1.2, -0.15)
     wait(body, 2.6)
     pieces = extents(body.world.scene)
     found = set()
@@ -134,7 +134,7 @@ def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
 
 def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: SimulatedRobot, locator: ObjectLocator):
     locator.activate()
-    body.look(-1.2, -0.15)
+    body.move_head(-1.2, -0.15)
     wait(body, 2.6)
     counter = locator.boxes[0]
     assert counter.centre[0] - counter.size[0] / 2 == pytest.approx(2.525 - 0.65 / 2, abs=0.02)
@@ -142,7 +142,7 @@ def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: SimulatedRo
 
 
 def test_it_looks_only_while_it_is_active(body: SimulatedRobot, locator: ObjectLocator):
-    body.look(-1.2, -0.15)
+    body.move_head(-1.2, -0.15)
     wait(body, 2.0)
     assert locator.boxes == ()
     locator.activate()
@@ -165,7 +165,7 @@ def test_with_the_navigation_boxes_are_told_in_the_map(body: SimulatedRobot):
     locator = ObjectLocator(body, navigation.transforms)
     locator.configure()
     locator.activate()
-    body.look(-1.2, -0.15)
+    body.move_head(-1.2, -0.15)
     wait(body, 2.6)
     counter = locator.boxes[0]
     assert counter.frame == "map"

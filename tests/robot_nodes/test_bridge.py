@@ -3,25 +3,11 @@
 import numpy as np
 import pytest
 
-from btcore_robot.process.bridge import (
-    IMAGE,
-    JOINT_COMMAND,
-    JOINT_STATE,
-    ODOMETRY,
-    SCAN,
-    Bridge,
-)
+from btcore_robot.process.bridge import IMAGE, JOINT_COMMAND, JOINT_STATE, ODOMETRY, SCAN, Bridge
 from btcore_robot.process.executor import Executor
 from btcore_robot.process.messages import HeadCommand
 from btcore_robot.process.process import Process, ProcessContext
-from btcore_robot.robot import (
-    CameraImage,
-    HeadPosition,
-    LaserScan,
-    Odometry,
-    Pose2D,
-    Twist2D,
-)
+from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Pose2D, Twist2D
 
 
 class Bridged:
@@ -29,10 +15,10 @@ class Bridged:
 
     def __init__(self, robot) -> None:
         self.robot = robot
-        self.around = ProcessContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
-        self.other = Process("other", self.around)
+        self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
+        self.other = Process("other", self.context)
         executor = Executor(robot.schedule, robot.clock)
-        executor.add(Bridge(self.around))
+        executor.add(Bridge(self.context))
         executor.add(self.other)
         self.heard: list[object] = []
 
@@ -101,6 +87,6 @@ def test_a_picture_is_asked_for_only_while_somebody_listens(bridged: Bridged):
 
 
 def test_a_bridge_without_a_robot_is_refused(robot):
-    around = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+    context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
     with pytest.raises(ValueError, match="a bridge is for a robot"):
-        Bridge(around)
+        Bridge(context)

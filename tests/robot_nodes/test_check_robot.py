@@ -192,8 +192,8 @@ class PlainRobot(Robot):
 class BareRobot(PlainRobot):
     """Says nothing of what not every robot has."""
 
-    torso, lens = Robot.torso, Robot.camera_info
-    sonars, battery, recharge, lift, lifted = (
+    torso, camera_info = Robot.torso, Robot.camera_info
+    sonars, battery, recharge, lift, torso_height = (
         Robot.sonars,
         Robot.battery,
         Robot.recharge,

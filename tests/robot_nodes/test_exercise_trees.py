@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from btcore import (
-    Registry,
-    Status,
-    Tree,
-    load,
-    loads,
-)
+from btcore import Registry, Status, Tree, load, loads
 from btcore.cli.main import main
 from btcore_robot.leaves import LocateObjects, TurnToFree, register
 from btcore_robot.leaves.drive import TURN_SPEED

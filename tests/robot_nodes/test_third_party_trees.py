@@ -1,7 +1,7 @@
 """Trees as readers of the book and users of Nav2 write them: they load as they are, and do what they say.
 
-They are in `trees_of_others`: with the book's node names and ports, subtrees of format 3, Groot's models, and
-the tree that Nav2 came with in 2020.
+They are in `third_party_trees`: with the book's node names and ports, subtrees of format 3, Groot's models,
+and the tree that Nav2 came with in 2020.
 """
 
 import json
@@ -15,7 +15,7 @@ from btcore import Registry
 from btcore.cli.main import main
 from btcore.xml.lint.validate import validate
 
-FOLDER = Path(__file__).parent / "trees_of_others"
+FOLDER = Path(__file__).parent / "third_party_trees"
 GIVEN = ("goal", "goals", "low")
 
 

@@ -7,12 +7,7 @@ import pytest
 from btcore_robot.robot import Pose2D
 from btcore_sim.camera import CameraSettings
 from btcore_sim.faults import Fault
-from btcore_sim.robot_description import (
-    PERFECT,
-    TIAGO,
-    RobotDescription,
-    load_description,
-)
+from btcore_sim.robot_description import PERFECT, TIAGO, RobotDescription, load_description
 from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World

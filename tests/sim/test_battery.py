@@ -40,7 +40,7 @@ def test_standing_costs_a_hundredth_a_second(robot_at, steer):
 def test_the_velocity_asked_for_counts_and_not_the_one_driven(robot_at, steer):
     body = robot_at()
     steer(body, 10.0, (-0.3, 0.4))  # the base backs no faster than 0.2 m/s
-    assert body.asked() == Twist2D(-0.3, 0.4)
+    assert body.commanded_velocity() == Twist2D(-0.3, 0.4)
     assert body.battery().level == pytest.approx(100.0 - 10.0 * (0.25 + 0.01), abs=0.01)
 
 
@@ -49,7 +49,7 @@ def test_a_command_counts_for_as_long_as_it_holds(robot_at, steer):
     body.drive(1.0, 0.0)
     steer(body, 2.0, None)
     assert body.battery().level == pytest.approx(100.0 - 0.25 * 0.5 - 2.0 * 0.01, abs=0.005)
-    assert body.asked() == Twist2D(0.0, 0.0)
+    assert body.commanded_velocity() == Twist2D(0.0, 0.0)
 
 
 def test_an_empty_battery_drives_no_more_and_a_filled_one_does(robot_at, steer, caplog):

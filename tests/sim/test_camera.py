@@ -21,7 +21,7 @@ def engines(body: SimulatedRobot) -> tuple[np.ndarray, np.ndarray]:
     """What the engine's renderer makes of the same view: which body is in each pixel, and the depth (m)."""
     eye, turned = body._camera.pose(body.model, body._camera_link)
     axes = np.array(pybullet.getMatrixFromQuaternion(turned)).reshape(3, 3)
-    lens = body.lens
+    lens = body.camera_info
     view = pybullet.computeViewMatrix(eye, (np.array(eye) + axes[:, 0]).tolist(), axes[:, 2].tolist())
     angle = math.degrees(2 * math.atan(lens.height / 2 / lens.fy))
     projection = pybullet.computeProjectionMatrixFOV(angle, lens.width / lens.height, lens.near, lens.far)
@@ -48,7 +48,7 @@ def test_depth_agrees_with_the_engines_renderer(robot_at, steer, box, drum, look
         drum(1.6, 0.5, 0.15, mass=3.0, name="bin"),
         camera=SIZE,
     )
-    body.look(*look)
+    body.move_head(*look)
     steer(body, 1.5, None)
     ours = body.camera().depth
     seen, theirs = engines(body)
@@ -64,9 +64,9 @@ def test_depth_agrees_with_the_engines_renderer(robot_at, steer, box, drum, look
 
 def test_the_floor_is_as_deep_as_geometry_has_it(robot_at, steer):
     body = robot_at(camera=SIZE)
-    body.look(0.3, -0.6)
+    body.move_head(0.3, -0.6)
     steer(body, 1.5, None)
-    depth, lens = body.camera().depth, body.lens
+    depth, lens = body.camera().depth, body.camera_info
     eye, turned = body._camera.pose(body.model, body._camera_link)
     for row, column in ((60, 80), (119, 0), (90, 159), (30, 40)):
         ray = meshes.rotation_matrix(turned) @ (1.0, (lens.cx - column) / lens.fx, (lens.cy - row) / lens.fy)
@@ -74,7 +74,7 @@ def test_the_floor_is_as_deep_as_geometry_has_it(robot_at, steer):
 
 
 def test_the_lens_is_a_pinhole_of_63_degrees(robot_at):
-    lens = robot_at(camera=CameraSettings(640, 480, 10.0)).lens
+    lens = robot_at(camera=CameraSettings(640, 480, 10.0)).camera_info
     assert (lens.width, lens.height, lens.rate) == (640, 480, 10.0)
     assert lens.fx == lens.fy == pytest.approx(522.19, abs=0.01)
     assert (lens.cx, lens.cy) == (319.5, 239.5)
@@ -82,7 +82,7 @@ def test_the_lens_is_a_pinhole_of_63_degrees(robot_at):
 
 
 def test_without_a_camera_there_is_no_lens(robot_at):
-    assert robot_at().lens is None
+    assert robot_at().camera_info is None
 
 
 def test_a_picture_has_depth_along_z_and_infinity_where_nothing_is(robot_at, box):
@@ -100,7 +100,7 @@ def test_a_picture_has_depth_along_z_and_infinity_where_nothing_is(robot_at, box
 def test_a_thing_is_drawn_where_the_pinhole_says(robot_at, box):
     far = replace(box(3.0, 0.6, (0.1, 0.1, 0.1)), position=(3.0, 0.6, 1.0165), color=RED)
     body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
-    picture, lens = body.camera(), body.lens
+    picture, lens = body.camera(), body.camera_info
     eye, turned = body._camera.pose(body.model, body._camera_link)
     x, y, z = meshes.rotation_matrix(turned).T @ (np.array((2.95, 0.6, 1.0665)) - eye)
     rows, columns = np.nonzero(picture.rgb[:, :, 0].astype(int) > picture.rgb[:, :, 1].astype(int) + 60)
@@ -129,7 +129,7 @@ def test_a_movable_thing_is_seen_where_it_is_now(robot_at, steer, box):
 def test_looking_down_the_robot_sees_itself(robot_at, steer):
     body = robot_at(camera=SIZE)
     floor = body.camera().depth[119, 80]
-    body.look(0.0, -1.0)
+    body.move_head(0.0, -1.0)
     steer(body, 1.0, None)
     assert body.camera().depth[119, 80] < floor / 2
 

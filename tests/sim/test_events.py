@@ -9,16 +9,7 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.differential_drive import wrap
 from btcore_sim.errors import SimError
-from btcore_sim.events import (
-    AHEAD,
-    CLEAR,
-    FAR,
-    SIDE,
-    Event,
-    EventRunner,
-    ahead_of,
-    parse_event,
-)
+from btcore_sim.events import AHEAD, CLEAR, FAR, SIDE, Event, EventRunner, ahead_of, parse_event
 from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
@@ -59,10 +50,10 @@ def meet():
     worlds = []
 
     def make(name: str, *events: str, seed: int = 1, people: int = 0) -> tuple[SimulatedRobot, EventRunner]:
-        life = Scenario(people, 0, [parse_event(text) for text in events])
-        worlds.append(World(life.scene(load_scene(name), seed), seed=seed))
+        scenario = Scenario(people, 0, [parse_event(text) for text in events])
+        worlds.append(World(scenario.scene(load_scene(name), seed), seed=seed))
         body = SimulatedRobot(worlds[-1])
-        begun = life.begin(worlds[-1], body, body.base.radius)
+        begun = scenario.begin(worlds[-1], body, body.base.radius)
         assert begun is not None
         return body, begun
 
@@ -80,12 +71,12 @@ def go(body: SimulatedRobot, seconds: float, v: float = 0.3, w: float = 0.0) -> 
 
 def test_a_box_drops_ahead_and_is_seen_and_shown(meet):
     body, events = meet("house", "box:1@1.6,0.1")
-    body.carry(Pose2D(-8.0, -0.5, 0.0))
-    number = body.world.led("dropped_box_")[0]
+    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    number = body.world.kinematic_bodies("dropped_box_")[0]
     go(body, 0.9)
-    assert events.happened == []
+    assert events.event_log == []
     go(body, 0.3)
-    (happened,) = events.happened
+    (happened,) = events.event_log
     assert (happened["event"], happened["t"]) == ("box", 1.0)
     pose = body.true_pose()
     assert happened["x"] - SIDE / 2 - 0.27 - pose.x == pytest.approx(1.6, abs=0.08)
@@ -100,9 +91,9 @@ def test_a_box_drops_ahead_and_is_seen_and_shown(meet):
 
 def test_driving_into_a_dropped_box_is_a_collision(meet):
     body, events = meet("house", "box:1")
-    body.carry(Pose2D(-8.0, -0.5, 0.0))
+    body.teleport(Pose2D(-8.0, -0.5, 0.0))
     go(body, 12.0)
-    assert len(events.happened) == 1
+    assert len(events.event_log) == 1
     assert body.contacts.collisions == 1
 
 
@@ -110,7 +101,7 @@ def test_no_box_drops_before_a_robot_that_stands_or_turns(meet):
     body, events = meet("house", "box:0")
     go(body, 2.0, 0.0, 0.0)
     go(body, 2.0, 0.1, 0.5)
-    assert events.happened == []
+    assert events.event_log == []
 
 
 @pytest.mark.parametrize(
@@ -128,14 +119,16 @@ def test_no_box_drops_before_a_robot_that_stands_or_turns(meet):
 def test_where_a_box_fits(meet, pose: tuple[float, float, float], fits: bool):
     body, events = meet("house", "box:100")
     here = Pose2D(*pose)
-    box = ahead_of(here, 0.27, Event("box", 0.0), body.world.bodies[body.world.led("dropped")[0]])
+    box = ahead_of(
+        here, 0.27, Event("box", 0.0), body.world.bodies[body.world.kinematic_bodies("dropped")[0]]
+    )
     assert events.fits(box, here) == fits
 
 
 def test_wherever_a_box_fits_there_is_a_way_past_and_it_is_far_enough(meet):
     body, events = meet("aws_house", "box:100")
     scene, floor, random = body.world.scene, ClearanceMap.of(body.world.scene), body.world.random("test")
-    parked = body.world.bodies[body.world.led("dropped")[0]]
+    parked = body.world.bodies[body.world.kinematic_bodies("dropped")[0]]
     found = 0
     for _ in range(300):
         place = floor.random_point(random, 0.4)
@@ -148,7 +141,7 @@ def test_wherever_a_box_fits_there_is_a_way_past_and_it_is_far_enough(meet):
             after = floor.with_obstacle(box)
             assert after.connected(list(scene.waypoints.values()), 0.32)
             sides = [box_side(pose, box, side) for side in (1.0, -1.0)]
-            assert max(scene.free(*side) for side in sides) >= PASSAGE / 2
+            assert max(scene.clearance_at(*side) for side in sides) >= PASSAGE / 2
     assert found >= 30
 
 
@@ -165,11 +158,11 @@ def test_a_kidnapped_robot_stands_clear_and_far_away_and_knows_nothing(meet, nam
     go(body, 1.9, 0.1, 0.0)
     before, odometry, way = body.true_pose(), body.odometry().pose, body.distance
     go(body, 0.2, 0.1, 0.0)
-    (happened,) = events.happened
+    (happened,) = events.event_log
     assert (happened["event"], happened["t"]) == ("kidnap", 2.0)
     after = body.true_pose()
     assert math.dist((before.x, before.y), (after.x, after.y)) > FAR
-    assert body.world.scene.free(after.x, after.y) >= body.base.radius + CLEAR - 0.05
+    assert body.world.scene.clearance_at(after.x, after.y) >= body.base.radius + CLEAR - 0.05
     assert math.dist((odometry.x, odometry.y), (body.odometry().pose.x, body.odometry().pose.y)) < 0.06
     assert body.distance - way < 0.06
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
@@ -182,12 +175,12 @@ def test_a_kidnapped_robot_stands_clear_and_far_away_and_knows_nothing(meet, nam
 def test_nobody_is_kidnapped_while_standing(meet):
     body, events = meet("house", "kidnap:1")
     go(body, 3.0, 0.0, 0.0)
-    assert events.happened == []
+    assert events.event_log == []
 
 
 def test_a_person_is_seen_where_it_is_and_keeps_from_a_robot_that_stands(meet):
     body, _ = meet("arena", "kidnap:1000", people=1)
-    (number,) = body.world.led("person_")
+    (number,) = body.world.kinematic_bodies("person_")
     hits = 0
     for _ in range(300):
         body.world.wait_until(body.world.now() + SECOND // 10, threading.Event())
@@ -206,12 +199,12 @@ def test_a_person_is_seen_where_it_is_and_keeps_from_a_robot_that_stands(meet):
 @pytest.mark.parametrize("side", range(8))
 def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(meet, side: int):
     body, _ = meet("aws_house", "kidnap:1000", people=1)
-    (number,) = body.world.led("person_")
+    (number,) = body.world.kinematic_bodies("person_")
     begun = body.world.schedule.now
     around = side * math.pi / 4
     for step in range(24):
         away = 1.0 - 0.025 * step
         x, y = away * math.cos(around), away * math.sin(around)
-        body.world.lead(number, x, y, wrap(around + math.pi), v=0.5)
+        body.world.move_kinematic_body(number, x, y, wrap(around + math.pi), v=0.5)
         body.world.wait_until(begun + (step + 1) * SECOND // 20, threading.Event())
     assert (body.contacts.collisions, body.contacts.grazes) == (1, 0)

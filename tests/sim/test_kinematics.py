@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import (
-    Kinematics,
-    from_rpy,
-    product,
-    rotated,
-)
+from btcore_sim.kinematics import Kinematics, from_rpy, product, rotated
 from btcore_sim.meshes import rotation_matrix
 from btcore_sim.robot_description import TIAGO, load_description
 
@@ -86,7 +81,7 @@ def test_in_the_optical_frame_z_is_ahead_and_x_to_the_right(robot_at):
 
 def test_with_head_and_torso_moved_they_are_where_the_engine_has_the_links(robot_at, steer):
     body = robot_at()
-    body.look(0.7, -0.5)
+    body.move_head(0.7, -0.5)
     body.lift(0.2)
     steer(body, 4.0, None)
     frames = body.frames()
@@ -105,10 +100,10 @@ def test_the_camera_sees_from_its_optical_frame(robot_at, steer):
     from btcore_sim.camera import CameraSettings
 
     body = robot_at(camera=CameraSettings(32, 24, 10.0))
-    body.look(-0.4, 0.3)
+    body.move_head(-0.4, 0.3)
     steer(body, 2.0, None)
     eye, turned = body._camera.pose(body.model, body._camera_link)
-    rotation, position = pose(body.frames(), body.lens.frame)
+    rotation, position = pose(body.frames(), body.camera_info.frame)
     base_place, base_turned = body.model.place()
     base = rotation_matrix(base_turned)
     assert base @ (position - (0.0, 0.0, 0.0985)) + base_place == pytest.approx(eye, abs=1e-4)

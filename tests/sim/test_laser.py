@@ -50,14 +50,14 @@ def test_geometry_agrees_with_the_engines_rays(scene: list[SceneObject], x: floa
         theirs = np.array([hit[2] * 20 if hit[0] >= 0 else np.inf for hit in rays])
     finally:
         world.close()
-    ours = RayCaster.of(scene).distances(x, y, HEIGHT, angles)
-    ours[ours > 20.0] = np.inf
-    differing = ~np.isclose(ours, theirs, atol=5e-3)
-    # A ray that grazes an edge may hit for one and miss for the other: its neighbours then disagree too.
+    caster = RayCaster.of(scene)
+    fan = np.array([caster.distances(x, y, HEIGHT, angles + turn) for turn in (0.0, -0.002, 0.002)])
+    fan[fan > 20.0] = np.inf
+    differing = ~np.isclose(fan[0], theirs, atol=5e-3)
+    # A ray that grazes an edge may hit for one and miss for the other: 0.002 rad to one side both agree.
     for ray in np.flatnonzero(differing):
-        near = ours[[ray - 1, ray, (ray + 1) % len(ours)]]
-        assert min(near) - 0.05 <= theirs[ray] <= max(near) + 0.05
-    assert differing.sum() <= 0.05 * len(ours)
+        assert min(fan[:, ray]) - 0.05 <= theirs[ray] <= max(fan[:, ray]) + 0.05
+    assert differing.sum() <= 0.05 * len(angles)
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-310, -1e-310, 1e-200])

@@ -72,11 +72,11 @@ def test_even_a_thin_leg_is_on_the_map(room, drum):
 
 def test_only_what_stays_and_crosses_the_plane_is_on_the_map(room, box):
     movable = box(1.0, 0.0, (0.4, 0.4, 0.5), mass=3.0, name="movable")
-    led = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="led"), led=True)
+    person = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="person"), is_kinematic=True)
     flat = box(0.0, 1.0, (0.4, 0.4, 0.05), name="flat")
     board = replace(box(0.0, -1.0, (0.4, 0.4, 0.05), name="board"), position=(0.0, -1.0, 0.7))
     lamp = replace(box(1.0, 1.0, (0.2, 0.2, 0.3), name="lamp"), position=(1.0, 1.0, 2.0))
-    scene = room(movable, led, flat, board, lamp)
+    scene = room(movable, person, flat, board, lamp)
     assert (rasterise(scene).cells == rasterise(room()).cells).all()
     assert overhangs(scene) == ((-0.2, 0.8, 0.2, 1.2), (-0.2, -1.2, 0.2, -0.8))
     assert ClearanceMap.of(scene).clearance_at(1.0, 0.0) == 0.0

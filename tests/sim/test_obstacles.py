@@ -7,12 +7,7 @@ import pytest
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.obstacles import (
-    FROM_WAYPOINTS,
-    PASSAGE,
-    passable,
-    with_obstacles,
-)
+from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable, with_obstacles
 from btcore_sim.scenario import Scenario
 from btcore_sim.scene import SceneObject, load_scene
 from btcore_sim.world import random_generator

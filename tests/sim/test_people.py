@@ -11,14 +11,7 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.map_rasteriser import overhangs
-from btcore_sim.people import (
-    FROM_WALLS,
-    POLITE,
-    RADIUS,
-    SPEED,
-    PeopleSimulation,
-    with_people,
-)
+from btcore_sim.people import FROM_WALLS, POLITE, RADIUS, SPEED, PeopleSimulation, with_people
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
 from btcore_sim.scene import Scene, load_scene

@@ -50,7 +50,7 @@ def test_a_robot_of_which_little_is_said_has_little(tmp_path: Path, robot_at: An
 
     body = robot_at(description=load_description(write(tmp_path, bare)))
     body.lift(0.3)
-    assert (body.torso, body.lifted(), body.lens, body.camera()) == (None, None, None, None)
+    assert (body.torso, body.torso_height(), body.camera_info, body.camera()) == (None, None, None, None)
     assert body.sonars() == ()
     assert body.description.odometry.scale_sigma == 0.0
     names = {frame.child for frame in body.frames()}
@@ -60,8 +60,8 @@ def test_a_robot_of_which_little_is_said_has_little(tmp_path: Path, robot_at: An
 
 def test_a_robot_without_a_head_has_none(tmp_path: Path, robot_at: Any):
     body = robot_at(description=load_description(write(tmp_path, lambda data: data.pop("head"))))
-    body.look(0.3, 0.0)
-    assert body.neck is None
+    body.move_head(0.3, 0.0)
+    assert body.head_info is None
     assert body.head() is None
 
 

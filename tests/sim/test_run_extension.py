@@ -53,7 +53,7 @@ def test_its_options():
 
 
 def test_the_engine_is_loaded_without_a_word():
-    program = "from btcore_sim.simulated_robot import Body"
+    program = "from btcore_sim.simulated_robot import SimulatedRobot"
     found = subprocess.run(
         [sys.executable, "-c", program],
         check=True,

@@ -7,19 +7,9 @@ from typing import Any
 
 import pytest
 
-from btcore_robot.robot import (
-    GoalOutcome,
-    NavigationReporter,
-    Odometry,
-    Pose2D,
-)
+from btcore_robot.robot import GoalOutcome, NavigationReporter, Odometry, Pose2D
 from btcore_sim.robot_description import load_description
-from btcore_sim.run_metrics import (
-    RunMetrics,
-    navigator_among,
-    odometry_error,
-    waypoint,
-)
+from btcore_sim.run_metrics import RunMetrics, navigator_among, odometry_error, waypoint
 from btcore_sim.scene import load_scene
 
 
@@ -52,9 +42,9 @@ def body(robot_at: Any) -> Any:
 
 
 def test_without_a_navigator_battery_and_odometry_are_told(body: Any, steer: Any):
-    judge = RunMetrics(body, None)
+    metrics = RunMetrics(body, None)
     steer(body, 10.0, (0.0, 0.5))
-    figures = judge.figures()
+    figures = metrics.figures()
     assert list(figures) == ["battery_min", "odometry_error_m"]
     assert figures["battery_min"] == pytest.approx(100.0 - 10.0 * 0.26, abs=0.01)
 
@@ -73,29 +63,29 @@ def test_odometry_is_judged_from_the_true_start(
 
 def test_localisation_is_judged_from_ten_metres_on(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(3.0, 4.0, -0.2))
-    judge = RunMetrics(body, navigator)
+    metrics = RunMetrics(body, navigator)
     steer(body, 9.0, (1.0, 0.5))
-    assert judge.figures()["localization_error_m"] == {"median": None, "max": None}
+    assert metrics.figures()["localization_error_m"] == {"median": None, "max": None}
     steer(body, 3.0, (1.0, 0.5))
     navigator.error = Pose2D(0.0, 6.0, 0.1)
     steer(body, 0.1, (1.0, 0.5))
-    figures = judge.figures()
+    figures = metrics.figures()
     assert figures["localization_error_m"] == pytest.approx({"median": 5.0, "max": 6.0})
     assert figures["localization_yaw_error_rad"] == {"max": pytest.approx(0.2)}
     assert figures["unlocalized_s"] == 0.0
 
 
 def test_not_to_know_is_no_error_but_it_is_counted(body: Any, steer: Any):
-    judge = RunMetrics(body, Navigator(body))
+    metrics = RunMetrics(body, Navigator(body))
     steer(body, 12.5, (1.0, 0.5))
-    figures = judge.figures()
+    figures = metrics.figures()
     assert figures["localization_error_m"] == {"median": None, "max": None}
     assert figures["unlocalized_s"] == pytest.approx(2.0, abs=0.2)
 
 
 def test_goals_are_told_by_how_they_ended_and_where_the_robot_was(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
-    judge = RunMetrics(body, navigator)
+    metrics = RunMetrics(body, navigator)
     navigator.end(0.2, 0.1, "SUCCEEDED")
     navigator.end(0.1, 0.0, "SUCCEEDED")
     navigator.end(0.3, 0.3, "SUCCEEDED")
@@ -105,7 +95,7 @@ def test_goals_are_told_by_how_they_ended_and_where_the_robot_was(body: Any, ste
     body.recharge()
     steer(body, 4.0, (0.3, 0.0))
     navigator.end(0.2, 0.1, "SUCCEEDED")  # it says so, and is a metre away
-    figures = judge.figures()
+    figures = metrics.figures()
     assert (figures["waypoints_visited"], figures["goals_failed"], figures["recharges"]) == (["wp1"], 1, 1)
 
 
@@ -146,10 +136,10 @@ def test_turning_on_the_spot_four_times_odometry_is_wrong_by_some_degrees(robot_
 
 def test_how_a_robot_gets_over_being_carried_off_is_told(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
-    judge = RunMetrics(body, navigator)
+    metrics = RunMetrics(body, navigator)
     steer(body, 2.0, (0.5, 0.0))
-    assert "carried" not in judge.figures()
-    body.carry(Pose2D(3.0, 3.0, 0.0))
+    assert "carried" not in metrics.figures()
+    body.teleport(Pose2D(3.0, 3.0, 0.0))
     navigator.error = Pose2D(3.0, 0.0, 0.0)
     steer(body, 1.0, (0.5, 0.0))
     navigator.error = None
@@ -158,7 +148,7 @@ def test_how_a_robot_gets_over_being_carried_off_is_told(body: Any, steer: Any):
     steer(body, 1.0, (0.5, 0.0))
     navigator.error = Pose2D(0.1, 0.0, 0.0)
     steer(body, 1.0, (0.5, 0.0))
-    (one,) = judge.figures()["carried"]
+    (one,) = metrics.figures()["carried"]
     assert one["t"] == pytest.approx(2.0)
     assert one["noticed_s"] == pytest.approx(1.0, abs=0.11)
     assert one["found_s"] == pytest.approx(4.0, abs=0.11)
@@ -166,9 +156,9 @@ def test_how_a_robot_gets_over_being_carried_off_is_told(body: Any, steer: Any):
 
 
 def test_a_robot_that_never_notices_that_it_was_carried_off_goes_astray(body: Any, steer: Any):
-    judge = RunMetrics(body, Navigator(body, Pose2D(0.0, 2.0, 0.0)))
-    body.carry(Pose2D(3.0, 3.0, 0.0))
+    metrics = RunMetrics(body, Navigator(body, Pose2D(0.0, 2.0, 0.0)))
+    body.teleport(Pose2D(3.0, 3.0, 0.0))
     steer(body, 4.0, (0.5, 0.0))
-    (one,) = judge.figures()["carried"]
+    (one,) = metrics.figures()["carried"]
     assert one["noticed_s"] is one["found_s"] is None
     assert one["astray_m"] == pytest.approx(2.0, abs=0.2)

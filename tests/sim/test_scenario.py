@@ -22,10 +22,10 @@ SETTINGS: dict[str, Any] = {"world": "house", "seed": 3, "fast": True, "camera":
 
 def trace(seed: int, seconds: int = 12) -> str:
     """A digest of every scan and true pose of a run with people, obstacles and events."""
-    life = Scenario(3, 2, [parse_event("box:2"), parse_event("kidnap:8")])
-    world = World(life.scene(load_scene("aws_house"), seed), seed=seed)
+    scenario = Scenario(3, 2, [parse_event("box:2"), parse_event("kidnap:8")])
+    world = World(scenario.scene(load_scene("aws_house"), seed), seed=seed)
     body = SimulatedRobot(world)
-    events = life.begin(world, body, body.base.radius)
+    events = scenario.begin(world, body, body.base.radius)
     seen = sha256()
     for tick in range(1, seconds * 10 + 1):
         body.drive(0.1, 0.1)

@@ -10,12 +10,7 @@ import pytest
 
 from btcore_robot.robot import Pose2D
 from btcore_sim.errors import SimError
-from btcore_sim.scene import (
-    Scene,
-    SceneObject,
-    load_scene,
-    scene_names,
-)
+from btcore_sim.scene import Scene, SceneObject, load_scene, scene_names
 
 RADIUS = 0.27
 WALLS = {"wall_east", "wall_north", "wall_west", "wall_south"}

@@ -33,7 +33,7 @@ def test_the_camera_hangs_on_the_head(robot_at, steer):
     body = robot_at(camera=CAMERA)
     (camera,) = body.scene_static()["cameras"]
     assert camera["size"] == [64, 48]
-    assert camera["focal"] == [body.lens.fx, body.lens.fy]
+    assert camera["focal"] == [body.camera_info.fx, body.camera_info.fy]
     frames = {child: parent for child, parent, *_ in body.scene_moving()["frames"]}
     way = [camera["frame"]]
     while way[-1] in frames:

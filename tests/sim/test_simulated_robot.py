@@ -69,7 +69,7 @@ def test_the_velocity_is_reached_by_the_ramp(robot_at, rate: int):
     for tick in range(1, 11):
         body.drive(1.0, 0.0)
         body.world.wait_until(tick * SECOND // 10, threading.Event())
-        speed = pybullet.getBaseVelocity(body.model.number, physicsClientId=body.world.client)[0][0]
+        speed = pybullet.getBaseVelocity(body.model.body_id, physicsClientId=body.world.client)[0][0]
         assert speed == pytest.approx(tick / 10, abs=0.05)
 
 
@@ -84,7 +84,7 @@ def test_without_a_command_it_stops_by_itself(robot_at, steer):
 
 
 def test_it_weighs_what_the_data_sheet_says(robot_at):
-    number, client = robot_at().model.number, robot_at().world.client
+    number, client = robot_at().model.body_id, robot_at().world.client
     masses = [
         pybullet.getDynamicsInfo(number, link, physicsClientId=client)[0]
         for link in range(-1, pybullet.getNumJoints(number, physicsClientId=client))
@@ -95,7 +95,7 @@ def test_it_weighs_what_the_data_sheet_says(robot_at):
 def test_casters_slide_and_wheels_grip(robot_at):
     body = robot_at()
     friction = {
-        name: pybullet.getDynamicsInfo(body.model.number, link, physicsClientId=body.world.client)[1]
+        name: pybullet.getDynamicsInfo(body.model.body_id, link, physicsClientId=body.world.client)[1]
         for name, link in body.model.links.items()
     }
     assert {friction[name] for name in friction if name.startswith("caster")} == {0.0}
@@ -111,7 +111,7 @@ def test_it_stands_upright_on_its_wheels(robot_at):
 
 def test_the_head_turns_at_its_speed(robot_at, steer):
     body = robot_at()
-    body.look(1.2, 0.0)
+    body.move_head(1.2, 0.0)
     steer(body, 0.2, None)
     assert 0.3 < body.head().pan < 0.7
     steer(body, 0.8, None)
@@ -120,15 +120,15 @@ def test_the_head_turns_at_its_speed(robot_at, steer):
 
 def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at, steer):
     body = robot_at()
-    assert body.lifted() == pytest.approx(0.0, abs=0.001)
+    assert body.torso_height() == pytest.approx(0.0, abs=0.001)
     body.lift(0.15)
     steer(body, 1.0, None)
-    assert body.lifted() == pytest.approx(0.07, abs=0.01)
+    assert body.torso_height() == pytest.approx(0.07, abs=0.01)
     steer(body, 1.5, None)
-    assert body.lifted() == pytest.approx(0.15, abs=0.002)
+    assert body.torso_height() == pytest.approx(0.15, abs=0.002)
     body.lift(9.0)
     steer(body, 4.0, None)
-    assert body.lifted() == pytest.approx(0.35, abs=0.002)
+    assert body.torso_height() == pytest.approx(0.35, abs=0.002)
     assert body.torso.lift_max == 0.35
 
 
@@ -149,7 +149,7 @@ def test_the_camera_sees_what_is_ahead(box):
     body = SimulatedRobot(world, camera=CameraSettings(64, 48, 10.0))
     ahead = body.camera().rgb[24, 32].astype(int)
     assert ahead[0] > ahead[1] + 40
-    body.look(1.3, 0.0)
+    body.move_head(1.3, 0.0)
     world.wait_until(SECOND, threading.Event())
     aside = body.camera().rgb[24, 32].astype(int)
     assert abs(aside[0] - aside[1]) < 40

@@ -7,12 +7,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.perception.colour import (
-    ColourRange,
-    Detection,
-    debug_image,
-    detect_each,
-)
+from btcore_robot.perception.colour import ColourRange, Detection, debug_image, detect_each
 from btcore_robot.perception.object_detector import Detections
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Robot
@@ -26,9 +21,9 @@ PERIOD = 1.0
 class ColourWatcher(Process):
     """Listens to ``detection``, and says each second what is there. *ranges*: what it looks for."""
 
-    def __init__(self, around: ProcessContext, ranges: list[int], each: bool) -> None:
-        super().__init__("colour_watcher", around)
-        if around.robot is None or around.robot.camera_info is None:
+    def __init__(self, context: ProcessContext, ranges: list[int], each: bool) -> None:
+        super().__init__("colour_watcher", context)
+        if context.robot is None or context.robot.camera_info is None:
             raise click.UsageError("there are no pictures to look at: the robot has no camera, or it is off")
         h, hh, s, ss, v, vv = ranges
         self.colours = ColourRange((h, hh), (s, ss), (v, vv))

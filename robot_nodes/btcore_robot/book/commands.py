@@ -6,12 +6,7 @@ from typing import Any
 import click
 
 from btcore.cli.program_runner import Finite
-from btcore_robot.book.runner import (
-    FAULTS,
-    BookRunner,
-    BookUsageError,
-    world_command,
-)
+from btcore_robot.book.runner import FAULTS, BookRunner, BookUsageError, world_command
 from btcore_robot.process.launch import read_launch, start_all
 from btcore_robot.process.process import ProcessOptions
 from btcore_robot.process.programs import create_processes
@@ -39,16 +34,16 @@ def hello(ctx: click.Context, /, **settings: Any) -> int:
     """Run a program of chapter 2; by default the executor with publisher and subscriber."""
     from btcore_robot.process.parameters import parameters_of
 
-    stage = BookRunner(ctx, {**settings, "as_json": False, "seed": 0}, embodied=False)
+    runner = BookRunner(ctx, {**settings, "as_json": False, "seed": 0}, embodied=False)
     program = settings["program"]
-    start = ProcessOptions()
+    options = ProcessOptions()
     try:
         if settings["params"] is not None:
-            start = ProcessOptions(parameters=parameters_of(settings["params"], f"{program}_node"))
-        stage.add(*create_processes(program, stage.around, start))
+            options = ProcessOptions(parameters=parameters_of(settings["params"], f"{program}_node"))
+        runner.add(*create_processes(program, runner.context, options))
     except FAULTS as fault:
         raise BookUsageError(str(fault)) from fault
-    return stage.perform("Hello")
+    return runner.perform("Hello")
 
 
 @world_command("launch", "Start the programs of a launch file.")
@@ -58,12 +53,12 @@ def launch(ctx: click.Context, /, **settings: Any) -> int:
     from btcore_robot.book.graph import draw_graph
 
     entries = read_launch(settings["file"])
-    stage = BookRunner(ctx, settings, embodied=any(one.program == "bridge" for one in entries))
-    stage.add(*start_all(entries, stage.around))
-    return stage.perform(
+    runner = BookRunner(ctx, settings, embodied=any(one.program == "bridge" for one in entries))
+    runner.add(*start_all(entries, runner.context))
+    return runner.perform(
         "Launched",
-        lambda: {"processes": [one.name for one in stage.executor.processes]},
-        lambda: draw_graph(stage.around.topics),
+        lambda: {"processes": [one.name for one in runner.executor.processes]},
+        lambda: draw_graph(runner.context.topics),
     )
 
 
@@ -80,15 +75,15 @@ def bumpgo_fsm(ctx: click.Context, /, **settings: Any) -> int:
     from btcore_robot.book.trail import Trail
     from btcore_robot.control.bumpgo_fsm import BumpGo
 
-    stage = BookRunner(ctx, settings)
+    runner = BookRunner(ctx, settings)
     chosen = settings["turn"].replace("-", "_")
     program = "bumpgo" if chosen == "left" else f"bumpgo_{chosen}"
-    [process] = create_processes(program, stage.around, ProcessOptions(remap=_DRIVEN))
+    [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
     assert isinstance(process, BumpGo)
-    stage.add(*create_processes("bridge", stage.around), process)
-    trail = Trail(stage.around, lambda: process.state.value)
+    runner.add(*create_processes("bridge", runner.context), process)
+    trail = Trail(runner.context, lambda: process.state.value)
     colours = {"forward": (46, 130, 80), "back": (200, 70, 50), "turn": (40, 100, 190), "stop": (90, 90, 90)}
-    return stage.perform(
+    return runner.perform(
         "BumpGo",
         lambda: {"changes": process.changes, "state": process.state.value},
         lambda: trail.picture(colours, "bump and go: the way by odometry, what the laser saw").image,
@@ -102,28 +97,28 @@ def vff(ctx: click.Context, /, **settings: Any) -> int:
     from btcore_robot.book.force_watcher import ForceWatcher
     from btcore_robot.control.vff import Avoidance
 
-    stage = BookRunner(ctx, settings)
+    runner = BookRunner(ctx, settings)
     program = "avoidance_vff_all" if settings["all_near"] else "avoidance_vff"
-    [process] = create_processes(program, stage.around, ProcessOptions(remap=_DRIVEN))
+    [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
     assert isinstance(process, Avoidance)
-    watcher = ForceWatcher(stage.around)
-    stage.add(*create_processes("bridge", stage.around), process, watcher)
-    return stage.perform("AvoidanceVff", watcher.figures, watcher.picture, [watcher])
+    watcher = ForceWatcher(runner.context)
+    runner.add(*create_processes("bridge", runner.context), process, watcher)
+    return runner.perform("AvoidanceVff", watcher.figures, watcher.picture, [watcher])
 
 
 def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name: str) -> int:
     from btcore_robot.book.obstacle_watcher import ObstacleWatcher
 
-    stage = BookRunner(ctx, settings)
+    runner = BookRunner(ctx, settings)
     parameters = {"colour_by_distance": settings["colour_by_distance"]}
-    processes = create_processes(detector, stage.around, ProcessOptions(remap=_DRIVEN))
-    processes += create_processes("obstacle_monitor", stage.around, ProcessOptions(parameters=parameters))
+    processes = create_processes(detector, runner.context, ProcessOptions(remap=_DRIVEN))
+    processes += create_processes("obstacle_monitor", runner.context, ProcessOptions(parameters=parameters))
     for program in ("displacement", "obstacle_in_frames"):
         if settings[program]:
-            processes += create_processes(program, stage.around)
-    watcher = ObstacleWatcher(stage.around, settings["drive"], settings["turn"])
-    stage.add(*create_processes("bridge", stage.around), *processes, watcher)
-    return stage.perform(name, watcher.figures, watcher.picture, [watcher])
+            processes += create_processes(program, runner.context)
+    watcher = ObstacleWatcher(runner.context, settings["drive"], settings["turn"])
+    runner.add(*create_processes("bridge", runner.context), *processes, watcher)
+    return runner.perform(name, watcher.figures, watcher.picture, [watcher])
 
 
 _detector_options = [
@@ -173,16 +168,16 @@ def colour(ctx: click.Context, /, **settings: Any) -> int:
     from btcore_robot.book.colour_watcher import ColourWatcher, ranges_of
 
     ranges = ranges_of(settings["hsv"])
-    stage = BookRunner(ctx, settings)
-    start = ProcessOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": settings["each"]})
-    watcher = ColourWatcher(stage.around, ranges, settings["each"])
-    stage.add(
-        *create_processes("bridge", stage.around),
-        *create_processes("object_detector", stage.around, start),
+    runner = BookRunner(ctx, settings)
+    options = ProcessOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": settings["each"]})
+    watcher = ColourWatcher(runner.context, ranges, settings["each"])
+    runner.add(
+        *create_processes("bridge", runner.context),
+        *create_processes("object_detector", runner.context, options),
         watcher,
     )
-    stage.robot.move_head(settings["pan"], settings["tilt"])
-    return stage.perform("ColourDetection", watcher.figures, watcher.picture, [watcher])
+    runner.robot.move_head(settings["pan"], settings["tilt"])
+    return runner.perform("ColourDetection", watcher.figures, watcher.picture, [watcher])
 
 
 @world_command("head-tracking", "The head follows a colour, by PID (chapter 5.2).")
@@ -192,10 +187,10 @@ def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
     """Turn the head to what has the colour of wooden furniture; the picture is the head camera's."""
     from btcore_robot.book.head_watcher import HeadWatcher
 
-    stage = BookRunner(ctx, settings)
-    watcher = HeadWatcher(stage.around, settings["turn"], settings["reactive"])
-    stage.add(watcher)
-    return stage.perform("HeadTracking", watcher.figures, watcher.picture, [watcher])
+    runner = BookRunner(ctx, settings)
+    watcher = HeadWatcher(runner.context, settings["turn"], settings["reactive"])
+    runner.add(watcher)
+    return runner.perform("HeadTracking", watcher.figures, watcher.picture, [watcher])
 
 
 for command in (

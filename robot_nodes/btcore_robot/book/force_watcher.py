@@ -22,14 +22,14 @@ _NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
 class ForceWatcher(Process):
     """Listens to ``vff_debug``; keeps the moment at which the push was the strongest, for the picture."""
 
-    def __init__(self, around: ProcessContext) -> None:
-        super().__init__("vff_watcher", around)
+    def __init__(self, context: ProcessContext) -> None:
+        super().__init__("vff_watcher", context)
         self.arrows: tuple[Arrow, ...] = ()
         self.strongest: tuple[Arrow, ...] = ()
         self.nearest = math.inf
         self._points: NDArray[np.float64] = np.zeros((0, 2))
         self.subscribe("vff_debug", Arrows, self.heard)
-        around.schedule.every(10.0, Phase.JUDGE, self._look)
+        context.schedule.every(10.0, Phase.JUDGE, self._look)
 
     def heard(self, message: Arrows) -> None:
         """Keep the arrows, and with the longest push what the laser sees."""

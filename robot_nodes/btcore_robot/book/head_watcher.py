@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.book.colour_watcher import seen_data
-from btcore_robot.control.head_tracker import (
-    BOOK,
-    REACTIVE,
-    HeadTracker,
-    command_of,
-)
+from btcore_robot.control.head_tracker import BOOK, REACTIVE, HeadTracker, command_of
 from btcore_robot.perception.colour import debug_image
 from btcore_robot.process.process import Process, ProcessContext
 
@@ -24,10 +19,10 @@ PERIOD = 1.0
 class HeadWatcher(Process):
     """Keeps a head tracker active, turns the base at *turn* (rad/s), and says where the head looks."""
 
-    def __init__(self, around: ProcessContext, turn: float, reactive: bool) -> None:
-        super().__init__("head_watcher", around)
-        assert around.robot is not None
-        self.robot = around.robot
+    def __init__(self, context: ProcessContext, turn: float, reactive: bool) -> None:
+        super().__init__("head_watcher", context)
+        assert context.robot is not None
+        self.robot = context.robot
         self.turn = turn
         self.tracker = HeadTracker(self.robot, tuning=REACTIVE if reactive else BOOK)
         if self.robot.camera_info is None or not (self.tracker.configure() and self.tracker.activate()):

@@ -22,13 +22,13 @@ WAY = (46, 130, 80)
 class ObstacleWatcher(Process):
     """Drives on at *v* (m/s) and *w* (rad/s), and notes where the obstacle is in ``odom``."""
 
-    def __init__(self, around: ProcessContext, v: float = 0.0, w: float = 0.0) -> None:
-        super().__init__("obstacle_watcher", around)
+    def __init__(self, context: ProcessContext, v: float = 0.0, w: float = 0.0) -> None:
+        super().__init__("obstacle_watcher", context)
         self.twist = Twist2D(v, w)
         self.places: list[tuple[float, float]] = []
         self.arrows: tuple[Arrow, ...] = ()
         self._keys = self.publisher(_KEY_VEL, Twist2D)
-        self._trail = Trail(around)
+        self._trail = Trail(context)
         self.subscribe("obstacle_marker", Arrows, self.heard)
         self.timer(0.1, self.look)
 

@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore.cli.extension import GatheredResources
-from btcore.cli.program_runner import (
-    Finite,
-    RunCommand,
-    print_result,
-    require_resources,
-    run_program,
-)
+from btcore.cli.program_runner import Finite, RunCommand, print_result, require_resources, run_program
 from btcore_robot.book.top_view import save_picture, writable
 from btcore_robot.process.executor import Executor, MessageLoopError
 from btcore_robot.process.launch import LaunchError
@@ -93,20 +87,20 @@ class BookRunner:
         if embodied:
             self.gathered = require_resources(ctx, settings, (Robot,))
             robot = next(one for one in self.gathered.resources if isinstance(one, Robot))
-            self.around = ProcessContext(robot.clock, robot.schedule, say, robot=robot)
-            broadcaster = FrameBroadcaster(robot, self.around.transforms)
+            self.context = ProcessContext(robot.clock, robot.schedule, say, robot=robot)
+            broadcaster = FrameBroadcaster(robot, self.context.transforms)
             broadcaster.step(robot.clock.now())
             robot.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, broadcaster.step)
         else:
             self.gathered = GatheredResources([], [], [])
             self.clock = SimulatedTime() if settings["fast"] else RealTime()
-            self.around = ProcessContext(self.clock, self.clock, _since(self.clock, say))
-        self.executor = Executor(self.around.schedule, self.around.clock)
+            self.context = ProcessContext(self.clock, self.clock, _since(self.clock, say))
+        self.executor = Executor(self.context.schedule, self.context.clock)
 
     @property
     def robot(self) -> Robot:
         """The robot; a stage without one has none to ask for."""
-        return cast(Robot, self.around.robot)
+        return cast(Robot, self.context.robot)
 
     def add(self, *processes: Process) -> None:
         """Run *processes*, and tell of parameters that none of them knows."""

@@ -20,16 +20,16 @@ _CELL = 0.08  # m; of the laser's points in one such square one is kept
 class Trail:
     """Where the robot was by its odometry, in which *state*, and what its laser saw, all in ``odom``."""
 
-    def __init__(self, around: ProcessContext, state: Callable[[], str] = lambda: "") -> None:
-        assert around.robot is not None
-        self._around = around
-        self._robot = around.robot
+    def __init__(self, context: ProcessContext, state: Callable[[], str] = lambda: "") -> None:
+        assert context.robot is not None
+        self._context = context
+        self._robot = context.robot
         self._state = state
         self.poses: list[Pose2D] = []
         self.states: list[str] = []
         self._seen: dict[tuple[int, int], tuple[float, float]] = {}
         self._stamp = -1
-        around.schedule.every(RATE, Phase.JUDGE, self._note)
+        context.schedule.every(RATE, Phase.JUDGE, self._note)
 
     def picture(
         self, colours: dict[str, Colour], title: str, also: Sequence[tuple[float, float]] = ()
@@ -63,14 +63,14 @@ class Trail:
         if scan is None or scan.stamp == self._stamp:
             return
         self._stamp = scan.stamp
-        for x, y in points_in(self._around, ODOM, scan):
+        for x, y in points_in(self._context, ODOM, scan):
             self._seen.setdefault((round(x / _CELL), round(y / _CELL)), (x, y))
 
 
-def points_in(around: ProcessContext, frame: str, scan: LaserScan) -> NDArray[np.float64]:
+def points_in(context: ProcessContext, frame: str, scan: LaserScan) -> NDArray[np.float64]:
     """What *scan* hit, in *frame*: shape ``(n, 2)`` (m); nothing where the frame isn't known."""
     try:
-        place: Transform = around.transforms.lookup(frame, scan.frame, scan.stamp)
+        place: Transform = context.transforms.lookup(frame, scan.frame, scan.stamp)
     except TransformError:
         return np.zeros((0, 2))
     return place.apply(scan.points())

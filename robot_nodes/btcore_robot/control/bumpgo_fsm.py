@@ -42,8 +42,8 @@ class BumpGo(Process):
     state it leaves. Of two reasons to leave FORWARD an obstacle wins over an old scan.
     """
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("bump_go", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("bump_go", context, options)
         self.velocities = self.publisher("output_vel", Twist2D)
         self.subscribe("input_scan", LaserScan, self.scanned)
         self.timer(PERIOD, self.cycle)

@@ -4,12 +4,7 @@ import math
 
 import numpy as np
 
-from btcore_robot.control.bumpgo_fsm import (
-    OBSTACLE_DISTANCE,
-    SPEED_ANGULAR,
-    BumpGo,
-    State,
-)
+from btcore_robot.control.bumpgo_fsm import OBSTACLE_DISTANCE, SPEED_ANGULAR, BumpGo, State
 from btcore_robot.process.process import ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
 
@@ -78,8 +73,8 @@ class Diagonals(BumpGo):
 class OpenLoop(BumpGo):
     """Turns to the freest direction by a time reckoned before: angle over speed."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__(around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__(context, options)
         self.angle = 0.0
         """Where to turn to (rad), seen from where the turn began."""
 

@@ -5,12 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from btcore_robot.control.pid import PID
-from btcore_robot.perception.colour import (
-    WOOD,
-    ColourRange,
-    Detection,
-    detect,
-)
+from btcore_robot.perception.colour import WOOD, ColourRange, Detection, detect
 from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.robot import Phase, Robot
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
+from btcore_robot.errors import RobotError
 from btcore_robot.robot import Robot, Twist2D
 
 NS_PER_S = 1_000_000_000
@@ -34,7 +35,7 @@ END = ("x", "\x03", "\x04")
 HELP = "w/↑ forward, s/↓ back, a/← left, d/→ right, q and e both at once, space stop, x end"
 
 
-class KeyInputError(Exception):
+class KeyInputError(RobotError):
     """Keys that can't be driven by: a sentence that says which, and what would be right."""
 
 

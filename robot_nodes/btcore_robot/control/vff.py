@@ -10,14 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.process.messages import (
-    BLUE,
-    GREEN,
-    RED,
-    Arrow,
-    Arrows,
-    Colour,
-)
+from btcore_robot.process.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
 
@@ -102,8 +95,8 @@ class Avoidance(Process):
     green is the sum.
     """
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("avoidance_vff", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("avoidance_vff", context, options)
         self.velocities = self.publisher("output_vel", Twist2D)
         self.arrows = self.publisher("vff_debug", Arrows)
         self.subscribe("input_scan", LaserScan, self.scanned)

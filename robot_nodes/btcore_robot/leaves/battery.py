@@ -3,13 +3,7 @@
 import math
 from typing import Annotated
 
-from btcore import (
-    Blackboard,
-    Condition,
-    In,
-    StatefulAction,
-    Status,
-)
+from btcore import Blackboard, Condition, In, StatefulAction, Status
 from btcore_robot.robot import Robot
 
 LEVEL = "battery_level"

@@ -5,12 +5,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import (
-    In,
-    StatefulAction,
-    Status,
-    SyncAction,
-)
+from btcore import In, StatefulAction, Status, SyncAction
 from btcore_robot.navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 

@@ -3,12 +3,7 @@
 import logging
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import (
-    In,
-    Out,
-    StatefulAction,
-    Status,
-)
+from btcore import In, Out, StatefulAction, Status
 from btcore_robot.navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 

@@ -2,13 +2,7 @@
 
 from typing import Annotated
 
-from btcore import (
-    In,
-    NodeError,
-    Out,
-    SyncAction,
-    TreeState,
-)
+from btcore import In, NodeError, Out, SyncAction, TreeState
 from btcore.suggestions import join_names
 from btcore_robot.robot import Pose2D, Waypoints
 

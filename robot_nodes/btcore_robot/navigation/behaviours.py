@@ -16,12 +16,7 @@ from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import BehaviourParameters
-from btcore_robot.navigation.velocity_smoother import (
-    NS_PER_S,
-    Limits,
-    VelocitySmoother,
-    wrapped,
-)
+from btcore_robot.navigation.velocity_smoother import NS_PER_S, Limits, VelocitySmoother, wrapped
 from btcore_robot.robot import Odometry, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 

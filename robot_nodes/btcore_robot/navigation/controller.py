@@ -21,12 +21,7 @@ from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import ControllerParameters
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.pure_pursuit import Carrot, PurePursuit
-from btcore_robot.navigation.velocity_smoother import (
-    NS_PER_S,
-    Limits,
-    VelocitySmoother,
-    wrapped,
-)
+from btcore_robot.navigation.velocity_smoother import NS_PER_S, Limits, VelocitySmoother, wrapped
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import Pose2D, Robot
 from btcore_robot.transforms import TransformError, TransformTree

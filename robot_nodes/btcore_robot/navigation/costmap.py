@@ -165,7 +165,7 @@ class GlobalCostmap(LayeredCostmap):
 
     *radius* (m) is the robot's, *inflation_radius* (m) and *scaling* (1/m) those of `Inflation`; readings
     mark up to *obstacle_max_range* (m) and clear up to *raytrace_range*. Unknown cells of the map stay
-    UNKNOWN until a ray crosses them, unless *track_unknown* is off. Its *floor* has the costs of the map's
+    UNKNOWN until a ray crosses them, unless *track_unknown* is off. `lower_bound` has the costs of the map's
     occupied cells and the keep-outs.
     """
 

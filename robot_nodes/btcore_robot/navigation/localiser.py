@@ -11,22 +11,12 @@ from btcore_robot.navigation.likelihood import LikelihoodField, beams
 from btcore_robot.navigation.motion_model import sample_motion_model, wrapped
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import AmclParameters
-from btcore_robot.navigation.particles import (
-    Cluster,
-    best_cluster,
-    cloud,
-    resampled,
-)
+from btcore_robot.navigation.particles import Cluster, best_cluster, cloud, resampled
 from btcore_robot.navigation.pose_validation import FITS, PoseValidator, contradicted
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.navigation.relocalisation import Relocaliser
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import (
-    LaserScan,
-    Pose2D,
-    Robot,
-    TransformStamped,
-)
+from btcore_robot.robot import LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
 
 NS_PER_S = 1_000_000_000

@@ -8,8 +8,10 @@ from typing import Any
 
 import yaml
 
+from btcore_robot.errors import RobotError
 
-class MapError(Exception):
+
+class MapError(RobotError):
     """A map can't be read, written or made; the text says where, why and what to do."""
 
 

@@ -7,13 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import btcore
-from btcore import (
-    BtcoreError,
-    NodeExecutionError,
-    Registry,
-    Status,
-    Tree,
-)
+from btcore import BtcoreError, NodeExecutionError, Registry, Status, Tree
 from btcore_robot.navigation import nodes as nav2_nodes
 from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode

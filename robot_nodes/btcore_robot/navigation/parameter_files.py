@@ -6,12 +6,14 @@ from pathlib import Path
 
 import yaml
 
+from btcore_robot.errors import RobotError
+
 MARKER = "ros__parameters"
 EVERY_SERVER = "**"
 """The name of a server that stands for all of them."""
 
 
-class ParameterError(Exception):
+class ParameterError(RobotError):
     """A parameter file can't be used; the text says where and why, a line for each mistake."""
 
 

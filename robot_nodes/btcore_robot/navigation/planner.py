@@ -6,12 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.costmap import (
-    INSCRIBED,
-    LETHAL,
-    UNKNOWN,
-    Costmap,
-)
+from btcore_robot.errors import RobotError
+from btcore_robot.navigation.costmap import INSCRIBED, LETHAL, UNKNOWN, Costmap
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.grid_search import (
     FACTOR,
@@ -23,12 +19,7 @@ from btcore_robot.navigation.grid_search import (
     find_cheapest_path,
     grid_costs,
 )
-from btcore_robot.navigation.path import (
-    NavPath,
-    empty_path,
-    joined,
-    through,
-)
+from btcore_robot.navigation.path import NavPath, empty_path, joined, through
 from btcore_robot.navigation.path_smoothing import anchored, smooth_path
 from btcore_robot.robot import Pose2D
 
@@ -36,7 +27,7 @@ _BOUNDS_KEPT = 8
 _THROUGH = Nav2ErrorCode.THROUGH_UNKNOWN - Nav2ErrorCode.COMPUTE_PATH_UNKNOWN
 
 
-class PlannerError(Exception):
+class PlannerError(RobotError):
     """There is no path: *code* is one of Nav2's numbers, *message* says what stands in the way."""
 
     def __init__(self, code: int, message: str) -> None:
@@ -49,12 +40,12 @@ class Planner:
     """Plans over *costmap* for a robot of *radius* (m).
 
     A path is a cheapest one over the cells (cost 50 + 0.8·c, as NavFn's), made straight and round (see
-    `smoothing`); it enters no cell from INSCRIBED up, but for those that a robot standing among them has to
-    leave. With *tolerance* (m) 0 a goal is reached or refused; above, the path may end at the nearest place
-    within it that can be reached. Unknown cells are driven through at a high price if *allow_unknown*.
+    `path_smoothing`); it enters no cell from INSCRIBED up, but for those that a robot standing among them
+    has to leave. With *tolerance* (m) 0 a goal is reached or refused; above, the path may end at the nearest
+    place within it that can be reached. Unknown cells are driven through at a high price if *allow_unknown*.
 
     When the same goal is planned for again, from further on, what is left of the search is a fraction, for a
-    costmap that knows its `floor`.
+    costmap that knows its `lower_bound`.
     """
 
     def __init__(
@@ -75,7 +66,7 @@ class Planner:
     def plan(self, start: Pose2D, goal: Pose2D, now: int) -> NavPath:
         """The path from *start* to *goal*, in the costmap's frame, stamped *now* (ns).
 
-        Each pose looks along the path, the last one as *goal* does. Raises `PlanFault` with
+        Each pose looks along the path, the last one as *goal* does. Raises `PlannerError` with
         START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED, GOAL_OCCUPIED or NO_VALID_PATH.
         """
         first = self._cell(start, Nav2ErrorCode.START_OUTSIDE_MAP, "the robot")
@@ -96,7 +87,7 @@ class Planner:
     def plan_through(self, poses: Sequence[Pose2D], now: int) -> NavPath:
         """One path from the first of *poses* through all others, in their order.
 
-        Raises `PlanFault` with the codes of ComputePathThroughPoses: NO_VIAPOINTS_GIVEN for fewer than two
+        Raises `PlannerError` with the codes of ComputePathThroughPoses: NO_VIAPOINTS_GIVEN for fewer than two
         poses, else those of `plan` plus 100.
         """
         if len(poses) < 2:

@@ -18,35 +18,15 @@ from btcore_robot.navigation.clearance import laser_pose
 from btcore_robot.navigation.controller import ControllerServer
 from btcore_robot.navigation.costmap import GlobalCostmap, LocalCostmap
 from btcore_robot.navigation.localiser import Localiser
-from btcore_robot.navigation.navigator import (
-    NavigateGoal,
-    NavigateHandle,
-    Navigator,
-    tree_file,
-)
+from btcore_robot.navigation.navigator import NavigateGoal, NavigateHandle, Navigator, tree_file
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.parameters import (
-    CostmapParameters,
-    NavigationParameters,
-    NavigatorParameters,
-)
+from btcore_robot.navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
 from btcore_robot.navigation.planner import Planner
 from btcore_robot.navigation.planner_server import PlannerServer
 from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.navigation.scene import NavigationScene
-from btcore_robot.navigation.servers import (
-    MAP,
-    ODOM,
-    PoseSource,
-    Servers,
-)
-from btcore_robot.robot import (
-    CMD_VEL,
-    GoalOutcome,
-    Phase,
-    Pose2D,
-    Robot,
-)
+from btcore_robot.navigation.servers import MAP, ODOM, PoseSource, Servers
+from btcore_robot.robot import CMD_VEL, GoalOutcome, Phase, Pose2D, Robot
 from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
 
 log = logging.getLogger(__name__)
@@ -113,7 +93,7 @@ class Navigation:
             self.global_costmap,
             local,
             PlannerServer(planner, self.estimate),
-            ControllerServer(robot, tree, local, figures.controller, hold=self.held),
+            ControllerServer(robot, tree, local, figures.controller, hold=self.must_wait),
             SpinBehaviour(robot, tree, local, behaviours),
             BackUpBehaviour(robot, tree, local, behaviours),
             DriveOnHeadingBehaviour(robot, tree, local, behaviours),
@@ -127,7 +107,7 @@ class Navigation:
             _known(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
             plugins=named.plugin_lib_names,
             ended=self._outcomes.append,
-            hold=self.held,
+            hold=self.must_wait,
             hopeless=self.hopeless,
         )
         self.navigate_through_poses = Navigator(
@@ -136,7 +116,7 @@ class Navigation:
             through=True,
             plugins=named.plugin_lib_names,
             ended=self._outcomes.append,
-            hold=self.held,
+            hold=self.must_wait,
             hopeless=self.hopeless,
         )
         self.servers.navigators = {
@@ -162,7 +142,7 @@ class Navigation:
 
     def estimate(self) -> Pose2D | None:
         """Where the robot takes itself to be in the frame map; None while it doesn't know."""
-        return None if self.held() else self.localiser.pose()
+        return None if self.must_wait() else self.localiser.pose()
 
     def outcomes(self) -> Sequence[GoalOutcome]:
         """Every goal that was accepted and has ended, in order; one that a newer one replaced is CANCELED."""
@@ -184,7 +164,7 @@ class Navigation:
         """What is planned on."""
         return GlobalCostmap(self.map, **costmap_figures(self.parameters.global_costmap))
 
-    def held(self) -> bool:
+    def must_wait(self) -> bool:
         """Whether the robot has to stand because it isn't sure where it is."""
         return self._looks < LOOKS or not self.localiser.confident
 
@@ -216,7 +196,7 @@ class Navigation:
         before = self.localiser.stamp
         self.localiser.step(now)
         self._looks += self.localiser.stamp != before
-        sure = not self.held()
+        sure = not self.must_wait()
         if self.localiser.searching:
             if not self._searched:
                 log.warning("the robot doesn't know where it is: it stops, and looks around")

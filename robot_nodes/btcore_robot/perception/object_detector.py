@@ -2,12 +2,7 @@
 
 from dataclasses import dataclass
 
-from btcore_robot.perception.colour import (
-    ColourRange,
-    Detection,
-    detect,
-    detect_each,
-)
+from btcore_robot.perception.colour import ColourRange, Detection, detect, detect_each
 from btcore_robot.process.parameters import ParameterError
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import CameraImage
@@ -27,8 +22,8 @@ class ObjectDetector(Process):
     listens. With ``each`` every patch is an object of its own; without, all that has the colour is one.
     """
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("object_detector", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("object_detector", context, options)
         ranges = self.parameters.declare("hsv_ranges", [0, 180, 0, 255, 0, 255])
         if len(ranges) != 6:
             raise ParameterError(f"{self.name}: hsv_ranges has 6 numbers, h H s S v V, and not {len(ranges)}")

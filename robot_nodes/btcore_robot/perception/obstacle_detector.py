@@ -2,12 +2,7 @@
 
 import math
 
-from btcore_robot.process.messages import (
-    RED,
-    Arrow,
-    Arrows,
-    Colour,
-)
+from btcore_robot.process.messages import RED, Arrow, Arrows, Colour
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, TransformStamped
 from btcore_robot.transforms import Transform, TransformError
@@ -33,8 +28,8 @@ class ObstacleDetector(Process):
 
     name_of_its_own = "obstacle_detector"
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__(self.name_of_its_own, around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__(self.name_of_its_own, context, options)
         self.subscribe("input_scan", LaserScan, self.scanned)
 
     def scanned(self, scan: LaserScan) -> None:
@@ -67,8 +62,8 @@ class ObstacleDetectorImproved(ObstacleDetector):
 class ObstacleMonitor(Process):
     """Says twice a second where the obstacle is, and points at it with an arrow on ``obstacle_marker``."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("obstacle_monitor", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("obstacle_monitor", context, options)
         self.by_distance = self.parameters.declare("colour_by_distance", False)
         self.markers = self.publisher("obstacle_marker", Arrows)
         self.timer(PERIOD, self.look)

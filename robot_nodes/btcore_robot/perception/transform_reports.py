@@ -2,12 +2,7 @@
 
 import math
 
-from btcore_robot.perception.obstacle_detector import (
-    BASE,
-    OBSTACLE,
-    ODOM,
-    PERIOD,
-)
+from btcore_robot.perception.obstacle_detector import BASE, OBSTACLE, ODOM, PERIOD
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.transforms import Transform, TransformError
 
@@ -19,8 +14,8 @@ FRAMES = (ODOM, BASE, "head_2_link")
 class Displacement(Process):
     """Says each second how far the robot has moved since the last time, by its odometry."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("displacement", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("displacement", context, options)
         self.before: Transform | None = None
         self.timer(SECOND, self.look)
 
@@ -41,8 +36,8 @@ class Displacement(Process):
 class ObstacleInFrames(Process):
     """Says twice a second where the obstacle is in ``odom``, ``base_footprint`` and ``head_2_link``."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("obstacle_in_frames", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("obstacle_in_frames", context, options)
         self.timer(PERIOD, self.look)
 
     def look(self) -> None:

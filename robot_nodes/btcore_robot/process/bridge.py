@@ -4,13 +4,7 @@ from collections.abc import Callable
 
 from btcore_robot.process.messages import HeadCommand
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
-from btcore_robot.robot import (
-    CameraImage,
-    HeadPosition,
-    LaserScan,
-    Odometry,
-    Twist2D,
-)
+from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Twist2D
 
 SCAN = "/scan_raw"
 IMAGE = "/head_front_camera/rgb/image_raw"
@@ -31,11 +25,11 @@ class Bridge(Process):
     A picture is asked for only while somebody listens to it.
     """
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("robot", around, start)
-        if around.robot is None:
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("robot", context, options)
+        if context.robot is None:
             raise ValueError("a bridge is for a robot, and there is none around")
-        self.robot = around.robot
+        self.robot = context.robot
         self._scans = self.publisher(SCAN, LaserScan)
         self._pictures = self.publisher(IMAGE, CameraImage)
         self._odometry = self.publisher(ODOMETRY, Odometry)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from btcore_robot.errors import RobotError
 from btcore_robot.robot import Phase, RobotClock, Schedule
 
 if TYPE_CHECKING:
@@ -12,7 +13,7 @@ ROUNDS = 1000
 """How often, at one moment, callbacks may answer each other before that counts as endless."""
 
 
-class MessageLoopError(Exception):
+class MessageLoopError(RobotError):
     """Callbacks publish to each other without end, so that time would stand still."""
 
 

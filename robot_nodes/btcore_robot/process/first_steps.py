@@ -18,8 +18,8 @@ class Int32:
 class Logger(Process):
     """Logs ``Hello N`` twice a second, N from 0 on."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("logger_node", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("logger_node", context, options)
         self.counter = 0
         self.timer(PERIOD, self.log)
 
@@ -32,8 +32,8 @@ class Logger(Process):
 class NumberPublisher(Process):
     """Publishes 1, 2, 3 … on ``int_topic``, twice a second."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("publisher_node", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("publisher_node", context, options)
         self.message = Int32(0)
         self.numbers = self.publisher("int_topic", Int32)
         self.timer(PERIOD, self.publish)
@@ -47,8 +47,8 @@ class NumberPublisher(Process):
 class NumberSubscriber(Process):
     """Logs ``Hello N`` for each number that it hears on ``int_topic``."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("subscriber_node", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("subscriber_node", context, options)
         self.subscribe("int_topic", Int32, self.heard)
 
     def heard(self, message: Int32) -> None:
@@ -59,8 +59,8 @@ class NumberSubscriber(Process):
 class Localization(Process):
     """Has parameters, and does nothing but report an error when its two lists don't match."""
 
-    def __init__(self, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        super().__init__("localization_node", around, start)
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("localization_node", context, options)
         declare = self.parameters.declare
         self.number_particles = declare("number_particles", 200)
         no_names: list[str] = []

@@ -24,6 +24,7 @@ from typing import Any
 
 import yaml
 
+from btcore_robot.errors import RobotError
 from btcore_robot.process.parameters import Value, parameters_of
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.process.programs import UnknownProgramError, create_processes
@@ -33,7 +34,7 @@ _NODE_KEYS = {"exec", "name", "pkg", "remap", "param", "output"}
 _DEEPEST = 16  # includes within includes; deeper is a file that includes itself
 
 
-class LaunchError(Exception):
+class LaunchError(RobotError):
     """A launch file can't be used; the text says where and why."""
 
 
@@ -76,7 +77,7 @@ def read_launch(path: Path, depth: int = 0) -> list[Entry]:
     return [entry for step in steps for entry in _entries(path, step, depth)]
 
 
-def start_all(entries: list[Entry], around: ProcessContext) -> list[Process]:
+def start_all(entries: list[Entry], context: ProcessContext) -> list[Process]:
     """The processes of *entries*, ready for an executor.
 
     Raises LaunchError for a program that there is not, and ParameterError for parameters that don't fit.
@@ -85,15 +86,15 @@ def start_all(entries: list[Entry], around: ProcessContext) -> list[Process]:
     for entry in entries:
         try:
             # The name that a program has by itself decides what of a parameter file is meant for it.
-            own = "" if entry.name or not entry.given else _own_name(entry.program, around)
-            made += create_processes(entry.program, around, entry.start(own))
+            own = "" if entry.name or not entry.given else _own_name(entry.program, context)
+            made += create_processes(entry.program, context, entry.start(own))
         except UnknownProgramError as fault:
             raise LaunchError(f"{entry.file}, line {entry.line}: {fault}") from None
     return made
 
 
-def _own_name(program: str, around: ProcessContext) -> str:
-    silent = ProcessContext(around.clock, around.schedule, lambda line: None, robot=around.robot)
+def _own_name(program: str, context: ProcessContext) -> str:
+    silent = ProcessContext(context.clock, context.schedule, lambda line: None, robot=context.robot)
     return create_processes(program, silent)[0].name
 
 

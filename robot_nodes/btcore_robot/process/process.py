@@ -5,12 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from btcore_robot.process.parameters import Parameters, Value
-from btcore_robot.process.topics import (
-    Publisher,
-    Subscription,
-    Topics,
-    full_name,
-)
+from btcore_robot.process.topics import Publisher, Subscription, Topics, full_name
 from btcore_robot.robot import Robot, RobotClock, Schedule
 from btcore_robot.transforms import TransformTree
 
@@ -87,18 +82,18 @@ class Timer:
 class Process:
     """A program of the robot. A subclass sets itself up in ``__init__`` and acts in callbacks.
 
-    An executor runs it: see `Executor.add`. *name* is its own; *start* may give it another.
+    An executor runs it: see `Executor.add`. *name* is its own; *options* may give it another.
     """
 
-    def __init__(self, name: str, around: ProcessContext, start: ProcessOptions | None = None) -> None:
-        self._start = start = start if start is not None else ProcessOptions()
-        self.name = start.name or name
-        self.context = around
-        self.parameters = Parameters(self.name, start.parameters)
+    def __init__(self, name: str, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        options = options if options is not None else ProcessOptions()
+        self.name = options.name or name
+        self.context = context
+        self.parameters = Parameters(self.name, options.parameters)
         self.subscriptions: list[Subscription[Any]] = []
         self.timers: list[Timer] = []
         self.executor: Executor | None = None
-        self._names = {full_name(old): full_name(new) for old, new in start.remap.items()}
+        self._names = {full_name(old): full_name(new) for old, new in options.remap.items()}
 
     def now(self) -> int:
         """The time (ns)."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
 
+from btcore_robot.errors import RobotError
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 
 _FIRST_STEPS = "btcore_robot.process.first_steps"
@@ -39,24 +40,24 @@ PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
 Made = Callable[[ProcessContext, ProcessOptions], Process]
 
 
-class UnknownProgramError(Exception):
+class UnknownProgramError(RobotError):
     """There is no program of that name; the text says which there are."""
 
 
 def create_processes(
-    program: str, around: ProcessContext, start: ProcessOptions | None = None
+    program: str, context: ProcessContext, options: ProcessOptions | None = None
 ) -> list[Process]:
     """The processes of *program*, for one executor. Raises UnknownProgramError.
 
-    A name in *start* is for a program of one process; each of several gets everything else.
+    A name in *options* is for a program of one process; each of several gets everything else.
     """
     if program not in PROGRAMS:
         near = get_close_matches(program, PROGRAMS, 1)
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(PROGRAMS)}"
         raise UnknownProgramError(f"there is no program '{program}': {hint}")
-    start = start if start is not None else ProcessOptions()
+    options = options if options is not None else ProcessOptions()
     parts = PROGRAMS[program]
     if len(parts) > 1:
-        start = ProcessOptions(None, start.remap, start.parameters)
+        options = ProcessOptions(None, options.remap, options.parameters)
     makers: list[Made] = [getattr(import_module(module), name) for module, name in parts]
-    return [one(around, start) for one in makers]
+    return [one(context, options) for one in makers]

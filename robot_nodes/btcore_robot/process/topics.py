@@ -4,10 +4,12 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
 
+from btcore_robot.errors import RobotError
+
 Message = TypeVar("Message")
 
 
-class TopicError(Exception):
+class TopicError(RobotError):
     """A topic is used with two types of messages; the text says which and where."""
 
 

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.behaviours import (
-    BackUpGoal,
-    DriveOnHeadingGoal,
-    SpinGoal,
-    WaitGoal,
-)
+from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.robot import SonarReading
 

@@ -10,14 +10,7 @@ import pytest
 from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import AmclParameters
-from btcore_robot.robot import (
-    LaserInfo,
-    LaserScan,
-    Odometry,
-    Pose2D,
-    TransformStamped,
-    Twist2D,
-)
+from btcore_robot.robot import LaserInfo, LaserScan, Odometry, Pose2D, TransformStamped, Twist2D
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
 
 SECOND = 1_000_000_000

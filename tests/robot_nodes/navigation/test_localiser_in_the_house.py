@@ -63,7 +63,7 @@ def test_it_tracks_the_body_to_a_few_centimetres(house):
 
 def test_carried_to_another_room_it_notices_and_finds_itself(house):
     house.drive(0.3, 0.0, 3.0)
-    house.body.carry(Pose2D(-5.3, -8.85, 2.0))
+    house.body.teleport(Pose2D(-5.3, -8.85, 2.0))
     house.drive(0.0, 0.0, 0.5)
     assert not house.localiser.confident
     for _ in range(60):

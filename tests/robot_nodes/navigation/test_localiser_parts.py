@@ -10,12 +10,7 @@ from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, Search
 from btcore_robot.navigation.likelihood import LikelihoodField, beams, distances
 from btcore_robot.navigation.motion_model import decomposed, sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.particles import (
-    best_cluster,
-    cloud,
-    resampled,
-    sample_size,
-)
+from btcore_robot.navigation.particles import best_cluster, cloud, resampled, sample_size
 from btcore_robot.navigation.pose_validation import changed
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.robot import LaserScan, Pose2D

@@ -8,12 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from btcore_robot.navigation.occupancy_map import (
-    MapError,
-    OccupancyMap,
-    load_map,
-    save_map,
-)
+from btcore_robot.navigation.occupancy_map import MapError, OccupancyMap, load_map, save_map
 
 ROOM = np.array(
     [

@@ -9,21 +9,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from btcore_robot.navigation.costmap import (
-    INSCRIBED,
-    LETHAL,
-    UNKNOWN,
-    Costmap,
-    GlobalCostmap,
-)
+from btcore_robot.navigation.costmap import INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.grid_search import (
-    WALL,
-    Bounds,
-    connected,
-    find_cheapest_path,
-    grid_costs,
-)
+from btcore_robot.navigation.grid_search import WALL, Bounds, connected, find_cheapest_path, grid_costs
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.path_smoothing import DEARER, smooth_path

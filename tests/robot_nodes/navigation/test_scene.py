@@ -147,7 +147,7 @@ def test_a_robot_that_was_carried_off_while_it_drives_says_so_and_turns_to_look_
     house.navigation.scene_static()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(10.0)
-    house.body.carry(Pose2D(3.275, -0.375, 1.0))
+    house.body.teleport(Pose2D(3.275, -0.375, 1.0))
     states, turns = [], []
     for _ in range(60):
         states.append(house.run(0.1)[-1]["notes"]["localisation"])

@@ -320,7 +320,7 @@ def test_carried_off_the_robot_notices_finds_itself_and_still_gets_there(flat):
     handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
     home.run(5.0)
     planned = home.navigation.servers.compute_path.newest
-    home.body.carry(Pose2D(-2.2, -0.5, 2.5))
+    home.body.teleport(Pose2D(-2.2, -0.5, 2.5))
     noticed = home.run(5.0, lambda: home.navigation.estimate() is None)
     assert noticed < 2.0
     home.run(1.0)

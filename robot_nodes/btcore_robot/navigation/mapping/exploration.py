@@ -83,7 +83,7 @@ class Exploration(Navigation):
         self._aim = found[0] if found else None
         return self._aim.goal if self._aim is not None else None
 
-    def unseen(self) -> bool:
+    def is_goal_unknown(self) -> bool:
         """Whether what was to be looked at, at the place of the last `next_goal`, still is unknown."""
         return self._aim is not None and still_there(self.mapper.map(), self._aim.place)
 

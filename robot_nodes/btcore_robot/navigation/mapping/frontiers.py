@@ -11,14 +11,7 @@ from skimage.graph import MCP_Geometric
 
 from btcore_robot.navigation.costmap import LETHAL, Costmap
 from btcore_robot.navigation.costmap_layers import INSCRIBED
-from btcore_robot.navigation.grid_search import (
-    FACTOR,
-    NEUTRAL,
-    WALL,
-    Cell,
-    connected,
-    grid_costs,
-)
+from btcore_robot.navigation.grid_search import FACTOR, NEUTRAL, WALL, Cell, connected, grid_costs
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 

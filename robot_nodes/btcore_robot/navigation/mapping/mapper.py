@@ -8,12 +8,7 @@ from btcore_robot.navigation.mapping.correlative_matcher import (
     MatchResult,
     PoseUncertainty,
 )
-from btcore_robot.navigation.mapping.key_scan import (
-    KeyScan,
-    Sweep,
-    far_apart,
-    key_scan,
-)
+from btcore_robot.navigation.mapping.key_scan import KeyScan, Sweep, far_apart, key_scan
 from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trimmed
 from btcore_robot.navigation.mapping.loop_closure import LoopClosureDetector, edge_from
 from btcore_robot.navigation.mapping.pose_arrays import (

@@ -14,12 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
-from btcore_robot.navigation.mapping.pose_arrays import (
-    Floats,
-    compose,
-    relative_pose,
-    wrapped,
-)
+from btcore_robot.navigation.mapping.pose_arrays import Floats, compose, relative_pose, wrapped
 
 Indices = NDArray[np.intp]
 
@@ -109,7 +104,7 @@ class PoseGraph:
 
 
 def _slopes(start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """How `between` changes with the start and with the end, ``(e, 3, 3)`` each."""
+    """How `relative_pose` changes with the start and with the end, ``(e, 3, 3)`` each."""
     cos, sin = np.cos(start[:, 2]), np.sin(start[:, 2])
     x, y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
     by_end = np.zeros((len(start), 3, 3))

@@ -3,13 +3,7 @@
 import logging
 from typing import Annotated, Any
 
-from btcore import (
-    Blackboard,
-    In,
-    Out,
-    StatefulAction,
-    Status,
-)
+from btcore import Blackboard, In, Out, StatefulAction, Status
 from btcore_robot.navigation.action import ActionServer, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.nodes.port_access import optional_input, write_outputs

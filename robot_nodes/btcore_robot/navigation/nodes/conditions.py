@@ -4,12 +4,7 @@ import math
 from collections import deque
 from typing import Annotated
 
-from btcore import (
-    Condition,
-    In,
-    NodeError,
-    Port,
-)
+from btcore import Condition, In, NodeError, Port
 from btcore_robot.leaves.poses import Poses
 from btcore_robot.navigation.controller import FollowFeedback
 from btcore_robot.navigation.nodes.nearest_pose import NearestPoseSearch

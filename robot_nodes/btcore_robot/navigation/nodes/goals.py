@@ -4,21 +4,11 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Annotated
 
-from btcore import (
-    In,
-    Out,
-    SyncAction,
-    TreeNode,
-)
+from btcore import In, Out, SyncAction, TreeNode
 from btcore_robot.leaves.poses import Poses
 from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
 from btcore_robot.navigation.nodes.action_node import ServerName, ServerTimeout
-from btcore_robot.navigation.nodes.port_access import (
-    OPTIONAL,
-    optional_input,
-    poses_input,
-    write_outputs,
-)
+from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input, poses_input, write_outputs
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
 

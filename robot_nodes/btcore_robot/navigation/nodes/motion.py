@@ -6,12 +6,7 @@ from typing import Annotated, Any
 from btcore import In, Out, Port
 from btcore_robot.leaves.poses import Poses
 from btcore_robot.navigation.action import ActionServer
-from btcore_robot.navigation.behaviours import (
-    BackUpGoal,
-    DriveOnHeadingGoal,
-    SpinGoal,
-    WaitGoal,
-)
+from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from btcore_robot.navigation.controller import FollowFeedback, FollowGoal
 from btcore_robot.navigation.nodes.action_node import (
     BtActionNode,

@@ -2,14 +2,7 @@
 
 from typing import Any, Final
 
-from btcore import (
-    BlackboardError,
-    Direction,
-    NodeError,
-    Port,
-    Status,
-    TreeNode,
-)
+from btcore import BlackboardError, Direction, NodeError, Port, Status, TreeNode
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.robot import Pose2D
 

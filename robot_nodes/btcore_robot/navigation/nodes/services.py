@@ -2,13 +2,7 @@
 
 from typing import Annotated, Any, ClassVar
 
-from btcore import (
-    In,
-    Out,
-    StatefulAction,
-    Status,
-    SyncAction,
-)
+from btcore import In, Out, StatefulAction, Status, SyncAction
 from btcore_robot.navigation.action import ActionServer
 from btcore_robot.navigation.nodes.action_node import ServerName, ServerTimeout, count_recovery
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, write_outputs

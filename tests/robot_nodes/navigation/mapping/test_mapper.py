@@ -8,13 +8,13 @@ import pytest
 from btcore_robot.robot import Pose2D
 
 Boxes = tuple[tuple[float, float, float, float], ...]
-Survey = Any
+MappingRig = Any
 
 ROUND = ((14.25, -9.25), (14.25, 9.25), (-14.25, 9.25), (-14.25, -9.25), (14.25, -9.25), (14.25, -6.0))
 START = Pose2D(11.0, -9.25, 0.0)
 
 
-def test_in_a_room_it_knows_where_it_is_though_its_wheels_lie(survey: Survey, room: Boxes) -> None:
+def test_in_a_room_it_knows_where_it_is_though_its_wheels_lie(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.0, 0.0), stretch=1.03, slip=1.05)
     for _ in range(2):
         led.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0))
@@ -23,14 +23,14 @@ def test_in_a_room_it_knows_where_it_is_though_its_wheels_lie(survey: Survey, ro
     assert led.key_errors().max() < 0.1
 
 
-def around(survey: Survey, ring: Boxes, *, loops: bool) -> Survey:
+def around(survey: MappingRig, ring: Boxes, *, loops: bool) -> MappingRig:
     """A drive around a corridor too long to see its end, with wheels that stretch the first half of it."""
     led = survey(ring, START, stretch=1.04, slip=1.02, loops=loops).along(*ROUND[:2], step=0.3)
     led.stretch = 0.96
     return led.along(*ROUND[2:], step=0.3)
 
 
-def test_a_loop_that_is_closed_is_a_better_map(survey: Survey, ring: Boxes) -> None:
+def test_a_loop_that_is_closed_is_a_better_map(survey: MappingRig, ring: Boxes) -> None:
     closed, left_open = (around(survey, ring, loops=loops) for loops in (True, False))
     assert closed.mapper.loops_closed >= 1
     assert left_open.mapper.loops_closed == 0
@@ -39,14 +39,14 @@ def test_a_loop_that_is_closed_is_a_better_map(survey: Survey, ring: Boxes) -> N
     assert closed.key_errors().mean() < 0.7 * left_open.key_errors().mean()
 
 
-def test_a_corridor_that_looks_alike_everywhere_closes_no_loop(survey: Survey) -> None:
+def test_a_corridor_that_looks_alike_everywhere_closes_no_loop(survey: MappingRig) -> None:
     corridor = ((-40.0, 0.8, 40.0, 1.0), (-40.0, -1.0, 40.0, -0.8))
     led = survey(corridor, Pose2D(0.0, 0.0, 0.0)).along((6.0, 0.0), (0.0, 0.0), step=0.3)
     assert led.mapper.loops_closed == 0
     assert led.error() < 0.1
 
 
-def test_nearly_all_that_is_occupied_is_a_wall_of_the_room(survey: Survey, room: Boxes) -> None:
+def test_nearly_all_that_is_occupied_is_a_wall_of_the_room(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.0, 0.0), stretch=1.02, slip=1.03)
     map = led.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0)).mapper.map()
     places = map.centers(*np.nonzero(map.occupied))
@@ -58,7 +58,7 @@ def test_nearly_all_that_is_occupied_is_a_wall_of_the_room(survey: Survey, room:
     assert np.mean(np.array(off) <= 0.1) >= 0.97
 
 
-def test_it_tells_where_odom_is_in_map(survey: Survey, room: Boxes) -> None:
+def test_it_tells_where_odom_is_in_map(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.5, 0.3), slip=1.05).along((1.0, -0.5))
     mapper = led.mapper
     assert led.tree.lookup("map", "odom", mapper.stamp) == mapper.map_to_odom
@@ -66,7 +66,7 @@ def test_it_tells_where_odom_is_in_map(survey: Survey, room: Boxes) -> None:
     assert (told.x, told.y) == pytest.approx((mapper.pose().x, mapper.pose().y))
 
 
-def test_key_scans_are_half_a_metre_or_a_quarter_of_a_radian_apart(survey: Survey, room: Boxes) -> None:
+def test_key_scans_are_half_a_metre_or_a_quarter_of_a_radian_apart(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.0, 0.0))
     assert len(led.mapper.scans) == 1
     led.along((0.05, 0.0))
@@ -75,7 +75,7 @@ def test_key_scans_are_half_a_metre_or_a_quarter_of_a_radian_apart(survey: Surve
     assert len(led.mapper.scans) in (8, 9)
 
 
-def test_the_same_drive_gives_the_same_map(survey: Survey, room: Boxes) -> None:
+def test_the_same_drive_gives_the_same_map(survey: MappingRig, room: Boxes) -> None:
     one, other = (
         survey(room, Pose2D(-2.5, -0.5, 0.0), slip=1.03, seed=4).along((-2.0, 0.0), (1.0, 0.5))
         for _ in range(2)
@@ -84,7 +84,7 @@ def test_the_same_drive_gives_the_same_map(survey: Survey, room: Boxes) -> None:
     assert np.array_equal(one.mapper.map().cells, other.mapper.map().cells)
 
 
-def test_before_the_first_scan_nothing_is_known(survey: Survey, room: Boxes) -> None:
+def test_before_the_first_scan_nothing_is_known(survey: MappingRig, room: Boxes) -> None:
     from btcore_robot.navigation.mapping.mapper import Mapper
 
     led = survey(room, Pose2D(0.0, 0.0, 0.0))
@@ -94,7 +94,7 @@ def test_before_the_first_scan_nothing_is_known(survey: Survey, room: Boxes) -> 
     assert led.mapper.confident
 
 
-def test_where_nothing_is_seen_the_wheels_are_believed(survey: Survey) -> None:
+def test_where_nothing_is_seen_the_wheels_are_believed(survey: MappingRig) -> None:
     led = survey((), Pose2D(1.0, 2.0, 0.0)).along((3.0, 2.0))
     assert led.mapper.pose().x == pytest.approx(3.0, abs=1e-6)
     assert led.mapper.loops_closed == 0

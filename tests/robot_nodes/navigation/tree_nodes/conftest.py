@@ -137,8 +137,8 @@ def restarting_leaf(name: str, letters: str) -> str:
     return f"<Inverter><Inverter>{plan(name, letters)}</Inverter></Inverter>"
 
 
-@pytest.fixture(name="anew")
-def planned_anew() -> Callable[[str, str], str]:
+@pytest.fixture(name="restarting_leaf")
+def restarting_leaf_fixture() -> Callable[[str, str], str]:
     return restarting_leaf
 
 
