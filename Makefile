@@ -14,7 +14,7 @@ CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 PIP := -m pip --disable-pip-version-check --quiet
 ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
 ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs tests/fuzz tests/regressions/btcore
-ENGINE_BENCHMARKS := ticking features observers load growth publishing batch
+ENGINE_BENCHMARKS := startup ticking features observers load growth publishing batch
 VULKAN := mesa-vulkan-drivers libvulkan1
 
 # What the demo runs, and for how long (s of the robot's time).

@@ -1,12 +1,13 @@
 """Breakpoints and injected statuses in a running robot, from code: for tests of it, and for ``btcore hook``.
 
-    with Breaks("tcp://robot.local:1667") as robot:
+    with BreakpointClient("tcp://robot.local:1667") as robot:
         robot.break_at("Patrol/Move*")
         reached = robot.wait()
         robot.release(reached.path, "FAILURE")
 
 Any robot that speaks Groot 2's protocol will do; btcore's wants ``allow_control``. A robot disables its
-hooks, and goes on, when it hears nothing for 5 s: while a Breaks is open it says something every second.
+hooks, and goes on, when it gets no request for 5 s: an open :class:`BreakpointClient` sends a request every
+second.
 Times are in s of wall clock.
 """
 
@@ -22,6 +23,7 @@ from typing import Final, NamedTuple, Self
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import STATUS_NAMES, ObservedNode, ObservedTree
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
@@ -52,7 +54,7 @@ KEEP_ALIVE_EVERY: Final = 1.0
 Socket = zmq.Socket[bytes]
 
 
-class BreakpointError(Exception):
+class BreakpointError(MonitorError):
     """What was asked of a robot can't be had; the message says why, and what may help."""
 
 
@@ -70,21 +72,21 @@ class RequestedHook(NamedTuple):
     hook: WireHook
 
 
-def find_nodes(picture: ObservedTree, pattern: str) -> list[ObservedNode]:
+def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
     """The nodes whose path or name is *pattern*, or else fits it (``*``, ``?``, ``[…]``), in order.
 
     Raises :class:`BreakpointError`, with what may have been meant.
     """
-    found = [one for one in picture.nodes if pattern in (one.path, one.name)]
+    found = [one for one in tree.nodes if pattern in (one.path, one.name)]
     found = found or [
-        one for one in picture.nodes if fnmatchcase(one.path, pattern) or fnmatchcase(one.name, pattern)
+        one for one in tree.nodes if fnmatchcase(one.path, pattern) or fnmatchcase(one.name, pattern)
     ]
     if found:
         return found
-    known = list(dict.fromkeys(text for one in picture.nodes for text in (one.path, one.name)))
+    known = list(dict.fromkeys(text for one in tree.nodes for text in (one.path, one.name)))
     folded = {text.casefold(): text for text in reversed(known)}
     near = get_close_matches(pattern.casefold(), folded, n=1)
-    hint = f"; did you mean '{folded[near[0]]}'?" if near else f" (it is called '{picture.name}')"
+    hint = f"; did you mean '{folded[near[0]]}'?" if near else f" (it is called '{tree.name}')"
     raise BreakpointError(f"the tree has no node '{pattern}'{hint}")
 
 
@@ -92,8 +94,7 @@ class BreakpointClient:
     """Control of the robot at *address*; use it from one thread, and close it, or use ``with``.
 
     The robot may come *timeout* s later. Raises :class:`BreakpointError`, as every method does: no robot
-    there,
-    hooks not allowed, no such node.
+    there, hooks not allowed, no such node.
     """
 
     def __init__(self, address: str = "", timeout: float = DEFAULT_TIMEOUT) -> None:
@@ -103,14 +104,14 @@ class BreakpointClient:
             raise BreakpointError(str(fault)) from None
         self._client = Groot2Client(self.address, timeout)
         self._asking = threading.RLock()
-        self._wishes: list[RequestedHook] = []
-        self._picture: ObservedTree | None = None
+        self._requested: list[RequestedHook] = []
+        self._tree: ObservedTree | None = None
         self._closed = threading.Event()
         self._context: zmq.Context[Socket] = zmq.Context()
         self._notices = self._context.socket(zmq.SUB)
         self._notices.setsockopt(zmq.LINGER, 0)
         self._notices.setsockopt(zmq.SUBSCRIBE, b"")
-        self._thread = threading.Thread(target=self._keep_alive, name="btcore-breaks", daemon=True)
+        self._thread = threading.Thread(target=self._keep_alive, name="btcore-breakpoints", daemon=True)
         try:
             _ = self.tree
             self._client.timeout = DEFAULT_TIMEOUT
@@ -126,10 +127,10 @@ class BreakpointClient:
     def tree(self) -> ObservedTree:
         """The tree that the robot runs."""
         with self._asking:
-            if self._picture is None:
+            if self._tree is None:
                 reply = self._reply(Request.FULLTREE, None)
-                self._picture = read_fulltree(reply.body, reply.tree_id)
-            return self._picture
+                self._tree = read_fulltree(reply.body, reply.tree_id)
+            return self._tree
 
     def status(self, path: str) -> str:
         """The status of the one node of that path or name: ``RUNNING``, …"""
@@ -186,7 +187,7 @@ class BreakpointClient:
         if not found:
             raise BreakpointError(f"there is no breakpoint at '{pattern}': {self._told()}")
         for one in found:
-            with contextlib.suppress(_Gone):
+            with contextlib.suppress(_HookGoneError):
                 unlocking = BreakpointUnlock(one.uid, one.position, wanted, remove)
                 self._ask(Request.BREAKPOINT_UNLOCK, encode_unlocking(unlocking))
         return [self.path_of(one.uid) for one in found]
@@ -195,15 +196,15 @@ class BreakpointClient:
         """Take the hooks of the nodes that fit away; a tick that stands there goes on. Returns the paths."""
         if pattern == "*":
             found = self.hooks()
-            self._wishes.clear()
+            self._requested.clear()
             self._ask(Request.REMOVE_ALL_HOOKS)
         else:
             found = self._found(pattern)
             if not found:
                 raise BreakpointError(f"there is no hook at '{pattern}': {self._told()}")
-            self._wishes = [wish for wish in self._wishes if wish.pattern != pattern]
+            self._requested = [request for request in self._requested if request.pattern != pattern]
             for one in found:
-                with contextlib.suppress(_Gone):
+                with contextlib.suppress(_HookGoneError):
                     self._ask(Request.HOOK_REMOVE, encode_place(one.uid, one.position))
         return [self.path_of(one.uid) for one in found]
 
@@ -261,15 +262,15 @@ class BreakpointClient:
 
     # --- asking
 
-    def _set(self, wishes: list[RequestedHook]) -> list[str]:
+    def _set(self, requested: list[RequestedHook]) -> list[str]:
         paths: dict[str, None] = {}
         hooks: list[WireHook] = []
-        for wish in wishes:
-            nodes = find_nodes(self.tree, wish.pattern)
-            hooks += [wish.hook._replace(uid=node.uid) for node in nodes]
+        for request in requested:
+            nodes = find_nodes(self.tree, request.pattern)
+            hooks += [request.hook._replace(uid=node.uid) for node in nodes]
             paths |= dict.fromkeys(node.path for node in nodes)
         self._ask(Request.HOOK_INSERT, encode_hooks(hooks))
-        self._wishes += [wish for wish in wishes if not wish.hook.once]
+        self._requested += [request for request in requested if not request.hook.once]
         return list(paths)
 
     def _found(self, pattern: str, *modes: int) -> list[WireHook]:
@@ -283,20 +284,20 @@ class BreakpointClient:
 
     def _ask(self, kind: Request, body: bytes | None = None) -> Reply:
         with self._asking:
-            picture = self.tree
+            tree = self.tree
             reply = self._reply(kind, body)
-            if reply.tree_id != picture.tree_id:
-                self._picture = None
+            if reply.tree_id != tree.tree_id:
+                self._tree = None
                 self._set_again()
             return reply
 
     def _set_again(self) -> None:
         """The robot came back with another tree: its hooks are gone."""
         hooks: list[WireHook] = []
-        for wish in self._wishes:
+        for request in self._requested:
             with contextlib.suppress(BreakpointError):
-                nodes = find_nodes(self.tree, wish.pattern)
-                hooks += [wish.hook._replace(uid=node.uid) for node in nodes]
+                nodes = find_nodes(self.tree, request.pattern)
+                hooks += [request.hook._replace(uid=node.uid) for node in nodes]
         if hooks:
             self._reply(Request.HOOK_INSERT, encode_hooks(hooks))
 
@@ -314,7 +315,7 @@ class BreakpointClient:
                     "--allow-control, or serve(…, allow_control=True)"
                 ) from None
             if groot2.NO_SUCH_NODE in str(refusal):
-                raise _Gone(f"the hook is no longer there ({refusal})") from None
+                raise _HookGoneError(f"the hook is no longer there ({refusal})") from None
             raise BreakpointError(str(refusal)) from None
         except ProtocolError as fault:
             raise BreakpointError(str(fault)) from None
@@ -364,7 +365,7 @@ class BreakpointClient:
         self.close()
 
 
-class _Gone(BreakpointError):
+class _HookGoneError(BreakpointError):
     """A hook that somebody else took away meanwhile."""
 
 

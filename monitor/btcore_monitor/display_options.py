@@ -68,26 +68,26 @@ class DisplayOptions:
 
 
 def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give *command* the options of a look; it takes the parameter ``look``, a :class:`Look`."""
+    """Give *command* the display options; it takes the parameter ``display``, a :class:`DisplayOptions`."""
 
     @functools.wraps(command)
-    def looking(*arguments: Any, **settings: Any) -> Any:
-        look = DisplayOptions.from_settings(settings)
+    def with_display(*arguments: Any, **settings: Any) -> Any:
+        display = DisplayOptions.from_settings(settings)
         rest = {name: value for name, value in settings.items() if name not in _names()}
-        return command(*arguments, look=look, **rest)
+        return command(*arguments, display=display, **rest)
 
     for option, attributes in reversed(list(_OPTIONS.items())):
-        looking = click.option(option, **attributes)(looking)
-    return looking
+        with_display = click.option(option, **attributes)(with_display)
+    return with_display
 
 
 def create_options() -> list[click.Option]:
-    """The options of a look, for a command that is not made by a decorator."""
+    """The display options, for a command that is not made by a decorator."""
     return [click.Option([option], **attributes) for option, attributes in _OPTIONS.items()]
 
 
 def explicit_options() -> list[str]:
-    """Those of the options of a look that are on the command line of the command that runs now."""
+    """Those display options that are on the command line of the command that runs now."""
     context = click.get_current_context(silent=True)
     if context is None:
         return []

@@ -90,9 +90,9 @@ class ObservedTree:
 
 @dataclass(frozen=True, slots=True)
 class DataSource:
-    """How a robot tells of its tree. *name* is the protocol's; *lacks* says, by topic, what isn't sent.
+    """How a robot tells of its tree. *name* is the protocol's; *unavailable* says, by topic, what isn't sent.
 
-    A topic that isn't among *lacks* is told of completely.
+    A topic that isn't in *unavailable* is told of completely.
     """
 
     name: str
@@ -108,7 +108,7 @@ class TreeSeen:
     """A tree was met: first of all, and again when the robot came back with another one.
 
     *statuses* maps every uid to its status at that moment. *numbered* is true if transitions
-    carry the robot's own numbers, so that a missing one shows; *wire* says what else is not to be seen.
+    carry the robot's own numbers, so that a missing one shows; *source* says what else is not to be seen.
     The same tree again means that transitions between are unknown.
     """
 
@@ -191,7 +191,8 @@ class TransitionsLost:
 class DataMissed:
     """Something of *topic* went unseen between the tree's time *since* and *t*: how much, nobody knows.
 
-    That is for robots whose transitions have no numbers; else it is a :class:`Gap`. *reason* is a sentence.
+    That is for robots whose transitions have no numbers; else it is a :class:`TransitionsLost`. *reason* is
+    a sentence.
     """
 
     t: int

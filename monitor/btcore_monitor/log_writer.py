@@ -26,7 +26,7 @@ from btcore_monitor.events import (
 from btcore_monitor.wire.fulltree import write_fulltree
 
 LOGS: Final = (BTLOG, *SQLITE)
-"""The files that a logbook writes, by extension."""
+"""The files that a log writer writes, by extension."""
 
 _NS_PER_US: Final = 1_000
 
@@ -171,9 +171,9 @@ class _BtLog:
 
 class _Sqlite:
     def __init__(self, path: Path, event: TreeSeen) -> None:
-        picture = event.tree
-        xml = write_fulltree(picture).decode("utf-8", "replace")
-        self._base = SqliteWriter(path, xml, [(node.path, node.uid) for node in picture.nodes])
+        tree = event.tree
+        xml = write_fulltree(tree).decode("utf-8", "replace")
+        self._base = SqliteWriter(path, xml, [(node.path, node.uid) for node in tree.nodes])
         self._base.begin_at(event.wall // _NS_PER_US)
         self._said: list[str] = []
 

@@ -90,18 +90,18 @@ class MonitorProcess:
                 self.process.wait()
 
 
-def wait_until_listening(publisher: Publisher, listeners: Sequence[MonitorProcess]) -> None:
-    """Return once every listener listens, so that the run begins before its eyes.
+def wait_until_listening(publisher: Publisher, monitors: Sequence[MonitorProcess]) -> None:
+    """Return once all *monitors* listen, so that the run begins before its eyes.
 
     Raises MonitorCommandError where one ends at once.
     """
     deadline = time.monotonic() + START_TIMEOUT
-    while not publisher.wait_for_clients(len(listeners), 0.1):
-        for listener in listeners:
-            code = listener.process.poll()
+    while not publisher.wait_for_clients(len(monitors), 0.1):
+        for monitor in monitors:
+            code = monitor.process.poll()
             if code is not None:
                 raise MonitorCommandError(
-                    f"{listener.name}: the monitor's process ended at once, with exit code {code}"
+                    f"{monitor.name}: the monitor's process ended at once, with exit code {code}"
                 )
         if time.monotonic() > deadline:
             print_message(

@@ -160,18 +160,18 @@ class MonitorExtension:
                     f"Groot 1 finds it at publisher port {publisher.groot1} and server port "
                     f"{publisher.groot1 + 1}{why}"
                 )
-            look = DisplayOptions.from_settings(settings).arguments()
-            listeners: list[MonitorProcess] = []
+            options = DisplayOptions.from_settings(settings).arguments()
+            monitors: list[MonitorProcess] = []
             if save is not None:
-                arguments = ["--save", str(save), "--no-view", *look]
-                listeners.append(MonitorProcess(publisher, arguments, f"recording to {save}"))
+                arguments = ["--save", str(save), "--no-view", *options]
+                monitors.append(MonitorProcess(publisher, arguments, f"recording to {save}"))
             if settings["monitor"]:
-                listeners.append(MonitorProcess(publisher, look, "the viewer"))
+                monitors.append(MonitorProcess(publisher, options, "the viewer"))
             if settings["serve_web"]:
-                arguments = ["--serve-web", str(settings["serve_web"]), *look]
-                listeners.append(MonitorProcess(publisher, arguments, "the viewer for browsers", stays=True))
+                arguments = ["--serve-web", str(settings["serve_web"]), *options]
+                monitors.append(MonitorProcess(publisher, arguments, "the viewer for browsers", stays=True))
             try:
-                wait_until_listening(publisher, listeners)
+                wait_until_listening(publisher, monitors)
                 self._publisher = publisher
                 yield
             except BaseException:
@@ -180,8 +180,8 @@ class MonitorExtension:
             finally:
                 self._publisher = None
                 publisher.finish()
-                for listener in listeners:
-                    listener.finish(self._interrupted)
+                for monitor in monitors:
+                    monitor.finish(self._interrupted)
 
 
 def _shown(settings: Mapping[str, Any]) -> list[str]:

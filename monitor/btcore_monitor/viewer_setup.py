@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from btcore_monitor.display_options import display_options
+from btcore_monitor.errors import MonitorError
 
 if TYPE_CHECKING:
     from btcore_monitor.screen.sinks import RecordingSinks
 
 
-class MonitorCommandError(click.ClickException):
+class MonitorCommandError(MonitorError, click.ClickException):
     """What was asked for can't be had; the message says what can."""
 
     exit_code = 2
@@ -29,13 +30,18 @@ class MonitorCommandError(click.ClickException):
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give *command* the options of where and how to show.
 
-    They are save, serve_web, screenshot, at, size and memory_limit, and look, a
-    :class:`~btcore_monitor.display_options.Look`.
+    They are save, serve_web, screenshot, at, size and memory_limit, and display, a
+    :class:`~btcore_monitor.display_options.DisplayOptions`.
     """
     command = display_options(command)
     for option in reversed(_options()):
         command = option(command)
     return command
+
+
+duration_option = click.option(
+    "--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so many seconds."
+)
 
 
 def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -151,9 +157,7 @@ def check_writable(option: str, path: Path) -> None:
         ) from None
 
 
-def open_outlets(
-    save: Path | None, web_port: int | None, window: bool, memory_limit: str
-) -> "RecordingSinks":
+def open_sinks(save: Path | None, web_port: int | None, window: bool, memory_limit: str) -> "RecordingSinks":
     """Open where a run is shown: a file, a window, browsers. Raises MonitorCommandError, ScreenError."""
     from btcore_monitor.screen.sinks import RecordingSinks, open_window, serve_web
 

@@ -131,7 +131,7 @@ def until() -> Callable[..., None]:
 
 
 class Command:
-    """``btcore …`` in a process of its own; *said* gathers what it says on stderr."""
+    """``btcore …`` in a process of its own; *stderr_text* gathers what it writes to stderr."""
 
     def __init__(self, *arguments: object, folder: Path) -> None:
         self.process = subprocess.Popen(
@@ -152,7 +152,7 @@ class Command:
             self.stderr_text += line
 
     def wait_for(self, pattern: str) -> re.Match[str]:
-        """What it says that matches *pattern*, once it does."""
+        """Wait for text on stderr that matches *pattern*, and return the match."""
         deadline = time.monotonic() + 60
         while not (found := re.search(pattern, self.stderr_text)):
             assert self.process.poll() is None, self.stderr_text

@@ -85,7 +85,7 @@ def hook(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def picture(*names: str) -> ObservedTree:
+def observed_tree(*names: str) -> ObservedTree:
     nodes = tuple(
         ObservedNode(uid, name.rpartition("/")[2], "Work", "action", name)
         for uid, name in enumerate(names, start=1)
@@ -104,13 +104,13 @@ def picture(*names: str) -> ObservedTree:
     ],
 )
 def test_a_pattern_is_a_path_a_name_or_a_glob(pattern, found):
-    nodes = find_nodes(picture("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
+    nodes = find_nodes(observed_tree("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
     assert [one.path for one in nodes] == found
 
 
 def test_a_pattern_that_fits_nothing_is_an_error_with_a_guess():
     with pytest.raises(BreakpointError, match=r"no node 'Move/Rihgt'; did you mean 'Move/right'\?"):
-        find_nodes(picture("Move/left", "Move/right"), "Move/Rihgt")
+        find_nodes(observed_tree("Move/left", "Move/right"), "Move/Rihgt")
 
 
 def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released(robot):
@@ -149,7 +149,7 @@ def test_disabled_hooks_let_the_robot_go_on_and_stay_listed(robot, until):
 
 
 def test_a_status_is_injected_into_one_tick(robot):
-    tally = robot.tree.node("rescue").count()
+    tally = robot.tree.node("rescue").count_ticks()
     robot.start()
     with BreakpointClient(robot.address) as breaks:
         assert breaks.inject("right", 3) == ["go/right"]
@@ -268,7 +268,7 @@ def test_from_the_terminal_a_status_is_injected_and_hooks_are_listed_and_cleared
 def test_from_the_terminal_breakpoints_are_watched_until_the_last_is_released(robot):
     robot.start()
     watching = subprocess.Popen(
-        command(robot.address, "break", "left", "right", "--once", "--for", "60"),
+        command(robot.address, "break", "left", "right", "--once", "--duration", "60"),
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from btcore_monitor.viewer_setup import MonitorCommandError, check_installed, stop_on_signals
+from btcore_monitor.viewer_setup import MonitorCommandError, check_installed, duration_option, stop_on_signals
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
@@ -78,9 +78,6 @@ def _robot() -> Iterator["BreakpointClient"]:
 
 _after = click.option("--after", is_flag=True, help="After the tick, not before it.")
 _status = click.Choice(["SUCCESS", "FAILURE"], case_sensitive=False)
-_for = click.option(
-    "--for", "seconds", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long."
-)
 
 
 @hook.command("break")
@@ -88,8 +85,8 @@ _for = click.option(
 @_after
 @click.option("--once", is_flag=True, help="Each breakpoint goes when it is released; stop after the last.")
 @click.option("--leave", is_flag=True, help="Set them and go; they last 5 s unless somebody keeps talking.")
-@_for
-def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, seconds: float | None) -> None:
+@duration_option
+def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, duration: float | None) -> None:
     """Set breakpoints and stay: say which is reached, and clear them at the end (Ctrl-C).
 
     From another terminal, `btcore hook release` lets the tree go on.
@@ -105,7 +102,7 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, seco
         if once:
             mine = set(paths)
             left = lambda: any(robot.path_of(one.uid) in mine for one in robot.hooks())  # noqa: E731
-        _stay(robot, seconds, left)
+        _stay(robot, duration, left)
         _clear(robot, paths)
 
 
@@ -166,15 +163,15 @@ def step(count: int | None, within: float) -> None:
     metavar="SECONDS",
     help="How long the next tick may take to come.",
 )
-@_for
-def inject(pattern: str, status: str, after: bool, keep: bool, within: float, seconds: float | None) -> None:
+@duration_option
+def inject(pattern: str, status: str, after: bool, keep: bool, within: float, duration: float | None) -> None:
     """Let the next tick of the nodes that fit PATTERN end with STATUS (SUCCESS or FAILURE)."""
     with _robot() as robot:
         paths = robot.inject(pattern, status, after=after, once=not keep)
         if keep:
             for path in paths:
                 click.echo(f"{path}: always {status}")
-            _stay(robot, seconds)
+            _stay(robot, duration)
             _clear(robot, paths)
             return
         waiting, deadline = set(paths), time.monotonic() + within
@@ -244,10 +241,10 @@ def _tell_step(robot: "BreakpointClient", reached: Any) -> None:
     click.echo(f"stands {where}; running: {', '.join(running) or 'nothing'}")
 
 
-def _stay(robot: "BreakpointClient", seconds: float | None, more: Callable[[], bool] | None = None) -> None:
+def _stay(robot: "BreakpointClient", duration: float | None, more: Callable[[], bool] | None = None) -> None:
     """Say what is reached until a signal, the time, or *more* (asked after each) ends it."""
     stop = threading.Event()
-    deadline = None if seconds is None else time.monotonic() + seconds
+    deadline = None if duration is None else time.monotonic() + duration
     with stop_on_signals(stop):
         while not stop.is_set() and (deadline is None or time.monotonic() < deadline):
             reached = robot.poll(_LOOK_EVERY)

@@ -14,7 +14,8 @@ from btcore_monitor.viewer_setup import (
     MonitorCommandError,
     check_folder,
     check_installed,
-    open_outlets,
+    duration_option,
+    open_sinks,
     robot_options,
     save_screenshot,
     stop_on_signals,
@@ -41,7 +42,7 @@ _LOOK_EVERY: Final = 2.0
 @robot_options
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
-@click.option("--for", "seconds", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long.")
+@duration_option
 def monitor(
     addresses: tuple[str, ...],
     save: Path | None,
@@ -50,12 +51,12 @@ def monitor(
     at: float | None,
     size: tuple[int, int],
     memory_limit: str,
-    look: DisplayOptions,
+    display: DisplayOptions,
     no_record: bool,
     blackboard_rate: float,
     no_view: bool,
     until_end: bool,
-    seconds: float | None,
+    duration: float | None,
 ) -> None:
     """Watch trees that run at ADDRESS: btcore's, BehaviorTree.CPP's, Nav2's.
 
@@ -72,7 +73,7 @@ def monitor(
             if watching:
                 raise MonitorCommandError("a recording and a robot can't be watched at once: name one kind")
             _check_is_live()
-            _show_recordings(recordings, screenshot, serve_web, at, size, memory_limit, seconds)
+            _show_recordings(recordings, screenshot, serve_web, at, size, memory_limit, duration)
             return
         with contextlib.ExitStack() as stack:
             if screenshot is not None:
@@ -84,8 +85,8 @@ def monitor(
             for feed in feeds:
                 stack.enter_context(contextlib.closing(feed))
             wants_window = not no_view and screenshot is None and serve_web is None
-            outlets = open_outlets(save, serve_web, wants_window, memory_limit)
-            files = _watch(feeds, outlets, look, until_end, seconds)
+            sinks = open_sinks(save, serve_web, wants_window, memory_limit)
+            files = _watch(feeds, sinks, display, until_end, duration)
             if save is not None and not files and screenshot is None:
                 seen_at = ", ".join(watching)
                 click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
@@ -124,18 +125,18 @@ def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[
 
 def _watch(
     feeds: "list[Feed]",
-    outlets: "RecordingSinks",
-    look: DisplayOptions,
+    sinks: "RecordingSinks",
+    display: DisplayOptions,
     until_end: bool,
-    seconds: float | None,
+    duration: float | None,
 ) -> list[Path]:
     """Show every feed until told to stop; returns the files written, in the order of their trees."""
     from btcore_monitor.screen.sinks import is_viewer_open
     from btcore_monitor.screen.viewer_windows import SharedWindow
 
     stop = threading.Event()
-    together = SharedWindow(outlets, [_called(feed) for feed in feeds])
-    screens = [look.screen(seat) for seat in together.slots] if len(feeds) > 1 else [look.screen(outlets)]
+    together = SharedWindow(sinks, [_called(feed) for feed in feeds])
+    screens = [display.screen(slot) for slot in together.slots] if len(feeds) > 1 else [display.screen(sinks)]
     faults: list[BaseException] = []
 
     def run(feed: "Feed", screen: "RobotView") -> None:
@@ -154,8 +155,8 @@ def _watch(
     with stop_on_signals(stop):
         for thread in threads:
             thread.start()
-        deadline = None if seconds is None else time.monotonic() + seconds
-        watched, look_at = outlets.viewer, time.monotonic() + _LOOK_EVERY
+        deadline = None if duration is None else time.monotonic() + duration
+        watched, look_at = sinks.viewer, time.monotonic() + _LOOK_EVERY
         while any(thread.is_alive() for thread in threads) and not stop.wait(_WAIT):
             now = time.monotonic()
             if deadline is not None and now >= deadline:
@@ -165,7 +166,7 @@ def _watch(
                 if not is_viewer_open(watched):
                     watched = None
                     click.echo("monitor: the viewer was closed", err=True)
-                    if outlets.save is None:
+                    if sinks.save is None:
                         break
         stop.set()
         for thread in threads:
@@ -213,7 +214,7 @@ def _show_recordings(
     at: float | None,
     size: tuple[int, int],
     memory_limit: str,
-    seconds: float | None,
+    duration: float | None,
 ) -> None:
     from btcore_monitor.screen.sinks import open_window, serve_web
 
@@ -235,4 +236,4 @@ def _show_recordings(
     click.echo(f"monitor: look at {web.page}; Ctrl-C ends it", err=True)
     stop = threading.Event()
     with stop_on_signals(stop):
-        stop.wait(seconds)
+        stop.wait(duration)

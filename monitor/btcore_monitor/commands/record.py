@@ -16,6 +16,7 @@ from btcore_monitor.viewer_setup import (
     MonitorCommandError,
     check_installed,
     check_writable,
+    duration_option,
     robot_options,
     stop_on_signals,
 )
@@ -43,7 +44,7 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
     metavar="FILE",
     help="Where to: .btlog (Groot 2), .db3 or .btdb (SQLite), .rrd (rerun); may be given several times.",
 )
-@click.option("--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so long.")
+@duration_option
 @click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
 @robot_options
 @display_options
@@ -54,7 +55,7 @@ def record(
     until_end: bool,
     no_record: bool,
     blackboard_rate: float,
-    look: DisplayOptions,
+    display: DisplayOptions,
 ) -> None:
     """Record what the tree at ADDRESS does; any robot will do that btcore monitor shows.
 
@@ -71,7 +72,7 @@ def record(
     _check(outputs, (*LOGS, _RERUN))
     try:
         with Feed(address, blackboard_rate=blackboard_rate, record=not no_record) as feed:
-            files = _Files(outputs, look)
+            files = _Files(outputs, display)
             try:
                 _follow(feed, files, duration, until_end)
             finally:
@@ -82,51 +83,51 @@ def record(
         raise MonitorCommandError(f"the recording ends here, it can't be written any more: {fault}") from None
     if not files.written:
         raise MonitorCommandError(f"no tree was seen at {address}, so nothing is recorded")
-    book = files.book
-    lost = f"; {book.gaps} gaps are marked in them" if book.gaps else ""
-    told = f"{book.transitions} transitions in " if book.paths else ""
+    log = files.log
+    lost = f"; {log.gaps} gaps are marked in them" if log.gaps else ""
+    told = f"{log.transitions} transitions in " if log.paths else ""
     _say(f"{told}{join_names((str(one) for one in files.written), most=20)}{lost}")
 
 
 class _Files:
     """All that is written: log files, and recordings for the viewer."""
 
-    def __init__(self, outputs: Sequence[Path], look: DisplayOptions) -> None:
+    def __init__(self, outputs: Sequence[Path], display: DisplayOptions) -> None:
         from btcore_monitor.log_writer import LogWriter
 
         recordings = _recordings(outputs)
-        self.book = LogWriter([path for path in outputs if path not in recordings])
-        self.screens = _screens(recordings, look) if recordings else []
+        self.log = LogWriter([path for path in outputs if path not in recordings])
+        self.screens = _screens(recordings, display) if recordings else []
 
     @property
     def written(self) -> list[Path]:
         """The files that there are now."""
-        return [*self.book.files, *(path for screen in self.screens for path in screen.files)]
+        return [*self.log.files, *(path for screen in self.screens for path in screen.files)]
 
     def show(self, event: "Event") -> None:
         """Take in one event."""
-        self.book.show(event)
+        self.log.show(event)
         for screen in self.screens:
             screen.show(event)
 
     def flush(self) -> None:
         """Write what has gathered."""
-        self.book.flush()
+        self.log.flush()
         for screen in self.screens:
             screen.flush()
 
     def close(self) -> None:
         """Finish every file, whatever becomes of the others."""
         with contextlib.ExitStack() as stack:
-            stack.callback(self.book.close)
+            stack.callback(self.log.close)
             for screen in self.screens:
                 stack.callback(screen.close)
 
 
-def _screens(recordings: Sequence[Path], look: DisplayOptions) -> "list[RobotView]":
+def _screens(recordings: Sequence[Path], display: DisplayOptions) -> "list[RobotView]":
     from btcore_monitor.screen.sinks import RecordingSinks
 
-    return [look.screen(RecordingSinks(save=path)) for path in recordings]
+    return [display.screen(RecordingSinks(save=path)) for path in recordings]
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:

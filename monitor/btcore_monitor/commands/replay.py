@@ -37,7 +37,7 @@ from btcore_monitor.viewer_setup import (
     MonitorCommandError,
     check_folder,
     check_installed,
-    open_outlets,
+    open_sinks,
     save_screenshot,
     stop_on_signals,
     viewer_options,
@@ -84,7 +84,7 @@ def replay(
     at: float | None,
     size: tuple[int, int],
     memory_limit: str,
-    look: DisplayOptions,
+    display: DisplayOptions,
 ) -> None:
     """Show LOG again: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2) or a format-3 .fbl.
 
@@ -106,10 +106,10 @@ def replay(
         _print(recording, window, patterns)
         return
     check_installed("rerun", "numpy")
-    _show(recording, window, save, serve_web, screenshot, at, size, memory_limit, look)
+    _show(recording, window, save, serve_web, screenshot, at, size, memory_limit, display)
 
 
-def picture_of(recording: Recording) -> ObservedTree:
+def observed_tree(recording: Recording) -> ObservedTree:
     """The tree of *recording* as the monitor draws it."""
     parents = {child: node.uid for node in recording.nodes.values() for child in node.children}
     inside: dict[int, str] = {}
@@ -135,7 +135,7 @@ def events(recording: Recording, window: range) -> Iterator[Event]:
     first = recording.transitions[window.start].stamp if window.start else recording.start
     since, stamp = first - recording.start, first
     statuses = dict(recording.statuses(window.start))
-    yield TreeSeen(picture_of(recording), since, stamp, statuses, source=LOG_FILE)
+    yield TreeSeen(observed_tree(recording), since, stamp, statuses, source=LOG_FILE)
     gaps = [gap for gap in recording.gaps if window.start <= gap.at <= window.stop]
     for index in window:
         before, (stamp, uid, previous, status) = since, recording.transitions[index]
@@ -214,7 +214,7 @@ def _show(
     at: float | None,
     size: tuple[int, int],
     memory_limit: str,
-    look: DisplayOptions,
+    display: DisplayOptions,
 ) -> None:
     from btcore_monitor.screen.sinks import ScreenError
 
@@ -227,8 +227,8 @@ def _show(
                 if file is None:
                     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))
                     file = Path(folder) / "replay.rrd"
-            outlets = open_outlets(file, serve_web, wants_window, memory_limit)
-            screen = look.screen(outlets)
+            sinks = open_sinks(file, serve_web, wants_window, memory_limit)
+            screen = display.screen(sinks)
             for event in events(recording, window):
                 screen.show(event)
             screen.close()

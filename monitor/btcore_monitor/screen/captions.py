@@ -29,8 +29,8 @@ class Caption:
         return BADGE_ROOM + text + TEXT_GAP
 
 
-def captions(picture: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[int, Caption]:
-    """A caption for each uid of *picture*, which may be a folded part of *whole*; *noted*: with notes.
+def captions(tree: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[int, Caption]:
+    """A caption for each uid of *tree*, which may be a folded part of *whole*; *noted*: with notes.
 
     A note has a node's registration ID where its name is another, and its ports as the XML has them.
     """
@@ -39,7 +39,7 @@ def captions(picture: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping
             elide(node.name, style.NAME_ROOM) + _folded(node, whole),
             _note(node, whole) if noted else "",
         )
-        for node in picture.nodes
+        for node in tree.nodes
     }
 
 

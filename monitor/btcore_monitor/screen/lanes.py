@@ -28,11 +28,11 @@ LEAVES_AT_ONCE: Final = 4
 NOTHING: Final = "–"
 
 
-def chosen(picture: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
+def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
     """The nodes that get a lane each: those *found* (uids), else the leaves, unless they are too many."""
     if found:
-        return [node for node in picture.nodes if node.uid in found][:LANES_AT_MOST]
-    everyone = leaves(picture.nodes)
+        return [node for node in tree.nodes if node.uid in found][:LANES_AT_MOST]
+    everyone = leaves(tree.nodes)
     return everyone if len(everyone) <= LANES_AT_MOST else []
 
 
@@ -49,25 +49,25 @@ class Lanes:
     """What chosen nodes showed tick by tick; in a big tree, above them, the names of what ran."""
 
     def __init__(
-        self, rows: RowBuffer, picture: ObservedTree, palette: Palette, found: Collection[int] = ()
+        self, rows: RowBuffer, tree: ObservedTree, palette: Palette, found: Collection[int] = ()
     ) -> None:
         self._palette = palette
         self._rows = rows
-        nodes = chosen(picture, found)
-        depths = _depths(picture) if len(leaves(picture.nodes)) > LANES_AT_MOST else {}
+        nodes = chosen(tree, found)
+        depths = _depths(tree) if len(leaves(tree.nodes)) > LANES_AT_MOST else {}
         slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
         over = [*depths, *slots] if depths else []
         self.entities = lane_entities([*over, *distinct_names(nodes)])
         self._over = [rows.series(entity, _names) for entity in self.entities[: len(over)]]
         self._over_entities = self.entities[: len(over)]
-        index = {node.uid: at for at, node in enumerate(picture.nodes)}
+        index = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._series = {
             index[node.uid]: rows.series(entity, _states)
             for node, entity in zip(nodes, self.entities[len(over) :], strict=True)
         }
-        self._names = [node.name for node in picture.nodes]
+        self._names = [node.name for node in tree.nodes]
         self._depths = [np.array([index[node.uid] for node in one], dtype=np.intp) for one in depths.values()]
-        self._leaf = np.array([not node.children for node in picture.nodes])
+        self._leaf = np.array([not node.children for node in tree.nodes])
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)
         # the lanes of further leaves appear when there is one
         self._shown: list[str | None] = [None] * (len(depths) + 1) + [NOTHING] * (LEAVES_AT_ONCE - 1)
@@ -92,22 +92,22 @@ class Lanes:
             for entity in self._over_entities:
                 log(entity, look, static=True)
 
-    def show(self, moments: TickStates, changed: Iterable[int]) -> None:
+    def show(self, states: TickStates, changed: Iterable[int]) -> None:
         """A state for each lane among *changed* (indices of nodes)."""
         for at in changed:
             series = self._series.get(at)
             if series is not None:
-                series.add(moments.t, moments.wall, int(moments.shown[at]))
+                series.add(states.t, states.wall, int(states.shown[at]))
         if not self._over:
             return
-        running = moments.shown == RUNNING
+        running = states.shown == RUNNING
         at_work = [next((int(at) for at in one if running[at]), None) for one in self._depths]
         at_work += self._placed(np.flatnonzero(running & self._leaf).tolist())
         for lane, one in enumerate(at_work):
             name = NOTHING if one is None else self._names[one]
             if name != self._shown[lane]:
                 self._shown[lane] = name
-                self._over[lane].add(moments.t, moments.wall, name)
+                self._over[lane].add(states.t, states.wall, name)
 
     def _placed(self, running: list[int]) -> list[int | None]:
         """The leaves at work, each in the lane that it has had; new ones take the first that is free."""
@@ -118,16 +118,16 @@ class Lanes:
         return self._slots
 
 
-def _depths(picture: ObservedTree) -> dict[str, list[ObservedNode]]:
+def _depths(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
     """Name of a lane → its nodes: the subtrees of one depth; without any, the root's children."""
     found: dict[int, list[ObservedNode]] = {}
     depth: dict[int, int] = {0: 0}
-    for node in picture.nodes:
+    for node in tree.nodes:
         depth[node.uid] = depth[node.parent] + (node.kind == "subtree")
         if node.kind == "subtree" and depth[node.uid] <= SUBTREES_DEEP:
             found.setdefault(depth[node.uid], []).append(node)
     if not found:
-        return {"branch": [picture.by_uid[uid] for uid in picture.root.children]}
+        return {"branch": [tree.by_uid[uid] for uid in tree.root.children]}
     return {"subtree" if level == 1 else f"subtree {level}": nodes for level, nodes in found.items()}
 
 

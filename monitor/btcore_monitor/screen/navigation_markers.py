@@ -72,7 +72,7 @@ def _lifted(points: NDArray[np.floating], z: float) -> NDArray[np.float32]:
     return np.concatenate((points, np.full((len(points), 1), z)), axis=1).astype(np.float32)
 
 
-LOOKS: Final[Mapping[str, PoseStyle]] = {
+POSE_STYLES: Final[Mapping[str, PoseStyle]] = {
     "path": PoseStyle(0xB9F24AFF, 0.03, _path),
     "goal": PoseStyle(0xB9F24AFF, 0.03, _goal),
     "cloud": PoseStyle(0xFF7AB8A0, 0.004, _cloud),
@@ -108,14 +108,14 @@ class NavigationMarkers:
         if self._shown.get(entity) == poses["rows"]:
             return
         self._shown[entity] = poses["rows"]
-        look = LOOKS[poses["kind"]]
+        style = POSE_STYLES[poses["kind"]]
         if entity not in self._series:
             self._series[entity] = self._rows.series(entity, _strips)
-            lines = rr.LineStrips3D.from_fields(colors=[look.colour], radii=[look.radius])
+            lines = rr.LineStrips3D.from_fields(colors=[style.colour], radii=[style.radius])
             self._rows.log(entity, lines, static=True)
         self._hang(entity, poses.get("frame", root))
         rows = np.frombuffer(poses["rows"], dtype="<f4").reshape(-1, 3)
-        self._series[entity].add(t, wall, look.strips(rows, self.footprint))
+        self._series[entity].add(t, wall, style.strips(rows, self.footprint))
 
     def _show_arrows(self, t: int, wall: int, arrows: Mapping[str, Mapping[str, Any]], root: str) -> None:
         for name, arrow in arrows.items():

@@ -35,30 +35,30 @@ class NowPanel:
     tick.
     """
 
-    def __init__(self, rows: RowBuffer, picture: ObservedTree) -> None:
+    def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
         self._series: Series[str] = rows.series(NOW, markdown_columns)
-        self._leaf = np.array([not node.children for node in picture.nodes])
-        leaves = [node for node in picture.nodes if not node.children]
+        self._leaf = np.array([not node.children for node in tree.nodes])
+        leaves = [node for node in tree.nodes if not node.children]
         self._names = dict(zip(np.flatnonzero(self._leaf).tolist(), distinct_names(leaves), strict=True))
         self._contacts = ""
         self._notes: dict[str, str] = {}
         self._shown = ""
-        self._wire: list[str] = []
+        self._source_lines: list[str] = []
         self._raised = ""
         self._root = STATUS_NAMES[IDLE]
         self._lost = self._holes = 0
 
-    def wire(self, wire: DataSource) -> None:
+    def show_source(self, source: DataSource) -> None:
         """Take what the robot doesn't tell."""
-        self._wire = [f"| by | {wire.name} |"] if wire.unavailable else []
-        if "exceptions" in wire.unavailable:
-            self._wire.append(f"| raised | {wire.unavailable['exceptions']} |")
+        self._source_lines = [f"| by | {source.name} |"] if source.unavailable else []
+        if "exceptions" in source.unavailable:
+            self._source_lines.append(f"| raised | {source.unavailable['exceptions']} |")
 
-    def raised(self, event: ExceptionRaised, moments: TickStates) -> None:
+    def raised(self, event: ExceptionRaised, states: TickStates) -> None:
         """Say which node raised last: at once, as a tick that raises may be the last."""
         path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
         self._raised = f"**{path}** raised at {event.t / 1e9:.2f} s: {message}"
-        self._show(event.t, event.wall, moments, self._root)
+        self._show(event.t, event.wall, states, self._root)
 
     def missing(self, event: TransitionsLost | DataMissed) -> None:
         """Count what is missing."""
@@ -73,18 +73,18 @@ class NowPanel:
         if "collisions" in data:
             self._contacts = f"{data['collisions']} collisions · {data.get('grazes', 0)} grazes"
 
-    def tick(self, event: Ticked, moments: TickStates) -> None:
+    def tick(self, event: Ticked, states: TickStates) -> None:
         """The lines as of this tick."""
-        self._show(event.t, event.wall, moments, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
+        self._show(event.t, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
 
-    def moment(self, moments: TickStates) -> None:
-        """The lines as of *moments*, of a robot that doesn't tell of its ticks."""
-        self._show(moments.t, moments.wall, moments, SHOWN_NAMES[int(moments.shown[0])])
+    def moment(self, states: TickStates) -> None:
+        """The lines as of *states*, of a robot that doesn't tell of its ticks."""
+        self._show(states.t, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
 
-    def _show(self, t: int, wall: int, moments: TickStates, root: str) -> None:
+    def _show(self, t: int, wall: int, states: TickStates, root: str) -> None:
         self._root = root
-        runs = moments.shown == RUNNING
-        failed = (moments.shown == FAILURE) | (moments.shown == RESET_OFFSET + FAILURE)
+        runs = states.shown == RUNNING
+        failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
         short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
         # Above the table and below it lines are wrapped.
         lines = [self._raised, ""] if self._raised else []
@@ -95,7 +95,7 @@ class NowPanel:
         if self._contacts:
             lines.append(f"| robot | {self._contacts} |")
         lines.append(f"| root | {root} |")
-        lines += self._wire
+        lines += self._source_lines
         if self._lost:
             lines.append(f"| lost | {self._lost} transitions |")
         if self._holes:

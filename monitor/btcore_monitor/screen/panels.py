@@ -40,9 +40,9 @@ _VALUE_ROOM: Final = 60
 class TransitionLog:
     """Every transition, and what else is worth a line."""
 
-    def __init__(self, rows: RowBuffer, picture: ObservedTree, palette: Palette) -> None:
-        width = min(NAME_WIDTH, max(len(node.name) for node in picture.nodes))
-        self._names = {node.uid: f"{elide(node.name, width):{width}}" for node in picture.nodes}
+    def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette) -> None:
+        width = min(NAME_WIDTH, max(len(node.name) for node in tree.nodes))
+        self._names = {node.uid: f"{elide(node.name, width):{width}}" for node in tree.nodes}
         self._width = width
         self._palette = palette
         self._lines: Series[tuple[str, str, int]] = rows.series(LOG, _lines)
@@ -79,9 +79,9 @@ class TransitionLog:
         line = f"{event.t / 1e9:9.2f}s {event.topic} {since}incomplete: {event.reason}"
         self._lines.add(event.t, event.wall, (line, "WARN", int(self._palette.ink[1])))
 
-    def wire(self, wire: DataSource, t: int, wall: int) -> None:
+    def show_source(self, source: DataSource, t: int, wall: int) -> None:
         """What the robot doesn't tell."""
-        for topic, sentence in wire.unavailable.items():
+        for topic, sentence in source.unavailable.items():
             line = f"{t / 1e9:9.2f}s {topic}: {sentence}"
             self._lines.add(t, wall, (line, "INFO", self._palette.faint))
 

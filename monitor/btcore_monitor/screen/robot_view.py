@@ -54,20 +54,20 @@ class RobotView:
     :meth:`close` at the end.
 
     A tree with a new id begins a new recording, so that a robot's restart does not write over what was seen.
-    Where several robots are shown in one window, each has its seat instead of *outlets*. Nodes whose name or
+    Where several robots are shown in one window, each has its slot instead of *sinks*. Nodes whose name or
     path is like one of the patterns in *find* (``Dock*``) stand out in the tree and have lanes. The log shows
     transitions of *level* (:mod:`~btcore_monitor.screen.levels`) and above.
     """
 
     def __init__(
         self,
-        outlets: RecordingSinks | RobotWindow,
+        sinks: RecordingSinks | RobotWindow,
         palette: Palette = GROOT,
         find: Sequence[str] = (),
         level: str = LEVELS[0],
     ) -> None:
         self.files: list[Path] = []
-        self._stage = SingleRobotWindow(outlets) if isinstance(outlets, RecordingSinks) else outlets
+        self._window = SingleRobotWindow(sinks) if isinstance(sinks, RecordingSinks) else sinks
         self._palette = palette
         self._find = find
         self._level = level
@@ -119,7 +119,7 @@ class RobotView:
         else:
             self._finish()
             scene = self._scene is not None
-            self._shown = _Shown(met, self._stage, self._palette, scene, self._find, self._level)
+            self._shown = _Shown(met, self._window, self._palette, scene, self._find, self._level)
             if self._shown.file is not None:
                 self.files.append(self._shown.file)
         if self._scene is not None:
@@ -139,48 +139,46 @@ class _Shown:
     def __init__(
         self,
         event: TreeSeen,
-        stage: RobotWindow,
+        window: RobotWindow,
         palette: Palette,
         scene: bool,
         find: Sequence[str],
         level: str,
     ) -> None:
-        picture = event.tree
-        self.tree_id = picture.tree_id
-        self.name = f"{stage.label} · {picture.name}" if stage.label else picture.name
+        tree = event.tree
+        self.tree_id = tree.tree_id
+        self.name = f"{window.label} · {tree.name}" if window.label else tree.name
         self.numbered = event.numbered
-        self.wire = DataSource("")
-        self.stage = stage
-        self.recording, self.place, self.file = stage.begin(picture.name)
+        self.source = DataSource("")
+        self.window = window
+        self.recording, self.place, self.file = window.begin(tree.name)
         self.rows = RowBuffer(self.recording, self.place)
         self.level = level
         self._palette = palette
-        self.moments = TickStates(picture)
-        self._uids = {node.path: node.uid for node in picture.nodes}
-        looked_for = [(pattern, matching(picture, pattern)) for pattern in find]
+        self.states = TickStates(tree)
+        self._uids = {node.path: node.uid for node in tree.nodes}
+        looked_for = [(pattern, matching(tree, pattern)) for pattern in find]
         found = {uid for _, uids in looked_for for uid in uids}
-        self.lanes = Lanes(self.rows, picture, palette, found)
+        self.lanes = Lanes(self.rows, tree, palette, found)
         room = ROOM if self.place else tree_room(len(self.lanes.entities), scene)
-        self.tree = TreeView(self.rows, picture, palette, room, found)
+        self.tree = TreeView(self.rows, tree, palette, room, found)
         self.trees = [self.tree]
-        if len(picture.nodes) > BIG and any(node.kind == "subtree" for node in picture.nodes):
-            self.trees.insert(
-                0, TreeView(self.rows, fold_subtrees(picture), palette, room, found, whole=picture)
-            )
-        self.log = TransitionLog(self.rows, picture, palette)
+        if len(tree.nodes) > BIG and any(node.kind == "subtree" for node in tree.nodes):
+            self.trees.insert(0, TreeView(self.rows, fold_subtrees(tree), palette, room, found, whole=tree))
+        self.log = TransitionLog(self.rows, tree, palette)
         self.blackboard = BlackboardTable(self.rows)
         self.cost = TickCost(self.rows, palette)
-        self.now = NowPanel(self.rows, picture)
-        self.statistics = StatisticsTable(self.rows, picture)
+        self.now = NowPanel(self.rows, tree)
+        self.statistics = StatisticsTable(self.rows, tree)
         self.scene = SceneView(self.rows, palette)
         self._t, self._wall = event.t, event.wall
-        self._hear_by(event.source, event.t, event.wall)
+        self._show_source(event.source, event.t, event.wall)
         for pattern, uids in looked_for:
             if not uids:
                 self.log.not_found(pattern, event.t, event.wall)
         self._show_blueprint()
-        for tree in self.trees:
-            tree.draw()
+        for view in self.trees:
+            view.draw()
         self.lanes.draw()
         self.cost.draw()
         self._restart(event)
@@ -207,35 +205,35 @@ class _Shown:
         return self.tree_id == event.tree.tree_id and self.numbered == event.numbered
 
     def _restart(self, event: TreeSeen) -> None:
-        self._hear_by(event.source, event.t, event.wall)
-        self.moments.start(event.t, event.wall, event.statuses)
+        self._show_source(event.source, event.t, event.wall)
+        self.states.start(event.t, event.wall, event.statuses)
         self._colour()
-        self.lanes.show(self.moments, range(len(self.moments.shown)))
+        self.lanes.show(self.states, range(len(self.states.shown)))
         self.statistics.start(event.t, event.wall, event.statuses)
-        if "ticks" in self.wire.unavailable:
-            self.now.moment(self.moments)
+        if "ticks" in self.source.unavailable:
+            self.now.moment(self.states)
 
     def show(self, event: Event) -> None:
         taker = self._takers.get(type(event))
         if taker is not None:
             taker(event)
 
-    def _hear_by(self, wire: DataSource, t: int, wall: int) -> None:
-        if wire == self.wire:
+    def _show_source(self, source: DataSource, t: int, wall: int) -> None:
+        if source == self.source:
             return
-        self.wire = wire
-        self.now.wire(wire)
-        self.log.wire(wire, t, wall)
-        self.blackboard.note = wire.unavailable.get("blackboard", "")
+        self.source = source
+        self.now.show_source(source)
+        self.log.show_source(source, t, wall)
+        self.blackboard.note = source.unavailable.get("blackboard", "")
         if self.blackboard.note:
             self.blackboard.blank(t, wall)
-        if "ticks" in wire.unavailable:
-            note = rr.TextDocument(f"*{wire.unavailable['ticks']}*", media_type="text/markdown")
+        if "ticks" in source.unavailable:
+            note = rr.TextDocument(f"*{source.unavailable['ticks']}*", media_type="text/markdown")
             self.rows.log(UNSENT, note, static=True)
 
     def settle(self) -> None:
         """Show what changed last, of a robot that doesn't tell when a tick ends."""
-        if "ticks" in self.wire.unavailable and self.moments.is_open:
+        if "ticks" in self.source.unavailable and self.states.is_open:
             self._end_tick(self._t, self._wall)
 
     def send(self) -> None:
@@ -245,34 +243,34 @@ class _Shown:
         self._rest()
         self.statistics.show(self._t, self._wall)
         self.send()
-        self.stage.end(self.recording)
+        self.window.end(self.recording)
 
     def _rest(self) -> None:
         """Show what changed after the last tick: a tree that was halted runs nothing."""
-        if self.moments.is_open:
+        if self.states.is_open:
             self._end_tick(self._t, self._wall)
-            self.now.moment(self.moments)
+            self.now.moment(self.states)
 
     def _end_tick(self, t: int, wall: int) -> None:
-        changed = self.moments.close(t, wall)
+        changed = self.states.close(t, wall)
         if changed:
             self._colour()
-            self.lanes.show(self.moments, changed)
-            if "ticks" in self.wire.unavailable:
-                self.now.moment(self.moments)
+            self.lanes.show(self.states, changed)
+            if "ticks" in self.source.unavailable:
+                self.now.moment(self.states)
 
     def _colour(self) -> None:
-        for tree in self.trees:
-            tree.colour(self.moments)
+        for view in self.trees:
+            view.colour(self.states)
 
     def _at(self, t: int, wall: int) -> None:
         self._t, self._wall = t, wall
 
     def _changed(self, event: StatusChanged) -> None:
-        if self.moments.is_over(event):
+        if self.states.is_over(event):
             self._end_tick(self._t, self._wall)
         self._at(event.t, event.wall)
-        self.moments.change(event)
+        self.states.change(event)
         self.log.change(event)
         self.statistics.change(event)
         self.statistics.look(event.t, event.wall)
@@ -281,7 +279,7 @@ class _Shown:
         self._at(event.t, event.wall)
         self._end_tick(event.t, event.wall)
         self.cost.tick(event)
-        self.now.tick(event, self.moments)
+        self.now.tick(event, self.states)
         self.statistics.look(event.t, event.wall)
 
     def _boards(self, event: BlackboardSeen) -> None:
@@ -303,11 +301,11 @@ class _Shown:
     def _raised(self, event: ExceptionRaised) -> None:
         self._at(event.t, event.wall)
         self.log.raised(event)
-        self.now.raised(event, self.moments)
+        self.now.raised(event, self.states)
         uid = self._uids.get(event.path)
         if uid is not None:
-            for tree in self.trees:
-                tree.raised(uid, event.t, event.wall)
+            for view in self.trees:
+                view.raised(uid, event.t, event.wall)
 
     def _gap(self, event: TransitionsLost) -> None:
         self.log.gap(event, self._t, self._wall)
@@ -334,8 +332,8 @@ class _Shown:
             self.trees,
             self.lanes,
             eye,
-            costed="ticks" not in self.wire.unavailable,
+            costed="ticks" not in self.source.unavailable,
             level=self.level,
             place=self.place,
         )
-        self.stage.show(self.recording, pane)
+        self.window.show(self.recording, pane)

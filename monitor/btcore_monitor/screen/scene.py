@@ -74,8 +74,8 @@ class SceneView:
         self._w: Series[float] = rows.series(f"{SPEED}/w", scalars)
         self._battery: Series[float] = rows.series(f"{BATTERY}/level", scalars)
         self._floor = Floor(rows, palette, ORIGIN)
-        self._marks = NavigationMarkers(rows, ORIGIN)
-        self._sight = CameraView(rows, ORIGIN)
+        self._markers = NavigationMarkers(rows, ORIGIN)
+        self._cameras = CameraView(rows, ORIGIN)
         self._directions: NDArray[np.float32] = np.zeros((0, 3), dtype=np.float32)
         self._scan_stamp = -1
         self._last: Vector | None = None
@@ -88,7 +88,7 @@ class SceneView:
     @property
     def pictured(self) -> bool:
         """Whether there are pictures to show."""
-        return self._sight.pictured
+        return self._cameras.pictured
 
     @property
     def powered(self) -> bool:
@@ -114,12 +114,12 @@ class SceneView:
             for name, shape in archetypes(kind, parts, around=frame == self._root):
                 entity = f"{ORIGIN}/parts/{_segment(frame)}/{name}"
                 log(entity, self._rows.in_frame(frame), shape, static=True)
-        self._marks.footprint = data.get("footprint_radius", self._marks.footprint)
+        self._markers.footprint = data.get("footprint_radius", self._markers.footprint)
         self._draw_sensors()
         self._floor.static(t, wall, data, self._root)
         if self.navigates:
             log(COLOURS, rr.TextDocument(_SAID_OF_COLOURS, media_type="text/markdown"), static=True)
-        self._sight.static(data)
+        self._cameras.static(data)
         return True
 
     @property
@@ -165,8 +165,8 @@ class SceneView:
             self._battery.add(t, wall, float(data["battery"]))
         self._extend_trail(t, wall)
         self._floor.moving(t, wall, data, self._root)
-        self._marks.moving(t, wall, data, self._root)
-        self._sight.moving(t, wall, data)
+        self._markers.moving(t, wall, data, self._root)
+        self._cameras.moving(t, wall, data)
 
     def _place(self, t: int, wall: int, child: str, pose: Pose) -> None:
         before = self._poses.get(child)

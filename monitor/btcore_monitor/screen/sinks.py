@@ -12,10 +12,11 @@ from urllib.parse import quote, urlsplit
 import rerun as rr
 
 from btcore_monitor.display import has_display
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.screen.page import PageServer, free_port
 
 
-class ScreenError(Exception):
+class ScreenError(MonitorError):
     """What was asked of the screen can't be had here; the message says what can."""
 
 
@@ -28,7 +29,7 @@ class RecordingSinks:
     save: Path | None = None
     viewer: str | None = None
     keep: object = None
-    """What has to live as long as the outlets do (a served web view)."""
+    """What has to live as long as the sinks do (a served web view)."""
     _trees: int = field(default=0, init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 

@@ -26,17 +26,17 @@ _INDENT: Final = "\u2003"
 
 
 class StatisticsTable:
-    """Counts results and time running of every node of a picture, as seen.
+    """Counts results and time running of every node of a tree, as seen.
 
     What happened while nobody looked isn't counted; a node that was RUNNING when it was first seen runs from
     then on. Trees of more than ROWS_AT_MOST nodes show the leaves that ran longest, then the most frequent.
     """
 
-    def __init__(self, rows: RowBuffer, picture: ObservedTree) -> None:
+    def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
         self._series: Series[str] = rows.series(STATISTICS, markdown_columns)
-        self._nodes = picture.nodes
-        self._depth = {node.uid: picture.depth(node.uid) for node in picture.nodes}
-        self._results: dict[int, list[int]] = {node.uid: [0, 0, 0] for node in picture.nodes}
+        self._nodes = tree.nodes
+        self._depth = {node.uid: tree.depth(node.uid) for node in tree.nodes}
+        self._results: dict[int, list[int]] = {node.uid: [0, 0, 0] for node in tree.nodes}
         self._running_ns = dict.fromkeys(self._results, 0)
         self._since: dict[int, int] = {}
         self._next: int | None = None

@@ -34,9 +34,9 @@ Strip = NDArray[np.float32]
 
 
 class SubtreeDrawing:
-    """The nodes *at* (indices in their picture) of one subtree, drawn below *entity*.
+    """The nodes *at* (indices in their tree) of one subtree, drawn below *entity*.
 
-    *pills* and *edges* are the strips of all nodes of the picture.
+    *pills* and *edges* are the strips of all nodes of the tree.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class SubtreeDrawing:
         self._last_rings: list[int] = []
 
     def colour(self, t: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]) -> None:
-        """Rows for what changed; *pills*, *rims* and *running* are those of the whole picture."""
+        """Rows for what changed; *pills*, *rims* and *running* are those of the whole tree."""
         own = pills[self.at]
         if not np.array_equal(own, self._last_pills):
             self._last_pills = own
@@ -79,7 +79,7 @@ class SubtreeDrawing:
             self._path.add(t, wall, [self._edges[one] for one in path])
 
     def ring(self, t: int, wall: int, raised: Iterable[int]) -> None:
-        """Ring those of *raised* (indices in the picture) that are here, and nobody else."""
+        """Ring those of *raised* (indices in the tree) that are here, and nobody else."""
         here = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
         if here != self._last_rings:
             self._last_rings = here
@@ -132,21 +132,21 @@ def strips(values: list[list[Strip]]) -> Iterable[Any]:
     return columns.partition([len(row) for row in values])
 
 
-def split_by_subtree(picture: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[str, list[int]]:
+def split_by_subtree(tree: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[str, list[int]]:
     """Subtrees with a branch of their own, by path: the outermost *most*, each with the indices of its nodes,
     and of those of the subtrees in it that have none.
     """
     above: dict[str, str] = {}
-    for node in picture.nodes:
-        inside = [picture.by_uid[child].subtree for child in node.children]
+    for node in tree.nodes:
+        inside = [tree.by_uid[child].subtree for child in node.children]
         if node.kind == "subtree" and inside and inside[0] != node.subtree:
             above[inside[0]] = node.subtree
-    level: dict[str, int] = {picture.root.subtree: 0}
+    level: dict[str, int] = {tree.root.subtree: 0}
     for subtree, outer in above.items():
         level[subtree] = level.get(outer, 0) + 1
     own = set(sorted(level, key=lambda one: level[one])[:most])
     found: dict[str, list[int]] = {}
-    for at, node in enumerate(picture.nodes):
+    for at, node in enumerate(tree.nodes):
         subtree = node.subtree
         while subtree not in own and subtree in above:
             subtree = above[subtree]
@@ -154,11 +154,11 @@ def split_by_subtree(picture: ObservedTree, most: int = BRANCHES_AT_MOST) -> dic
     return found
 
 
-def node_entities(picture: ObservedTree, origin: str) -> list[str]:
+def node_entities(tree: ObservedTree, origin: str) -> list[str]:
     """An entity for each node, by its path, in the order of the nodes."""
     taken: set[str] = set()
     found = []
-    for node in picture.nodes:
+    for node in tree.nodes:
         entity = entity_path(origin, node.path)
         if entity in taken or entity.rsplit("/", 1)[1] in PARTS:
             entity += f".{node.uid}"

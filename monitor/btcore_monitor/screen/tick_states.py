@@ -31,17 +31,17 @@ States = NDArray[np.uint8]
 
 
 class TickStates:
-    """The nodes of a picture, by their index in it.
+    """The nodes of a tree, by their index in it.
 
     *shown* holds each node's stored status, or ``RESET_OFFSET + result`` where it ended and was reset
     within the
     tick; *results* its last result ever (0: none yet). *t* and *wall* (ns) are those of the last change.
     """
 
-    def __init__(self, picture: ObservedTree) -> None:
-        self.index: Mapping[int, int] = {node.uid: at for at, node in enumerate(picture.nodes)}
-        self.shown: States = np.zeros(len(picture.nodes), dtype=np.uint8)
-        self.results: States = np.zeros(len(picture.nodes), dtype=np.uint8)
+    def __init__(self, tree: ObservedTree) -> None:
+        self.index: Mapping[int, int] = {node.uid: at for at, node in enumerate(tree.nodes)}
+        self.shown: States = np.zeros(len(tree.nodes), dtype=np.uint8)
+        self.results: States = np.zeros(len(tree.nodes), dtype=np.uint8)
         self.t = 0
         self.wall = 0
         self._before = self.shown.copy()

@@ -59,48 +59,48 @@ _LARGEST: Final = 1.35
 
 
 class TreeView:
-    """The drawing of one Picture, and the status of each of its nodes, made for a view of *room* (pixels)."""
+    """The drawing of *tree*, and the status of each of its nodes, made for a view of *room* (pixels)."""
 
     def __init__(
         self,
         rows: RowBuffer,
-        picture: ObservedTree,
+        tree: ObservedTree,
         palette: style.Palette,
         room: tuple[float, float],
         found: Collection[int] = (),
         whole: ObservedTree | None = None,
     ) -> None:
-        self.picture = picture
+        self.tree = tree
         self.palette = palette
         self.origin = ORIGIN if whole is None else FOLDED
-        whole = whole or picture
+        whole = whole or tree
         self._room = room
-        self.captions, self.layout = _written(picture, whole, room)
+        self.captions, self.layout = _written(tree, whole, room)
         self._rows = rows
         index = {node.uid: at for at, node in enumerate(whole.nodes)}
-        self._index = np.array([index[node.uid] for node in picture.nodes], dtype=np.intp)
-        self._at = {node.uid: at for at, node in enumerate(picture.nodes)}
+        self._index = np.array([index[node.uid] for node in tree.nodes], dtype=np.intp)
+        self._at = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._nearest_of = self._nearest(whole)
         self._found = sorted({at for at in map(self._nearest_of, found) if at is not None})
         self._raised: dict[int, bool] = {}
-        self._inner = np.array([bool(node.children) for node in picture.nodes])
+        self._inner = np.array([bool(node.children) for node in tree.nodes])
         self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
-        self.branches = [
+        self.subtrees = [
             SubtreeDrawing(
                 rows, palette, entity_path(self.origin, path), np.array(at, dtype=np.intp), self._pills, edges
             )
-            for path, at in split_by_subtree(picture).items()
+            for path, at in split_by_subtree(tree).items()
         ]
         self._frames: dict[int, list[Stroke]] = {}
         for at, *corners in self.layout.frames:
-            content = self._at[picture.nodes[at].children[0]]
+            content = self._at[tree.nodes[at].children[0]]
             self._frames.setdefault(content, []).append(_rounded(*corners))
 
     @property
     def drawn_only(self) -> tuple[str, ...]:
         """Entities that are there to be seen; hovering and clicking are for the pills."""
-        parts = [f"{one.entity}/{part}" for one in self.branches for part in PARTS if part != "pills"]
+        parts = [f"{one.entity}/{part}" for one in self.subtrees for part in PARTS if part != "pills"]
         return (*parts, f"{self.origin}/{LEGEND}")
 
     def bounds(self) -> tuple[float, float, float, float]:
@@ -110,15 +110,15 @@ class TreeView:
         left, top = (width - across * pixel) / 2, (height - (down - LEGEND_HEIGHT) * pixel) / 2
         return left, top, left + across * pixel, top + down * pixel
 
-    def colour(self, moments: TickStates) -> None:
-        """Rows for what *moments* shows now; nothing where nothing looks otherwise."""
-        palette, t, wall = self.palette, moments.t, moments.wall
-        shown = moments.shown[self._index]
+    def colour(self, states: TickStates) -> None:
+        """Rows for what *states* shows now; nothing where nothing looks otherwise."""
+        palette, t, wall = self.palette, states.t, states.wall
+        shown = states.shown[self._index]
         running = shown == RUNNING
         pills = np.where(self._inner & running, np.uint32(palette.busy), palette.fill[shown])
-        rims = np.where(shown == IDLE, palette.rest[moments.results[self._index]], palette.rim[shown])
-        for branch in self.branches:
-            branch.colour(t, wall, pills, rims, running)
+        rims = np.where(shown == IDLE, palette.rest[states.results[self._index]], palette.rim[shown])
+        for subtree in self.subtrees:
+            subtree.colour(t, wall, pills, rims, running)
         again = [at for at, rested in self._raised.items() if rested and shown[at] != IDLE]
         for at in self._raised:
             self._raised[at] = self._raised[at] or shown[at] == IDLE
@@ -135,8 +135,8 @@ class TreeView:
             self._ring(t, wall)
 
     def _ring(self, t: int, wall: int) -> None:
-        for branch in self.branches:
-            branch.ring(t, wall, self._raised)
+        for subtree in self.subtrees:
+            subtree.ring(t, wall, self._raised)
 
     def _nearest(self, whole: ObservedTree) -> Callable[[int], int | None]:
         """From a uid of *whole* to the index here of that node, or of the closest above it that is here."""
@@ -149,26 +149,26 @@ class TreeView:
 
     def draw(self) -> None:
         """Draw what never changes."""
-        picture, palette = self.picture, self.palette
+        tree, palette = self.tree, self.palette
         half = style.PILL_HEIGHT / 2
-        labels = [node.name for node in picture.nodes]
+        labels = [node.name for node in tree.nodes]
         told = {
-            "path": [node.path for node in picture.nodes],
-            "ID": [node.id for node in picture.nodes],
-            "ports": [ports(node) for node in picture.nodes],
+            "path": [node.path for node in tree.nodes],
+            "ID": [node.id for node in tree.nodes],
+            "ports": [ports(node) for node in tree.nodes],
         }
         stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self._room))
-        for branch in self.branches:
-            branch.draw(labels, told, stroke)
-            places = [self.layout.places[at] for at in branch.at]
-            frames = [frame for at in branch.at for frame in self._frames.get(int(at), ())]
-            branch.lines("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
-            found = [self._pills[at] for at in branch.at if at in self._found]
-            branch.lines("found", found, 3.4, colors=[palette.found], radii=[half + style.HALO])
+        for subtree in self.subtrees:
+            subtree.draw(labels, told, stroke)
+            places = [self.layout.places[at] for at in subtree.at]
+            frames = [frame for at in subtree.at for frame in self._frames.get(int(at), ())]
+            subtree.lines("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
+            found = [self._pills[at] for at in subtree.at if at in self._found]
+            subtree.lines("found", found, 3.4, colors=[palette.found], radii=[half + style.HALO])
             badges = [((one.x + half, one.y), (one.x + half + 0.01, one.y)) for one in places]
-            branch.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
-            strokes, colours, radii = self._ink(branch.at.tolist())
-            branch.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
+            subtree.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
+            strokes, colours, radii = self._ink(subtree.at.tolist())
+            subtree.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
         x0, _, _, y1 = self.bounds()
         line = legend(palette, x0, y1, _pixel(self.layout, self._room), bool(self._found))
         self._rows.log(f"{self.origin}/{LEGEND}", line, static=True)
@@ -180,9 +180,9 @@ class TreeView:
 
         In trees that aren't big it has the pill's shape, below the pill, so that it is marked when chosen.
         """
-        shaped = len(self.picture.nodes) <= BIG
-        entities = node_entities(self.picture, self.origin)
-        for node, pill, entity in zip(self.picture.nodes, self._pills, entities, strict=True):
+        shaped = len(self.tree.nodes) <= BIG
+        entities = node_entities(self.tree, self.origin)
+        for node, pill, entity in zip(self.tree.nodes, self._pills, entities, strict=True):
             # One component: each takes a kilobyte of the file.
             what = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
             if shaped:
@@ -198,7 +198,7 @@ class TreeView:
         colours: list[int] = []
         radii: list[float] = []
         for at in indices:
-            node, place = self.picture.nodes[at], self.layout.places[at]
+            node, place = self.tree.nodes[at], self.layout.places[at]
             caption = self.captions[node.uid]
             centre = place.x + style.PILL_HEIGHT / 2
             left = centre + style.BADGE_RADIUS + 7.0
@@ -215,44 +215,42 @@ class TreeView:
         return [np.array(stroke, dtype=np.float32) for stroke in strokes], colours, radii
 
 
-def fold_subtrees(picture: ObservedTree, most: int = FOLDED_AT_MOST) -> ObservedTree:
-    """*picture* with subtrees folded into their SubTree nodes, the outermost unfolded up to *most* nodes."""
+def fold_subtrees(tree: ObservedTree, most: int = FOLDED_AT_MOST) -> ObservedTree:
+    """*tree* with subtrees folded into their SubTree nodes, the outermost unfolded up to *most* nodes."""
     content: dict[str, list[ObservedNode]] = {}
-    for node in picture.nodes:
+    for node in tree.nodes:
         content.setdefault(node.subtree, []).append(node)
-    root = picture.root.subtree
+    root = tree.root.subtree
     unfolded, count = {root}, len(content[root])
     waiting = deque(content[root])
     while waiting:
         node = waiting.popleft()
-        inside = (
-            picture.by_uid[node.children[0]].subtree if node.kind == "subtree" and node.children else None
-        )
+        inside = tree.by_uid[node.children[0]].subtree if node.kind == "subtree" and node.children else None
         if inside is None or inside in unfolded:
             continue
         if count + len(content[inside]) <= most:
             unfolded.add(inside)
             count += len(content[inside])
             waiting.extend(content[inside])
-    kept = {node.uid for node in picture.nodes if node.subtree in unfolded}
+    kept = {node.uid for node in tree.nodes if node.subtree in unfolded}
     nodes = [
         replace(node, children=tuple(child for child in node.children if child in kept))
-        for node in picture.nodes
+        for node in tree.nodes
         if node.uid in kept
     ]
-    return ObservedTree(picture.tree_id, picture.name, tuple(nodes), picture.subtrees)
+    return ObservedTree(tree.tree_id, tree.name, tuple(nodes), tree.subtrees)
 
 
-def arrange(picture: ObservedTree, written: Mapping[int, Caption], room: tuple[float, float]) -> Layout:
-    """Where the nodes of *picture* go, with pills wide enough for what is *written* in them."""
-    index = {node.uid: at for at, node in enumerate(picture.nodes)}
+def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[float, float]) -> Layout:
+    """Where the nodes of *tree* go, with pills wide enough for what is *written* in them."""
+    index = {node.uid: at for at, node in enumerate(tree.nodes)}
     boxes = [
         Box(
             width=written[node.uid].width,
             children=tuple(index[child] for child in node.children),
             framed=node.kind == "subtree" and bool(node.children),
         )
-        for node in picture.nodes
+        for node in tree.nodes
     ]
     across, down = room
     comfort = across / _LEGIBLE / style.PILL_HEIGHT
@@ -260,16 +258,16 @@ def arrange(picture: ObservedTree, written: Mapping[int, Caption], room: tuple[f
 
 
 def _written(
-    picture: ObservedTree, whole: ObservedTree, room: tuple[float, float]
+    tree: ObservedTree, whole: ObservedTree, room: tuple[float, float]
 ) -> tuple[Mapping[int, Caption], Layout]:
     """What the pills say and where they are: with notes, if those can be read without zooming in."""
-    if len(picture.nodes) <= BIG:
-        noted = captions(picture, whole, noted=True)
-        layout = arrange(picture, noted, room)
+    if len(tree.nodes) <= BIG:
+        noted = captions(tree, whole, noted=True)
+        layout = arrange(tree, noted, room)
         if _pixel(layout, room) * _NOTE_LEGIBLE <= 1.0:
             return noted, layout
-    plain = captions(picture, whole, noted=False)
-    return plain, arrange(picture, plain, room)
+    plain = captions(tree, whole, noted=False)
+    return plain, arrange(tree, plain, room)
 
 
 def _pixel(layout: Layout, room: tuple[float, float]) -> float:
@@ -302,7 +300,7 @@ def leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
     return [node for node in nodes if not node.children and node.kind in ("action", "condition")]
 
 
-def matching(picture: ObservedTree, pattern: str) -> list[int]:
+def matching(tree: ObservedTree, pattern: str) -> list[int]:
     """uids of the nodes whose name, ID or path is like *pattern* (``*`` and ``?``), in any case of letters.
 
     A pattern without ``*``, ``?`` and ``[`` is a part of the name or path.
@@ -312,6 +310,6 @@ def matching(picture: ObservedTree, pattern: str) -> list[int]:
         wanted = f"*{wanted}*"
     return [
         node.uid
-        for node in picture.nodes
+        for node in tree.nodes
         if any(fnmatchcase(one.casefold(), wanted) for one in (node.name, node.id, node.path))
     ]

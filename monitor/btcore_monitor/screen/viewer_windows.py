@@ -29,7 +29,7 @@ from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 
 FLUSH_WITHIN: Final = 20.0
-"""s of wall time that outlets have to take in the rest at the end."""
+"""s of wall time that sinks have to take in the rest at the end."""
 ROOM: Final = (960.0, 505.0)
 """Width and height (pixels) of a tree's view beside another one; in its own tab it has more than it needs."""
 EARLIER: Final = 6
@@ -62,13 +62,13 @@ class SingleRobotWindow:
 
     label = ""
 
-    def __init__(self, outlets: RecordingSinks) -> None:
-        self._outlets = outlets
+    def __init__(self, sinks: RecordingSinks) -> None:
+        self._sinks = sinks
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
         """A new recording."""
         recording = _recording(f"btcore {name}", name)
-        return recording, "", self._outlets.attach(recording)
+        return recording, "", self._sinks.attach(recording)
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
         """The window has nothing else."""
@@ -82,26 +82,26 @@ class SingleRobotWindow:
 class SharedWindow:
     """One recording for the robots called *labels*, begun when the first tree is seen; for any thread."""
 
-    def __init__(self, outlets: RecordingSinks, labels: Sequence[str]) -> None:
+    def __init__(self, sinks: RecordingSinks, labels: Sequence[str]) -> None:
         self.slots = [SharedWindowSlot(self, label) for label in labels]
-        """A stage for each robot."""
+        """A window for each robot."""
         self.files: list[Path] = []
         """The file that is written, once there is one."""
-        self._outlets = outlets
+        self._sinks = sinks
         self._name = " and ".join(labels)
         self._recording: rr.RecordingStream | None = None
         self._lock = threading.Lock()
         self._places: set[str] = set()
         self._earlier: list[Pane] = []
 
-    def begin(self, seat: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
+    def begin(self, slot: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
         """The recording, and a new place in it."""
         with self._lock:
             if self._recording is None:
                 self._recording = _recording(f"btcore {self._name}", self._name)
-                file = self._outlets.attach(self._recording)
+                file = self._sinks.attach(self._recording)
                 self.files += [file] if file is not None else []
-            count, first = 1, re.sub(r"[^A-Za-z0-9]+", "_", seat.label).strip("_") or "robot"
+            count, first = 1, re.sub(r"[^A-Za-z0-9]+", "_", slot.label).strip("_") or "robot"
             place = first
             while place in self._places:
                 count += 1
@@ -109,12 +109,12 @@ class SharedWindow:
             self._places.add(place)
             return self._recording, place, self.files[0] if self.files else None
 
-    def show(self, recording: rr.RecordingStream, seat: "SharedWindowSlot", pane: Pane) -> None:
-        """Have *seat* show *pane*; what it showed of another tree is to be found behind the others."""
+    def show(self, recording: rr.RecordingStream, slot: "SharedWindowSlot", pane: Pane) -> None:
+        """Have *slot* show *pane*; what it showed of another tree is to be found behind the others."""
         with self._lock:
-            if seat.pane is not None and seat.pane.place != pane.place:
-                self._earlier = [*self._earlier, seat.pane][-EARLIER:]
-            seat.pane = pane
+            if slot.pane is not None and slot.pane.place != pane.place:
+                self._earlier = [*self._earlier, slot.pane][-EARLIER:]
+            slot.pane = pane
             panes = [one.pane for one in self.slots if one.pane is not None]
             tabs = [layout(one, one.name) for one in panes]
             tabs += [layout(one, f"{one.name}, earlier") for one in self._earlier]

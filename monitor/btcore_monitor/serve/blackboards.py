@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.tree.tree import Tree
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.wire.msgpack_values import to_portable
 
 ROOT: Final = "ROOT"
@@ -23,7 +24,7 @@ _SHARED: Final = frozenset({bool, int, float, str, type(None), bytes})
 Boards = Mapping[str, Mapping[str, object]]
 
 
-class ReservedNameError(Exception):
+class ReservedNameError(MonitorError):
     """A subtree is called ROOT, the name under which the outermost blackboard is sent."""
 
 

@@ -126,27 +126,27 @@ def _port(port: Port) -> WirePort:
 
 
 class Groot1Sockets:
-    """The sockets for a :class:`Groot1Server`: of updates, and of questions."""
+    """The sockets for a :class:`Groot1Server`: of updates, and of requests."""
 
     def __init__(self, context: "zmq.Context[Socket]") -> None:
-        self.news = context.socket(zmq.PUB)
-        self.questions = RequestSocket(context, _REQUEST_AT_MOST)
-        self.news.setsockopt(zmq.SNDHWM, _UPDATES_AT_MOST)
-        self.news.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
-        self.news.setsockopt(zmq.LINGER, 0)
+        self.updates = context.socket(zmq.PUB)
+        self.requests = RequestSocket(context, _REQUEST_AT_MOST)
+        self.updates.setsockopt(zmq.SNDHWM, _UPDATES_AT_MOST)
+        self.updates.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
+        self.updates.setsockopt(zmq.LINGER, 0)
 
     def publish(self, server: Groot1Server, now: float, at_once: bool = False) -> None:
         """Send what is to be sent at *now*, as :meth:`Groot1Server.update` says."""
         frame = server.update(now, at_once)
         if frame is not None:
-            self.news.send(frame, zmq.DONTWAIT)
+            self.updates.send(frame, zmq.DONTWAIT)
 
     def answer(self, server: Groot1Server) -> None:
         """Take the request in that has come, and answer it."""
-        if self.questions.take() is not None:
-            self.questions.answer([server.answer()])
+        if self.requests.take() is not None:
+            self.requests.answer([server.answer()])
 
     def close(self, linger: int = 0) -> None:
         """Free them; what is on its way has *linger* ms."""
-        self.news.close(linger=linger)
-        self.questions.socket.close(linger=linger)
+        self.updates.close(linger=linger)
+        self.requests.socket.close(linger=linger)

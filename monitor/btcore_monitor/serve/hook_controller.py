@@ -13,6 +13,7 @@ from typing import Final
 from btcore.status import Status
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore.tree.tree import Tree
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.groot2 import Request
 from btcore_monitor.wire.hooks import (
@@ -31,7 +32,7 @@ _NOTICES_AT_MOST: Final = 1000
 """Notifications that wait for the publisher; older ones are dropped."""
 
 
-class RequestRejectedError(Exception):
+class RequestRejectedError(MonitorError):
     """A request that gets an error reply; the message is its text."""
 
 

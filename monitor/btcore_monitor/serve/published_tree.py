@@ -51,9 +51,9 @@ class PublishedTree:
         identity = uuid.uuid4()
         self.tree_id = identity.hex
         self._sources = [one for one in resources if isinstance(one, SceneSource)] if scene else []
-        self._keeper = BlackboardTracker(tree)
+        self._tracker = BlackboardTracker(tree)
         self._boards: Boards | None = None
-        self._recorder = QueueingObserver(self._keeper, self._sources)
+        self._observer = QueueingObserver(self._tracker, self._sources)
         xml = tree_to_xml(tree).encode()
         statuses = statuses_of(tree)
         hooks = None if control is None else HookController(tree, control)
@@ -67,9 +67,9 @@ class PublishedTree:
 
     def subscribe(self) -> None:
         """Hear the tree from now on."""
-        self._unsubscribe = self.tree.subscribe(self._recorder)
+        self._unsubscribe = self.tree.subscribe(self._observer)
         if self._sources:
-            self._recorder.look(self.tree.clock.now(), time.time_ns())
+            self._observer.look(self.tree.clock.now(), time.time_ns())
 
     def leave(self) -> None:
         """Hear and control the tree no more."""
@@ -85,13 +85,13 @@ class PublishedTree:
     def finish(self) -> None:
         """Hear the tree no more, and let clients know that nothing follows."""
         self.leave()
-        self._recorder.queue.append(Finished(self.tree.clock.now(), time.time_ns(), self.tree.status))
+        self._observer.queue.append(Finished(self.tree.clock.now(), time.time_ns(), self.tree.status))
 
     # what follows runs on the publisher's thread
 
     def drain(self) -> bool:
         """Take queued items in, for a turn; returns whether there are more."""
-        queue = self._recorder.queue
+        queue = self._observer.queue
         dropped = self.groot2.dropped
         enough = time.monotonic() + _SECONDS_A_TURN
         for _ in range(len(queue)):
@@ -101,10 +101,10 @@ class PublishedTree:
                 if self.groot1 is not None:
                     self.groot1.add_transition(item, time.monotonic())
             elif isinstance(item, BoardsChanged):
-                self._recorder.big_taken += 1
+                self._observer.big_taken += 1
                 self._boards = item.boards
             elif isinstance(item, SceneTaken):
-                self._recorder.big_taken += item.weight
+                self._observer.big_taken += item.weight
             if self.scene is not None:
                 self.scene.put(item)
             if time.monotonic() > enough:
@@ -120,6 +120,6 @@ class PublishedTree:
 
     def _answer_boards(self, names: list[str]) -> bytes:
         boards = self._boards
-        if boards is None or time.monotonic_ns() - self._recorder.ended_at > _FRESH_NS:
-            boards = self._keeper.read_now()
-        return encode_boards(self._keeper.for_groot(names, boards))
+        if boards is None or time.monotonic_ns() - self._observer.ended_at > _FRESH_NS:
+            boards = self._tracker.read_now()
+        return encode_boards(self._tracker.for_groot(names, boards))

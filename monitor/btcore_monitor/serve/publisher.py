@@ -62,17 +62,17 @@ class Publisher:
         self._scene = scene
         self._control = control
         # The tree that ticks, and the one that the publisher's thread is at; it follows soon.
-        self._latest = self._served = PublishedTree(
+        self._latest = self._published = PublishedTree(
             tree, resources, scene, None if groot1 is None else 0, control
         )
         self._fresh: deque[PublishedTree] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._questions = RequestSocket(self._context, _REQUEST_AT_MOST)
+        self._requests = RequestSocket(self._context, _REQUEST_AT_MOST)
         self._notices = self._context.socket(zmq.PUB)
         self._stream = self._context.socket(zmq.XPUB)
         self._stream.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
         self._stream.setsockopt(zmq.SNDHWM, _LIVE_AT_MOST)
-        for socket in (self._questions.socket, self._notices, self._stream):
+        for socket in (self._requests.socket, self._notices, self._stream):
             socket.setsockopt(zmq.LINGER, 0)
         for name, value in wire.KEEPALIVE.items():
             self._stream.setsockopt(getattr(zmq, name), value)
@@ -82,7 +82,7 @@ class Publisher:
         try:
             self.port = self._bind(port, groot1, bind)
         except BaseException:
-            for socket in (self._questions.socket, self._notices, self._stream):
+            for socket in (self._requests.socket, self._notices, self._stream):
                 socket.close()
             if self._groot1 is not None:
                 self._groot1.close()
@@ -103,9 +103,9 @@ class Publisher:
         stream = [self._stream] if self._scene else []
         asked = 0
         if port is not None:
-            asked = bind_in_a_row([self._questions.socket, self._notices, *stream], host, port)
+            asked = bind_in_a_row([self._requests.socket, self._notices, *stream], host, port)
         if self._groot1 is not None and groot1 is not None:
-            row: list[Socket | None] = [self._groot1.news, self._groot1.questions.socket]
+            row: list[Socket | None] = [self._groot1.updates, self._groot1.requests.socket]
             count = GROOT1_PORTS
             if port is None:
                 row += [None, *stream]
@@ -127,7 +127,7 @@ class Publisher:
     @property
     def dropped(self) -> int:
         """Transitions lost because the publisher could not follow the tree."""
-        return self._served.groot2.dropped
+        return self._published.groot2.dropped
 
     def wait_for_clients(self, count: int, timeout: float) -> bool:
         """Wait at most *timeout* s (wall clock) until *count* clients or more are here; 0: until none is."""
@@ -192,21 +192,21 @@ class Publisher:
 
     def _run(self) -> None:
         poller = zmq.Poller()
-        poller.register(self._questions.socket, zmq.POLLIN)
+        poller.register(self._requests.socket, zmq.POLLIN)
         if self._scene:
             poller.register(self._stream, zmq.POLLIN)
         if self._groot1 is not None:
-            poller.register(self._groot1.questions.socket, zmq.POLLIN)
+            poller.register(self._groot1.requests.socket, zmq.POLLIN)
         next_sign = 0.0
         try:
             while not self._stop.is_set():
                 busy = self._drain()
                 self._tell_of_hooks()
                 ready = dict(poller.poll(0 if busy else _POLL_MS))
-                if self._questions.socket in ready:
+                if self._requests.socket in ready:
                     self._answer()
                 self._speak_groot1(ready)
-                scene = self._served.scene
+                scene = self._published.scene
                 if scene is None:
                     continue
                 if self._stream in ready:
@@ -222,11 +222,11 @@ class Publisher:
             _log.exception("the publisher stops; the tree goes on")
         finally:
             # nobody is left who could unlock a breakpoint
-            self._served.remove_hooks()
+            self._published.remove_hooks()
             self._latest.remove_hooks()
             # the goodbye is in flight to clients that read; those that don't aren't waited for
             self._stream.close(linger=200)
-            self._questions.socket.close(linger=200)
+            self._requests.socket.close(linger=200)
             self._notices.close(linger=0)
             if self._groot1 is not None:
                 self._groot1.close(linger=200)
@@ -238,8 +238,8 @@ class Publisher:
     def _drain(self) -> bool:
         """Take queued items in, and send them; returns whether there are more."""
         followed = bool(self._fresh)
-        more = self._served.drain()
-        scene = self._served.scene
+        more = self._published.drain()
+        scene = self._published.scene
         if scene is not None:
             for topic, data in scene.pending_frames():
                 self._send(topic, data)
@@ -251,7 +251,7 @@ class Publisher:
     def _follow(self, fresh: PublishedTree) -> None:
         """Go over to the next tree, and tell everybody."""
         self._speak_groot1({}, at_once=True)
-        before, self._served = self._served, fresh
+        before, self._published = self._published, fresh
         if before.scene is not None and fresh.scene is not None:
             fresh.scene.clients = before.scene.clients
             for topic, data in fresh.scene.introduction():
@@ -262,23 +262,23 @@ class Publisher:
 
     def _answer(self) -> None:
         self._drain()  # all of it, unless the tree floods the queue
-        frames = self._questions.take()
+        frames = self._requests.take()
         if frames is not None:
-            self._questions.answer(self._served.groot2.answer(frames))
+            self._requests.answer(self._published.groot2.answer(frames))
 
     def _tell_of_hooks(self) -> None:
-        control = self._served.groot2.control
+        control = self._published.groot2.control
         if control is not None:
             for frames in control.notices():
                 self._notices.send_multipart(frames, zmq.DONTWAIT)
 
     def _speak_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
-        sockets, server = self._groot1, self._served.groot1
+        sockets, server = self._groot1, self._published.groot1
         if sockets is None or server is None:
             return
-        if sockets.questions.socket in ready:
+        if sockets.requests.socket in ready:
             self._drain()
-            server = self._served.groot1 or server
+            server = self._published.groot1 or server
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import zmq
 
-from btcore.errors import BtcoreError
+from btcore_monitor.errors import MonitorError
 
 PORTS: Final = 3
 """port: requests · port + 1: notifications · port + 2: the scene channel."""
@@ -24,7 +24,7 @@ _FREE_TO: Final = 32_000
 _ATTEMPTS: Final = 200
 
 
-class ServeError(BtcoreError):
+class ServeError(MonitorError):
     """A tree can't be published where it was asked for."""
 
 

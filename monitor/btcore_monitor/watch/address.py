@@ -7,6 +7,7 @@ has other ports, the one for publishing stands behind: ``tcp://robot.local:1800/
 import re
 from typing import Final, NamedTuple
 
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
 _FORM: Final = re.compile(
@@ -15,7 +16,7 @@ _FORM: Final = re.compile(
 )
 
 
-class AddressError(ValueError):
+class AddressError(MonitorError, ValueError):
     """A text that no robot's address can be read from."""
 
 

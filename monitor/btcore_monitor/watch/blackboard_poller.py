@@ -29,10 +29,10 @@ class BlackboardPoller:
         self._found: dict[str, dict[str, Any]] = {}
         self._shown: Boards | None = None
 
-    def begin(self, picture: ObservedTree) -> None:
-        """Ask for the blackboards of *picture* from now on."""
-        self._main = picture.name
-        self._groups = [[blackboard_name(path, picture.name) for path in picture.subtrees]]
+    def begin(self, tree: ObservedTree) -> None:
+        """Ask for the blackboards of *tree* from now on."""
+        self._main = tree.name
+        self._groups = [[blackboard_name(path, tree.name) for path in tree.subtrees]]
         self._left.clear()
         self._shown = None
         self.due = 0.0 if self.rate > 0 else float("inf")

@@ -165,14 +165,14 @@ class Feed:
     def _from_scene(self, message: wire.Message, events: list[Event]) -> None:
         if isinstance(message, wire.TreeMessage):
             try:
-                picture = read_fulltree(message.xml, message.tree_id)
+                tree = read_fulltree(message.xml, message.tree_id)
             except ProtocolError as error:
                 self._link(events, "lost", str(error))
                 return
             self._number = None
             self._link(events, "connected", f"{self.address}, by btcore's scene channel")
-            statuses = {node.uid: 0 for node in picture.nodes} | message.statuses
-            events.append(TreeSeen(picture, message.stamp, message.wall, statuses))
+            statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
+            events.append(TreeSeen(tree, message.stamp, message.wall, statuses))
         elif isinstance(message, wire.StaticMessage):
             events.append(SceneStatic(message.data))
         elif isinstance(message, wire.TicksMessage):
@@ -200,7 +200,7 @@ class Feed:
 
     def _from_groot2(self, now: float, events: list[Event]) -> None:
         """Ask in Groot 2's words; show the answers once the scene channel had its chance to speak."""
-        self._answered_at = self._answered_at or (now if self._sampled.picture is not None else 0.0)
+        self._answered_at = self._answered_at or (now if self._sampled.tree is not None else 0.0)
         chance = max(SCENE_FIRST, self._groot2.round_trip)
         too_early = not self._answered_at or now - self._answered_at < chance
         try:

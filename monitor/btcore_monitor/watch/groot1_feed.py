@@ -68,13 +68,13 @@ class Groot1Feed:
     """Turns a robot's updates into events; use it from one thread.
 
     Transitions are numbered here, so ``TreeSeen.numbered`` is false. Where an update doesn't begin as the
-    one before ended, an DataMissed says that some are missing, and a TreeSeen with the same tree id how the
+    one before ended, a DataMissed says that some are missing, and a TreeSeen with the same tree id how the
     nodes stand. A robot that was disconnected has started anew. *patience* (s) is what an answer may take.
     """
 
     def __init__(self, address: Address, patience: float = 0.0) -> None:
         self.address = address
-        self._asker = RequestClient(address, patience=patience)
+        self._client = RequestClient(address, patience=patience)
         self._context: zmq.Context[Socket] = zmq.Context()
         self._news = self._context.socket(zmq.SUB)
         for option, value in (
@@ -125,7 +125,7 @@ class Groot1Feed:
     @property
     def sockets(self) -> list[Socket]:
         """Those of now, for a poller."""
-        return [self._news, self._links, *([self._asker.socket] if self._asker.busy else [])]
+        return [self._news, self._links, *([self._client.socket] if self._client.busy else [])]
 
     def step(self) -> list[Event]:
         """Take in what came, and ask what is due; never waits.
@@ -147,7 +147,7 @@ class Groot1Feed:
         self._news.disable_monitor()
         self._links.close(linger=0)
         self._news.close()
-        self._asker.close()
+        self._client.close()
         self._context.term()
 
     # what comes
@@ -173,7 +173,7 @@ class Groot1Feed:
 
     def _ask(self) -> None:
         try:
-            frames = self._asker.finish()
+            frames = self._client.finish()
         except NoReplyError:
             self._must_ask = True
             if self._shown and time.monotonic() - self.alive_at < PROBE_AFTER:
@@ -185,9 +185,9 @@ class Groot1Feed:
         if frames is not None:
             self._take(frames, now)
         silent = now - max(self.alive_at, self._asked_at) >= PROBE_AFTER
-        if not self._asker.busy and (silent or self._must_ask) and now - self._asked_at >= _ASK_AGAIN_AFTER:
+        if not self._client.busy and (silent or self._must_ask) and now - self._asked_at >= _ASK_AGAIN_AFTER:
             self._asked_at = now
-            self._asker.begin(QUESTION)
+            self._client.begin(QUESTION)
 
     def _take(self, frames: list[bytes], now: float) -> None:
         tree = groot1_tree_in(frames)
@@ -245,7 +245,7 @@ class Groot1Feed:
         assert self._seen is not None
         self._shown = True
         self._told_up_to = t
-        return TreeSeen(self._seen.picture, t, wall, dict(self._statuses), numbered=False, source=GROOT1)
+        return TreeSeen(self._seen.tree, t, wall, dict(self._statuses), numbered=False, source=GROOT1)
 
     def _known(self, update: Update) -> bool:
         assert self._seen is not None

@@ -34,7 +34,7 @@ class Groot2Client:
 
     def __init__(self, address: Address, timeout: float = TIMEOUT, patience: float = 0.0) -> None:
         self.address = address
-        self._asker = RequestClient(address, timeout, patience)
+        self._client = RequestClient(address, timeout, patience)
         self._asked = Request.FULLTREE
         self._random = random.Random()
         self._unique_id = 0
@@ -42,16 +42,16 @@ class Groot2Client:
     @property
     def timeout(self) -> float:
         """Seconds that the robot has for an answer."""
-        return self._asker.timeout
+        return self._client.timeout
 
     @timeout.setter
     def timeout(self, seconds: float) -> None:
-        self._asker.timeout = seconds
+        self._client.timeout = seconds
 
     @property
     def round_trip(self) -> float:
         """Seconds that the latest answer took."""
-        return self._asker.round_trip
+        return self._client.round_trip
 
     # one request after another
 
@@ -93,33 +93,33 @@ class Groot2Client:
             reply = self.finish()
             if reply is not None:
                 return reply
-            self.wait(self._asker.deadline - time.monotonic())
+            self.wait(self._client.deadline - time.monotonic())
 
     # the same in steps, for who has other things to wait for
 
     @property
     def busy(self) -> bool:
         """Whether an answer is due."""
-        return self._asker.busy
+        return self._client.busy
 
     @property
     def socket(self) -> Socket:
         """The socket of now, for a poller. It changes after a silence."""
-        return self._asker.socket
+        return self._client.socket
 
     def begin(self, kind: Request, body: bytes | None = None) -> None:
         """Send a request; a pending one is given up."""
         self._asked = kind
         self._unique_id = self._random.getrandbits(32)
-        self._asker.begin(groot2.encode_request(kind, self._unique_id, body))
+        self._client.begin(groot2.encode_request(kind, self._unique_id, body))
 
     def part(self, kind: Request, body: bytes | None = None) -> None:
         """Send a last request before :meth:`close`; nobody waits for its answer."""
-        self._asker.send_last(groot2.encode_request(kind, self._random.getrandbits(32), body))
+        self._client.send_last(groot2.encode_request(kind, self._random.getrandbits(32), body))
 
     def finish(self) -> Reply | None:
-        """The answer, or None while it is on its way; raises as :meth:`ask` does."""
-        frames = self._asker.finish()
+        """The answer, or None while it is on its way; raises as :meth:`request` does."""
+        frames = self._client.finish()
         if frames is None:
             return None
         asked = self._asked
@@ -138,11 +138,11 @@ class Groot2Client:
 
     def wait(self, seconds: float) -> None:
         """Return when something came, or after *seconds*."""
-        self._asker.wait(seconds)
+        self._client.wait(seconds)
 
     def close(self) -> None:
         """Free the socket."""
-        self._asker.close()
+        self._client.close()
 
     def __enter__(self) -> Self:
         return self

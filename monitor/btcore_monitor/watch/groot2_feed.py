@@ -64,13 +64,13 @@ class Groot2Feed:
 
     def __init__(self, client: Groot2Client, blackboard_rate: float, record: bool = True) -> None:
         self.client = client
-        self.picture: ObservedTree | None = None
+        self.tree: ObservedTree | None = None
         self._wants_record = self._record = record
         self._no_record = ""
         self._tree_id = ""
         self._records: dict[int, StatusRecord] | None = None
         self._looked: dict[int, StatusRecord] | None = None
-        self._ledger: RecordingValidator | None = None
+        self._validator: RecordingValidator | None = None
         self._clock = RobotClock()
         self._boards = BlackboardPoller(blackboard_rate)
         self._asking: Request | None = None
@@ -88,7 +88,7 @@ class Groot2Feed:
 
     def forget(self) -> None:
         """Begin anew, with the tree. If it is the one before, its recording is taken up where it was left."""
-        self.picture = None
+        self.tree = None
         self._records = None
         self._looked = None
         self._asking = None
@@ -96,7 +96,7 @@ class Groot2Feed:
     @property
     def following(self) -> bool:
         """Whether the robot's tree and how it stands are known."""
-        return self.picture is not None and self._records is not None
+        return self.tree is not None and self._records is not None
 
     @property
     def next_at(self) -> float:
@@ -131,14 +131,14 @@ class Groot2Feed:
 
     def leave(self) -> None:
         """Have the robot stop the recording that was begun here; nobody waits for its answer."""
-        if self.picture is not None and self._ledger is not None:
+        if self.tree is not None and self._validator is not None:
             self.client.part(Request.TOGGLE_RECORDING, b"stop")
 
     # what is asked
 
     def _ask(self, tree_only: bool) -> None:
         now = time.monotonic()
-        if self.picture is None:
+        if self.tree is None:
             self._begin(Request.FULLTREE)
         elif tree_only:
             pass
@@ -147,7 +147,7 @@ class Groot2Feed:
             self._begin(Request.TOGGLE_RECORDING, b"stop")
         elif self._looked is not None:
             self._begin(Request.GET_TRANSITIONS)
-        elif self._records is not None and self._record and self._ledger is None:
+        elif self._records is not None and self._record and self._validator is None:
             self._begin(Request.TOGGLE_RECORDING, b"start")
         elif self._records is None or self._boards.due >= self._next_status <= now:
             self._next_status = now + self._every
@@ -163,7 +163,7 @@ class Groot2Feed:
     # what is answered
 
     def _take(self, reply: Reply, events: list[Event]) -> None:
-        if self.picture is None or reply.tree_id != self.picture.tree_id:
+        if self.tree is None or reply.tree_id != self.tree.tree_id:
             self.forget()
             if reply.kind == Request.FULLTREE:
                 self._meet(read_fulltree(reply.body, reply.tree_id))
@@ -180,13 +180,13 @@ class Groot2Feed:
         elif reply.kind == Request.TOGGLE_RECORDING and reply.body:
             self._start(1000 * decode_recording_start(reply.body))
 
-    def _meet(self, picture: ObservedTree) -> None:
-        self.picture = picture
-        self._boards.begin(picture)
-        if picture.tree_id == self._tree_id:
+    def _meet(self, tree: ObservedTree) -> None:
+        self.tree = tree
+        self._boards.begin(tree)
+        if tree.tree_id == self._tree_id:
             return
-        self._tree_id = picture.tree_id
-        self._ledger = None
+        self._tree_id = tree.tree_id
+        self._validator = None
         self._record = self._wants_record
         self._no_record = "" if self._record else "--no-record"
         self._must_stop = False
@@ -196,10 +196,10 @@ class Groot2Feed:
         self._clock.begin(self._clock.wall())
 
     def _look(self, looked: dict[int, StatusRecord], events: list[Event]) -> None:
-        assert self.picture is not None
-        looked = {uid: record for uid, record in looked.items() if uid in self.picture.by_uid}
+        assert self.tree is not None
+        looked = {uid: record for uid, record in looked.items() if uid in self.tree.by_uid}
         before, self._records = self._records, looked
-        if self._ledger is not None:
+        if self._validator is not None:
             self._looked = looked
         elif before is not None:
             self._compare(before, looked, events)
@@ -215,19 +215,19 @@ class Groot2Feed:
         if self._is_first:
             self._clock.begin(wall)
         self._recording_from = self._drained_at = wall
-        self._ledger = RecordingValidator(self._records)
+        self._validator = RecordingValidator(self._records)
         self._next_status = 0.0
 
     def _show(self, wall: int, records: Mapping[int, StatusRecord], events: list[Event]) -> None:
-        assert self.picture is not None
-        statuses = {node.uid: 0 for node in self.picture.nodes}
+        assert self.tree is not None
+        statuses = {node.uid: 0 for node in self.tree.nodes}
         statuses |= {uid: record.status for uid, record in records.items()}
         self._seen_up_to = self._clock.t(wall)
         events.append(
-            TreeSeen(self.picture, self._seen_up_to, wall, statuses, numbered=False, source=self._wire())
+            TreeSeen(self.tree, self._seen_up_to, wall, statuses, numbered=False, source=self._source())
         )
 
-    def _wire(self) -> DataSource:
+    def _source(self) -> DataSource:
         rate = self._boards.rate
         polled = f"asked for {rate:g} times a second" if rate else "not asked for"
         lacks: dict[Topic, str] = {
@@ -235,7 +235,7 @@ class Groot2Feed:
             "exceptions": NOT_SENT,
             "blackboard": f"{polled}: changes between are unseen",
         }
-        if self._ledger is not None:
+        if self._validator is not None:
             return DataSource("Groot 2, recorded", lacks)
         why = f" ({self._no_record})" if self._no_record else ""
         lacks["transitions"] = (
@@ -269,7 +269,7 @@ class Groot2Feed:
 
     def _enter(self, body: bytes, events: list[Event]) -> None:
         """Take in what the robot recorded since it was asked last."""
-        assert self._ledger is not None
+        assert self._validator is not None
         assert self._looked is not None
         looked, self._looked = self._looked, None
         batch = decode_transitions(body)
@@ -277,9 +277,9 @@ class Groot2Feed:
         if batch and self._recording_from + 1000 * batch[0].offset < drained_at - self._unsure_by:
             self._leave(looked, "somebody else began a recording of this robot, or its clock was set", events)
             return
-        before = self._ledger.statuses
+        before = self._validator.statuses
         try:
-            steps = self._ledger.enter(looked, batch)
+            steps = self._validator.enter(looked, batch)
         except MissingTransitionsError as hole:
             self._miss(hole, events)
         else:
@@ -298,27 +298,27 @@ class Groot2Feed:
             self._every = min(STATUS_EVERY, self._every * 2)
 
     def _miss(self, hole: MissingTransitionsError, events: list[Event]) -> None:
-        assert self._ledger is not None
+        assert self._validator is not None
         if self._is_first:  # nothing was said yet
-            self._show(self._asked_at, self._ledger.statuses, events)
+            self._show(self._asked_at, self._validator.statuses, events)
             return
         self._holes += 1
         self._whole = 0
         if self._holes < HOLES_AT_MOST:
             self._tell_of_hole(str(hole), events)
-            self._show(self._asked_at, self._ledger.statuses, events)
+            self._show(self._asked_at, self._validator.statuses, events)
         elif isinstance(hole, RecordingOverflowError):
             self._must_stop = True
-            self._leave(self._ledger.statuses, f"{hole}: it changes faster than it can be asked", events)
+            self._leave(self._validator.statuses, f"{hole}: it changes faster than it can be asked", events)
         else:
-            self._leave(self._ledger.statuses, "somebody else reads this robot's recording too", events)
+            self._leave(self._validator.statuses, "somebody else reads this robot's recording too", events)
 
     def _leave(self, records: dict[int, StatusRecord], why: str, events: list[Event]) -> None:
         """Leave the recording alone from now on."""
         self._tell_of_hole(why, events)
         self._record = False
         self._no_record = why
-        self._ledger = None
+        self._validator = None
         self._records = records
         self._show(self._asked_at, records, events)
 
@@ -339,7 +339,7 @@ class Groot2Feed:
             )
         elif asked in (Request.TOGGLE_RECORDING, Request.GET_TRANSITIONS) and self._records is not None:
             self._record = False
-            self._ledger = self._looked = None
+            self._validator = self._looked = None
             self._no_record = why
             self._show(self._clock.wall(), self._records, events)
         else:

@@ -9,11 +9,12 @@ those statuses, and no node may go to where it is.
 import time
 from collections.abc import Mapping, Sequence
 
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import IDLE
 from btcore_monitor.wire.groot2 import RECORDED_AT_MOST, RecordedTransition, StatusRecord
 
 
-class MissingTransitionsError(Exception):
+class MissingTransitionsError(MonitorError):
     """Transitions are missing: the message says how that is known."""
 
 

@@ -10,6 +10,7 @@ from typing import Final
 
 import zmq
 
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.watch.address import Address
 
 TIMEOUT: Final = 1.0
@@ -21,7 +22,7 @@ _PARTING_MS: Final = 200
 Socket = zmq.Socket[bytes]
 
 
-class NoReplyError(Exception):
+class NoReplyError(MonitorError):
     """The robot is silent: it is not there, or something between is slow."""
 
 

@@ -1,7 +1,9 @@
 """What is said when bytes are not what a protocol promises."""
 
+from btcore_monitor.errors import MonitorError
 
-class ProtocolError(ValueError):
+
+class ProtocolError(MonitorError, ValueError):
     """Received bytes don't fit the protocol: the message says what was expected, and what came.
 
     Likely causes: another program answers at that address, or one side is much newer.

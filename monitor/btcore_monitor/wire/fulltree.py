@@ -1,4 +1,4 @@
-"""The XML that a Groot 2 publisher answers FULLTREE with, read into a Picture, and written.
+"""The XML that a Groot 2 publisher answers FULLTREE with, read into an :class:`ObservedTree`, and written.
 
 A robot is not trusted more than a web page: a document type is refused before parsing, so there
 are no entities to expand, and nothing is fetched.
@@ -54,23 +54,23 @@ def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
     return ObservedTree(tree_id, names[main], nodes, names, xml)
 
 
-def write_fulltree(picture: ObservedTree) -> bytes:
-    """The document that shows *picture*: the robot's own, else one with what is known."""
-    if picture.xml:
-        return picture.xml
+def write_fulltree(tree: ObservedTree) -> bytes:
+    """The document that shows *tree*: the robot's own, else one with what is known."""
+    if tree.xml:
+        return tree.xml
     root = etree.Element("root", BTCPP_format="4")
     trees: dict[str, etree._Element] = {}
     above: dict[int, etree._Element] = {}
     models = etree.Element("TreeNodesModel")
     known: set[str] = set()
-    for node in picture.nodes:
+    for node in tree.nodes:
         if node.subtree not in trees:
-            tree_id = picture.subtrees.get(node.subtree, picture.name)
+            tree_id = tree.subtrees.get(node.subtree, tree.name)
             trees[node.subtree] = etree.SubElement(root, "BehaviorTree", ID=tree_id, _fullpath=node.subtree)
         parent = above.get(node.parent)
-        if parent is None or picture.by_uid[node.parent].kind == "subtree":
+        if parent is None or tree.by_uid[node.parent].kind == "subtree":
             parent = trees[node.subtree]
-        own = {"ID": picture.subtrees.get(node.path, node.name), "_fullpath": node.path}
+        own = {"ID": tree.subtrees.get(node.path, node.name), "_fullpath": node.path}
         if node.kind != "subtree":
             own = {"name": node.name}
         tag = "SubTree" if node.kind == "subtree" else node.id

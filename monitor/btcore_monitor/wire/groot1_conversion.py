@@ -1,4 +1,4 @@
-"""The tree that a Groot 1 publisher answers with, made a Picture.
+"""The tree that a Groot 1 publisher answers with, as an :class:`ObservedTree`.
 
 The wire tells neither paths nor the main tree's ID: paths are made by BehaviorTree.CPP 4's rule, and the
 main tree goes by the name of its root. A process counts its nodes through all of its trees; here a
@@ -31,15 +31,15 @@ _KINDS: Final[dict[int, Kind]] = {
 
 @dataclass(frozen=True, slots=True)
 class Groot1ObservedTree:
-    """A *picture*, with the picture's uids by the robot's, and the statuses that the tree came with."""
+    """The *tree*, with its uids by the robot's, and the statuses that the tree came with."""
 
-    picture: ObservedTree
+    tree: ObservedTree
     uids: dict[int, int]
     statuses: dict[int, int]
 
 
 def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
-    """The picture of *tree*, which gets the *tree_id* (32 hex digits).
+    """The observed tree of *tree*, with the *tree_id* (32 hex digits).
 
     Raises :class:`ProtocolError` if its nodes aren't one tree.
     """

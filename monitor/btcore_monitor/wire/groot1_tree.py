@@ -1,7 +1,7 @@
 """The tree as Groot 1 gets it from the request socket: a flatbuffer ⇄ nodes and models.
 
-The schema is BehaviorTree.CPP 3.8's (groot1.md §3). Groot 1 reads it without any check, so everything
-that it looks at is written: each vector and each string, even an empty one, and each status.
+The schema is BehaviorTree.CPP 3.8's ``BT_logger_generated.h``. Groot 1 reads it without any check, so
+everything that it looks at is written: each vector and each string, even an empty one, and each status.
 """
 
 from collections.abc import Callable, Iterable

@@ -1,4 +1,7 @@
-"""Hooks on Groot 2's wire: breakpoints and injected statuses as JSON (groot2.md §7)."""
+"""Hooks on Groot 2's wire: breakpoints and injected statuses as JSON.
+
+The format is that of BehaviorTree.CPP's ``groot2_protocol.h``.
+"""
 
 import json
 from collections.abc import Iterable, Sequence

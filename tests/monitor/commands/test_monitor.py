@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 
 from btcore_monitor.commands.monitor import monitor as monitor_command
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SECOND = 10**9
 
 

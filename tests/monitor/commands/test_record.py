@@ -35,7 +35,7 @@ from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.wire.fulltree import read_fulltree, write_fulltree
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 MS = 1_000_000
 WALL = 1_700_000_000 * 10**9
 
@@ -56,7 +56,7 @@ def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: P
             endless.tick_exactly_once()
         endless.halt()
         publisher.finish()
-        assert recorder.end() == 0, recorder.said
+        assert recorder.end() == 0, recorder.stderr_text
     own = read_btlog(tmp_path / "own.btlog")
     assert len(own.transitions) > 2_000
     for name in ("run.btlog", "run.db3"):
@@ -64,7 +64,7 @@ def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: P
         assert find_divergence(steps(own), steps(recording)) is None, name
         assert (recording.damage, recording.gaps) == ("", ())
         assert recording.xml == own.xml
-    assert f"{len(own.transitions)} transitions in run.btlog, run.db3 and run.rrd" in recorder.said
+    assert f"{len(own.transitions)} transitions in run.btlog, run.db3 and run.rrd" in recorder.stderr_text
     numbers = list(_numbers(tmp_path / "run.rrd"))
     assert sorted(numbers) == list(range(1, len(own.transitions) + 1))
 
@@ -83,11 +83,12 @@ def test_ctrl_c_leaves_whole_files(endless, record, tmp_path: Path, until) -> No
         recorder = record(publisher.address, "-o", "run.btlog", "-o", "run.db3")
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
-        until(lambda: "recording 'Endless'" in recorder.said, "the tree")
+        until(lambda: "recording 'Endless'" in recorder.stderr_text, "the tree")
         until(lambda: len(read_btlog(tmp_path / "run.btlog").transitions) > 3, "transitions in the file")
-        assert recorder.end(signal.SIGINT) == 0, recorder.said
+        assert recorder.end(signal.SIGINT) == 0, recorder.stderr_text
     assert (
-        "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd" in recorder.said
+        "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd"
+        in recorder.stderr_text
     )
     first, second = read_btlog(tmp_path / "run.btlog"), read_sqlite(tmp_path / "run.db3")
     assert find_divergence(steps(first), steps(second), tolerance=MS) is None
@@ -100,13 +101,15 @@ def test_a_robot_that_only_speaks_groot_2_is_recorded_and_what_is_missing_is_sai
     path = tmp_path / "run.btlog"
     with serve(sample, groot2=0, scene=False) as publisher:
         recorder = record(publisher.address, "-o", "run.btlog", "--duration", "60")
-        until(lambda: "recording 'Main'" in recorder.said, "the tree")
+        until(lambda: "recording 'Main'" in recorder.stderr_text, "the tree")
         sample.tick_exactly_once()
         until(lambda: len(read_btlog(path).transitions) >= 4, "transitions in the file")
         assert recorder.end(signal.SIGTERM) == 0
     recording = read_btlog(path)
     assert recording.statuses() == {node.uid: node.status for node in sample.nodes}
-    assert all(f"record: {topic}: " in recorder.said for topic in ("ticks", "exceptions", "blackboard"))
+    assert all(
+        f"record: {topic}: " in recorder.stderr_text for topic in ("ticks", "exceptions", "blackboard")
+    )
     assert recording.xml == tree_to_xml(sample)
 
 
@@ -123,15 +126,15 @@ def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
         address = f"127.0.0.1:{publisher.groot1 + 1}"
         recorder = record(address, *(part for name in names for part in ("-o", name)))
         # Groot 1's protocol doesn't tell the tree's name.
-        until(lambda: "record: recording '" in recorder.said, "the tree")
-        assert "by Groot 1's protocol" in recorder.said
+        until(lambda: "record: recording '" in recorder.stderr_text, "the tree")
+        assert "by Groot 1's protocol" in recorder.stderr_text
         for _ in range(50):
             endless.tick_exactly_once()
         endless.halt()
         told = len(read_btlog(tmp_path / "own.btlog").transitions)
         assert told > 300
         until(lambda: len(read_btlog(tmp_path / "run.btlog").transitions) >= told, "the transitions")
-        assert recorder.end(signal.SIGINT) == 0, recorder.said
+        assert recorder.end(signal.SIGINT) == 0, recorder.stderr_text
     own = read_btlog(tmp_path / "own.btlog")
     for name in names[:2]:
         recording = read_log(tmp_path / name)
@@ -139,7 +142,7 @@ def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
         assert (recording.damage, recording.gaps) == ("", ())
     assert sorted(_numbers(tmp_path / "run.rrd")) == list(range(1, told + 1))
     assert all(
-        f"record: {topic}: not sent by Groot 1" in recorder.said
+        f"record: {topic}: not sent by Groot 1" in recorder.stderr_text
         for topic in ("ticks", "exceptions", "blackboard")
     )
 
@@ -151,14 +154,14 @@ def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp
     ):
         owner.start_recording()
         recorder = record(publisher.address, "-o", "run.btlog", "--no-record", "--blackboard-rate", "0")
-        until(lambda: "recording 'Main'" in recorder.said, "the tree")
+        until(lambda: "recording 'Main'" in recorder.stderr_text, "the tree")
         sample.tick_exactly_once()
         running = {node.uid: node.status for node in sample.nodes}
         until(lambda: read_btlog(tmp_path / "run.btlog").statuses() == running, "how the nodes stand")
         assert len(owner.transitions()) == 5
-        assert recorder.end(signal.SIGINT) == 0, recorder.said
-    assert "asked for 20 times a second (--no-record): changes between are unseen" in recorder.said
-    assert "blackboard: not asked for" in recorder.said
+        assert recorder.end(signal.SIGINT) == 0, recorder.stderr_text
+    assert "asked for 20 times a second (--no-record): changes between are unseen" in recorder.stderr_text
+    assert "blackboard: not asked for" in recorder.stderr_text
     (gap,) = read_btlog(tmp_path / "run.btlog").gaps
     assert "changes between are unseen" in gap.reason
 
@@ -171,7 +174,7 @@ def test_a_recording_for_the_viewer_looks_as_asked_for(endless, record, tmp_path
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
         publisher.finish()
-        assert recorder.end() == 0, recorder.said
+        assert recorder.end() == 0, recorder.stderr_text
     assert any("no node's name or path is like 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
 
 
@@ -201,12 +204,12 @@ def _lines(path: Path) -> Iterator[str]:
 def test_a_mistake_is_a_sentence_and_exit_code_2(record, tmp_path: Path, arguments, said: str) -> None:
     recorder = record(*arguments)
     assert recorder.end() == 2
-    assert said.casefold() in recorder.said.casefold()
-    assert "Traceback" not in recorder.said
+    assert said.casefold() in recorder.stderr_text.casefold()
+    assert "Traceback" not in recorder.stderr_text
     assert list(tmp_path.iterdir()) == []
 
 
-# --- the logbook alone: what no real robot does on demand
+# --- the log writer alone: what no real robot does on demand
 
 PICTURE = ObservedTree(
     "a" * 32,

@@ -12,11 +12,11 @@ from rerun.chunk import RrdReader
 
 from btcore.cli.main import main
 from btcore.logs import read_fbl, read_log
-from btcore_monitor.commands.replay import events, picture_of
+from btcore_monitor.commands.replay import events, observed_tree
 from btcore_monitor.events import DataMissed, StatusChanged, TreeSeen
 from btcore_monitor.wire.fulltree import read_fulltree
 
-CAPTURES = Path(__file__).parents[1] / "btcore" / "logs" / "captures"
+CAPTURES = Path(__file__).parents[2] / "btcore" / "logs" / "captures"
 LOGS = [CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl")]
 EACH = pytest.mark.parametrize("log", LOGS, ids=lambda path: path.suffix[1:])
 
@@ -157,19 +157,19 @@ def test_the_cut_and_gaps_are_shown_as_unseen(tmp_path: Path) -> None:
     ]
 
 
-def test_the_picture_is_the_one_that_the_wire_shows() -> None:
+def test_the_observed_tree_is_the_same_as_on_the_wire() -> None:
     recording = read_log(LOGS[0])
-    ours, wires = picture_of(recording), read_fulltree(recording.xml.encode(), "0" * 32)
+    ours, wires = observed_tree(recording), read_fulltree(recording.xml.encode(), "0" * 32)
     assert ours.nodes == wires.nodes
     assert list(ours.subtrees) == list(wires.subtrees)
 
 
-def test_the_picture_of_a_log_of_format_3_has_ports_and_subtrees() -> None:
-    picture = picture_of(read_fbl(LOGS[2]))
-    assert picture.by_uid[5].ports == {"ticks": "3", "out": "{val}"}
-    assert (picture.by_uid[8].parent, picture.by_uid[8].subtree) == (7, "Sub::6")
-    assert picture.by_uid[6].kind == "subtree"
-    assert list(picture.subtrees.values())[1:] == ["Sub", "Sub"]
+def test_the_observed_tree_of_a_format_3_log_has_ports_and_subtrees() -> None:
+    tree = observed_tree(read_fbl(LOGS[2]))
+    assert tree.by_uid[5].ports == {"ticks": "3", "out": "{val}"}
+    assert (tree.by_uid[8].parent, tree.by_uid[8].subtree) == (7, "Sub::6")
+    assert tree.by_uid[6].kind == "subtree"
+    assert list(tree.subtrees.values())[1:] == ["Sub", "Sub"]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rerun_cli") is None, reason="the viewer is not installed")

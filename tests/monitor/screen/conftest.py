@@ -102,10 +102,10 @@ def _moving(tick: int, t: int) -> dict[str, Any]:
 
 
 def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:
-    picture = bumpgo(tree_id)
-    status = {node.uid: IDLE for node in picture.nodes}
+    tree = bumpgo(tree_id)
+    status = {node.uid: IDLE for node in tree.nodes}
     yield ConnectionChanged("connected", "a script")
-    yield TreeSeen(picture, 0, WALL, dict(status))
+    yield TreeSeen(tree, 0, WALL, dict(status))
     if scene:
         yield SceneStatic(_scene())
     number = 0

@@ -9,9 +9,9 @@ IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
 
 
-def going(picture, *steps):
+def going(tree, *steps):
     """The tree, and (time in s, uid, status) after one another."""
-    events = [TreeSeen(picture, 0, 0, {})]
+    events = [TreeSeen(tree, 0, 0, {})]
     status: dict[int, int] = {}
     for number, (seconds, uid, new) in enumerate(steps, start=1):
         t = round(seconds * SECOND)
@@ -20,16 +20,16 @@ def going(picture, *steps):
     return events
 
 
-def named(picture, name):
-    return next(node for node in picture.nodes if node.name == name)
+def named(tree, name):
+    return next(node for node in tree.nodes if node.name == name)
 
 
-def colours(recording, picture, origin, t):
+def colours(recording, tree, origin, t):
     """uid → colour of its pill at *t*, from the entities of all subtrees."""
     found = {}
-    for path, indices in split_by_subtree(picture).items():
+    for path, indices in split_by_subtree(tree).items():
         row = recording.at(f"/{entity_path(origin, path)}/pills", "LineStrips2D:colors", t)
-        found.update(zip((picture.nodes[at].uid for at in indices), row, strict=True))
+        found.update(zip((tree.nodes[at].uid for at in indices), row, strict=True))
     return found
 
 
@@ -41,39 +41,39 @@ def drawn(recording, origin, part, component, t):
 
 
 def test_folding_leaves_so_many_nodes_as_can_be_read_and_all_of_the_main_tree(big_tree):
-    picture = big_tree(400)
-    small = fold_subtrees(picture)
+    tree = big_tree(400)
+    small = fold_subtrees(tree)
     assert len(small.nodes) <= FOLDED_AT_MOST
     kept = {node.uid for node in small.nodes}
-    assert {node.uid for node in picture.nodes if node.subtree == ""} <= kept
+    assert {node.uid for node in tree.nodes if node.subtree == ""} <= kept
     assert all(set(node.children) <= kept for node in small.nodes)
-    whole = [node.uid for node in picture.nodes]
+    whole = [node.uid for node in tree.nodes]
     assert [whole.index(node.uid) for node in small.nodes] == sorted(whole.index(uid) for uid in kept)
 
 
 def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree):
-    picture = big_tree(1500)
-    small = fold_subtrees(picture)
+    tree = big_tree(1500)
+    small = fold_subtrees(tree)
     assert {node.subtree for node in small.nodes} == {""}
-    assert len(small.nodes) == len([node for node in picture.nodes if node.subtree == ""])
+    assert len(small.nodes) == len([node for node in tree.nodes if node.subtree == ""])
 
 
 def test_a_big_tree_is_drawn_folded_and_whole_and_a_folded_subtree_runs_with_its_content(
     big_tree, tmp_path, recorded
 ):
-    picture = big_tree(400)
-    small = fold_subtrees(picture)
+    tree = big_tree(400)
+    small = fold_subtrees(tree)
     task = next(node for node in small.nodes if node.kind == "subtree" and not node.children)
-    steps = picture.by_uid[picture.by_uid[task.uid].children[0]]
-    path = [picture.root.uid, task.uid, steps.uid, steps.children[0]]
+    steps = tree.by_uid[tree.by_uid[task.uid].children[0]]
+    path = [tree.root.uid, task.uid, steps.uid, steps.children[0]]
     recording = recorded(
-        going(picture, *((1 + at / 10, uid, RUNNING) for at, uid in enumerate(path))), tmp_path / "run.rrd"
+        going(tree, *((1 + at / 10, uid, RUNNING) for at, uid in enumerate(path))), tmp_path / "run.rrd"
     )
     painted = colours(recording, small, "folded", 2 * SECOND)
     assert len(painted) == len(small.nodes)
     assert painted[task.uid] == GROOT.fill[RUNNING]
     assert len(drawn(recording, "folded", "path", "LineStrips2D:strips", 2 * SECOND)) == 1
-    assert len(colours(recording, picture, "tree", 2 * SECOND)) == 400
+    assert len(colours(recording, tree, "tree", 2 * SECOND)) == 400
     assert len(drawn(recording, "tree", "path", "LineStrips2D:strips", 2 * SECOND)) == 3
 
 
@@ -83,9 +83,9 @@ def test_a_tree_that_fits_is_drawn_once(run, tmp_path, recorded):
 
 
 def test_lanes_of_a_big_tree_name_the_subtree_and_the_leaves_at_work(big_tree, tmp_path, recorded):
-    picture = big_tree(400)
-    first, second, third = (named(picture, name) for name in ("Leaf3", "Leaf4", "Leaf5"))
-    task = named(picture, "Task1")
+    tree = big_tree(400)
+    first, second, third = (named(tree, name) for name in ("Leaf3", "Leaf4", "Leaf5"))
+    task = named(tree, "Task1")
     steps = [
         (1.0, task.uid, RUNNING),
         (1.1, first.uid, RUNNING),
@@ -94,7 +94,7 @@ def test_lanes_of_a_big_tree_name_the_subtree_and_the_leaves_at_work(big_tree, t
         (4.0, third.uid, RUNNING),
         (5.0, task.uid, SUCCESS),
     ]
-    recording = recorded(going(picture, *steps), tmp_path / "run.rrd")
+    recording = recorded(going(tree, *steps), tmp_path / "run.rrd")
 
     def lane(name, seconds):
         return recording.at(f"/{name}", "StateChange:state", round(seconds * SECOND))[0]
@@ -106,11 +106,11 @@ def test_lanes_of_a_big_tree_name_the_subtree_and_the_leaves_at_work(big_tree, t
 
 
 def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
-    picture = run(1)[1].picture
-    names = {node.uid: node.name for node in picture.nodes}
+    tree = run(1)[1].tree
+    names = {node.uid: node.name for node in tree.nodes}
 
     def found(pattern):
-        return [names[uid] for uid in matching(picture, pattern)]
+        return [names[uid] for uid in matching(tree, pattern)]
 
     assert found("obst") == ["IsObstacle"]
     assert found("Is*") == ["IsObstacle"]
@@ -159,11 +159,11 @@ def test_what_raised_last_stays_in_the_panel_of_what_runs_now(run, tmp_path, rec
 
 
 def test_an_error_inside_a_folded_subtree_rings_the_subtree(big_tree, tmp_path, recorded):
-    picture = big_tree(400)
-    small = fold_subtrees(picture)
-    leaf = picture.nodes[-1]
+    tree = big_tree(400)
+    small = fold_subtrees(tree)
+    leaf = tree.nodes[-1]
     assert leaf.uid not in {node.uid for node in small.nodes}
-    events = [TreeSeen(picture, 0, 0, {}), ExceptionRaised(SECOND, SECOND, leaf.path, "no laser")]
+    events = [TreeSeen(tree, 0, 0, {}), ExceptionRaised(SECOND, SECOND, leaf.path, "no laser")]
     recording = recorded(events, tmp_path / "run.rrd")
     place = recording.of("/folded/rims", "LineStrips2D:strips")[0][1][-1]  # the last of the main tree
     assert small.nodes[-1].subtree == ""

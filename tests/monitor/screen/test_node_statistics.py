@@ -24,8 +24,8 @@ def table(document: str) -> dict[str, list[str]]:
 
 def leaf_events(*changes: tuple[float, int], first: int = IDLE) -> list[object]:
     """A tree of one leaf that goes to a status at each time (s)."""
-    picture = ObservedTree("d" * 32, "One", (ObservedNode(1, "Dock|it", "Dock", "action", "Dock|it"),))
-    events: list[object] = [TreeSeen(picture, 0, 0, {1: first})]
+    tree = ObservedTree("d" * 32, "One", (ObservedNode(1, "Dock|it", "Dock", "action", "Dock|it"),))
+    events: list[object] = [TreeSeen(tree, 0, 0, {1: first})]
     status = first
     for number, (seconds, new) in enumerate(changes, start=1):
         t = round(seconds * SECOND)
@@ -84,9 +84,9 @@ def test_there_is_one_table_a_second_however_fast_the_tree_ticks(run, tmp_path, 
 
 
 def test_in_a_big_tree_the_leaves_that_ran_longest_come_first(big_tree, tmp_path, recorded):
-    picture = big_tree(300)
-    busy = [node for node in picture.nodes if not node.children][: ROWS_AT_MOST + 5]
-    events: list[object] = [TreeSeen(picture, 0, 0, {})]
+    tree = big_tree(300)
+    busy = [node for node in tree.nodes if not node.children][: ROWS_AT_MOST + 5]
+    events: list[object] = [TreeSeen(tree, 0, 0, {})]
     for number, node in enumerate(busy, start=1):
         t = number * SECOND
         events.append(StatusChanged(2 * number, t, t, 0, node.uid, IDLE, RUNNING))

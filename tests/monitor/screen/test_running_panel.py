@@ -26,8 +26,8 @@ def told(recorded, tmp_path):
     """``told({second: [(uid, status), …]}, notes)``: what stands there at the end of each second."""
 
     def said(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
-        picture = ObservedTree("a" * 32, "Main", NODES, {"": "Main"})
-        events = [TreeSeen(picture, 0, 0, {node.uid: IDLE for node in NODES})]
+        tree = ObservedTree("a" * 32, "Main", NODES, {"": "Main"})
+        events = [TreeSeen(tree, 0, 0, {node.uid: IDLE for node in NODES})]
         events += [SceneMoving(0, 0, {"notes": notes or {}})]
         stands, number = {node.uid: IDLE for node in NODES}, 0
         for second, changes in ticks.items():

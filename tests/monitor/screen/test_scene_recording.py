@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from btcore_monitor.events import SceneMoving, SceneStatic, TreeSeen
-from btcore_monitor.screen.navigation_markers import LOOKS
+from btcore_monitor.screen.navigation_markers import POSE_STYLES
 from btcore_monitor.screen.style import GROOT
 
 SECOND = 10**9
@@ -104,7 +104,7 @@ def test_a_path_is_a_line_until_there_is_none(show):
     assert [t for t, _ in told] == [SECOND, 3 * SECOND]
     assert [point[:2] for point in told[0][1][0]] == [[0, 0], [1, 0], [1, 1]]
     assert told[1][1] == []
-    assert recording.of("/scene/poses/path", "LineStrips3D:colors") == [(None, [LOOKS["path"].colour])]
+    assert recording.of("/scene/poses/path", "LineStrips3D:colors") == [(None, [POSE_STYLES["path"].colour])]
 
 
 @pytest.mark.parametrize(("kind", "strips"), [("cloud", 1), ("goal", 3), ("estimate", 2), ("odometry", 2)])

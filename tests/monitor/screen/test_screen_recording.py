@@ -172,7 +172,7 @@ def test_a_robot_that_comes_back_with_another_tree_gets_a_recording_of_its_own(r
 
 def test_the_same_tree_after_a_lost_connection_goes_on_in_its_recording(run, tmp_path, recorded):
     events = run(45)
-    again = TreeSeen(events[1].picture, 5 * 10**9, 5 * 10**9, {BACK: RUNNING, ROOT: RUNNING})
+    again = TreeSeen(events[1].tree, 5 * 10**9, 5 * 10**9, {BACK: RUNNING, ROOT: RUNNING})
     recording = recorded([*events, again], tmp_path / "run.rrd")
     assert recording.at(recording.lane("Back"), "StateChange:state", 5 * 10**9) == ["RUNNING"]
     assert len(recording.of("/tree/edges", "LineStrips2D:strips")) == 1

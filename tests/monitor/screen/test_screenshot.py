@@ -36,8 +36,8 @@ def vulkan(tmp_path_factory):
 def _one_node():
     from btcore_monitor.events import ObservedNode, ObservedTree, TreeSeen
 
-    picture = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
-    return TreeSeen(picture, 0, 0, {1: IDLE})
+    tree = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
+    return TreeSeen(tree, 0, 0, {1: IDLE})
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ class TreePicture:
 
     def at(self, name: str) -> tuple[int, int, int]:
         """The colour of the pill called *name*, right of the name."""
-        index = [node.name for node in self.view.picture.nodes].index(name)
+        index = [node.name for node in self.view.tree.nodes].index(name)
         place = self.view.layout.places[index]
         x0, y0, x1, y1 = self.view.bounds()
         width, height = self.image.size

@@ -35,9 +35,9 @@ def blueprint(path: Path) -> dict[str, list]:
 
 
 def shown(path: Path, *runs: tuple[str, list]) -> SharedWindow:
-    """Each run's events on a seat of its own, in turns."""
+    """Each run's events in a slot of its own, in turns."""
     together = SharedWindow(RecordingSinks(save=path), [label for label, _ in runs])
-    screens = [RobotView(seat) for seat in together.slots]
+    screens = [RobotView(slot) for slot in together.slots]
     for turn in range(max(len(events) for _, events in runs)):
         for screen, (_, events) in zip(screens, runs, strict=True):
             if turn < len(events):

@@ -26,11 +26,11 @@ def node(uid: int, name: str, parent: int = 0, children=(), **more) -> ObservedN
     return ObservedNode(uid, name, parent=parent, children=tuple(children), **{**defaults, **more})
 
 
-def picture(*nodes: ObservedNode, subtrees=None) -> ObservedTree:
+def observed_tree(*nodes: ObservedNode, subtrees=None) -> ObservedTree:
     return ObservedTree("f" * 32, "Main", nodes, subtrees or {"": "Main"})
 
 
-NESTED = picture(
+NESTED = observed_tree(
     node(1, "Root", children=(2, 5)),
     node(2, "Drive", 1, (3,), id="SubTree", kind="subtree", path="Drive"),
     node(3, "Steps", 2, (4,), path="Drive/Steps::3", subtree="Drive"),
@@ -41,7 +41,7 @@ NESTED = picture(
 
 
 def noted(one: ObservedNode, whole: ObservedTree | None = None) -> str:
-    whole = whole or picture(one)
+    whole = whole or observed_tree(one)
     return captions(whole, whole, noted=True)[one.uid].note
 
 
@@ -65,7 +65,7 @@ def test_a_subtree_says_which_tree_it_is():
 
 def test_what_is_too_long_is_shortened_and_the_name_keeps_both_its_ends():
     long = node(1, "WouldThisVeryLongAndUnusualNameBeLegible", ports={"path": "x" * 80})
-    written = captions(picture(long), picture(long), noted=True)[1]
+    written = captions(observed_tree(long), observed_tree(long), noted=True)[1]
     assert len(written.name) == NAME_ROOM
     assert written.name.startswith("WouldThisVery")
     assert written.name.endswith("Legible")
@@ -74,8 +74,8 @@ def test_what_is_too_long_is_shortened_and_the_name_keeps_both_its_ends():
 
 
 def test_a_small_tree_has_notes_and_one_that_is_too_small_to_read_them_has_none():
-    few = picture(node(1, "Sleep", ports={"msec": "500"}))
-    many = picture(
+    few = observed_tree(node(1, "Sleep", ports={"msec": "500"}))
+    many = observed_tree(
         node(1, "Root", children=range(2, 62)),
         *(node(uid, "Sleep", 1, ports={"msec": "500"}) for uid in range(2, 62)),
     )
@@ -93,7 +93,7 @@ def test_every_subtree_has_a_branch_and_every_node_is_in_one(big_tree):
 
 
 def test_subtrees_inside_one_without_a_branch_are_drawn_with_what_is_around_them():
-    inner = picture(
+    inner = observed_tree(
         node(1, "A", children=(2,), id="SubTree", kind="subtree", path="A"),
         node(2, "B", 1, (3,), id="SubTree", kind="subtree", path="A/B", subtree="A"),
         node(3, "C", 2, path="A/B/C", subtree="A/B"),
@@ -111,7 +111,7 @@ def test_entities_stand_as_nodes_do_and_keep_off_the_parts_of_the_drawing(big_tr
     ]
     big = big_tree(1000)
     assert len(set(node_entities(big, "tree"))) == 1000
-    odd = picture(node(1, "Is it?", path="Is it?", children=(2,)), node(2, "Is it!", 1, path="Is it!"))
+    odd = observed_tree(node(1, "Is it?", path="Is it?", children=(2,)), node(2, "Is it!", 1, path="Is it!"))
     assert node_entities(odd, "tree") == ["tree/Is_it", "tree/Is_it.2"]
 
 
@@ -127,7 +127,7 @@ def test_all_of_a_subtree_is_below_its_entity_so_that_hiding_it_folds_the_subtre
 
 
 def test_an_entity_of_a_node_says_what_it_is_and_has_the_pill_s_place(recorded, tmp_path):
-    one = picture(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
+    one = observed_tree(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
     recording = recorded([TreeSeen(one, 0, 0, {})], tmp_path / "run.rrd")
     assert recording.of("/tree/nap", "node")[0][1] == ['Sleep  nap  msec="500"']
     pill = recording.of("/tree/rims", "LineStrips2D:strips")[0][1]

@@ -16,7 +16,7 @@ from PIL import Image
 from btcore_monitor.screen.page import free_port
 from btcore_monitor.screen.style import GROOT
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 LOG = ROOT / "tests" / "btcore" / "logs" / "captures" / "v4_sample.btlog"
 RUNNING = 1
 TREE = """
@@ -62,7 +62,7 @@ def test_the_page_is_served_with_all_that_it_needs_and_names_nothing_elsewhere(c
     assert sources == ["re_viewer.js"]
     assert len(fetched(f"http://127.0.0.1:{port}/re_viewer.js")) > 10_000
     assert fetched(f"http://127.0.0.1:{port}/re_viewer_bg.wasm").startswith(b"\0asm")
-    assert replay.end(signal.SIGINT) == 0, replay.said
+    assert replay.end(signal.SIGINT) == 0, replay.stderr_text
 
 
 def test_a_taken_port_is_named(command):
@@ -71,8 +71,8 @@ def test_a_taken_port_is_named(command):
     address_of(first)
     second = command("replay", LOG, "--serve-web", port)
     assert second.end() == 2
-    assert f"the web viewer can't be served on port {port}: " in second.said
-    assert "Traceback" not in second.said
+    assert f"the web viewer can't be served on port {port}: " in second.stderr_text
+    assert "Traceback" not in second.stderr_text
 
 
 def test_two_viewers_have_a_relay_each(command):
@@ -84,8 +84,8 @@ def test_a_run_that_is_over_stays_in_the_browser_until_ctrl_c(command, tree_file
     run = command("run", tree_file, "--fast", "--duration", "1", "--serve-web", free_port())
     run.wait_for("the run is over, and the viewer for browsers stays: Ctrl-C ends it")
     assert b"<canvas" in fetched(address_of(run))
-    assert run.end(signal.SIGINT) == 0, run.said
-    assert "Traceback" not in run.said
+    assert run.end(signal.SIGINT) == 0, run.stderr_text
+    assert "Traceback" not in run.stderr_text
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -93,7 +93,7 @@ def test_a_run_that_is_interrupted_takes_the_viewer_with_it(command, tree_file, 
     run = command("run", tree_file, "--serve-web", free_port())
     run.wait_for("by btcore's scene channel")
     page = address_of(run)
-    assert run.end(number) == 130, run.said
+    assert run.end(number) == 130, run.stderr_text
     with pytest.raises(OSError, match="refused"):
         fetched(page)
 

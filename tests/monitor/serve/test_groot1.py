@@ -1,4 +1,4 @@
-"""Our publisher against Groot 1's protocol, over real sockets, decoded here by groot1.md alone."""
+"""Our publisher against Groot 1's protocol, over real sockets, decoded here without our code."""
 
 import itertools
 import struct
@@ -26,9 +26,9 @@ from btcore_monitor.serve.groot1 import Groot1Server
 from btcore_monitor.serve.queueing_observer import StampedTransition
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
-CAPTURES = Path(__file__).parent / "captures"
+CAPTURES = Path(__file__).parents[1] / "captures"
 
-# Fields of the tables, by the ids of groot1.md §3.
+# Fields of the tables, by the ids in BehaviorTree.CPP 3.8's BT_logger_generated.h.
 TREE = {"root_uid": (0, "H"), "nodes": (1, ["node"]), "node_models": (2, ["model"])}
 NODE = {
     "uid": (0, "H"),
@@ -88,7 +88,7 @@ def tree_in(data: bytes) -> dict[str, Any]:
 
 @dataclass
 class Message:
-    """A frame of the publish socket: groot1.md §2."""
+    """A frame of the publish socket, as docs/protocols.md describes it."""
 
     statuses: list[tuple[int, int]]
     changes: list[tuple[int, int, int, int, int]]
@@ -197,7 +197,7 @@ def nested() -> btcore.Tree:
     return tree
 
 
-# The rows of groot1.md §5: what Groot 1 requires of the tree.
+# What Groot 1 requires of the tree.
 
 
 @pytest.fixture(params=["sample", "sample3", "nested"])

@@ -1,4 +1,4 @@
-"""Our publisher against Groot 2's protocol, over real sockets, decoded here by groot2.md alone."""
+"""Our publisher against Groot 2's protocol, over real sockets, decoded here without our code."""
 
 import os
 import struct
@@ -22,7 +22,7 @@ from btcore_monitor.serve.blackboards import BlackboardTracker
 from btcore_monitor.wire.fulltree import read_fulltree
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
-CAPTURES = Path(__file__).parent / "captures"
+CAPTURES = Path(__file__).parents[1] / "captures"
 
 
 @dataclass
@@ -279,9 +279,9 @@ def test_blackboards_are_whole_while_the_tree_writes_them(writing, window):
 
 
 def test_blackboards_can_be_read_beside_a_ticking_tree(writing):
-    keeper = BlackboardTracker(writing)
+    tracker = BlackboardTracker(writing)
     for _ in range(500):
-        board = keeper.read_now()[""]
+        board = tracker.read_now()[""]
         assert len(set(board.get("row", []))) <= 1
 
 

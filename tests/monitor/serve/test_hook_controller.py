@@ -1,4 +1,4 @@
-"""Breakpoints and injected statuses by Groot 2's requests, over real sockets, decoded by groot2.md alone."""
+"""Breakpoints and injected statuses by Groot 2's requests, over real sockets, decoded without our code."""
 
 import json
 import os
@@ -28,7 +28,7 @@ from btcore_monitor.wire.hooks import (
 )
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
-CAPTURES = Path(__file__).parent / "captures"
+CAPTURES = Path(__file__).parents[1] / "captures"
 BREAKPOINT = {
     "enabled": True,
     "uid": 4,
@@ -355,7 +355,7 @@ def test_silence_disables_hooks_and_a_request_enables_them_again(sample, control
     window.ask("X")
     assert [one["enabled"] for one in window.dump()] == [False]
     sample.halt()
-    until(lambda: window.publisher._served.groot2.control._alone, "the silence is noticed")
+    until(lambda: window.publisher._published.groot2.control._alone, "the silence is noticed")
     assert [one["enabled"] for one in window.dump()] == [True]
 
 

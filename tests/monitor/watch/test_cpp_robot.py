@@ -42,8 +42,8 @@ def with_previous(*steps: tuple[int, int]) -> list[tuple[int, int, int]]:
     return found
 
 
-def wire(viewer):
-    return viewer.of(TreeSeen)[-1].wire
+def source(viewer):
+    return viewer.of(TreeSeen)[-1].source
 
 
 # --- the stand-in
@@ -123,8 +123,8 @@ def test_what_the_wire_lacks_is_said_and_not_guessed(cpp_robot, watch_cpp, until
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "a tick")
     assert not viewer.of(TreeSeen)[0].numbered
-    assert wire(viewer).name == "Groot 2, recorded"
-    assert wire(viewer).lacks == {
+    assert source(viewer).name == "Groot 2, recorded"
+    assert source(viewer).unavailable == {
         "ticks": "not sent by Groot 2",
         "exceptions": "not sent by Groot 2",
         "blackboard": "asked for 2 times a second: changes between are unseen",
@@ -144,7 +144,7 @@ def test_more_transitions_than_the_robot_keeps_are_a_hole(cpp_robot, watch_cpp, 
     assert "keeps 1000 transitions, and older ones are dropped" in hole.reason
     assert hole.since <= hole.t
     again = viewer.of(TreeSeen)[1]
-    assert again.picture is viewer.of(TreeSeen)[0].picture
+    assert again.tree is viewer.of(TreeSeen)[0].tree
     assert {uid for uid, status in again.statuses.items() if status} == {4}
     assert not viewer.of(StatusChanged)
     robot.change((4, SUCCESS), (4, IDLE))
@@ -170,13 +170,13 @@ def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, wat
     thread = threading.Thread(target=read)
     thread.start()
     try:
-        until(lambda: "transitions" in wire(viewer).lacks, "that the recording is left")
+        until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
     finally:
         done.set()
         thread.join()
     assert viewer.of(DataMissed)[-1].reason == "somebody else reads this robot's recording too"
-    assert "somebody else reads this robot's recording too" in wire(viewer).lacks["transitions"]
-    assert wire(viewer).name == "Groot 2, sampled"
+    assert "somebody else reads this robot's recording too" in source(viewer).unavailable["transitions"]
+    assert source(viewer).name == "Groot 2, sampled"
     drained = robot.asked["t"]
     robot.change((7, RUNNING))
     until(lambda: changes(viewer) and changes(viewer)[-1] == (7, IDLE, RUNNING), "a sampled change")
@@ -194,7 +194,7 @@ def test_a_recording_that_somebody_else_begins_anew_is_left_to_them(cpp_robot, w
     robot.change((4, RUNNING))
     until(lambda: viewer.of(DataMissed), "the hole")
     assert "somebody else began a recording" in viewer.of(DataMissed)[0].reason
-    until(lambda: "transitions" in wire(viewer).lacks, "that the recording is left")
+    until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
     assert viewer.of(TreeSeen)[-1].statuses[4] == RUNNING
     assert robot.recording, "theirs goes on"
 
@@ -206,7 +206,7 @@ def test_a_robot_that_changes_faster_than_it_can_be_asked_is_sampled(cpp_robot, 
     for count in (1, 2, 3):
         robot.change(*ROUND * 200)
         until(lambda count=count: len(viewer.of(DataMissed)) == count, "a hole")
-    assert "changes faster than it can be asked" in wire(viewer).lacks["transitions"]
+    assert "changes faster than it can be asked" in source(viewer).unavailable["transitions"]
     until(lambda: not robot.recording, "that the recording, which was ours, is stopped")
 
 
@@ -217,7 +217,7 @@ def test_with_no_record_the_buffer_is_left_to_its_owner(cpp_robot, watch_cpp, un
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "the tick")
     assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
-    assert wire(viewer).lacks["transitions"] == (
+    assert source(viewer).unavailable["transitions"] == (
         "statuses are asked for 20 times a second (--no-record): changes between are unseen"
     )
 
@@ -227,7 +227,7 @@ def test_a_robot_that_can_not_record_is_sampled(cpp_robot, watch_cpp, until):
     robot.refused["r"] = "Request not recognized"
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
-    assert "refuses TOGGLE_RECORDING: Request not recognized" in wire(viewer).lacks["transitions"]
+    assert "refuses TOGGLE_RECORDING: Request not recognized" in source(viewer).unavailable["transitions"]
     robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
     until(lambda: len(changes(viewer)) == 2, "what an idle node says that it was")
     assert changes(viewer) == [(4, IDLE, SUCCESS), (4, SUCCESS, IDLE)]
@@ -268,8 +268,8 @@ def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch_cpp, until):
     until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
     second.change((1, SUCCESS), (1, IDLE))
     until(lambda: len(changes(viewer)) == 7, "what it does")
-    assert [one.picture.name for one in viewer.of(TreeSeen)] == ["Main", "Other"]
-    assert [one.picture.tree_id for one in viewer.of(TreeSeen)] == [first.tree_id.hex(), second.tree_id.hex()]
+    assert [one.tree.name for one in viewer.of(TreeSeen)] == ["Main", "Other"]
+    assert [one.tree.tree_id for one in viewer.of(TreeSeen)] == [first.tree_id.hex(), second.tree_id.hex()]
     assert [one.number for one in viewer.of(StatusChanged)][5:] == [1, 2]
     assert not viewer.of(DataMissed)
 
@@ -341,7 +341,7 @@ def test_blackboards_are_asked_for_as_often_as_told(cpp_robot, watch_cpp, until,
     robot.boards = capture("blackboard_after.rep")[1]
     viewer = watch_cpp(robot.address, blackboard_rate=rate)
     until(lambda: robot.asked["S"] > 20, "a second of looks")
-    assert wire(viewer).lacks["blackboard"] == f"{said}: changes between are unseen"
+    assert source(viewer).unavailable["blackboard"] == f"{said}: changes between are unseen"
     assert robot.asked["B"] <= rate * 2
     if rate:
         until(lambda: robot.asked["B"] > 5, "questions")
@@ -392,4 +392,4 @@ def test_our_own_robot_is_followed_through_groot_2_as_well(endless, watch_cpp, u
             endless.tick_exactly_once()
             until(lambda number=told.count: len(viewer.of(StatusChanged)) == number, f"tick {tick}")
         assert not viewer.of(DataMissed)
-        assert wire(viewer).name == "Groot 2, recorded"
+        assert source(viewer).name == "Groot 2, recorded"

@@ -104,8 +104,8 @@ def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
     until(early.ended, "the goodbye")
 
     seen = early.of(TreeSeen)[0]
-    assert seen.picture.tree_id == publisher.tree_id
-    assert seen.picture.name == "Main"
+    assert seen.tree.tree_id == publisher.tree_id
+    assert seen.tree.name == "Main"
     assert set(seen.statuses.values()) == {0}
     assert numbers(early) == list(range(1, len(numbers(early)) + 1))
     assert [(one.uid, one.previous, one.status) for one in early.of(StatusChanged)][:5] == [
@@ -177,9 +177,9 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
         until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
         endless.tick_exactly_once()
         until(lambda: viewer.of(Ticked), "a tick of the second tree")
-    pictures = [event.picture for event in viewer.of(TreeSeen)]
-    assert [picture.name for picture in pictures] == ["Main", "Endless"]
-    assert pictures[1].tree_id == second.tree_id
+    trees = [event.tree for event in viewer.of(TreeSeen)]
+    assert [tree.name for tree in trees] == ["Main", "Endless"]
+    assert trees[1].tree_id == second.tree_id
     assert [link.state for link in viewer.of(ConnectionChanged)][:4] == [
         "waiting",
         "connected",
@@ -204,8 +204,8 @@ def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(
         second = publisher.tree_id
     until(viewer.ended, "the goodbye")
     seen = viewer.of(TreeSeen)
-    assert [event.picture.name for event in seen] == ["Main", "Endless"]
-    assert seen[1].picture.tree_id == second
+    assert [event.tree.name for event in seen] == ["Main", "Endless"]
+    assert seen[1].tree.tree_id == second
     assert [link.state for link in viewer.of(ConnectionChanged)][-2:] == ["connected", "ended"], (
         "nobody was lost"
     )
@@ -363,13 +363,13 @@ def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch,
     )
     with serve(sample, groot2=publisher.port, scene=False):
         until(lambda: len(viewer.of(TreeSeen)) == 2, "the return")
-    assert viewer.of(TreeSeen)[0].picture.tree_id != viewer.of(TreeSeen)[1].picture.tree_id
+    assert viewer.of(TreeSeen)[0].tree.tree_id != viewer.of(TreeSeen)[1].tree.tree_id
 
 
 def test_a_client_asks_in_groot2s_words(sample):
     with serve(sample, groot2=0) as publisher, Groot2Client(parse_address(publisher.address)) as client:
-        picture = client.fulltree()
-        assert picture.tree_id == publisher.tree_id
+        tree = client.fulltree()
+        assert tree.tree_id == publisher.tree_id
         client.start_recording()
         sample.tick_exactly_once()
         assert client.statuses()[1].status == 1

@@ -30,7 +30,7 @@ from btcore_monitor.wire.groot1_tree import (
 )
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
-CAPTURES = Path(__file__).parent / "captures"
+CAPTURES = Path(__file__).parents[1] / "captures"
 TREE = (CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes()
 UPDATES = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
 STEPS = [
@@ -163,9 +163,9 @@ def test_a_robot_of_version_3_is_found_out_and_shown_transition_by_transition(wa
     assert viewer.links[:2] == ["waiting", "connected"]
     assert viewer.of(ConnectionChanged)[1].detail == f"tcp://127.0.0.1:{robot.port}, by Groot 1's protocol"
     seen = viewer.of(TreeSeen)[0]
-    assert len(seen.picture.nodes) == 11
+    assert len(seen.tree.nodes) == 11
     assert not seen.numbered
-    assert set(seen.wire.lacks) == {"ticks", "exceptions", "blackboard"}
+    assert set(seen.source.unavailable) == {"ticks", "exceptions", "blackboard"}
     assert set(seen.statuses.values()) == {0}
     assert viewer.steps == STEPS
     changes = viewer.of(StatusChanged)
@@ -195,7 +195,7 @@ def test_statuses_that_are_told_late_correct_what_was_shown(watch, until):
         robot.publish(UPDATES[1])
         until(lambda: len(viewer.steps) == 7, "the update")
     first, second = viewer.of(TreeSeen)
-    assert second.picture is first.picture, "it is the same tree"
+    assert second.tree is first.tree, "it is the same tree"
     assert [second.statuses[uid] for uid in range(1, 6)] == [1, 2, 1, 3, 1]
     assert not viewer.of(DataMissed), "nothing got lost, since nothing was known"
 
@@ -211,7 +211,7 @@ def test_an_update_that_got_lost_is_a_hole_and_no_guess(watch, until):
     again = viewer.of(TreeSeen)[1]
     (hole,) = viewer.of(DataMissed)
     assert (hole.since, hole.t, hole.topic) == (changes[4].t, changes[5].t, "transitions")
-    assert again.picture.tree_id == viewer.of(TreeSeen)[0].picture.tree_id
+    assert again.tree.tree_id == viewer.of(TreeSeen)[0].tree.tree_id
     assert [again.statuses[uid] for uid in range(1, 9)] == [1, 2, 2, 0, 0, 1, 1, 1]
     assert viewer.events.index(hole) < viewer.events.index(again)
 
@@ -242,8 +242,8 @@ def test_a_robot_that_is_not_there_yet_and_restarts_with_another_tree(watch, unt
         robot.publish(update([0, 0], (1, 0, 1)))
         until(lambda: len(viewer.steps) == 6, "the second tree's transition")
     first, second = viewer.of(TreeSeen)
-    assert (first.picture.name, second.picture.name) == ("root_seq", "again")
-    assert first.picture.tree_id != second.picture.tree_id
+    assert (first.tree.name, second.tree.name) == ("root_seq", "again")
+    assert first.tree.tree_id != second.tree.tree_id
     assert viewer.of(StatusChanged)[-1].number == 1
 
 
@@ -259,7 +259,7 @@ def test_a_robot_that_restarts_with_the_same_tree_begins_anew(watch, until):
         robot.publish(UPDATES[0])
         until(lambda: len(viewer.steps) == 17, "its transitions again")
     first, second = viewer.of(TreeSeen)
-    assert first.picture.tree_id != second.picture.tree_id
+    assert first.tree.tree_id != second.tree.tree_id
     assert set(second.statuses.values()) == {0}
     assert not viewer.of(DataMissed)
 
@@ -272,12 +272,12 @@ def test_another_tree_in_the_same_process_is_asked_for(watch, until):
         robot.tree = encode_tree(SMALL._replace(nodes=nodes))
         robot.publish(encode_update([(3, 0), (4, 0)], [WireChange(10**18, 4, 0, 2)]))
         until(lambda: viewer.steps, "its transition")
-    assert [event.picture.name for event in viewer.of(TreeSeen)] == ["again", "next"]
+    assert [event.tree.name for event in viewer.of(TreeSeen)] == ["again", "next"]
     assert viewer.steps == [(2, 0, 2)]
 
 
 def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(watch, until, monkeypatch):
-    monkeypatch.setattr("btcore_monitor.watch.groot1_feed.SILENT_AFTER", 0.8)
+    monkeypatch.setattr("btcore_monitor.watch.groot1_feed.PROBE_AFTER", 0.8)
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -290,7 +290,7 @@ def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(
         until(lambda: viewer.links[-1] == "connected", "the return")
         robot.publish(update([1, 0], (2, 0, 2)))
         until(lambda: viewer.steps, "a transition")
-    assert len({event.picture.tree_id for event in viewer.of(TreeSeen)}) == 1, "it was never disconnected"
+    assert len({event.tree.tree_id for event in viewer.of(TreeSeen)}) == 1, "it was never disconnected"
     assert viewer.of(TreeSeen)[-1].statuses == {1: 1, 2: 0}
 
 
@@ -334,15 +334,15 @@ def test_every_transition_of_ours_arrives_by_groot1_too(endless, watch, until, c
         until(lambda: len(viewer.steps) == total, "all transitions")
     assert [one.number for one in viewer.of(StatusChanged)] == list(range(1, total + 1))
     assert not viewer.of(DataMissed)
-    assert viewer.of(TreeSeen)[0].picture.nodes[3].name == "step"
-    assert viewer.of(TreeSeen)[0].picture.by_uid.keys() == {node.uid for node in endless.nodes}
+    assert viewer.of(TreeSeen)[0].tree.nodes[3].name == "step"
+    assert viewer.of(TreeSeen)[0].tree.by_uid.keys() == {node.uid for node in endless.nodes}
 
 
-def test_the_picture_by_groot1_has_the_engines_paths(sample, watch, until):
+def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
     with serve(sample, groot1=0, scene=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
-    nodes = viewer.of(TreeSeen)[0].picture.nodes
+    nodes = viewer.of(TreeSeen)[0].tree.nodes
     assert [(node.uid, node.path, node.kind) for node in nodes] == [
         (node.uid, node.path, node.type.name.lower()) for node in sample.nodes
     ]

@@ -98,7 +98,7 @@ def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
         screen.show(event)
     screen.flush()
     assert screen._shown is not None
-    assert screen._shown.moments._before.tolist() == [IDLE, RUNNING]
+    assert screen._shown.states._before.tolist() == [IDLE, RUNNING]
     screen.close()
 
 
@@ -165,7 +165,7 @@ def test_with_no_record_the_command_leaves_the_buffer_alone(cpp_robot, tmp_path)
         robot.address,
         "--no-view",
         "--no-record",
-        "--for",
+        "--duration",
         "2",
     ]
     done = subprocess.run(

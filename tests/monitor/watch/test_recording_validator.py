@@ -40,21 +40,21 @@ class Robot:
 
 @given(WALK, WALK, WALK)
 def test_what_was_recorded_completely_passes_wherever_the_look_falls(one, two, three):
-    robot, ledger = Robot(), RecordingValidator(START)
+    robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk(one)
     look = robot.looked()
     batch += robot.walk(two)
-    assert [step for step, _ in ledger.enter(look, batch)] == batch
-    assert ledger.statuses == robot.statuses
+    assert [step for step, _ in validator.enter(look, batch)] == batch
+    assert validator.statuses == robot.statuses
     batch = robot.walk(three)
-    steps = ledger.enter(robot.looked(), batch)
-    assert ledger.statuses == robot.statuses
+    steps = validator.enter(robot.looked(), batch)
+    assert validator.statuses == robot.statuses
     assert all(previous != step.status for step, previous in steps)
 
 
 @given(WALK, WALK, WALK, st.data())
 def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was_told(one, two, three, data):
-    robot, ledger = Robot(), RecordingValidator(START)
+    robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk(one)
     look = robot.looked()
     batch += robot.walk(two)
@@ -62,37 +62,37 @@ def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was
     told = False
     for found in (kept, robot.walk(three), []):
         try:
-            ledger.enter(look, found)
+            validator.enter(look, found)
         except MissingTransitionsError:
             told = True
         look = robot.looked()
-    now = {uid: record.status for uid, record in ledger.statuses.items()}
+    now = {uid: record.status for uid, record in validator.statuses.items()}
     assert told or now == {uid: record.status for uid, record in robot.statuses.items()}
 
 
 def test_a_missing_beginning_is_a_hole():
-    robot, ledger = Robot(), RecordingValidator(START)
+    robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1), (1, 1), (2, 1)])
     with pytest.raises(MissingTransitionsError, match="do not lead to its statuses"):
-        ledger.enter(robot.looked(), batch[2:])
-    assert ledger.statuses == robot.statuses
-    assert ledger.enter(robot.looked(), []) == []
+        validator.enter(robot.looked(), batch[2:])
+    assert validator.statuses == robot.statuses
+    assert validator.enter(robot.looked(), []) == []
 
 
 def test_a_node_can_not_go_to_where_it_is():
-    ledger = RecordingValidator(START)
+    validator = RecordingValidator(START)
     twice = [RecordedTransition(0, 1, RUNNING), RecordedTransition(1, 1, RUNNING)]
     with pytest.raises(MissingTransitionsError, match="node 1 went twice to the same status"):
-        ledger.enter({**START, 1: StatusRecord(RUNNING, 0)}, twice)
+        validator.enter({**START, 1: StatusRecord(RUNNING, 0)}, twice)
 
 
 def test_a_full_buffer_is_a_hole_even_if_it_would_pass():
-    robot, ledger = Robot(), RecordingValidator(START)
+    robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1)] * 1000)
     with pytest.raises(RecordingOverflowError, match="keeps 1000 transitions"):
-        ledger.enter(robot.looked(), batch)
-    assert ledger.statuses[1].status == robot.statuses[1].status
-    assert len(ledger.enter(robot.looked(), robot.walk([(1, 1)] * 999))) == 999
+        validator.enter(robot.looked(), batch)
+    assert validator.statuses[1].status == robot.statuses[1].status
+    assert len(validator.enter(robot.looked(), robot.walk([(1, 1)] * 999))) == 999
 
 
 def test_nodes_that_the_tree_does_not_have_are_not_reported():

@@ -30,7 +30,7 @@ from btcore_monitor.wire.groot1_tree import (
     status_places,
 )
 
-CAPTURES = Path(__file__).parent / "captures"
+CAPTURES = Path(__file__).parents[1] / "captures"
 LISTING = (CAPTURES / "g3cli.out.txt").read_text()
 TREE = (CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes()
 UPDATES = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
@@ -105,12 +105,12 @@ def test_the_status_of_each_node_can_be_changed_in_place():
     assert [node.status for node in decode_tree(bytes(data)).nodes] == [one % 4 for one in range(11)]
 
 
-def test_the_captured_tree_makes_a_picture_with_paths_by_the_rule_of_version_4():
+def test_the_captured_tree_gets_paths_by_the_rule_of_version_4():
     found = read_groot1(decode_tree(TREE), UUID)
-    picture = found.picture
-    assert (picture.tree_id, picture.name) == (UUID, "root_seq")
-    assert picture.subtrees == {"": "root_seq", "Sub::6": "Sub", "Sub::9": "Sub"}
-    assert [(node.path, node.kind, node.parent, node.subtree) for node in picture.nodes] == [
+    tree = found.tree
+    assert (tree.tree_id, tree.name) == (UUID, "root_seq")
+    assert tree.subtrees == {"": "root_seq", "Sub::6": "Sub", "Sub::9": "Sub"}
+    assert [(node.path, node.kind, node.parent, node.subtree) for node in tree.nodes] == [
         ("root_seq", "control", 0, ""),
         ("SetBlackboard::2", "action", 1, ""),
         ("Fallback::3", "control", 1, ""),
@@ -123,13 +123,13 @@ def test_the_captured_tree_makes_a_picture_with_paths_by_the_rule_of_version_4()
         ("Sub::9/Sequence::10", "control", 9, "Sub::9"),
         ("Sub::9/Count::11", "action", 10, "Sub::9"),
     ]
-    assert picture.nodes[1].ports == {"output_key": "x", "value": "42"}
+    assert tree.nodes[1].ports == {"output_key": "x", "value": "42"}
 
 
-def test_a_second_tree_of_a_process_counts_on_and_its_picture_counts_from_1():
+def test_a_second_tree_of_a_process_counts_on_and_its_observed_tree_counts_from_1():
     nodes = (WireNode(12, (13,), 1, "Inverter", "Inverter"), WireNode(13, (), 3, "look", "Look"))
     found = read_groot1(WireTree(nodes, ()), UUID)
-    assert [(node.uid, node.kind, node.children) for node in found.picture.nodes] == [
+    assert [(node.uid, node.kind, node.children) for node in found.tree.nodes] == [
         (1, "decorator", (2,)),
         (2, "action", ()),
     ]

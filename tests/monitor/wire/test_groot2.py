@@ -14,7 +14,7 @@ from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import Request, RequestHeader, StatusRecord
 from btcore_monitor.wire.msgpack_values import decode_boards, encode_boards, to_portable
 
-CAPTURES = Path(__file__).parent / "captures"
+CAPTURES = Path(__file__).parents[1] / "captures"
 UUID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 REPLIES = sorted(one.name.removesuffix(".rep.bin") for one in CAPTURES.glob("*.rep.bin"))
 REFUSED = {
@@ -160,8 +160,8 @@ def test_a_list_that_holds_itself_is_cut_off():
 
 
 def test_the_captured_full_tree_becomes_a_picture():
-    picture = read_fulltree(body_of("v4_fulltree"), UUID)
-    assert [(node.uid, node.path, node.kind) for node in picture.nodes] == [
+    tree = read_fulltree(body_of("v4_fulltree"), UUID)
+    assert [(node.uid, node.path, node.kind) for node in tree.nodes] == [
         (1, "root_seq", "control"),
         (2, "Script::2", "action"),
         (3, "Fallback::3", "control"),
@@ -173,15 +173,15 @@ def test_the_captured_full_tree_becomes_a_picture():
         (9, "Sub::6/Count::9", "action"),
         (10, "AlwaysSuccess::10", "action"),
     ]
-    assert picture.by_uid[1].children == (2, 3, 6, 10)
-    assert picture.by_uid[6].children == (7,)
-    assert picture.by_uid[7].parent == 6
-    assert picture.by_uid[6].name == "Sub"
-    assert picture.by_uid[9].subtree == "Sub::6"
-    assert picture.by_uid[5].ports == {"ticks": "3", "out": "{val}", "_onSuccess": "done:=true"}
-    assert picture.subtrees == {"": "Main", "Sub::6": "Sub"}
-    assert (picture.name, picture.tree_id) == ("Main", UUID)
-    assert [node.uid for node in picture.ancestors(9)] == [7, 6, 1]
+    assert tree.by_uid[1].children == (2, 3, 6, 10)
+    assert tree.by_uid[6].children == (7,)
+    assert tree.by_uid[7].parent == 6
+    assert tree.by_uid[6].name == "Sub"
+    assert tree.by_uid[9].subtree == "Sub::6"
+    assert tree.by_uid[5].ports == {"ticks": "3", "out": "{val}", "_onSuccess": "done:=true"}
+    assert tree.subtrees == {"": "Main", "Sub::6": "Sub"}
+    assert (tree.name, tree.tree_id) == ("Main", UUID)
+    assert [node.uid for node in tree.ancestors(9)] == [7, 6, 1]
 
 
 def tree_of(inside: bytes) -> bytes:
@@ -216,9 +216,9 @@ def test_a_tree_of_a_thousand_levels_is_read():
     depth = 1000
     opened = "".join(f'<Inverter _uid="{uid}">' for uid in range(1, depth))
     xml = f'<root><BehaviorTree ID="M" _fullpath="">{opened}<A _uid="{depth}"/>{"</Inverter>" * (depth - 1)}'
-    picture = read_fulltree(f"{xml}</BehaviorTree></root>".encode(), UUID)
-    assert picture.depth(depth) == depth - 1
-    assert picture.root.kind == "decorator"
+    tree = read_fulltree(f"{xml}</BehaviorTree></root>".encode(), UUID)
+    assert tree.depth(depth) == depth - 1
+    assert tree.root.kind == "decorator"
 
 
 @pytest.mark.parametrize(

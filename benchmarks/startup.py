@@ -1,0 +1,66 @@
+"""What starting costs: importing btcore, loading a small tree, and ``btcore --version``.
+
+Each is a new process, and what counts is its processor time beyond that of a bare Python. Importing
+and loading stand beside the modules that any such library needs, ``--version`` beside click alone.
+"""
+
+import resource
+import subprocess
+import sys
+
+from measure.paired_timing import Spread
+from measure.report import Report, arguments, at_most
+
+MODULES = "import lxml.etree, typing, dataclasses, re, enum, pathlib"
+TREE = (
+    '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>'
+    "<AlwaysSuccess/><AlwaysSuccess/></Sequence></BehaviorTree></root>"
+)
+PROGRAMS = {
+    "bare": "pass",
+    "modules": MODULES,
+    "import btcore": "import btcore",
+    "import btcore, and load three nodes": f"import btcore; btcore.loads({TREE!r})",
+    "click": "import click",
+    "btcore --version": "import sys; sys.argv[1:] = ['--version']; from btcore.cli.main import main; main()",
+}
+BESIDE_MODULES = at_most(pure=1.8, compiled=1.8)
+BESIDE_CLICK = at_most(pure=1.5, compiled=1.5)
+RUNS = 5
+"""The least of so many runs counts: it is the run that the rest of the machine disturbed least."""
+
+
+def processor_time(program: str) -> float:
+    """Return the processor time (s) of a new Python that runs *program*."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def main() -> None:
+    """Measure and print."""
+    given = arguments(__doc__ or "").parse_args()
+    report = Report("startup", "What starting costs, beyond a Python that does nothing", given.pairs)
+    rounds: list[dict[str, float]] = []
+    for program in PROGRAMS.values():
+        processor_time(program)  # compiles the sources
+    for _ in range(given.pairs):
+        times = dict.fromkeys(PROGRAMS, float("inf"))
+        for _ in range(1 if given.quick else RUNS):
+            for name, program in PROGRAMS.items():
+                times[name] = min(times[name], processor_time(program))
+        rounds.append({name: time - times["bare"] for name, time in times.items()})
+    for name, peer, target in (
+        ("import btcore", "modules", BESIDE_MODULES),
+        ("import btcore, and load three nodes", "modules", BESIDE_MODULES),
+        ("btcore --version", "click", BESIDE_CLICK),
+    ):
+        ratio = Spread.of([times[name] / times[peer] for times in rounds])
+        took = Spread.of([times[name] for times in rounds]).median
+        report.add(f"{name} / {peer}", ratio, target, {"took": f"{took * 1e3:.0f} ms"})
+    report.output(given.json)
+
+
+if __name__ == "__main__":
+    main()
