@@ -13,12 +13,12 @@ from btcore.cli import (
     terminal,
     trees,
 )
+from btcore.cli.exit_codes import ExitCode
 from btcore.errors import Diagnostic
 from btcore.xml.convert.convert import Conversion
 from btcore.xml.convert.convert import convert as converted
 from btcore.xml.read.document import parse_file
 
-MISTAKE = 2
 _BYTE_ORDER_MARK = "\ufeff".encode()
 
 
@@ -53,7 +53,7 @@ def convert(
     else:
         files.write(target, data)
     _tell(result)
-    return MISTAKE if result.remaining else 0
+    return ExitCode.USER_ERROR if result.remaining else ExitCode.SUCCESS
 
 
 def _tell(result: Conversion) -> None:

@@ -6,6 +6,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
+from btcore.cli.exit_codes import ExitCode
 from btcore.clock import NS_PER_S
 from btcore.logs import (
     Divergence,
@@ -17,9 +18,6 @@ from btcore.logs import (
 )
 from btcore.logs.transition_text import format_transition
 from btcore.suggestions import join_names
-
-RUNS_DIFFER = 1
-"""The exit code where they do."""
 
 
 @click.command(short_help="Find where two runs part.")
@@ -57,7 +55,7 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
     out = terminal.stdout_console()
     if found is None:
         out.print(f"the same: {len(one)} transitions")
-        return 0
+        return ExitCode.SUCCESS
     out.print(Text(_headline(found), style="bold"))
     begin, end = max(0, found.common - context), found.common + context + 1
     shown = one[begin:end] + other[begin:end]
@@ -66,7 +64,7 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
         _print("  ", step, width, "dim")
     _print_side("A ", one[found.common : end], width, "red", first)
     _print_side("B ", other[found.common : end], width, "green", second)
-    return RUNS_DIFFER
+    return ExitCode.FAILURE
 
 
 def _headline(found: Divergence) -> str:

@@ -1,13 +1,19 @@
-"""What the command line exits with; 0 is that all went well."""
+"""The exit codes of the command line."""
 
-from typing import Final
+from enum import IntEnum
 
-FAILURE: Final = 1
-"""A tree failed, or something else that was asked is not so."""
-USER_ERROR: Final = 2
-"""The user's, in a tree or on the command line."""
-RAISED: Final = 3
-"""A leaf raised."""
-INTERNAL_ERROR: Final = 70
-"""btcore itself failed; EX_SOFTWARE of sysexits.h."""
-INTERRUPTED: Final = 130
+
+class ExitCode(IntEnum):
+    """What a command's process exits with."""
+
+    SUCCESS = 0
+    FAILURE = 1
+    """A tree ended in FAILURE, or the runs that were compared differ."""
+    USER_ERROR = 2
+    """A mistake in a tree or on the command line."""
+    LEAF_ERROR = 3
+    """A leaf raised."""
+    INTERNAL_ERROR = 70
+    """An error of btcore itself: EX_SOFTWARE of sysexits.h."""
+    INTERRUPTED = 130
+    """Ctrl-C or SIGTERM: 128 + SIGINT, as shells have it."""

@@ -12,7 +12,7 @@ import click
 
 from btcore import builds
 from btcore.cli import entry_points, terminal
-from btcore.cli.exit_codes import INTERNAL_ERROR, INTERRUPTED, USER_ERROR
+from btcore.cli.exit_codes import ExitCode
 from btcore.errors import BtcoreError
 from btcore.suggestions import join_names, nearest_name
 
@@ -82,8 +82,8 @@ class CommandLine(click.Group):
             _leave(error)
         except KeyboardInterrupt:
             terminal.stderr_console().print("[bold]interrupted[/]")
-            sys.exit(INTERRUPTED)
-        sys.exit(code if isinstance(code, int) else 0)
+            sys.exit(ExitCode.INTERRUPTED)
+        sys.exit(code if isinstance(code, int) else ExitCode.SUCCESS)
 
 
 def _leave(error: Exception) -> NoReturn:
@@ -91,22 +91,22 @@ def _leave(error: Exception) -> NoReturn:
     if isinstance(error, BrokenPipeError):
         # The reader of our output has gone (`btcore nodes | head`); nothing more can be said there.
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
-        sys.exit(0)
+        sys.exit(ExitCode.SUCCESS)
     if builds.env_flag("BTCORE_DEBUG"):
         traceback.print_exception(error)
     if isinstance(error, click.Abort):
-        sys.exit(INTERRUPTED)
+        sys.exit(ExitCode.INTERRUPTED)
     if isinstance(error, click.ClickException):
         terminal.print_click_error(error)
-        sys.exit(USER_ERROR)
+        sys.exit(ExitCode.USER_ERROR)
     if isinstance(error, BtcoreError):
         terminal.print_btcore_error(error)
-        sys.exit(USER_ERROR)
+        sys.exit(ExitCode.USER_ERROR)
     terminal.print_error(f"btcore itself failed: {type(error).__name__}: {error}")
     terminal.stderr_console().print(
         "BTCORE_DEBUG=1 shows where. A report of it is welcome.", style="dim", highlight=False
     )
-    sys.exit(INTERNAL_ERROR)
+    sys.exit(ExitCode.INTERNAL_ERROR)
 
 
 def _absent(missing: entry_points.UnavailableEntryPoint) -> click.Command:

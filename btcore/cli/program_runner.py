@@ -12,7 +12,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.exit_codes import INTERRUPTED
+from btcore.cli.exit_codes import ExitCode
 from btcore.cli.extension import (
     GatheredResources,
     gather_resources,
@@ -44,7 +44,7 @@ class ProgramResult(NamedTuple):
     """How it ended: *ending*, the exit *code*, the time (s) it took, and what the extensions report."""
 
     ending: EndReason
-    code: int
+    code: ExitCode
     seconds: float
     report: dict[str, object]
 
@@ -109,7 +109,7 @@ def run_program(
         finally:
             tree.halt()
     brought = merge_reports([one.report() for one in gathered.extensions])
-    code = INTERRUPTED if ending == "interrupted" else 0
+    code = ExitCode.INTERRUPTED if ending == "interrupted" else ExitCode.SUCCESS
     return ProgramResult(ending, code, pace.elapsed / NS_PER_S, brought)
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 import click
 
 from btcore.cli import terminal
-from btcore.cli.exit_codes import FAILURE, INTERRUPTED, RAISED
+from btcore.cli.exit_codes import ExitCode
 from btcore.cli.extension import merge_reports, notify_interrupted
 from btcore.cli.leaf_logging import log_to_console
 from btcore.cli.progress import Progress, print_summary
@@ -30,7 +30,7 @@ class SessionResult(NamedTuple):
     """What ended a run, its exit *code*, and what the extensions tell of it."""
 
     ending: EndReason
-    code: int
+    code: ExitCode
     figures: dict[str, object]
 
 
@@ -93,12 +93,13 @@ class RunSession:
             figures = {"reloads": self.reloads, **figures}
         return SessionResult(ending, self._code(ending), figures)
 
-    def _code(self, ending: EndReason) -> int:
+    def _code(self, ending: EndReason) -> ExitCode:
         if self.outcome.error is not None:
-            return RAISED
+            return ExitCode.LEAF_ERROR
         if ending == "interrupted":
-            return INTERRUPTED
-        return FAILURE if ending == "done" and self.outcome.status is Status.FAILURE else 0
+            return ExitCode.INTERRUPTED
+        failed = ending == "done" and self.outcome.status is Status.FAILURE
+        return ExitCode.FAILURE if failed else ExitCode.SUCCESS
 
     def _loop(self) -> EndReason:
         """Tick until the end; the tree is halted afterwards, however it ended."""

@@ -15,12 +15,11 @@ from btcore.cli import (
     terminal,
     trees,
 )
+from btcore.cli.exit_codes import ExitCode
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_file
-
-MISTAKE = 2
 
 
 class ValidationOptions(NamedTuple):
@@ -79,7 +78,7 @@ def validate(
     else:
         _print(errors, warnings, len(files), good)
         terminal.print_notes(nodes.missing_library_notes(found))
-    return 0 if good else MISTAKE
+    return ExitCode.SUCCESS if good else ExitCode.USER_ERROR
 
 
 def _files(source: str) -> list[Path]:

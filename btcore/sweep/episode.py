@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import click
 
-from btcore.cli.exit_codes import INTERNAL_ERROR, USER_ERROR
+from btcore.cli.exit_codes import ExitCode
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.run import create_session, run
 from btcore.errors import BtcoreError
@@ -44,12 +44,12 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
                 result = _bug(fault)
             else:
                 text = f"a worker's machine has no folder '{folder}', where the sweep's files are"
-                result = _refused(USER_ERROR, text)
+                result = _refused(ExitCode.USER_ERROR, text)
         except click.ClickException as mistake:
-            result = _refused(USER_ERROR, mistake.format_message())
+            result = _refused(ExitCode.USER_ERROR, mistake.format_message())
         except BtcoreError as fault:
-            notes = getattr(fault, "__notes__", ())
-            result = _refused(USER_ERROR, "\n".join([str(fault), *(f"note: {note}" for note in notes)]))
+            notes = [f"note: {note}" for note in getattr(fault, "__notes__", ())]
+            result = _refused(ExitCode.USER_ERROR, "\n".join([str(fault), *notes]))
         except (Exception, SystemExit) as bug:
             result = _bug(bug)
     result["said"] = _warnings(said.getvalue())
@@ -75,10 +75,10 @@ def _installed() -> NodeLibraries:
 
 
 def _bug(fault: BaseException) -> Result:
-    return _refused(INTERNAL_ERROR, f"{type(fault).__name__}: {fault}")
+    return _refused(ExitCode.INTERNAL_ERROR, f"{type(fault).__name__}: {fault}")
 
 
-def _refused(code: int, fault: str) -> Result:
+def _refused(code: ExitCode, fault: str) -> Result:
     return {"code": code, "report": None, "blamed": None, "fault": fault}
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from btcore.cli.exit_codes import USER_ERROR
+from btcore.cli.exit_codes import ExitCode
 from btcore.script.program import Program
 from btcore.sweep import success, table
 from btcore.sweep.defining import setting
@@ -99,7 +99,7 @@ def _record(episode: Episode, result: object) -> Record:
 
 def _check(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
     """A mistake that the first seed shows is in the setting: nobody wants to see it a thousand times."""
-    if record["code"] == USER_ERROR and episode.number < len(sweep.settings):
+    if record["code"] == ExitCode.USER_ERROR and episode.number < len(sweep.settings):
         told = f"\n({setting(episode.values)})" if episode.values else ""
         raise click.UsageError(f"{record['fault']}{told}")
 

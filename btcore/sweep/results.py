@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from btcore.cli import files
-from btcore.cli.exit_codes import FAILURE, INTERRUPTED, RAISED
+from btcore.cli.exit_codes import ExitCode
 from btcore.script.program import Program
 from btcore.sweep import success, table
 from btcore.sweep.definition import SweepDefinition
@@ -22,7 +22,7 @@ class SweepResults(NamedTuple):
     """The object of ``--json``, and the exit code."""
 
     json_object: dict[str, Any]
-    code: int
+    code: ExitCode
 
 
 def write_results(
@@ -44,12 +44,12 @@ def write_results(
     return SweepResults(_object(told, played, results, report), _code(rows, played))
 
 
-def _code(rows: list[Row], played: ExecutionSummary) -> int:
+def _code(rows: list[Row], played: ExecutionSummary) -> ExitCode:
     if played.interrupted:
-        return INTERRUPTED
+        return ExitCode.INTERRUPTED
     if any(one["status"] == "RAISED" for one in rows):
-        return RAISED
-    return 0 if all(one["success"] for one in rows) else FAILURE
+        return ExitCode.LEAF_ERROR
+    return ExitCode.SUCCESS if all(one["success"] for one in rows) else ExitCode.FAILURE
 
 
 def _object(told: ReportData, played: ExecutionSummary, results: Path, report: Path) -> dict[str, Any]:
