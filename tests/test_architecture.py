@@ -35,7 +35,9 @@ LAYERS = (
     {""},  # btcore/__init__.py
     {"testing"},
     {"batch"},
+    {"run_extension", "bundled_trees"},
     {"cli", "__main__"},
+    {"program_runner"},
     {"sweep"},
 )
 NAMELESS = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
@@ -169,6 +171,11 @@ SERVERS_WITH_TREES = ("btcore_robot.navigation.navigator", "btcore_robot.navigat
 def test_the_servers_of_the_robot_know_nothing_of_trees() -> None:
     for room in ("navigation", "control", "perception", "process"):
         assert offenders(f"btcore_robot.{room}", "btcore", but=SERVERS_WITH_TREES) == []
+
+
+@pytest.mark.parametrize("package", ["btcore_monitor", "btcore_robot", "btcore_sim"])
+def test_other_packages_import_nothing_of_the_command_line(package: str) -> None:
+    assert offenders(package, "btcore.cli") == []
 
 
 @pytest.mark.parametrize(("guest", "room"), [("rerun", "btcore_monitor.screen"), ("pybullet", "btcore_sim")])

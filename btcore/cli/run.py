@@ -4,13 +4,12 @@ import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, cast
+from typing import Any, cast
 
 import click
 from click.core import ParameterSource
 
 from btcore.cli import (
-    entry_points,
     initial_blackboard,
     node_libraries,
     node_models,
@@ -19,22 +18,20 @@ from btcore.cli import (
     terminal,
     trees,
 )
-from btcore.cli.extension import gather_resources
+from btcore.cli.extension import gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import CheckedSource, SaveWatcher, TreeSource
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.errors import TreeError
+from btcore.run_extension import RunExtension
 from btcore.suggestions import join_names
 from btcore.xml.build import TreeInstantiator
 from btcore.xml.models.stand_ins import StubPlans
 
-RESOURCES: Final = "btcore.resources"
-_META: Final = "btcore.cli.run.extensions"
 
-
-class Finite(click.FloatRange):
-    """A range of numbers, of which "nan" is none."""
+class FiniteRange(click.FloatRange):
+    """A range of numbers without "nan"."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The number."""
@@ -50,8 +47,8 @@ class RunCommand(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Its own options, then those of the extensions, then ``--help``."""
         own = super().get_params(ctx)
-        brought = [option for extension in extensions_of(ctx)[0] for option in extension.options]
-        return [*own[:-1], *brought, own[-1]]
+        added = [option for one in load_extensions(ctx).extensions for option in one.options]
+        return [*own[:-1], *added, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """As click does; an option that an absent package may bring is explained."""
@@ -65,21 +62,12 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     try:
         yield
     except click.NoSuchOption as error:
-        missing = extensions_of(ctx)[1]
+        missing = load_extensions(ctx).missing
         if not missing:
             raise
         text = error.format_message().rstrip(".")
         why = "; ".join(f"'{one.name}', because {one.remedy}" for one in missing)
         raise click.UsageError(f"{text}. Or a package brings it that isn't there: {why}", ctx) from error
-
-
-def extensions_of(ctx: click.Context) -> tuple[list[Any], list[entry_points.UnavailableEntryPoint]]:
-    """The extensions of this run, made once, and those that can't be."""
-    if _META not in ctx.meta:
-        found, missing = entry_points.load(RESOURCES)
-        ctx.meta[_META] = ([one.value() for one in found], missing)
-    made: tuple[list[Any], list[entry_points.UnavailableEntryPoint]] = ctx.meta[_META]
-    return made
 
 
 @click.command(cls=RunCommand, short_help="Run a tree, until it is done.")
@@ -93,14 +81,14 @@ def extensions_of(ctx: click.Context) -> tuple[list[Any], list[entry_points.Unav
 @initial_blackboard.set_option
 @click.option(
     "--rate",
-    type=Finite(0, 10_000, min_open=True),
+    type=FiniteRange(0, 10_000, min_open=True),
     default=10.0,
     show_default=True,
     help="Ticks per second.",
 )
 @click.option(
     "--duration",
-    type=Finite(0, min_open=True),
+    type=FiniteRange(0, min_open=True),
     metavar="S",
     help="End after so many seconds of the tree's clock.",
 )
@@ -146,7 +134,7 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
 def create_session(
     ctx: click.Context,
     settings: Mapping[str, Any],
-    joining: Sequence[Any] = (),
+    joining: Sequence[RunExtension] = (),
     installed: node_libraries.NodeLibraries | None = None,
 ) -> RunSession:
     """The run that the command's *settings* ask for, before its first tick.
@@ -157,9 +145,9 @@ def create_session(
     """
     saves = SaveWatcher(trees.find(settings["source"])) if settings["watch"] else None
     recipe, (examined, nodes) = read_tree_source(settings, installed)
-    brought, missing = extensions_of(ctx)
+    installed_extensions, missing = load_extensions(ctx)
     wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
-    resources, brought, idle = gather_resources(brought, settings, wanted)
+    resources, extensions, idle = gather_resources(installed_extensions, settings, wanted)
     clock = clock_of(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubPlans(settings["plans"])]
     try:
@@ -171,8 +159,8 @@ def create_session(
     initial_blackboard.write(tree, settings["entries"])
     terminal.print_diagnostics(examined.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
-    _tell_idle(ctx, idle)
-    return RunSession(tree, recipe, settings, [*brought, *joining], resources, saves)
+    _warn_unused_options(ctx, idle)
+    return RunSession(tree, recipe, settings, [*extensions, *joining], resources, saves)
 
 
 def read_tree_source(
@@ -191,21 +179,19 @@ def read_tree_source(
     return recipe, reading
 
 
-def _tell_idle(ctx: click.Context, idle: Sequence[Any]) -> None:
-    """Warn of options that were given for nothing, as the tree has no use for what their extension brings.
-
-    What that is for, an extension says by its attribute `serves`; one without it may do without leaves.
-    """
+def _warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension]) -> None:
+    """Warn of options on the command line whose extension is *idle*, as no leaf of the tree uses it."""
     for extension in idle:
-        serves = getattr(extension, "serves", None)
         given = [
             option.opts[0]
             for option in extension.options
             if ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
         ]
-        if serves is not None and given:
+        if extension.used_by is not None and given:
             do = "does" if len(given) == 1 else "do"
-            terminal.print_warning(f"{join_names(given)} {do} nothing here: the tree has no {serves}")
+            terminal.print_warning(
+                f"{join_names(given)} {do} nothing here: the tree has no {extension.used_by}"
+            )
 
 
 def clock_of(resources: Sequence[object], fast: bool) -> Clock:

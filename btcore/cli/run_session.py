@@ -10,7 +10,7 @@ import click
 
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.extension import merge_reports, notify_interrupted
+from btcore.cli.extension import merge_reports
 from btcore.cli.leaf_logging import log_to_console
 from btcore.cli.progress import Progress, print_summary
 from btcore.cli.run_logs import Logs
@@ -21,13 +21,14 @@ from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import rebuild_tree
 from btcore.registry.manifest import fits
+from btcore.run_extension import RunExtension
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.document_checks import DocumentAnalysis
 
 
 class SessionResult(NamedTuple):
-    """What ended a run, its exit *code*, and what the extensions tell of it."""
+    """What ended a run, its exit *code*, and what the extensions report."""
 
     ending: EndReason
     code: ExitCode
@@ -37,9 +38,8 @@ class SessionResult(NamedTuple):
 class RunSession:
     """The run of *tree* and, if *saves* are looked for, of those that take its place.
 
-    *recipe* made it, of *resources*; *settings* are the options, and *brought* the extensions in the
-    order in which they are attached. An extension may have a method ``swap(tree, resources, settings)``,
-    which is called between two ticks, after the old tree was halted.
+    *recipe* made it, of *resources*; *settings* are the options, and *extensions* the extensions in the
+    order in which they are attached.
     """
 
     def __init__(
@@ -47,14 +47,14 @@ class RunSession:
         tree: Tree,
         recipe: TreeSource,
         settings: Mapping[str, Any],
-        brought: Sequence[Any],
+        extensions: Sequence[RunExtension],
         resources: Sequence[object],
         saves: SaveWatcher | None = None,
     ) -> None:
         self.tree = tree
         self.recipe = recipe
         self.settings = settings
-        self.extensions = brought
+        self.extensions = extensions
         self.resources = resources
         self.saves = saves
         self.logs = Logs(settings["logs"])
@@ -78,7 +78,7 @@ class RunSession:
         return done.code
 
     def execute(self) -> SessionResult:
-        """Run to the end, and tell nobody but who is attached."""
+        """Run to the end, without printing a summary: notify attached extensions only."""
         self.tree.count_ticks()
         with ExitStack() as attached:
             for extension in self.extensions:
@@ -87,8 +87,9 @@ class RunSession:
             self.logs.open(self.tree)
             ending = self._loop()
             if ending == "interrupted":
-                notify_interrupted(self.extensions)
-        figures = merge_reports([one.report() for one in self.extensions])
+                for extension in self.extensions:
+                    extension.on_interrupt()
+        figures = merge_reports(self.extensions)
         if self.saves is not None:
             figures = {"reloads": self.reloads, **figures}
         return SessionResult(ending, self._code(ending), figures)
@@ -197,6 +198,4 @@ class RunSession:
         self.reloads += 1
         self.logs.open_next(made)
         for extension in self.extensions:
-            swap = getattr(extension, "swap", None)
-            if swap is not None:
-                swap(made, self.resources, self.settings)
+            extension.replace_tree(made, self.resources, self.settings)

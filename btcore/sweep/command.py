@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from btcore.cli.run import Finite
+from btcore.cli.run import FiniteRange
 from btcore.script.program import Program
 from btcore.sweep import (
     defining,
@@ -49,7 +49,7 @@ def _have(modules: Sequence[str]) -> None:
 )
 @click.option(
     "--duration",
-    type=Finite(0, min_open=True),
+    type=FiniteRange(0, min_open=True),
     default=600.0,
     show_default=True,
     metavar="S",

@@ -2,21 +2,20 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any
 
 from btcore.engine.observers import Observer
+from btcore.run_extension import RunExtension
 from btcore.status import Status, Transition
 from btcore.tree.tree import Tree
 
 
-class FailureCause(Observer):
-    """Joins a run as its extensions do, and knows afterwards which node failed *first* in the last tick.
+class FailureCause(Observer, RunExtension):
+    """A run's extension that knows afterwards which node failed *first* in the last tick.
 
     That is the node at the end of the way from the root over children that failed in that tick, over the
     last of them where there are several.
     """
-
-    options: ClassVar[Sequence[Any]] = ()
 
     def __init__(self) -> None:
         self._tick = 0
@@ -41,10 +40,6 @@ class FailureCause(Observer):
             end()
             if tree.ticks == self._tick:
                 self.node_path = self._found(tree)
-
-    def report(self) -> dict[str, object]:
-        """Nothing: what `run` tells of a run stays as it is."""
-        return {}
 
     def _found(self, tree: Tree) -> str | None:
         when = {uid: number for number, uid in enumerate(self._failed)}

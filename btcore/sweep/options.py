@@ -6,7 +6,8 @@ from typing import Any, Final, cast
 
 import click
 
-from btcore.cli.run import explain_missing_options, extensions_of, run
+from btcore.cli.extension import load_extensions
+from btcore.cli.run import explain_missing_options, run
 from btcore.sweep.parameters import RunOptions
 
 _GIVEN: Final = "btcore.sweep.options.given"
@@ -46,17 +47,11 @@ class SweepCommand(click.Command):
 
 
 def collect_run_options(ctx: click.Context) -> RunOptions:
-    """The options of ``btcore run``, and those that no sweep has.
-
-    An extension's attribute ``single_run_options``, if it has one, names (as click does) the options that
-    several
-    runs at a time can't have.
-    """
+    """Return the options of ``btcore run``, and those that a sweep refuses."""
     refused = dict(_REFUSED)
-    for extension in extensions_of(ctx)[0]:
-        alone = getattr(extension, "single_run_options", ())
+    for extension in load_extensions(ctx).extensions:
         for option in extension.options:
-            if option.name in alone:
+            if option.name in extension.single_run_options:
                 refused[_key(option)] = (
                     "that is for one run at a time; replay the episode that counts with it"
                 )

@@ -12,7 +12,7 @@ from typing import Final
 import click
 
 from btcore_monitor.serve import Publisher
-from btcore_monitor.viewer_setup import MonitorCommandError, stop_on_signals
+from btcore_monitor.viewer_setup import stop_on_signals
 
 START_TIMEOUT: Final = 30.0
 """Seconds (wall clock) that a viewer or saver has to come up before the first tick."""
@@ -93,14 +93,14 @@ class MonitorProcess:
 def wait_until_listening(publisher: Publisher, monitors: Sequence[MonitorProcess]) -> None:
     """Return once all *monitors* listen, so that the run begins before its eyes.
 
-    Raises MonitorCommandError where one ends at once.
+    Raises click.ClickException where one ends at once.
     """
     deadline = time.monotonic() + START_TIMEOUT
     while not publisher.wait_for_clients(len(monitors), 0.1):
         for monitor in monitors:
             code = monitor.process.poll()
             if code is not None:
-                raise MonitorCommandError(
+                raise click.ClickException(
                     f"{monitor.name}: the monitor's process ended at once, with exit code {code}"
                 )
         if time.monotonic() > deadline:

@@ -12,13 +12,14 @@ from typing import Any, Final
 
 import click
 
+from btcore.run_extension import RunExtension
 from btcore.tree.tree import Tree
 from btcore_monitor.display import has_display
 from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
 from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_listening
 from btcore_monitor.serve import Publisher, ServeError, serve
 from btcore_monitor.serve.tcp_ports import GROOT1_PORTS
-from btcore_monitor.viewer_setup import MonitorCommandError, check_is_recording, check_writable
+from btcore_monitor.viewer_setup import check_is_recording, check_writable
 from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
@@ -26,7 +27,7 @@ _APART: Final = BESIDE_GROOT2 - DEFAULT_PORT
 """How far Groot 1's ports are behind Groot 2's, if both are served: 1667 and 2666."""
 
 
-class MonitorExtension:
+class MonitorExtension(RunExtension):
     """What ``run`` is told of publishing and showing: ``--publish``, ``--monitor``, ``--save`` and more."""
 
     options: Sequence[click.Option] = (
@@ -72,7 +73,6 @@ class MonitorExtension:
         *create_options(),
     )
     single_run_options: Sequence[str] = tuple(option.name or "" for option in options)
-    """What several runs at a time can't have: all of it; see `btcore sweep`."""
 
     def __init__(self) -> None:
         self._publisher: Publisher | None = None
@@ -84,30 +84,28 @@ class MonitorExtension:
         """Nothing for leaves; the options are checked here, before a world is built in vain."""
         _ports(settings)
         if "groot1" in settings["publish"] and importlib.util.find_spec("flatbuffers") is None:
-            raise MonitorCommandError(
+            raise click.ClickException(
                 "--publish groot1 needs flatbuffers, which isn't installed: pip install 'btcore[monitor]'"
             )
         if settings["allow_control"] and "groot2" not in settings["publish"]:
-            raise MonitorCommandError(
-                "--allow-control needs --publish groot2, by which a robot is controlled"
-            )
+            raise click.UsageError("--allow-control needs --publish groot2, by which a robot is controlled")
         save: Path | None = settings["save"]
         if save is not None:
             check_is_recording(save)
             check_writable("--save", save)
         shown = _shown(settings)
         if shown and importlib.util.find_spec("rerun") is None:
-            raise MonitorCommandError(
+            raise click.ClickException(
                 f"{shown[0]} needs rerun, which isn't installed: pip install 'btcore[monitor]'"
             )
         if not shown:
             for option in explicit_options():
-                raise MonitorCommandError(
+                raise click.UsageError(
                     f"{option} is about what is shown, and nothing is: add --monitor, --serve-web or --save "
                     "FILE.rrd"
                 )
         if settings["monitor"] and not has_display():
-            raise MonitorCommandError(
+            raise click.ClickException(
                 "--monitor: there is no display here. --serve-web shows the run in a browser, --save "
                 "FILE.rrd records it for later, and --publish groot2 lets a monitor in from elsewhere"
             )
@@ -119,18 +117,14 @@ class MonitorExtension:
         """Publish *tree* while the run lasts, as the options say."""
         return self._published(tree, resources, settings)
 
-    def swap(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
-        """Publish *tree*, which has taken the place of the one before; who listens stays."""
+    def replace_tree(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
+        """Publish *tree* instead of the previous tree; clients stay connected."""
         if self._publisher is not None:
             self._publisher.replace(tree, resources)
 
-    def interrupted(self) -> None:
-        """The run was told to end: its end isn't waited for by anybody."""
+    def on_interrupt(self) -> None:
+        """Don't wait for viewers at the end."""
         self._interrupted = True
-
-    def report(self) -> dict[str, object]:
-        """Nothing: a run's results are the same with and without a monitor."""
-        return {}
 
     @contextmanager
     def _published(
@@ -151,7 +145,7 @@ class MonitorExtension:
                 allow_control=settings["allow_control"],
             )
         except ServeError as error:
-            raise MonitorCommandError(str(error)) from None
+            raise click.ClickException(str(error)) from None
         with publisher:
             print_message(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
             if publisher.groot1 is not None:
@@ -195,7 +189,7 @@ def _shown(settings: Mapping[str, Any]) -> list[str]:
 
 
 def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
-    """The first ports for Groot 2 and for Groot 1; None: not for it. Raises MonitorCommandError."""
+    """The first ports for Groot 2 and for Groot 1; None: not for it. Raises click.UsageError."""
     publish, first = settings["publish"], settings["port"]
     if "groot1" not in publish:
         return (DEFAULT_PORT if publish else 0) if first is None else first, None
@@ -204,7 +198,7 @@ def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
     port = DEFAULT_PORT if first is None else first
     groot1 = port + _APART if port else 0
     if groot1 + GROOT1_PORTS > 1 << 16:
-        raise MonitorCommandError(
+        raise click.UsageError(
             f"--port {port} leaves no port for Groot 1, which is {_APART} further: choose one up to "
             f"{(1 << 16) - GROOT1_PORTS - _APART}"
         )

@@ -15,16 +15,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from btcore_monitor.display_options import display_options
-from btcore_monitor.errors import MonitorError
 
 if TYPE_CHECKING:
     from btcore_monitor.screen.sinks import RecordingSinks
-
-
-class MonitorCommandError(MonitorError, click.ClickException):
-    """What was asked for can't be had; the message says what can."""
-
-    exit_code = 2
 
 
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -69,10 +62,10 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def check_installed(*modules: str) -> None:
-    """Raise MonitorCommandError where one of *modules* is missing."""
+    """Raise click.ClickException if one of *modules* is not installed."""
     missing = [name for name in modules if importlib.util.find_spec(name) is None]
     if missing:
-        raise MonitorCommandError(
+        raise click.ClickException(
             f"the monitor needs {missing[0]}, which isn't installed: pip install 'btcore[monitor]'"
         )
 
@@ -129,21 +122,21 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
 
 
 def check_is_recording(save: Path) -> None:
-    """Raise MonitorCommandError where the file of ``--save`` is not called as rerun's recordings are."""
+    """Raise click.UsageError where the file of ``--save`` is not called as rerun's recordings are."""
     if save.suffix.lower() != ".rrd":
-        raise MonitorCommandError(
+        raise click.UsageError(
             f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
         )
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Raise MonitorCommandError where the folder of *option*'s file isn't there."""
+    """Raise click.UsageError where the folder of *option*'s file isn't there."""
     if not path.resolve().parent.is_dir():
-        raise MonitorCommandError(f"{option} {path}: there is no folder {path.resolve().parent}")
+        raise click.UsageError(f"{option} {path}: there is no folder {path.resolve().parent}")
 
 
 def check_writable(option: str, path: Path) -> None:
-    """Raise MonitorCommandError where *option*'s file can't be written; an existing file stays as it is."""
+    """Raise click.UsageError where *option*'s file can't be written; an existing file stays as it is."""
     check_folder(option, path)
     is_new = not path.exists()
     try:
@@ -152,13 +145,11 @@ def check_writable(option: str, path: Path) -> None:
         if is_new:
             path.unlink()
     except OSError as fault:
-        raise MonitorCommandError(
-            f"{option} {path}: it can't be written: {fault.strerror or fault}"
-        ) from None
+        raise click.UsageError(f"{option} {path}: it can't be written: {fault.strerror or fault}") from None
 
 
 def open_sinks(save: Path | None, web_port: int | None, window: bool, memory_limit: str) -> "RecordingSinks":
-    """Open where a run is shown: a file, a window, browsers. Raises MonitorCommandError, ScreenError."""
+    """Open where a run is shown: a file, a window, browsers. Raises click.UsageError, ScreenError."""
     from btcore_monitor.screen.sinks import RecordingSinks, open_window, serve_web
 
     if save is not None:
@@ -171,7 +162,7 @@ def open_sinks(save: Path | None, web_port: int | None, window: bool, memory_lim
     if window:
         return RecordingSinks(save=save, viewer=open_window(memory_limit))
     if save is None:
-        raise MonitorCommandError(
+        raise click.UsageError(
             "--no-view leaves nothing to do: add --save FILE.rrd, --serve-web or --screenshot FILE.png"
         )
     return RecordingSinks(save=save)

@@ -7,18 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from btcore.cli.program_runner import Finite, RunCommand, require_resources, run_program
+from btcore.program_runner import FiniteRange, RunCommand, require_resources, run_program
 from btcore_robot.control.keyboard import HELP, KeyDrive, KeyInputError, Keys, Terminal, script
 from btcore_robot.robot import Phase, Robot
 
 if TYPE_CHECKING:
     from btcore_robot.navigation.mapping.mapper import Mapper
-
-
-class DriveUsageError(click.ClickException):
-    """A mistake in what was asked for."""
-
-    exit_code = 2
 
 
 @click.command("drive", cls=RunCommand, short_help="Drive the robot by keys, and map what it sees.")
@@ -33,7 +27,7 @@ class DriveUsageError(click.ClickException):
     metavar="FILE.yaml",
     help="Make a map on the way, and save it at the end.",
 )
-@click.option("--duration", type=Finite(0, min_open=True), metavar="S", help="End after so long.")
+@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="End after so long.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="For chance.")
 @click.option("--fast", is_flag=True, help="As fast as it goes, instead of real time; for --keys.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object as the last line of stdout.")
@@ -42,11 +36,11 @@ def drive(ctx: click.Context, /, **settings: Any) -> int:
     """Drive the robot: w or ↑ forward, s or ↓ back, a or ← left, d or → right, space stop, x end."""
     path: Path | None = settings["map_to"]
     if path is not None and not path.resolve().parent.is_dir():
-        raise DriveUsageError(f"--map-to {path}: there is no folder {path.resolve().parent}")
+        raise click.UsageError(f"--map-to {path}: there is no folder {path.resolve().parent}")
     try:
         keys: Keys = Terminal() if settings["keys"] is None else script(settings["keys"])
     except KeyInputError as fault:
-        raise DriveUsageError(f"--keys: {fault}" if settings["keys"] is not None else str(fault)) from fault
+        raise click.UsageError(f"--keys: {fault}" if settings["keys"] is not None else str(fault)) from fault
     gathered = require_resources(ctx, settings, (Robot,))
     robot = next(one for one in gathered.resources if isinstance(one, Robot))
     mapper = _mapper(robot) if path is not None else None
@@ -74,7 +68,7 @@ def _mapper(robot: Robot) -> "Mapper":
     try:
         from btcore_robot.navigation.mapping.mapper import Mapper
     except ModuleNotFoundError as missing:
-        raise DriveUsageError(
+        raise click.UsageError(
             f"maps need the module '{missing.name}'; you can have it: pip install 'btcore[robot]'"
         ) from missing
     from btcore_robot.transforms import FrameBroadcaster, TransformTree
@@ -96,7 +90,7 @@ def _save(mapper: "Mapper", path: Path) -> dict[str, object]:
     try:
         save_map(map, path)
     except MapError as fault:
-        raise DriveUsageError(str(fault)) from fault
+        raise click.UsageError(str(fault)) from fault
     click.echo(
         f"{path}: {map.width} x {map.height} cells of {map.resolution:g} m, "
         f"made of {len(mapper.scans)} scans and {mapper.loops_closed} loops"

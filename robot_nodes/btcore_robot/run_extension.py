@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from btcore.run_extension import RunExtension
 from btcore_robot.leaves.explore import Explorer, MapFile
 from btcore_robot.leaves.locate import ObjectLocatorProtocol
 from btcore_robot.leaves.navigate import PoseNavigator
@@ -25,17 +26,10 @@ if TYPE_CHECKING:
     from btcore_robot.perception.object_locator import ObjectLocator
 
 
-class NavigationUsageError(click.ClickException):
-    """A mistake in what was asked of the navigation."""
-
-    exit_code = 2
-
-
-class NavigationExtension:
+class NavigationExtension(RunExtension):
     """Offers navigation on the robot's map, or while one is made, and a head tracker, to trees that ask."""
 
-    serves = "leaf that navigates, makes a map, tracks or locates"
-    """Without which its options do nothing."""
+    used_by = "leaf that navigates, makes a map, tracks or locates"
     options: Sequence[click.Option] = (
         click.Option(
             ["--map", "map_file"],
@@ -58,7 +52,6 @@ class NavigationExtension:
     )
 
     single_run_options = ("save_map",)
-    """What several runs at a time can't have; see `btcore sweep`."""
 
     def __init__(self) -> None:
         self._navigation: Navigation | None = None
@@ -81,7 +74,7 @@ class NavigationExtension:
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """What leaves want of it; a user's mistake is a `NavigationUsageError`."""
+        """What leaves want of it; a user's mistake is a `click.UsageError`."""
         navigates, explores, tracks = _asked(wanted)
         robot = next((one for one in provided if isinstance(one, Robot)), None)
         if robot is None:
@@ -121,10 +114,6 @@ class NavigationExtension:
             if self._exploration is not None and self._file.path is not None and not self._file.saved:
                 _save(self._exploration, self._file.path)
 
-    def report(self) -> dict[str, object]:
-        """Nothing: who judges a run knows more than the robot does."""
-        return {}
-
 
 def _asked(wanted: Sequence[type]) -> tuple[bool, bool, bool]:
     """Whether leaves want to navigate, to explore, and to track."""
@@ -155,21 +144,21 @@ def _locator(robot: Robot, given: Sequence[object]) -> "ObjectLocator":
 
 
 def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Navigation":
-    from btcore.cli.trees import folder
+    from btcore.bundled_trees import folder
     from btcore_robot.navigation.stack import Navigation
 
     map, parameters = _map(settings, provided), _parameters(settings)
     if map is None:
-        raise NavigationUsageError("there is no map to navigate on: --map FILE.yaml names one")
+        raise click.UsageError("there is no map to navigate on: --map FILE.yaml names one")
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
         if not cells.any():
-            raise NavigationUsageError(f"there is no {missing} on the map, so nobody can find a way by it")
+            raise click.UsageError(f"there is no {missing} on the map, so nobody can find a way by it")
     with _plugins_minded(settings):
         return Navigation(robot, map, _random(settings), folder(), parameters)
 
 
 def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Exploration":
-    from btcore.cli.trees import folder
+    from btcore.bundled_trees import folder
     from btcore_robot.navigation.mapping.exploration import Exploration
 
     # Of a map that there is already only the keep-outs count: table tops, which no laser at the floor sees.
@@ -187,7 +176,7 @@ def _plugins_minded(settings: Mapping[str, Any]) -> Iterator[None]:
     try:
         yield
     except RegistrationError as fault:
-        raise NavigationUsageError(f"--nav-params {settings.get('nav_params')}: {fault}") from fault
+        raise click.UsageError(f"--nav-params {settings.get('nav_params')}: {fault}") from fault
 
 
 def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
@@ -199,7 +188,7 @@ def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyM
         if file is not None:
             return load_map(file)
     except MapError as fault:
-        raise NavigationUsageError(str(fault)) from fault
+        raise click.UsageError(str(fault)) from fault
     return next((one for one in provided if isinstance(one, OccupancyMap)), None)
 
 
@@ -212,8 +201,8 @@ def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
     try:
         parameters = load_parameters(file)
     except ParameterError as fault:
-        raise NavigationUsageError(str(fault)) from fault
-    from btcore.cli.trees import folder
+        raise click.UsageError(str(fault)) from fault
+    from btcore.bundled_trees import folder
     from btcore_robot.navigation.stack import missing_trees
 
     missing = [f"{file}: {one}" for one in missing_trees(parameters.navigator, folder())]
@@ -232,7 +221,7 @@ def _check_waypoints(nodes: Sequence[object]) -> None:
     """Say before the run that it has nowhere to go, and not in the middle of it."""
     for node in nodes:
         if isinstance(node, GetWaypoint) and not node.places:
-            raise NavigationUsageError(
+            raise click.UsageError(
                 f"this world has no waypoints, and {node.path} sends the robot to one; "
                 "the houses have some: --world house"
             )
@@ -241,7 +230,7 @@ def _check_waypoints(nodes: Sequence[object]) -> None:
 def _writable(path: Path | None) -> Path | None:
     """*path*, if its folder is there: nobody drives for a quarter of an hour to be told that it isn't."""
     if path is not None and not path.resolve().parent.is_dir():
-        raise NavigationUsageError(f"--save-map {path}: there is no folder {path.resolve().parent}")
+        raise click.UsageError(f"--save-map {path}: there is no folder {path.resolve().parent}")
     return path
 
 

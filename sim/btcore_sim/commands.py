@@ -5,12 +5,6 @@ from pathlib import Path
 import click
 
 
-class MapUsageError(click.ClickException):
-    """The map of what was asked for can't be had; the message says why."""
-
-    exit_code = 2
-
-
 @click.command("map")
 @click.argument("world")
 @click.option(
@@ -41,7 +35,7 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         from btcore_sim.map_rasteriser import rasterise
         from btcore_sim.scene import load_scene
     except ModuleNotFoundError as missing:
-        raise MapUsageError(
+        raise click.UsageError(
             f"maps need the module '{missing.name}'; you can have it: pip install 'btcore[sim]'"
         ) from missing
     try:
@@ -51,9 +45,11 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         path = output / f"{scene.name}.yaml"
         save_map(map, path)
     except (SimError, MapError) as mistake:
-        raise MapUsageError(str(mistake)) from mistake
+        raise click.UsageError(str(mistake)) from mistake
     except OSError as fault:
-        raise MapUsageError(f"{fault.filename}: the map can't be written there: {fault.strerror}") from fault
+        raise click.UsageError(
+            f"{fault.filename}: the map can't be written there: {fault.strerror}"
+        ) from fault
     x, y = map.origin
     click.echo(
         f"{path} and {path.with_suffix('.pgm').name}: {map.width} x {map.height} cells of {resolution:g} m, "

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,19 +18,15 @@ if TYPE_CHECKING:
     from btcore_sim.simulated_robot import SimulatedRobot
 
 
-class SimUsageError(click.ClickException):
-    """A mistake in what was asked of the simulator."""
-
-    exit_code = 2
-
-
 class RobotExtension:
-    """Offers a `Robot` in a simulated world to trees that ask for one; others start no simulator."""
+    """Offers a `Robot` in a simulated world to trees that ask for one; others start no simulator.
 
-    serves = "leaf that asks for a robot"
-    """Without which its options do nothing."""
-    stands_in = True
-    """It is asked after others that may bring a robot, whatever their names."""
+    It has every hook of `btcore.run_extension.RunExtension`, and doesn't inherit from it, as the simulator
+    imports nothing of btcore.
+    """
+
+    used_by: str | None = "leaf that asks for a robot"
+    is_fallback: bool = True
     options: Sequence[click.Option] = (
         click.Option(
             ["--world"],
@@ -104,13 +100,16 @@ class RobotExtension:
         ),
     )
 
-    single_run_options = ("gui",)
-    """What several runs at a time can't have; see `btcore sweep`."""
+    single_run_options: Collection[str] = ("gui",)
 
     def __init__(self) -> None:
         self._body: SimulatedRobot | None = None
         self._events: EventRunner | None = None
         self._report: dict[str, object] = {}
+
+    def requires(self, wanted: Sequence[type]) -> Sequence[type]:
+        """Nothing."""
+        return ()
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object] = ()
@@ -118,7 +117,7 @@ class RobotExtension:
         """The robot in its world and the world's map, as far as *wanted* has `Robot` and `OccupancyMap`.
 
         Where somebody else has *provided* a robot there is no simulated one, nor its world's map: who drives
-        the real one wants no figures of another. A user's mistake is a `SimUsageError`.
+        the real one wants no figures of another. A user's mistake is a `click.UsageError`.
         """
         if any(isinstance(one, Robot) for one in provided):
             return ()
@@ -136,9 +135,9 @@ class RobotExtension:
             if charted:
                 found.append(_chart(settings))
         except SimError as mistake:
-            raise SimUsageError(str(mistake)) from mistake
+            raise click.UsageError(str(mistake)) from mistake
         except ModuleNotFoundError as missing:
-            raise SimUsageError(
+            raise click.UsageError(
                 f"the simulated robot needs the module '{missing.name}'; "
                 "you can have it: pip install 'btcore[sim]'"
             ) from missing
@@ -161,6 +160,12 @@ class RobotExtension:
                     self._report["events"] = self._events.event_log
                 body.world.close()
                 self._body = None
+
+    def replace_tree(self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
+        """Nothing: the world goes on."""
+
+    def on_interrupt(self) -> None:
+        """Nothing: an interrupted run is judged as any other."""
 
     def report(self) -> dict[str, object]:
         """``{"robot": {"distance_m", "collisions", "grazes", "pose", …}}`` of a run that has ended.

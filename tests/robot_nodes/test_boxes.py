@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from btcore.cli.trees import folder
+from btcore.bundled_trees import folder
 from btcore_robot.navigation.stack import Navigation
 from btcore_robot.perception.boxes import Box, boxes, points
 from btcore_robot.perception.colour import WOOD

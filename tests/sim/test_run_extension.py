@@ -12,7 +12,7 @@ import click
 import pytest
 
 from btcore_robot.robot import GoalOutcome, Pose2D, Robot
-from btcore_sim.run_extension import RobotExtension, SimUsageError
+from btcore_sim.run_extension import RobotExtension
 
 SETTINGS: dict[str, Any] = {
     "world": "arena",
@@ -144,7 +144,7 @@ def test_a_users_mistake_is_one_sentence_and_exit_code_2(changes: dict[str, Any]
     settings = {**SETTINGS, **changes}
     if settings["robot"]:
         settings["robot"] = Path(settings["robot"])
-    with pytest.raises(SimUsageError, match=said) as caught:
+    with pytest.raises(click.UsageError, match=said) as caught:
         RobotExtension().provide(settings, [Robot])
     assert isinstance(caught.value, click.ClickException)
     assert caught.value.exit_code == 2

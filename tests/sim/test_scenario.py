@@ -4,13 +4,14 @@ import threading
 from hashlib import sha256
 from typing import Any
 
+import click
 import pytest
 
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import Robot
 from btcore_sim.events import parse_event
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.run_extension import RobotExtension, SimUsageError
+from btcore_sim.run_extension import RobotExtension
 from btcore_sim.scenario import Scenario
 from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -78,5 +79,5 @@ def test_the_map_comes_to_whoever_asks_for_it():
     ],
 )
 def test_what_cannot_be_is_a_users_mistake(changes: dict[str, Any], said: str):
-    with pytest.raises(SimUsageError, match=said):
+    with pytest.raises(click.UsageError, match=said):
         RobotExtension().provide({**SETTINGS, **changes}, [Robot])

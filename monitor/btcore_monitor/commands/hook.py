@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from btcore_monitor.viewer_setup import MonitorCommandError, check_installed, duration_option, stop_on_signals
+from btcore_monitor.viewer_setup import check_installed, duration_option, stop_on_signals
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
@@ -73,7 +73,7 @@ def _robot() -> Iterator["BreakpointClient"]:
         with BreakpointClient(address, patience) as robot:
             yield robot
     except BreakpointError as fault:
-        raise MonitorCommandError(str(fault)) from None
+        raise click.ClickException(str(fault)) from None
 
 
 _after = click.option("--after", is_flag=True, help="After the tick, not before it.")
@@ -180,7 +180,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
             if reached is None:
                 _clear(robot, sorted(waiting))
                 late = ", ".join(sorted(waiting))
-                raise MonitorCommandError(
+                raise click.ClickException(
                     f"{late}: not ticked within {within:g} s, so nothing was injected there"
                 )
             if reached.path in waiting:

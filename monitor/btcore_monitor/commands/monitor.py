@@ -11,7 +11,6 @@ import click
 
 from btcore_monitor.display_options import DisplayOptions, explicit_options
 from btcore_monitor.viewer_setup import (
-    MonitorCommandError,
     check_folder,
     check_installed,
     duration_option,
@@ -71,7 +70,7 @@ def monitor(
     try:
         if recordings:
             if watching:
-                raise MonitorCommandError("a recording and a robot can't be watched at once: name one kind")
+                raise click.UsageError("a recording and a robot can't be watched at once: name one kind")
             _check_is_live()
             _show_recordings(recordings, screenshot, serve_web, at, size, memory_limit, duration)
             return
@@ -92,18 +91,18 @@ def monitor(
                 click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
             if screenshot is not None:
                 if not files:
-                    raise MonitorCommandError(
+                    raise click.ClickException(
                         f"no tree was seen at {', '.join(watching)}, so there is no picture"
                     )
                 save_screenshot(files[-1], screenshot, at, size)
     except ScreenError as fault:
-        raise MonitorCommandError(str(fault)) from None
+        raise click.ClickException(str(fault)) from None
 
 
 def _check_is_live() -> None:
-    """Raise MonitorCommandError for display options: a recording has those that it was made with."""
+    """Raise click.UsageError for display options: a recording has those that it was made with."""
     for option in explicit_options():
-        raise MonitorCommandError(
+        raise click.UsageError(
             f"a recording is shown as it was made: {option} goes with watching a robot, and with btcore "
             "replay of a log"
         )
@@ -116,10 +115,10 @@ def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[
     try:
         places = [parse_address(one) for one in addresses]
     except AddressError as fault:
-        raise MonitorCommandError(str(fault)) from None
+        raise click.UsageError(str(fault)) from None
     for at, place in enumerate(places):
         if place in places[:at]:
-            raise MonitorCommandError(f"{place} is named twice, and one window shows a robot once")
+            raise click.UsageError(f"{place} is named twice, and one window shows a robot once")
     return [Feed(one, blackboard_rate=blackboard_rate, record=record) for one in addresses]
 
 
@@ -220,10 +219,10 @@ def _show_recordings(
 
     for recording in recordings:
         if not recording.is_file():
-            raise MonitorCommandError(f"there is no recording {recording}")
+            raise click.UsageError(f"there is no recording {recording}")
         with recording.open("rb") as file:
             if not file.read(4).startswith(_RECORDING):
-                raise MonitorCommandError(f"{recording} is no recording of rerun")
+                raise click.UsageError(f"{recording} is no recording of rerun")
     if picture is not None:
         check_folder("--screenshot", picture)
         save_screenshot(recordings[-1], picture, at, size)

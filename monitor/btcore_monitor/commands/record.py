@@ -13,7 +13,6 @@ from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.display_options import DisplayOptions, display_options
 from btcore_monitor.viewer_setup import (
-    MonitorCommandError,
     check_installed,
     check_writable,
     duration_option,
@@ -78,11 +77,12 @@ def record(
             finally:
                 files.close()
     except (AddressError, LogError) as fault:
-        raise MonitorCommandError(str(fault)) from None
+        raise click.ClickException(str(fault)) from None
     except WRITE_ERRORS as fault:
-        raise MonitorCommandError(f"the recording ends here, it can't be written any more: {fault}") from None
+        text = f"the recording ends here, it can't be written any more: {fault}"
+        raise click.ClickException(text) from None
     if not files.written:
-        raise MonitorCommandError(f"no tree was seen at {address}, so nothing is recorded")
+        raise click.ClickException(f"no tree was seen at {address}, so nothing is recorded")
     log = files.log
     lost = f"; {log.gaps} gaps are marked in them" if log.gaps else ""
     told = f"{log.transitions} transitions in " if log.paths else ""
@@ -179,12 +179,12 @@ def _check(outputs: Sequence[Path], known: Sequence[str]) -> None:
     places: set[Path] = set()
     for path in outputs:
         if path.suffix not in known:
-            raise MonitorCommandError(
+            raise click.UsageError(
                 f"-o {path}: what can be recorded ends in {join_names(known, 'or')}; "
                 f"did you mean {path.with_suffix(known[0])}?"
             )
         if path.resolve() in places:
-            raise MonitorCommandError(f"-o names {path} twice, and a file holds one log")
+            raise click.UsageError(f"-o names {path} twice, and a file holds one log")
         places.add(path.resolve())
         check_writable("-o", path)
 

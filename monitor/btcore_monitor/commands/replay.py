@@ -34,7 +34,6 @@ from btcore_monitor.events import (
     TreeSeen,
 )
 from btcore_monitor.viewer_setup import (
-    MonitorCommandError,
     check_folder,
     check_installed,
     open_sinks,
@@ -171,7 +170,7 @@ def _window(recording: Recording, begin: float | None, end: float | None) -> ran
     if not since:
         return range(0)
     length = since[-1] / NS_PER_S
-    raise MonitorCommandError(
+    raise click.UsageError(
         f"{recording.path}: nothing happens in that time; its transitions are at "
         f"{since[0] / NS_PER_S:.3f} s to {length:.3f} s"
     )
@@ -183,7 +182,7 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
         if not any(fnmatchcase(path, pattern) for path in keys.values()):
             guess = nearest_name(pattern, keys.values())
             hint = f"; did you mean '{guess}'?" if guess else ""
-            raise MonitorCommandError(f"--node: no node's path is like '{pattern}'{hint}")
+            raise click.UsageError(f"--node: no node's path is like '{pattern}'{hint}")
     chosen = {
         uid: path
         for uid, path in keys.items()
@@ -242,4 +241,4 @@ def _show(
                 with stop_on_signals(stop):
                     stop.wait()
     except ScreenError as fault:
-        raise MonitorCommandError(f"{fault}, or --text for lines" if wants_window else str(fault)) from None
+        raise click.ClickException(f"{fault}, or --text for lines" if wants_window else str(fault)) from None

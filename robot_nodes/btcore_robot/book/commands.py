@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from btcore.cli.program_runner import Finite
-from btcore_robot.book.runner import FAULTS, BookRunner, BookUsageError, world_command
+from btcore.program_runner import FiniteRange
+from btcore_robot.book.runner import FAULTS, BookRunner, world_command
 from btcore_robot.process.launch import read_launch, start_all
 from btcore_robot.process.process import ProcessOptions
 from btcore_robot.process.programs import create_processes
@@ -26,7 +26,7 @@ def book() -> None:
 
 @book.command("hello", short_help="The first programs: publisher, subscriber, executor …")
 @click.argument("program", type=click.Choice(FIRST_STEPS), default="executor")
-@click.option("--duration", type=Finite(0, min_open=True), metavar="S", help="End after so long.")
+@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="End after so long.")
 @click.option("--fast", is_flag=True, help="Simulated time, as fast as it goes, instead of real time.")
 @click.option("--params", type=click.Path(path_type=Path), metavar="FILE.yaml", help="ROS 2 parameters.")
 @click.pass_context
@@ -42,7 +42,7 @@ def hello(ctx: click.Context, /, **settings: Any) -> int:
             options = ProcessOptions(parameters=parameters_of(settings["params"], f"{program}_node"))
         runner.add(*create_processes(program, runner.context, options))
     except FAULTS as fault:
-        raise BookUsageError(str(fault)) from fault
+        raise click.UsageError(str(fault)) from fault
     return runner.perform("Hello")
 
 
@@ -123,9 +123,9 @@ def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name:
 
 _detector_options = [
     click.option(
-        "--drive", type=Finite(), default=0.0, metavar="M/S", help="Drive on meanwhile, as by keyboard."
+        "--drive", type=FiniteRange(), default=0.0, metavar="M/S", help="Drive on meanwhile, as by keyboard."
     ),
-    click.option("--turn", type=Finite(), default=0.0, metavar="RAD/S", help="Turn meanwhile."),
+    click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn meanwhile."),
     click.option("--colour-by-distance", is_flag=True, help="The arrow green when far, red when near."),
     click.option("--displacement", is_flag=True, help="Say each second how far the robot has moved."),
     click.option("--frames", "obstacle_in_frames", is_flag=True, help="Say where it is in three frames."),
@@ -161,8 +161,8 @@ def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
     help="Hue from and to (0-180), saturation, value (0-255); wooden furniture unless said otherwise.",
 )
 @click.option("--each", is_flag=True, help="A box for each separate object, not one for all.")
-@click.option("--pan", type=Finite(), default=0.0, metavar="RAD", help="Where the head looks: + is left.")
-@click.option("--tilt", type=Finite(), default=0.0, metavar="RAD", help="Where the head looks: + is up.")
+@click.option("--pan", type=FiniteRange(), default=0.0, metavar="RAD", help="The head's angle: + is left.")
+@click.option("--tilt", type=FiniteRange(), default=0.0, metavar="RAD", help="The head's angle: + is up.")
 def colour(ctx: click.Context, /, **settings: Any) -> int:
     """Find what has a colour in the camera's pictures, and say where; the picture shows what was seen."""
     from btcore_robot.book.colour_watcher import ColourWatcher, ranges_of
@@ -181,7 +181,7 @@ def colour(ctx: click.Context, /, **settings: Any) -> int:
 
 
 @world_command("head-tracking", "The head follows a colour, by PID (chapter 5.2).")
-@click.option("--turn", type=Finite(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
+@click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
 @click.option("--reactive", is_flag=True, help="Higher gains, and 20 times a second: the exercise.")
 def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
     """Turn the head to what has the colour of wooden furniture; the picture is the head camera's."""

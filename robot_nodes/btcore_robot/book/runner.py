@@ -10,8 +10,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore.cli.extension import GatheredResources
-from btcore.cli.program_runner import Finite, RunCommand, print_result, require_resources, run_program
+from btcore.program_runner import (
+    FiniteRange,
+    GatheredResources,
+    RunCommand,
+    print_result,
+    require_resources,
+    run_program,
+)
 from btcore_robot.book.top_view import save_picture, writable
 from btcore_robot.process.executor import Executor, MessageLoopError
 from btcore_robot.process.launch import LaunchError
@@ -29,18 +35,14 @@ Settings = Mapping[str, Any]
 FAULTS = (LaunchError, ParameterError, UnknownProgramError, TopicError, MessageLoopError)
 
 
-class BookUsageError(click.ClickException):
-    """A mistake in what was asked for."""
-
-    exit_code = 2
-
-
 def world_command(name: str, help_line: str) -> Callable[[Callable[..., int]], click.Command]:
     """A command called *name* that runs in a robot's world, with the options for that."""
 
     def made(function: Callable[..., int]) -> click.Command:
         options = [
-            click.option("--duration", type=Finite(0, min_open=True), metavar="S", help="End after so long."),
+            click.option(
+                "--duration", type=FiniteRange(0, min_open=True), metavar="S", help="End after so long."
+            ),
             click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="For chance."),
             click.option("--fast", is_flag=True, help="As fast as it goes, instead of real time."),
             click.option(
@@ -69,7 +71,7 @@ def guarded(function: Callable[..., int]) -> Callable[..., int]:
         try:
             return function(*arguments, **settings)
         except FAULTS as fault:
-            raise BookUsageError(str(fault)) from fault
+            raise click.UsageError(str(fault)) from fault
 
     return call
 
@@ -119,9 +121,9 @@ class BookRunner:
         """Run it all as *name*; then draw, and report *figures*. The exit code."""
         path: Path | None = self.settings.get("picture")
         if path is not None and not path.resolve().parent.is_dir():
-            raise BookUsageError(f"--picture {path}: there is no folder {path.resolve().parent}")
+            raise click.UsageError(f"--picture {path}: there is no folder {path.resolve().parent}")
         if path is not None and not writable(path):
-            raise BookUsageError(f"--picture {path}: pictures can't be '{path.suffix}'; .png and .jpg work")
+            raise click.UsageError(f"--picture {path}: pictures can't be '{path.suffix}'; .png and .jpg work")
         told: dict[str, object] = {}
 
         def end() -> None:
@@ -130,7 +132,7 @@ class BookRunner:
                 try:
                     save_picture(picture(), path)
                 except OSError as fault:
-                    raise BookUsageError(
+                    raise click.UsageError(
                         f"--picture {path}: it can't be written: {fault.strerror}"
                     ) from fault
 

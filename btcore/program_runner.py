@@ -1,7 +1,8 @@
-"""Running what is no tree in the world that other packages bring, watched and ended as a tree's run is.
+"""Running a program in the world that extensions provide: for commands of other packages.
 
-A command of class `Run` has the options of all packages; `resources` gives it a robot by them, and `perform`
-lets time pass, with a tree of one leaf that is RUNNING, so that the viewer and the recorder take part.
+A command of class :class:`RunCommand` has the options of all extensions. :func:`require_resources` returns
+what they provide, say a robot. :func:`run_program` lets time pass, with a tree of a single leaf that is
+RUNNING, so that the viewer and the recorder take part.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,19 +14,9 @@ from rich.text import Text
 
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.extension import (
-    GatheredResources,
-    gather_resources,
-    merge_reports,
-    notify_interrupted,
-)
+from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
 from btcore.cli.progress import print_figures
-from btcore.cli.run import (
-    Finite,
-    RunCommand,
-    clock_of,
-    extensions_of,
-)
+from btcore.cli.run import FiniteRange, RunCommand, clock_of
 from btcore.cli.run_report import END_REASON_TEXT
 from btcore.cli.tick_loop import EndReason, TickLoop
 from btcore.clock import NS_PER_S, Clock
@@ -34,14 +25,22 @@ from btcore.loading.load import loads
 from btcore.registry.registry import Registry
 from btcore.status import Status
 
-__all__ = ["Finite", "ProgramResult", "RunCommand", "print_result", "require_resources", "run_program"]
+__all__ = [
+    "FiniteRange",
+    "GatheredResources",
+    "ProgramResult",
+    "RunCommand",
+    "print_result",
+    "require_resources",
+    "run_program",
+]
 
 RATE = 10.0
-"""How often (Hz) the work is looked at, and whoever watches it is told."""
+"""How often (Hz) the tree is ticked, and with it viewers are updated."""
 
 
 class ProgramResult(NamedTuple):
-    """How it ended: *ending*, the exit *code*, the time (s) it took, and what the extensions report."""
+    """How a program ended: the reason, the exit code, the duration (s), and the reports of the extensions."""
 
     ending: EndReason
     code: ExitCode
@@ -52,12 +51,19 @@ class ProgramResult(NamedTuple):
 def require_resources(
     ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
 ) -> GatheredResources:
-    """What the packages have for *wanted*, say a robot, by the options of the command.
+    """Return what the extensions provide for *wanted*, say a robot.
 
-    Raises click.UsageError where one of them is had from nobody.
+    Args:
+        ctx: The context of a command of class `RunCommand`.
+        settings: The options of the command.
+        wanted: The types of which there has to be a resource.
+
+    Raises:
+        click.UsageError: No extension provides a resource of one of the types.
+        ExtensionError: An installed extension can't be used.
     """
-    brought, missing = extensions_of(ctx)
-    found = gather_resources(brought, {"rate": None, **settings}, wanted)
+    extensions, missing = load_extensions(ctx)
+    found = gather_resources(extensions, {"rate": None, **settings}, wanted)
     for kind in wanted:
         if not any(isinstance(one, kind) for one in found.resources):
             why = "; ".join(f"'{one.name}' may, and isn't there: {one.remedy}" for one in missing)
@@ -75,12 +81,16 @@ def run_program(
     shown: Sequence[object] = (),
     goes_on: Callable[[], bool] = lambda: True,
 ) -> ProgramResult:
-    """Let the world go on for *settings*' ``duration`` (s), or until Ctrl-C; then call *end*, in that world.
+    """Let time pass in the world of *gathered* while the tasks on the robot's schedule run.
 
-    It also ends when *goes_on*, asked ten times a second, says so.
-
-    What is to happen meanwhile is on the robot's schedule. *name*, in CamelCase, is what whoever watches
-    sees running; *shown* are further things to be drawn. *clock* is for programs that bring their own.
+    Args:
+        name: The ID, in CamelCase, that viewers show for the program.
+        gathered: What `require_resources` returned.
+        settings: The options of the command, among them ``duration`` (s, or None) and ``fast``.
+        end: Called once at the end, while the world still exists.
+        clock: The clock of a program without a world.
+        shown: Further objects that viewers draw.
+        goes_on: Called ten times a second; the program ends when it returns false.
     """
 
     class Work(StatefulAction):
@@ -104,17 +114,18 @@ def run_program(
             with pace.signals():
                 ending = pace.run()
             if ending == "interrupted":
-                notify_interrupted(gathered.extensions)
+                for extension in gathered.extensions:
+                    extension.on_interrupt()
             end()
         finally:
             tree.halt()
-    brought = merge_reports([one.report() for one in gathered.extensions])
+    report = merge_reports(gathered.extensions)
     code = ExitCode.INTERRUPTED if ending == "interrupted" else ExitCode.SUCCESS
-    return ProgramResult(ending, code, pace.elapsed / NS_PER_S, brought)
+    return ProgramResult(ending, code, pace.elapsed / NS_PER_S, report)
 
 
 def print_result(name: str, done: ProgramResult, figures: Mapping[str, object]) -> None:
-    """Say on stderr how what is called *name* ended: its *figures*, and what the extensions report."""
+    """Print the summary of the program *name* on stderr: its *figures*, and what the extensions report."""
     took = f"{done.seconds:.1f} s{END_REASON_TEXT[done.ending]}"
     terminal.stderr_console().print(Text.assemble(("■ ", "dim"), (name, "bold"), "  ", took), soft_wrap=True)
     print_figures({**({name: figures} if figures else {}), **done.report})

@@ -1,0 +1,49 @@
+"""The trees that come with btcore, by name."""
+
+from pathlib import Path
+
+import btcore
+from btcore.suggestions import join_names, nearest_name
+
+
+def folder() -> Path:
+    """Return the folder of the bundled trees: in the package if installed, beside it in a checkout."""
+    package = Path(btcore.__file__).parent
+    installed = package / "trees"
+    return installed if installed.is_dir() else package.parent / "trees"
+
+
+def names() -> list[str]:
+    """Return the names of the bundled trees: ``bumpgo``, ``navigation/patrol`` …"""
+    here = folder()
+    return sorted(path.relative_to(here).with_suffix("").as_posix() for path in here.rglob("*.xml"))
+
+
+def find(name: str) -> Path:
+    """Return the file that *name* means: a file's path, or one of :func:`names`.
+
+    Raises:
+        FileNotFoundError: There is neither; the message has the nearest name.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    if path.suffix != ".xml" and name in names():
+        return folder() / f"{name}.xml"
+    if path.is_dir():
+        raise FileNotFoundError(f"'{name}' is a folder; name one of its files.")
+    raise FileNotFoundError(_missing_message(path, name))
+
+
+def _missing_message(path: Path, name: str) -> str:
+    """Return the message for a *name* that means nothing, with what was probably meant."""
+    if path.suffix == ".xml" or path.parent != Path():
+        beside = [str(other) for other in path.parent.glob("*.xml")] if path.parent.is_dir() else []
+        meant = nearest_name(name, beside)
+        text = f"there is no file '{name}'."
+    else:
+        meant = nearest_name(name, names())
+        text = f"there is neither a file nor a tree '{name}'."
+    if meant is not None:
+        return f"{text} Did you mean '{meant}'?"
+    return f"{text} The trees that have a name: {join_names(names())}." if names() else text

@@ -1,0 +1,170 @@
+"""The extensions of `btcore run`: what they have to have, and the order in which they provide."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import click
+import pytest
+from click.testing import Result
+
+from btcore.cli import entry_points
+from btcore.cli.extension import gather_resources
+from btcore.run_extension import RunExtension
+from btcore_monitor.run_extension import MonitorExtension
+from btcore_robot.run_extension import NavigationExtension
+from btcore_sim.run_extension import RobotExtension
+
+Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+
+
+class Body:
+    def __init__(self, maker: str) -> None:
+        self.maker = maker
+
+
+class Provider(RunExtension):
+    """Provides a body where no other extension has."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def provide(
+        self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object] = ()
+    ) -> Sequence[object]:
+        return [] if any(isinstance(one, Body) for one in provided) else [Body(self.name)]
+
+
+class FallbackProvider(Provider):
+    is_fallback = True
+
+
+class DependentProvider(Provider):
+    def requires(self, wanted: Sequence[type]) -> Sequence[type]:
+        return (Body,)
+
+
+def test_fallback_extensions_provide_after_the_others() -> None:
+    simulated, real = FallbackProvider("sim"), Provider("zebra")
+    found = gather_resources([simulated, real], {}, [Body])
+    assert [one.maker for one in found.resources if isinstance(one, Body)] == ["zebra"]
+    assert found.extensions == [real, simulated]
+    assert found.idle == [simulated]
+
+
+def test_dependent_extensions_provide_last() -> None:
+    builds, simulated = DependentProvider("navigation"), FallbackProvider("sim")
+    found = gather_resources([builds, simulated], {}, [Body])
+    assert [one.maker for one in found.resources if isinstance(one, Body)] == ["sim"]
+
+
+def test_the_extensions_of_the_project_keep_to_the_protocol() -> None:
+    extensions: list[RunExtension] = [MonitorExtension(), NavigationExtension(), RobotExtension()]
+    assert [one.is_fallback for one in extensions] == [False, False, True]
+
+
+@pytest.fixture
+def offer(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
+    """Offer a class as the only extension, 'rover' of the distribution 'rover-driver'."""
+
+    def install(extension: object) -> None:
+        installed = entry_points.entry_points
+        rover = SimpleNamespace(
+            name="rover", dist=SimpleNamespace(name="rover-driver"), load=lambda: extension
+        )
+        monkeypatch.setattr(
+            entry_points,
+            "entry_points",
+            lambda group: [rover] if group == "btcore.resources" else installed(group=group),
+        )
+
+    return install
+
+
+class WithoutAttach:
+    """An extension that imports nothing of btcore, without one of hooks."""
+
+    options: Sequence[click.Option] = ()
+    single_run_options = ()
+    used_by = None
+    is_fallback = False
+
+    def requires(self, wanted: Any) -> Any:
+        return ()
+
+    def provide(self, settings: Any, wanted: Any, provided: Any) -> Any:
+        return ()
+
+    def replace_tree(self, tree: Any, resources: Any, settings: Any) -> None: ...
+
+    def on_interrupt(self) -> None: ...
+
+    def report(self) -> Any:
+        return {"rover": {"trips": 1}}
+
+
+class Complete(WithoutAttach):
+    def attach(self, tree: Any, resources: Any, settings: Any) -> Any:
+        return nullcontext()
+
+
+def test_an_extension_that_has_every_hook_joins_the_run(cli: Cli, tree_file: TreeFile, offer: Any) -> None:
+    offer(Complete)
+    done = cli("run", tree_file("<AlwaysSuccess/>"))
+    assert done.exit_code == 0, done.stderr
+    assert "trips" in done.stderr
+
+
+class Misspelled(RunExtension):
+    def replce_tree(self, tree: Any, resources: Any, settings: Any) -> None: ...
+
+
+class Renamed(WithoutAttach):
+    def atach(self, tree: Any, resources: Any, settings: Any) -> Any:
+        return nullcontext()
+
+
+class Shortened(RunExtension):
+    def provide(self, settings: Any, wanted: Any) -> Any:  # type: ignore[override]
+        return ()
+
+
+class Lacking:
+    options = ()
+
+
+class WithTexts(RunExtension):
+    options = ("--world",)  # type: ignore[assignment]
+
+
+class NeedsAnArgument(RunExtension):
+    def __init__(self, robot: object) -> None:
+        self.robot = robot
+
+
+@pytest.mark.parametrize(
+    ("extension", "said"),
+    [
+        (Misspelled, "unknown hook 'replce_tree' (did you mean 'replace_tree'?)"),
+        (WithoutAttach, "missing hook 'attach'. The hooks are described in"),
+        (Renamed, "unknown hook 'atach' (did you mean 'attach'?)"),
+        (Shortened, "hook 'provide' has to be a method that takes (settings, wanted, provided)"),
+        (Lacking, "missing hook 'attach'; missing hook 'is_fallback'; missing hook 'on_interrupt'"),
+        (WithTexts, "hook 'options' has to be a sequence of click.Option"),
+        (NeedsAnArgument, "creating it raised TypeError: "),
+    ],
+    ids=lambda value: value.__name__ if isinstance(value, type) else "",
+)
+@pytest.mark.parametrize("command", ["run", "sweep"])
+def test_an_extension_that_breaks_the_protocol_is_named(
+    cli: Cli, tree_file: TreeFile, offer: Any, extension: object, said: str, command: str
+) -> None:
+    offer(extension)
+    done = cli(command, tree_file("<AlwaysSuccess/>"))
+    assert done.exit_code == 2
+    assert "the extension 'rover' of the distribution 'rover-driver' can't be used: " in done.stderr
+    assert said in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
