@@ -36,6 +36,7 @@ COLD_FILES = {
     "btcore/__main__.py",
     "btcore/builds.py",
     "btcore/bundled_trees.py",
+    "btcore/diagnostic_codes.py",
     "btcore/errors.py",
     "btcore/names.py",
     "btcore/program_runner.py",

@@ -4,17 +4,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from btcore.diagnostic_codes import DiagnosticCode
+
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
     """One fault in what a user wrote.
 
-    *code* is stable (``E…`` an error, ``W…`` a warning; docs/errors.md explains each), *line*
+    *code* is stable (btcore/diagnostic_codes.py is the table, docs/errors.md explains each), *line*
     and *column* count from 1 (0 = unknown), columns in characters; *source* is the text of
     that line and *width* how many characters of it are meant.
     """
 
-    code: str
+    code: DiagnosticCode
     message: str
     file: str = ""
     line: int = 0
@@ -26,7 +28,7 @@ class Diagnostic:
     @property
     def is_error(self) -> bool:
         """Whether the tree is refused for it, or raises as soon as it is ticked."""
-        return self.code.startswith("E")
+        return self.code.severity == "error"
 
     def in_file(self, file: str) -> "Diagnostic":
         """The same, said of *file*."""

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 PARENTS = {"btcore": ".", "btcore_monitor": "monitor", "btcore_robot": "robot_nodes", "btcore_sim": "sim"}
 # The engine's rooms from the ground floor up: a file imports from its own line and from those above it.
 LAYERS = (
-    {"status", "errors", "clock", "names", "suggestions", "builds"},
+    {"status", "errors", "diagnostic_codes", "clock", "names", "suggestions", "builds"},
     {"values"},
     {"blackboard"},
     {"script"},

@@ -22,13 +22,12 @@ from btcore.batch.ports import BatchInput, BatchOutput
 from btcore.batch.script import Scope
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import remapped_key
+from btcore.diagnostic_codes import NOT_FOR_A_BATCH
 from btcore.engine.node import TreeNode
 from btcore.errors import Diagnostic, NodeError, TreeError
 from btcore.nodes.builtin_nodes import COMMON_NODES, FORMAT_4_NODES
 from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
-
-REFUSED: Final = "E120"
 
 BATCH_NODES: Final[Mapping[str, type[BatchNode]]] = {
     "AlwaysFailure": script_nodes.AlwaysFailure,
@@ -104,7 +103,7 @@ class BatchCompiler:
             where = tree.root.config
             said = f"the batch engine runs trees of format 4, and '{tree.id}' is of format {tree.format}"
             hint = "btcore convert makes one of format 4 of it"
-            raise TreeError([Diagnostic(REFUSED, said, where.file, where.line, hint=hint)])
+            raise TreeError([Diagnostic(NOT_FOR_A_BATCH, said, where.file, where.line, hint=hint)])
         root = self._node(tree.root)
         if self.faults:
             raise TreeError(self.faults)
@@ -113,7 +112,7 @@ class BatchCompiler:
 
     def _refuse(self, plan: TreeNode, said: str, hint: str) -> None:
         config = plan.config
-        self.faults.append(Diagnostic(REFUSED, said, config.file, config.line, hint=hint))
+        self.faults.append(Diagnostic(NOT_FOR_A_BATCH, said, config.file, config.line, hint=hint))
 
     def _node(self, plan: TreeNode) -> BatchNode:
         children = [self._node(child) for child in plan.children]

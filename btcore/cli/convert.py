@@ -14,6 +14,7 @@ from btcore.cli import (
     trees,
 )
 from btcore.cli.exit_codes import ExitCode
+from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
 from btcore.xml.convert.convert import Conversion
 from btcore.xml.convert.convert import convert as converted
@@ -64,10 +65,10 @@ def _tell(result: Conversion) -> None:
         return
     mark = Text("✘ ", style="bold red") if result.remaining else Text("✔ ", style="bold green")
     counts = [
-        f"{_count(result.changes, 'C1')} rewritten",
-        f"{_count(result.changes, 'C2')} with another meaning",
+        f"{_count(result.changes, 'same meaning')} rewritten",
+        f"{_count(result.changes, 'new meaning')} with another meaning",
     ]
-    if left := _count(result.changes, "C3"):
+    if left := _count(result.changes, "manual step"):
         counts.append(f"{left} left to you")
     if result.remaining:
         counts.append(f"{len(result.remaining)} that format 4 refuses")
@@ -77,5 +78,5 @@ def _tell(result: Conversion) -> None:
     console.print(mark)
 
 
-def _count(found: Sequence[Diagnostic], sort: str) -> int:
-    return sum(1 for one in found if one.code.startswith(sort))
+def _count(found: Sequence[Diagnostic], severity: Severity) -> int:
+    return sum(one.code.severity == severity for one in found)

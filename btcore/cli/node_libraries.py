@@ -10,10 +10,9 @@ import click
 
 from btcore.cli import terminal
 from btcore.cli.entry_points import UnavailableEntryPoint, distribution_of
+from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.errors import Diagnostic, RegistrationError, TreeError
 from btcore.registry.registry import ENTRY_POINTS, Registry
-
-UNKNOWN_NODE = "E101"
 
 plugin_option = click.option(
     "--plugin",

@@ -134,6 +134,8 @@ def _as_data(one: Diagnostic) -> dict[str, object]:
     """A diagnostic as plain data."""
     return {
         "code": one.code,
+        "severity": one.code.severity,
+        "documentation": one.code.documentation,
         "message": one.message,
         "file": one.file,
         "line": one.line,

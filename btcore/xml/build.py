@@ -17,6 +17,16 @@ from btcore.blackboard.ports import (
     remapped_key,
 )
 from btcore.clock import Clock, SystemClock
+from btcore.diagnostic_codes import (
+    CONFLICTING_ENTRY_TYPES,
+    DUPLICATE_SUBTREE_PATH,
+    INCONVERTIBLE_TEXT,
+    LEAF_INIT_RAISED,
+    MISSING_PORT,
+    NODE_NOT_CREATED,
+    SCRIPT_SYNTAX,
+    DiagnosticCode,
+)
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
@@ -209,13 +219,13 @@ class TreeInstantiator:
     ) -> Diagnostic:
         """Two types for one entry: the port's, and the one that it was declared with."""
         if entry is None or entry.declared.same(port.type):
-            return document.diagnostic("E203", str(fault), plan.element, port.name)
+            return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(fault), plan.element, port.name)
         kinds = f"is {port.type.name}, but its entry is {entry.declared.name}"
         said = f"the port '{port.name}' of <{plan.id}> {kinds}"
         first = self.declared_by(entry)
         by = f"it was declared by {first}" if first else "it was on the blackboard before the tree"
         hint = f"{by}; the type of an entry never changes"
-        return document.diagnostic("E203", said, plan.element, port.name, hint=hint)
+        return document.diagnostic(CONFLICTING_ENTRY_TYPES, said, plan.element, port.name, hint=hint)
 
     def _make(
         self,
@@ -243,7 +253,7 @@ class TreeInstantiator:
             raise
         except Exception as fault:
             said = f"<{plan.id}> raised while it was made: {type(fault).__name__}: {fault}"
-            self._faults.add(document.diagnostic("E115", said, plan.element))
+            self._faults.add(document.diagnostic(LEAF_INIT_RAISED, said, plan.element))
         return None
 
     def _substituted(self, plan: NodePlan, config: NodeConfig, document: Document) -> Manifest | None:
@@ -254,14 +264,14 @@ class TreeInstantiator:
         try:
             return self._registry.apply_substitutions(config, plan.manifest, children)
         except NodeError as fault:
-            self._faults.add(document.diagnostic("E118", str(fault), plan.element))
+            self._faults.add(document.diagnostic(NODE_NOT_CREATED, str(fault), plan.element))
             return None
 
     def _script_fault(self, document: Document, plan: NodePlan, fault: ScriptError) -> Diagnostic:
         texts = {key: text for key, text in plan.element.attributes.items() if text == fault.text}
         if texts:
             return script_diagnostic(document, plan, next(iter(texts)), fault)
-        return document.diagnostic("E206", f"a script of <{plan.id}>: {fault}", plan.element)
+        return document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {fault}", plan.element)
 
     # --- SubTree elements
 
@@ -282,7 +292,9 @@ class TreeInstantiator:
         if config.path in self._paths:
             said = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or none"
-            self._faults.add(document.diagnostic("E112", said, plan.element, "name", hint=hint))
+            self._faults.add(
+                document.diagnostic(DUPLICATE_SUBTREE_PATH, said, plan.element, "name", hint=hint)
+            )
         self._paths.add(config.path)
         at, own_at = len(self._nodes), len(subtree.nodes)
         self._nodes.append(_PLACE_HOLDER)
@@ -311,7 +323,7 @@ class TreeInstantiator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as fault:
-                self._faults.add(document.diagnostic("E203", str(fault), plan.element, key))
+                self._faults.add(document.diagnostic(CONFLICTING_ENTRY_TYPES, str(fault), plan.element, key))
         inner.autoremap = call.autoremap
         if call.legacy_autoremap:
             for key in sorted(self._keys_of(call.tree)):
@@ -332,14 +344,14 @@ class TreeInstantiator:
         return found
 
 
-def _code_of(fault: Exception, plan: NodePlan) -> str:
+def _code_of(fault: Exception, plan: NodePlan) -> DiagnosticCode:
     if not isinstance(fault, NodeError):
-        return "E202"
+        return INCONVERTIBLE_TEXT
     given = {port.name for port, _, _ in plan.ports}
     ports = plan.manifest.ports.values() if plan.manifest is not None else ()
     # A node that refuses to be made for want of a port says so itself.
     missing = any(port.reads and port.name not in given for port in ports)
-    return "E205" if missing else "E118"
+    return MISSING_PORT if missing else NODE_NOT_CREATED
 
 
 def _clock_among(resources: Sequence[object]) -> Clock:

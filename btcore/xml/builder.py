@@ -17,6 +17,13 @@ from typing import Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
+from btcore.diagnostic_codes import (
+    INCONVERTIBLE_TEXT,
+    TOO_DEEP,
+    UNKNOWN_NODE,
+    WRONG_CHILD_COUNT,
+    DiagnosticCode,
+)
 from btcore.errors import (
     ConversionError,
     Diagnostic,
@@ -93,7 +100,7 @@ class Builder:
                 return self._twig(manifest, children, ports, where)
         said = f"{getattr(thing, '__qualname__', thing)!r} is not registered"
         raise UnknownNodeError(
-            [Diagnostic("E101", said, *where, hint="add it to the registry: nodes.add(…)")]
+            [Diagnostic(UNKNOWN_NODE, said, *where, hint="add it to the registry: nodes.add(…)")]
         )
 
     def xml(self, main: NodeSpec, id: str = "Main", /, **subtrees: NodeSpec) -> str:
@@ -124,7 +131,7 @@ class Builder:
         if manifest is None:
             near = nearest_name(id, self._nodes.manifests)
             hint = f"did you mean {near}?" if near is not None else "add it to the registry: nodes.add(…)"
-            raise UnknownNodeError([Diagnostic("E101", f"unknown node {id}", *where, hint=hint)])
+            raise UnknownNodeError([Diagnostic(UNKNOWN_NODE, f"unknown node {id}", *where, hint=hint)])
 
         def make(*children: Any, **ports: object) -> NodeSpec:
             return self._twig(manifest, children, ports, _caller())
@@ -141,7 +148,7 @@ class Builder:
             if not isinstance(child, NodeSpec):
                 said = f"{child!r} is no child of <{manifest.id}>: children are nodes of a builder"
                 hint = "name the port that it is for" if manifest.ports else ""
-                raise TreeError([Diagnostic("E104", said, *where, hint=hint)])
+                raise TreeError([Diagnostic(WRONG_CHILD_COUNT, said, *where, hint=hint)])
         for name, value in ports.items():
             bare = name[:-1] if name.endswith("_") and name not in manifest.ports else name
             attributes[bare] = _text(value, manifest, bare, where)
@@ -163,7 +170,7 @@ def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) 
         return port.type.to_text(value) if port is not None and port.type.strong else to_text(value)
     except ConversionError as fault:
         said = f"the port '{name}' of <{manifest.id}> is given {value!r}: {fault}"
-        raise PortError([Diagnostic("E202", said, *where)]) from fault
+        raise PortError([Diagnostic(INCONVERTIBLE_TEXT, said, *where)]) from fault
 
 
 def _caller() -> tuple[str, int]:
@@ -223,7 +230,7 @@ class _Writer:
         """The document, whose places are those of the code that made the twigs. Raises XmlSyntaxError."""
         if self._too_deep is not None:
             said, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
-            raise XmlSyntaxError([Diagnostic("E006", said, *where, hint="make parts of it subtrees")])
+            raise XmlSyntaxError([Diagnostic(TOO_DEEP, said, *where, hint="make parts of it subtrees")])
         text = self.text()
         return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._twigs)
 
@@ -249,7 +256,7 @@ class _BuiltDocument(Document):
 
     def diagnostic(
         self,
-        code: str,
+        code: DiagnosticCode,
         message: str,
         element: Element | int,
         attribute: str = "",

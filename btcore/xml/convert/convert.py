@@ -3,16 +3,19 @@
 import re
 from typing import Final, NamedTuple
 
-from btcore.errors import Diagnostic, TreeError
-from btcore.registry.registry import Registry
-from btcore.xml.convert.changes import (
-    COMPACT,
+from btcore.diagnostic_codes import (
+    AMBIGUOUS_MAIN_TREE,
     FORMAT_WRITTEN,
-    LAST_TREE,
+    LAST_TREE_COUNTS,
     MANUAL_STEP,
     NODE_RENAMED,
-    ConversionContext,
+    NOT_A_ROOT,
+    TAG_MADE_COMPACT,
+    UNKNOWN_FORMAT,
 )
+from btcore.errors import Diagnostic, TreeError
+from btcore.registry.registry import Registry
+from btcore.xml.convert.changes import ConversionContext
 from btcore.xml.convert.nodes import convert_node
 from btcore.xml.convert.ports import convert_ports
 from btcore.xml.convert.subtree import convert_subtree
@@ -48,11 +51,11 @@ def convert(document: Document, registry: Registry) -> Conversion:
     root = document.root
     if root.tag != "root":
         said = f"the outermost element is <{root.tag}>, not <root>"
-        raise TreeError([document.diagnostic("E008", said, root)])
+        raise TreeError([document.diagnostic(NOT_A_ROOT, said, root)])
     format = parse_format(root.get("BTCPP_format"))
     if format is None:
         said = f"BTCPP_format '{root.get('BTCPP_format')}' is not known"
-        raise TreeError([document.diagnostic("E009", said, root, "BTCPP_format")])
+        raise TreeError([document.diagnostic(UNKNOWN_FORMAT, said, root, "BTCPP_format")])
     if format == 4:
         return Conversion(document.text, [], [])
     changes = ConversionContext(document, registry)
@@ -91,7 +94,9 @@ class _Trees:
             id = tree.get("ID") or ""
             if id in seen:
                 said = f"of the trees '{id}' this one counts in format 4, and the first one in format 3"
-                self._changes.note(LAST_TREE, said, tree, "ID", hint="remove the one that isn't wanted")
+                self._changes.note(
+                    LAST_TREE_COUNTS, said, tree, "ID", hint="remove the one that isn't wanted"
+                )
             seen.add(id)
             names: set[str] = set()
             pending = [(child, tree) for child in reversed(tree.children)]
@@ -121,7 +126,7 @@ class _Trees:
             said = (
                 f'<{tag} ID="{new}"> becomes <{new}>: C++ takes no <{tag}> in a ReactiveSequence of format 4'
             )
-            self._changes.note(COMPACT, said, element)
+            self._changes.note(TAG_MADE_COMPACT, said, element)
         elif new != id:
             self._changes.rewriter.set_attribute(element, "ID", new)
 
@@ -143,4 +148,4 @@ def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
     for definition in planner.definitions.by_id.values():
         check_scripts(planner.plan(definition), registry, faults)
     # The converter looks at this file alone, which may be one of several.
-    return [one for one in faults.errors if one.file == document.file and one.code != "E108"]
+    return [one for one in faults.errors if one.file == document.file and one.code != AMBIGUOUS_MAIN_TREE]

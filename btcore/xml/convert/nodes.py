@@ -5,6 +5,16 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from btcore.blackboard.ports import remapped_key
+from btcore.diagnostic_codes import (
+    ATTRIBUTE_RENAMED,
+    CHECKED_ONCE,
+    ENTRY_TYPE_KEPT,
+    LOOP_YIELDS,
+    MANUAL_STEP,
+    PARALLEL_THRESHOLDS,
+    SEQUENCE_MEMORY,
+    SWITCH_COMPARISON,
+)
 from btcore.errors import ConversionError
 from btcore.script.lexer import NAME, tokenize
 from btcore.values import (
@@ -14,17 +24,7 @@ from btcore.values import (
     STRING,
     ValueType,
 )
-from btcore.xml.convert.changes import (
-    ATTRIBUTE_RENAMED,
-    CHECKED_ONCE,
-    ENTRY_TYPE_KEPT,
-    LOOP_YIELDS,
-    MANUAL_STEP,
-    SEQUENCE_MEMORY,
-    SWITCH_COMPARISON,
-    THRESHOLDS,
-    ConversionContext,
-)
+from btcore.xml.convert.changes import ConversionContext
 from btcore.xml.plan.structure_checks import element_children
 from btcore.xml.read.dialect import NODE_REPLACEMENTS
 from btcore.xml.read.element import Element
@@ -79,7 +79,7 @@ def _repeated(changes: ConversionContext, element: Element, id: str) -> None:
 def _parallel(changes: ConversionContext, element: Element, id: str) -> None:
     given = element.attributes
     said = "<Parallel> is RUNNING before its children are ticked, in format 3 only after: observers see it"
-    changes.note(THRESHOLDS, said, element)
+    changes.note(PARALLEL_THRESHOLDS, said, element)
     for old, new in (("success_threshold", "success_count"), ("failure_threshold", "failure_count")):
         if old not in given:
             continue
@@ -87,10 +87,10 @@ def _parallel(changes: ConversionContext, element: Element, id: str) -> None:
         changes.note(ATTRIBUTE_RENAMED, f"'{old}' becomes '{new}'", element, old, part="name")
         if given[old].strip() == "0" or remapped_key(given[old], old, 3) is not None:
             said = f'{new}="0" is reached with the first child\'s result; in format 3 it is never reached'
-            changes.note(THRESHOLDS, said, element, old)
+            changes.note(PARALLEL_THRESHOLDS, said, element, old)
     if "success_threshold" not in given:
         said = "without a 'success_count' all children have to succeed; format 3 fails without the port"
-        changes.note(THRESHOLDS, said, element)
+        changes.note(PARALLEL_THRESHOLDS, said, element)
 
 
 def _switch(changes: ConversionContext, element: Element, id: str) -> None:

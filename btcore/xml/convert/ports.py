@@ -3,14 +3,10 @@
 from typing import Final
 
 from btcore.blackboard.ports import Direction, Port, remapped_key
+from btcore.diagnostic_codes import EMPTY_ATTRIBUTE_REMOVED, TEXT_REINTERPRETED, TEXT_REWRITTEN
 from btcore.errors import ConversionError
 from btcore.values import STRING
-from btcore.xml.convert.changes import (
-    EMPTY,
-    TEXT_REINTERPRETED,
-    TEXT_REWRITTEN,
-    ConversionContext,
-)
+from btcore.xml.convert.changes import ConversionContext
 from btcore.xml.read.element import Element
 
 _NO_PORTS: Final = ("name", "ID", "_description")
@@ -68,7 +64,7 @@ def _literal(changes: ConversionContext, element: Element, name: str, text: str,
         changes.rewriter.remove_attribute(element, name)
         default = "its default counts" if port.default is not None else "the node lacks it when it is ticked"
         said = f"the empty '{name}' is removed, which format 4 refuses as {port.type.name}: {default}"
-        changes.note(EMPTY, said, element, name)
+        changes.note(EMPTY_ATTRIBUTE_REMOVED, said, element, name)
         return
     if not port.type.converts:
         return

@@ -4,23 +4,23 @@ import re
 from typing import Final
 
 from btcore.blackboard.ports import remapped_key
+from btcore.diagnostic_codes import (
+    ATTRIBUTE_RENAMED,
+    AUTOREMAP_ALL,
+    BRACES_ADDED,
+    EMPTY_ATTRIBUTE_REMOVED,
+    IGNORED_ATTRIBUTE_REMOVED,
+    NODE_RENAMED,
+    NUMERIC_CONSTANT,
+    REMAPPING_CHANGED,
+    SHARED_BLACKBOARD,
+    SUBTREE_NAME,
+    TEXT_REWRITTEN,
+)
 from btcore.errors import ConversionError
 from btcore.names import is_port_name
 from btcore.values import BOOL, parse_constant
-from btcore.xml.convert.changes import (
-    ATTRIBUTE_RENAMED,
-    AUTOREMAP_ALL,
-    BRACES,
-    CONSTANT,
-    EMPTY,
-    NODE_RENAMED,
-    REMAPPING,
-    SHARED,
-    SUBTREE_NAME,
-    TEXT_REWRITTEN,
-    WITHOUT_EFFECT,
-    ConversionContext,
-)
+from btcore.xml.convert.changes import ConversionContext
 from btcore.xml.read.element import Element
 
 _BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
@@ -42,7 +42,7 @@ def convert_subtree(changes: ConversionContext, element: Element, names: set[str
     if shared is not None:
         changes.rewriter.remove_attribute(element, "__shared_blackboard")
         said = "'__shared_blackboard' is removed: a tree has a blackboard of its own anyway"
-        changes.note(WITHOUT_EFFECT, said, element, "__shared_blackboard", part="name")
+        changes.note(IGNORED_ATTRIBUTE_REMOVED, said, element, "__shared_blackboard", part="name")
     for name, text in given.items():
         if name not in ("ID", "name", "__shared_blackboard"):
             _remap(changes, element, name, text)
@@ -55,7 +55,7 @@ def _name(changes: ConversionContext, element: Element, names: set[str]) -> None
     if name in names:
         changes.rewriter.remove_attribute(element, "name")
         said = f"the name '{name}' is removed: format 3 ignores it, and in format 4 two calls can't share one"
-        changes.note(WITHOUT_EFFECT, said, element, "name")
+        changes.note(IGNORED_ATTRIBUTE_REMOVED, said, element, "name")
         return
     names.add(name)
     said = f"the node is called '{name}', where format 3 calls it by the tree's ID; so are the paths below it"
@@ -77,12 +77,12 @@ def _share(changes: ConversionContext, element: Element) -> None:
         "'__shared_blackboard' becomes '_autoremap': every name is the outer tree's, but for those that "
         "begin with '_'"
     )
-    changes.note(SHARED, said, element, "__shared_blackboard", part="name")
+    changes.note(SHARED_BLACKBOARD, said, element, "__shared_blackboard", part="name")
     for name in element.attributes:
         if name not in ("ID", "name", "__shared_blackboard"):
             changes.rewriter.remove_attribute(element, name)
             said = f"'{name}' is removed: with one blackboard for both trees it connects nothing in format 3"
-            changes.note(WITHOUT_EFFECT, said, element, name, part="name")
+            changes.note(IGNORED_ATTRIBUTE_REMOVED, said, element, name, part="name")
 
 
 def _remap(changes: ConversionContext, element: Element, name: str, text: str) -> None:
@@ -90,11 +90,13 @@ def _remap(changes: ConversionContext, element: Element, name: str, text: str) -
     braced = _BRACED.match(text)
     if not is_port_name(name):
         said = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
-        changes.note(REMAPPING, said, element, name, hint="rename it, here and inside the tree", part="name")
+        changes.note(
+            REMAPPING_CHANGED, said, element, name, hint="rename it, here and inside the tree", part="name"
+        )
     elif not text:
         changes.rewriter.remove_attribute(element, name)
         said = f"the empty '{name}' is removed: in format 4 it would be a constant, the empty text"
-        changes.note(EMPTY, said, element, name)
+        changes.note(EMPTY_ATTRIBUTE_REMOVED, said, element, name)
     elif braced is not None:
         if text != f"{{{braced[1]}}}":
             changes.rewriter.set_attribute(element, name, f"{{{braced[1]}}}")
@@ -102,10 +104,10 @@ def _remap(changes: ConversionContext, element: Element, name: str, text: str) -
             f"'{name}' is connected with the entry '{braced[1]}'; format 3 takes the braces for a part of "
             "the key, and connects nothing that others know"
         )
-        changes.note(REMAPPING, said, element, name)
+        changes.note(REMAPPING_CHANGED, said, element, name)
     else:
         changes.rewriter.set_attribute(element, name, f"{{{text}}}")
-        changes.note(BRACES, f'{name}="{text}" becomes {name}="{{{text}}}"', element, name)
+        changes.note(BRACES_ADDED, f'{name}="{text}" becomes {name}="{{{text}}}"', element, name)
 
 
 def _plus(changes: ConversionContext, element: Element) -> None:
@@ -130,7 +132,7 @@ def _plus(changes: ConversionContext, element: Element) -> None:
                 f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
             )
             hint = "rename it, here and inside the tree"
-            changes.note(REMAPPING, said, element, name, hint=hint, part="name")
+            changes.note(REMAPPING_CHANGED, said, element, name, hint=hint, part="name")
         elif key is not None and text != f"{{{key}}}":
             changes.rewriter.set_attribute(element, name, f"{{{key}}}")
             changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{{{key}}}"', element, name)
@@ -138,4 +140,4 @@ def _plus(changes: ConversionContext, element: Element) -> None:
             said = (
                 f"the constant '{name}' is the number {parse_constant(text)!r}, in format 3 the text '{text}'"
             )
-            changes.note(CONSTANT, said, element, name)
+            changes.note(NUMERIC_CONSTANT, said, element, name)

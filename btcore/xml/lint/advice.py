@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Final
 
+from btcore.diagnostic_codes import DiagnosticCode
 from btcore.registry.manifest import Manifest
 from btcore.xml.models.stand_ins import (
     StubAction,
@@ -27,7 +28,7 @@ class LintReporter:
 
     def warn(
         self,
-        code: str,
+        code: DiagnosticCode,
         said: str,
         document: Document,
         node: NodePlan,

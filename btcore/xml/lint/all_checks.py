@@ -3,6 +3,13 @@
 from collections.abc import Collection
 from typing import Final
 
+from btcore.diagnostic_codes import (
+    AMBIGUOUS_MAIN_TREE,
+    FIRST_TICK_REFUSED,
+    INCONVERTIBLE_TEXT,
+    RECURSIVE_TREES,
+    TOO_LARGE,
+)
 from btcore.registry.registry import Registry
 from btcore.xml.lint.advice import LintReporter
 from btcore.xml.lint.child_counts import check_arity
@@ -24,12 +31,12 @@ from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector
 
 # Which trees there are, and which is to be made, is no matter of a single tree.
-_OF_THE_FILE: Final = frozenset({"E108"})
+_OF_THE_FILE: Final = frozenset({AMBIGUOUS_MAIN_TREE})
 # The tree can be made, and the keys of its ports told.
-_OF_A_TICK: Final = frozenset({"E119"})
+_OF_A_TICK: Final = frozenset({FIRST_TICK_REFUSED})
 # Format 3 makes the tree: only the node that reads the text refuses it.
-_OF_A_READING: Final = frozenset({"E202"})
-_ENDLESS: Final = frozenset({"E110", "E117"})
+_OF_A_READING: Final = frozenset({INCONVERTIBLE_TEXT})
+_ENDLESS: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
 
 
 def run_lint(

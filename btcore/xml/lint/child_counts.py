@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from btcore.diagnostic_codes import FIRST_TICK_REFUSED
 from btcore.nodes.branch import BranchNode
 from btcore.nodes.format3 import Parallel3, WhileDoElse3
 from btcore.nodes.parallel import Parallel, ParallelAll, threshold
@@ -32,11 +33,15 @@ def check_arity(plan: TreePlan, advice: LintReporter) -> None:
         wanted = _wanted(node.manifest.cls, count)
         if wanted:
             advice.warn(
-                "E119", f"<{node.id}> has {has}; {wanted}", plan.definition.document, node, hint=_HINT
+                FIRST_TICK_REFUSED,
+                f"<{node.id}> has {has}; {wanted}",
+                plan.definition.document,
+                node,
+                hint=_HINT,
             )
         for port, number, what in _thresholds(node, count):
             said = f"<{node.id}> has {has}, which can never give {number} {what}"
-            advice.warn("E119", said, plan.definition.document, node, port, _HINT)
+            advice.warn(FIRST_TICK_REFUSED, said, plan.definition.document, node, port, _HINT)
 
 
 def _wanted(cls: type, count: int) -> str:

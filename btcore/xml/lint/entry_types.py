@@ -2,6 +2,7 @@
 
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import remapped_key
+from btcore.diagnostic_codes import REFUSED_ENTRY_VALUE
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.script.expressions import Assignment, Name
@@ -26,7 +27,7 @@ def _warn(rehearsal: DryRun, entry: Entry, use: EntryUse, what: str, advice: Lin
     said = f"{what}, but the entry '{use.key}' is {entry.declared.name}: every write raises"
     by = rehearsal.declared_by(entry)
     hint = f"it was declared by {by}; the type of an entry never changes" if by else ""
-    advice.warn("W206", said, use.document, use.node, use.attribute, hint, within=use.within)
+    advice.warn(REFUSED_ENTRY_VALUE, said, use.document, use.node, use.attribute, hint, within=use.within)
 
 
 def _port(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) -> None:
@@ -75,8 +76,8 @@ def _script(
                 by = rehearsal.declared_by(entry)
                 hint = f"'{use.key}' is {entry.declared.name}, declared by {by}" if by else ""
                 advice.warn(
-                    "W206", said + message, use.document, use.node, use.attribute, hint, within=use.within,
-                    width=len(use.key),
+                    REFUSED_ENTRY_VALUE, said + message, use.document, use.node, use.attribute, hint,
+                    within=use.within, width=len(use.key),
                 )  # fmt: skip
             finally:
                 entry.value = None
@@ -101,5 +102,5 @@ def _constant(uses: list[EntryUse], entry: Entry, advice: LintReporter) -> None:
             hint = f"{port} reads it as {kind.name}; for an entry write {{{entry.value}}}"
             if not entry.value.isidentifier():
                 hint = f"{port} reads it as {kind.name}"
-            advice.warn("W206", said, use.document, use.node, use.attribute, hint)
+            advice.warn(REFUSED_ENTRY_VALUE, said, use.document, use.node, use.attribute, hint)
             return

@@ -1,5 +1,6 @@
 """W212: attributes that are no port, for want of a name that one may have."""
 
+from btcore.diagnostic_codes import IGNORED_ATTRIBUTE
 from btcore.names import port_name_error
 from btcore.xml.lint.advice import LintReporter, node_label
 from btcore.xml.plan.document_checks import nodes_of
@@ -15,4 +16,4 @@ def check_ignored(plan: TreePlan, advice: LintReporter) -> None:
                 why = port_name_error(key)
                 said = f"the attribute '{key}' of {node_label(node)} is ignored: it can't be a port, as {why}"
                 hint = "give the port another name, also where it is registered"
-                advice.warn("W212", said, document, node, key, hint, part="name")
+                advice.warn(IGNORED_ATTRIBUTE, said, document, node, key, hint, part="name")

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from btcore.diagnostic_codes import LOOSE_TEXT
 from btcore.errors import Diagnostic
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
@@ -21,7 +22,9 @@ def check_stray_text(document: Document, faults: DiagnosticCollector) -> None:
         said = f"the text {shown!r} stands between the elements of a tree, and is ignored"
         hint = "what a node is given stands in its attributes; what is for readers: <!-- … -->"
         faults.add(
-            Diagnostic("W108", said, document.file, place.line, place.column, hint, place.source, place.width)
+            Diagnostic(
+                LOOSE_TEXT, said, document.file, place.line, place.column, hint, place.source, place.width
+            )
         )
 
 

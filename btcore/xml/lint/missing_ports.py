@@ -3,6 +3,7 @@
 from typing import Final
 
 from btcore.blackboard.ports import UNSET, Port
+from btcore.diagnostic_codes import EMPTY_PORT
 from btcore.engine.signature import PortAttribute
 from btcore.names import is_port_name
 from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
@@ -42,7 +43,7 @@ def check_missing_ports(plan: TreePlan, advice: LintReporter) -> None:
             said = f"<{node.id}> is not given the ports {names}, which have no default"
         given_as = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
         hint = "write " + " ".join(given_as)
-        advice.warn("W202", said, document, node, hint=hint)
+        advice.warn(EMPTY_PORT, said, document, node, hint=hint)
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from btcore.blackboard.ports import Direction, Port, remapped_key
+from btcore.diagnostic_codes import INCOMPLETE_POINTER, INCONVERTIBLE_TEXT, PARTIAL_NUMBER, UNCONNECTED_OUTPUT
 from btcore.errors import ConversionError
 from btcore.names import is_port_name
 from btcore.nodes.loop import LoopNode
@@ -46,7 +47,9 @@ def check_port_literals(plan: TreePlan, format: int, advice: LintReporter) -> No
                 said = (
                     f"the port '{port.name}' of {node_label(node)} is given the text '{text}', not an entry"
                 )
-                advice.warn("W210", said, document, node, port.name, f"for the entry write {{{meant}}}")
+                advice.warn(
+                    INCOMPLETE_POINTER, said, document, node, port.name, f"for the entry write {{{meant}}}"
+                )
             elif port.direction is Direction.OUT and format == 4:
                 _no_entry(plan, node, port, text, advice)
             else:
@@ -54,19 +57,21 @@ def check_port_literals(plan: TreePlan, format: int, advice: LintReporter) -> No
                     takes = f"the port '{port.name}' of {node_label(node)} takes {kind}"
                     said = f"{takes}: of '{item}' only '{part}' is read"
                     hint = f"write {_instead(item, part, kind)}"
-                    advice.warn("W203", said, document, node, port.name, hint)
+                    advice.warn(PARTIAL_NUMBER, said, document, node, port.name, hint)
         if node.call is not None:
             for key, text in node.call.constants.items():
                 meant = intended_key(text)
                 if meant:
                     said = f"'{key}' of {node_label(node)} is given the text '{text}', not an entry"
-                    advice.warn("W210", said, document, node, key, f"for the entry write {{{meant}}}")
+                    advice.warn(
+                        INCOMPLETE_POINTER, said, document, node, key, f"for the entry write {{{meant}}}"
+                    )
 
 
 def _no_entry(plan: TreePlan, node: NodePlan, port: Port, text: str, advice: LintReporter) -> None:
     said = f"the port '{port.name}' of {node_label(node)} is to be written, but '{text}' names no entry"
     hint = f'write {port.name}="{{{text if text.isidentifier() else "…"}}}"'
-    advice.warn("W211", said, plan.definition.document, node, port.name, hint)
+    advice.warn(UNCONNECTED_OUTPUT, said, plan.definition.document, node, port.name, hint)
 
 
 def _unreadable(
@@ -76,7 +81,7 @@ def _unreadable(
     said = f"the port '{port.name}' of {node_label(node)} takes {port.type.name}: {fault}"
     meant = intended_key(text) or (text if is_port_name(text) else "")
     hint = f"for the blackboard's entry write {{{meant}}}" if meant else ""
-    advice.warn("E202", said, plan.definition.document, node, port.name, hint)
+    advice.warn(INCONVERTIBLE_TEXT, said, plan.definition.document, node, port.name, hint)
 
 
 def _refusal(kind: ValueType, text: str, format: int) -> ConversionError | None:

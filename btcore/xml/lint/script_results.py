@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from btcore.blackboard.ports import remapped_key
+from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.errors import ScriptError
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
@@ -32,7 +33,9 @@ def check_script_results(plan: TreePlan, enums: Mapping[str, int], advice: LintR
             if fault is not None:
                 where = f"'{attribute}' of {node_label(node)}"
                 said = f"the script in {where} raises whenever it runs: {fault.message}"
-                advice.warn("W207", said, document, node, attribute, within=fault.column, width=fault.width)
+                advice.warn(
+                    SCRIPT_RAISES, said, document, node, attribute, within=fault.column, width=fault.width
+                )
             elif decides:
                 _decision(node, attribute, last, enums, plan, advice)
 
@@ -61,7 +64,9 @@ def _decision(
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         said = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}', and does not compare it"
         hint = f"to compare, write {last.target.name} == …"
-        advice.warn("W208", said, document, node, attribute, hint, within=last.column, width=last.width)
+        advice.warn(
+            CONDITION_ASSIGNS, said, document, node, attribute, hint, within=last.column, width=last.width
+        )
         return
     value = last.value if isinstance(last, Assignment) else last
     if not is_constant(value, enums):
@@ -77,4 +82,6 @@ def _decision(
         else:
             said = f"{asked}: its result is {result}, neither true nor false"
             hint = "0 and 1 are, and reals from 0 up; or compare it with something"
-        advice.warn("W207", said, document, node, attribute, hint, within=value.column, width=value.width)
+        advice.warn(
+            SCRIPT_RAISES, said, document, node, attribute, hint, within=value.column, width=value.width
+        )

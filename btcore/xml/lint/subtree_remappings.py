@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from btcore.blackboard.ports import remapped_key
+from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, USELESS_REMAPPING
 from btcore.engine.node import TreeNode
 from btcore.errors import ScriptError
 from btcore.nodes.blackboard_actions import SetBlackboard, UnsetBlackboard
@@ -113,11 +114,13 @@ def check_remaps(
             ):
                 said = f"in format 3 {node_label(node)} takes bare keys: with braces '{key}' leads to nothing"
                 hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
-                advice.warn("W205", said, document, node, key, hint)
+                advice.warn(BRACES_IN_FORMAT_3, said, document, node, key, hint)
             if used is None or key in used or key in declared or node.element.get(key) is None:
                 continue
             said = f"{node_label(node)} is given '{key}', but no port or script in that tree uses it"
-            advice.warn("W204", said, document, node, key, _cure(key, used, call.written), part="name")
+            advice.warn(
+                USELESS_REMAPPING, said, document, node, key, _cure(key, used, call.written), part="name"
+            )
 
 
 def _cure(key: str, used: set[str], written: Mapping[str, str]) -> str:

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from btcore.diagnostic_codes import SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
 from btcore.nodes.branch import IfThenElse, WhileDoElse
 from btcore.nodes.fallback import ReactiveFallback
 from btcore.nodes.sequence import ReactiveSequence
@@ -101,7 +102,11 @@ def _in_turn(
 def _unreached(plan: TreePlan, node: NodePlan, why: str, advice: LintReporter) -> None:
     said = f"this {node_label(node)} is never ticked: {why}"
     advice.warn(
-        "W105", said, plan.definition.document, node, hint="remove it, or what keeps the ticks from it"
+        UNREACHABLE_CHILD,
+        said,
+        plan.definition.document,
+        node,
+        hint="remove it, or what keeps the ticks from it",
     )
 
 
@@ -123,7 +128,7 @@ def _one_at_a_time(
                 f"which halts this {node_label(child)} unless it ends at once"
             )
             hint = f"put both into a <{'Sequence' if going is SUCCESS else 'Fallback'}>"
-            advice.warn("W106", said, document, child, hint=hint)
+            advice.warn(SECOND_ASYNC_CHILD, said, document, child, hint=hint)
             return
         if not outlook.passes(going):
             return

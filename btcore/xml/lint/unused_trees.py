@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 
+from btcore.diagnostic_codes import UNUSED_TREE
 from btcore.xml.plan.plan import TreePlanner
 from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector
@@ -24,4 +25,4 @@ def check_unused(
         if one.id not in called and one.element.get("ID") is not None:
             said = f"the tree '{one.id}' is never used: '{main.id}' doesn't lead to it"
             hint = f'call it by <SubTree ID="{one.id}"/>, or remove it'
-            faults.add(one.document.diagnostic("W104", said, one.element, "ID", hint=hint))
+            faults.add(one.document.diagnostic(UNUSED_TREE, said, one.element, "ID", hint=hint))

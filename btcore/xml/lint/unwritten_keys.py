@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 
 from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
 from btcore.suggestions import nearest_name
 from btcore.xml.lint.advice import LintReporter, line_of, node_label
 from btcore.xml.lint.dry_run import (
@@ -85,7 +86,7 @@ def _wanted_at_load(uses: Sequence[EntryUse], advice: LintReporter, of_root: boo
         hint = "load the tree on a blackboard that holds it: load(…, blackboard=…)"
         if not of_root:
             hint = f'give the script to the SubTree: {use.key}="…"'
-        advice.warn("W201", said, use.document, use.node, use.attribute, hint)
+        advice.warn(UNWRITTEN_KEY, said, use.document, use.node, use.attribute, hint)
         return True
     return False
 
@@ -104,7 +105,7 @@ def _never_made(uses: Sequence[EntryUse], advice: LintReporter, root_key: str) -
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
     advice.warn(
-        "W209",
+        ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to '{use.key}', an entry that nothing makes",
         use.document,
         use.node,
@@ -148,7 +149,7 @@ def _never_written(
     else:
         what = f"the port '{use.attribute}' of {node_label(use.node)} looks at '{use.key}'"
     advice.warn(
-        "W201",
+        UNWRITTEN_KEY,
         f"{what}, which nothing writes{more}",
         use.document,
         use.node,

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Collection
 
+from btcore.diagnostic_codes import AMBIGUOUS_MAIN_TREE
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.lint.all_checks import run_lint
@@ -57,6 +58,6 @@ def validate_document(
             looked_at |= {plan.definition.id for plan in reachable_plans(planner, definition)}
         check_scripts(planner.plan(definition), nodes, faults)
     if tree is None and planner.definitions.all and document.root.get("main_tree_to_execute") is None:
-        faults.errors = [one for one in faults.errors if one.code != "E108"]
+        faults.errors = [one for one in faults.errors if one.code != AMBIGUOUS_MAIN_TREE]
     run_lint(examined, ids, nodes, given, asked=tree is not None)
     return [*sort_diagnostics(faults.errors), *sort_diagnostics(faults.warnings)]

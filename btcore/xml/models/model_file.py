@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from btcore.blackboard.ports import Direction, Port, remapped_key
+from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
 from btcore.errors import Diagnostic, RegistrationError, TreeError
 from btcore.names import is_port_name, port_name_error
 from btcore.registry.registration_checks import default_value_error
@@ -83,7 +84,7 @@ def add_models(
     if not added and not any(_models(document) for document in documents):
         said = "the file holds no model of a node"
         hint = "a palette is a <TreeNodesModel>: Groot exports one, and so does `btcore nodes --xml`"
-        raise TreeError([Diagnostic("E003", said, os.fspath(path), hint=hint)])
+        raise TreeError([Diagnostic(UNREADABLE_FILE, said, os.fspath(path), hint=hint)])
     return added
 
 
@@ -130,7 +131,7 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
         id = model.get("ID")
         if id is None:
             said = f"this model of <{model.tag}> does not say which node: it has no ID"
-            faults.add(document.diagnostic("E102", said, model, hint=f'write <{model.tag} ID="…">'))
+            faults.add(document.diagnostic(MISSING_ID, said, model, hint=f'write <{model.tag} ID="…">'))
             continue
         known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
         if known is not None and not known.is_overridable:
@@ -142,7 +143,7 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
             _add(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document)
             added.append(str(id))
         except RegistrationError as fault:
-            faults.add(document.diagnostic("E107", str(fault), model, "ID"))
+            faults.add(document.diagnostic(INVALID_NAME, str(fault), model, "ID"))
     faults.raise_errors()
     return added
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from btcore.blackboard.ports import Direction, Port
+from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID
 from btcore.names import model_port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
@@ -54,7 +55,7 @@ def subtree_models(
                 if id is None:
                     said = "this model of a subtree does not say which: it has no ID"
                     hint = 'write <SubTree ID="…">'
-                    faults.add(document.diagnostic("E102", said, model, hint=hint))
+                    faults.add(document.diagnostic(MISSING_ID, said, model, hint=hint))
                     continue
                 ports = found.setdefault(id, {})
                 for port in model.iterchildren("input_port", "output_port", "inout_port"):
@@ -72,12 +73,12 @@ def _port(
     name = port.get("name")
     if name is None:
         said = f"this <{port.tag}> has no name"
-        faults.add(document.diagnostic("E102", said, port, hint=f'write <{port.tag} name="…"/>'))
+        faults.add(document.diagnostic(MISSING_ID, said, port, hint=f'write <{port.tag} name="…"/>'))
         return
     fault = model_port_name_error(name) if dialect.tree_ids_checked else ""
     if fault:
         said = f"no port of a subtree can be called '{name}': {fault}"
-        faults.add(document.diagnostic("E107", said, port, "name"))
+        faults.add(document.diagnostic(INVALID_NAME, said, port, "name"))
     ports[name] = port.get("default")
 
 

@@ -4,6 +4,7 @@ import sys
 from typing import NamedTuple
 
 from btcore.blackboard.ports import remapped_key
+from btcore.diagnostic_codes import SCRIPT_SYNTAX, TOO_LARGE
 from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -129,7 +130,7 @@ def check_size(plans: list[TreePlan], main: TreeDefinition, faults: DiagnosticCo
         # Nodes are made and ticked by recursion: six calls a level at the most.
         sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depths[main.id] + 1000))
         return
-    faults.add(main.document.diagnostic("E117", said, main.element, "ID", hint=hint))
+    faults.add(main.document.diagnostic(TOO_LARGE, said, main.element, "ID", hint=hint))
 
 
 def check_scripts(plan: TreePlan, registry: Registry, faults: DiagnosticCollector) -> None:
@@ -153,4 +154,4 @@ def check_scripts(plan: TreePlan, registry: Registry, faults: DiagnosticCollecto
 def script_diagnostic(document: Document, node: NodePlan, key: str, fault: ScriptError) -> Diagnostic:
     """The diagnostic of a script in attribute *key* that can't be parsed."""
     said = f"the script in '{key}' of <{node.id}>: {fault.message}"
-    return document.diagnostic("E206", said, node.element, key, within=fault.column)
+    return document.diagnostic(SCRIPT_SYNTAX, said, node.element, key, within=fault.column)

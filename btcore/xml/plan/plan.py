@@ -9,6 +9,17 @@ from btcore.blackboard.ports import (
     Port,
     remapped_key,
 )
+from btcore.diagnostic_codes import (
+    CONTROL_CHARACTER_IN_NAME,
+    INCONVERTIBLE_TEXT,
+    MISSING_SUBTREE_PORT,
+    NOT_A_BOOLEAN,
+    RECURSIVE_TREES,
+    UNEXPECTED_ID,
+    UNKNOWN_PORT,
+    UNKNOWN_TREE,
+    DiagnosticCode,
+)
 from btcore.errors import ConversionError
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
@@ -105,7 +116,7 @@ class TreePlanner:
 
     def _error(
         self,
-        code: str,
+        code: DiagnosticCode,
         said: str,
         element: Element,
         attribute: str,
@@ -189,12 +200,12 @@ class TreePlanner:
             elif key == "ID":
                 if dialect.explicit_by_id and plan.element.tag not in EXPLICIT_TAGS:
                     said = f'<{plan.id}> has an ID, which only explicit tags such as <Action ID="…"> have'
-                    self._error("E103", said, plan.element, key, 'to name the node, write name="…"')
+                    self._error(UNEXPECTED_ID, said, plan.element, key, 'to name the node, write name="…"')
             elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
                 kept[key] = text
             else:
                 said = f"<{plan.id}> has no port '{key}'"
-                self._error("E201", said, plan.element, key, port_hint(manifest, key), name=True)
+                self._error(UNKNOWN_PORT, said, plan.element, key, port_hint(manifest, key), name=True)
         if scripts:
             plan.scripts = {
                 key: scripts[key]
@@ -206,7 +217,12 @@ class TreePlanner:
 
     def _check_name(self, plan: NodePlan, text: str) -> None:
         if self.dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
-            self._error("E116", f"a name has no control characters, but {text!r} does", plan.element, "name")
+            self._error(
+                CONTROL_CHARACTER_IN_NAME,
+                f"a name has no control characters, but {text!r} does",
+                plan.element,
+                "name",
+            )
 
     def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """The binding of *port* to a *text* that it was not bound to before."""
@@ -242,7 +258,7 @@ class TreePlanner:
         elif is_port_name(text):
             hint = f"for the blackboard's entry write {{{text}}}"
         said = f"the port '{port.name}' of <{plan.id}> takes {kind.name}: {fault}"
-        self._error("E202", said, plan.element, port.name, hint)
+        self._error(INCONVERTIBLE_TEXT, said, plan.element, port.name, hint)
         return False
 
     # --- SubTree elements
@@ -264,7 +280,11 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and self.definitions.complete:
             self._error(
-                "E109", f"no tree is called '{id}'", element, "ID", tree_hint(id, self.definitions.by_id)
+                UNKNOWN_TREE,
+                f"no tree is called '{id}'",
+                element,
+                "ID",
+                tree_hint(id, self.definitions.by_id),
             )
         return False
 
@@ -294,7 +314,7 @@ class TreePlanner:
                         f"<SubTree> is not given the port '{port}', which the model of '{call.tree}' demands"
                     )
                     hint = f'write {port}="…", or give it a default in <TreeNodesModel>'
-                    self._error("E204", said, plan.element, "", hint)
+                    self._error(MISSING_SUBTREE_PORT, said, plan.element, "", hint)
                 else:
                     given[port] = default
         call.written = given
@@ -331,7 +351,7 @@ class TreePlanner:
             return BOOL.from_text(text, self.dialect.format) is True
         except ConversionError:
             said = f"{key} is 'true' or 'false', not '{text}'"
-            self._error("E207", said, plan.element, key)
+            self._error(NOT_A_BOOLEAN, said, plan.element, key)
             return False
 
 
@@ -365,7 +385,7 @@ def topological_order(
                 said = f"the trees call each other in a circle: {' → '.join(way[way.index(called) :])}"
                 document = plan.definition.document
                 hint = "a tree can't contain itself"
-                faults.add(document.diagnostic("E110", said, node.element, "ID", hint=hint))
+                faults.add(document.diagnostic(RECURSIVE_TREES, said, node.element, "ID", hint=hint))
             elif called in planner.definitions.by_id and called not in order:
                 pending.append((called, False))
     return None if in_circle else list(order.values())

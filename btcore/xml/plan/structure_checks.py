@@ -2,6 +2,18 @@
 
 from collections.abc import Mapping
 
+from btcore.diagnostic_codes import (
+    CAPITALISED_ROOT,
+    DUPLICATE_MODELS,
+    INVALID_NAME,
+    MISSING_ID,
+    SEVERAL_ASYNC_SEQUENCES,
+    TOO_DEEP,
+    TREE_NAMED_AS_NODE,
+    UNKNOWN_NODE,
+    WRONG_CHILD_COUNT,
+    DiagnosticCode,
+)
 from btcore.names import forbidden_in, is_reserved
 from btcore.status import NodeType
 from btcore.xml.plan.node_plan import NodePlan
@@ -47,7 +59,9 @@ class StructureChecker:
             outlines[definition] = self._walk(definition.element)
         return outlines
 
-    def _error(self, code: str, said: str, element: Element, attribute: str = "", hint: str = "") -> None:
+    def _error(
+        self, code: DiagnosticCode, said: str, element: Element, attribute: str = "", hint: str = ""
+    ) -> None:
         self._faults.add(self._document.diagnostic(code, said, element, attribute, hint=hint))
 
     def _models(self, document: Document) -> None:
@@ -55,7 +69,7 @@ class StructureChecker:
         if self._dialect.explicit_by_id and len(models) > 1:
             said = "a document has one <TreeNodesModel>, and this is the second"
             hint = "move its models into the first"
-            self._faults.add(document.diagnostic("E113", said, models[1], hint=hint))
+            self._faults.add(document.diagnostic(DUPLICATE_MODELS, said, models[1], hint=hint))
 
     def _walk(self, top: Element) -> list[NodePlan]:
         limit = self._document.max_depth or self._dialect.max_depth
@@ -86,7 +100,7 @@ class StructureChecker:
             below = node.depth + 1
             if below > limit:
                 said = f"elements are nested more than {limit:,} deep"
-                self._error("E006", said, element, hint="split the tree into subtrees")
+                self._error(TOO_DEEP, said, element, hint="split the tree into subtrees")
             elif tag not in closed:
                 node.children = [NodePlan(child, below) for child in children]
                 pending += reversed(node.children)
@@ -110,7 +124,7 @@ class StructureChecker:
     def _obsolete(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
             said = "<Root> is obsolete and is skipped"
-            self._faults.add(self._document.diagnostic("W103", said, child, hint="remove it"))
+            self._faults.add(self._document.diagnostic(CAPITALISED_ROOT, said, child, hint="remove it"))
 
     def _special(self, tag: str, element: Element, children: list[Element]) -> None:
         """An element that is no compact node."""
@@ -121,18 +135,18 @@ class StructureChecker:
         elif tag in EXPLICIT_TAGS:
             self._explicit(tag, element, children)
         else:
-            self._error("E101", f"unknown node <{tag}>", element, hint=self._unknown(tag))
+            self._error(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=self._unknown(tag))
 
     def _explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         node = element.get("ID") or ""
         if not node:
             said = f"<{tag}> does not say which node it is"
             hint = f'write <{tag} ID="…"/>'
-            self._error("E102", said, element, hint=hint)
+            self._error(MISSING_ID, said, element, hint=hint)
             return
         manifest = self._palette.manifests.get(node)
         if manifest is None:
-            self._error("E101", f"unknown node '{node}'", element, "ID", self._unknown(node))
+            self._error(UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._unknown(node))
             return
         kind = manifest.type if self._dialect.explicit_by_id else EXPLICIT_TAGS[tag]
         self._count(node, kind, element, children)
@@ -154,23 +168,25 @@ class StructureChecker:
         if kind is NodeType.DECORATOR:
             if found != 1:
                 hint = "put them into a <Sequence>" if found else ""
-                self._error("E104", f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint)
+                self._error(
+                    WRONG_CHILD_COUNT, f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint
+                )
         elif kind is NodeType.CONTROL:
             least = 2 if node == "TryCatch" else 1
             if found < least:
                 said = f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
                 hint = "the last child is the handler" if least > 1 else ""
-                self._error("E104", said, element, hint=hint)
+                self._error(WRONG_CHILD_COUNT, said, element, hint=hint)
             elif node == "ReactiveSequence":
                 self._one_asynchronous(children)
         elif found and kind in _LEAVES:
-            self._error("E104", f"<{node}> has {has}; {_A_NODE[kind]} has none", element)
+            self._error(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_A_NODE[kind]} has none", element)
 
     def _one_asynchronous(self, children: list[Element]) -> None:
         lasting = [child for child in children if child.tag == "AsyncSequence"]
         if len(lasting) > 1 and self._dialect.explicit_by_id:
             said = "a ReactiveSequence has one AsyncSequence at most, and this is the second"
-            self._error("E114", said, lasting[1], hint="only one child of it can be RUNNING")
+            self._error(SEVERAL_ASYNC_SEQUENCES, said, lasting[1], hint="only one child of it can be RUNNING")
 
     def _tree(self, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
@@ -180,28 +196,28 @@ class StructureChecker:
             char = forbidden_in(name)
             if char:
                 said = f"a tree's ID has no {char!r} in it, but this one is '{name}'"
-                self._error("E107", said, element, "ID", "letters, digits, '_' and '-' will do")
+                self._error(INVALID_NAME, said, element, "ID", "letters, digits, '_' and '-' will do")
             elif is_reserved(name):
-                self._error("E107", f"no tree may be called '{name}'; it is reserved", element, "ID")
+                self._error(INVALID_NAME, f"no tree may be called '{name}'; it is reserved", element, "ID")
         if len(children) != 1:
             found = f"{len(children)} children" if children else "no child"
             said = f"{called} has {found}; a tree has exactly 1"
             hint = "put them into a <Sequence>" if children else ""
-            self._error("E104", said, element, hint=hint)
+            self._error(WRONG_CHILD_COUNT, said, element, hint=hint)
 
     def _subtree(self, tag: str, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
         if element.get("ID") is None or (not name and self._dialect.explicit_by_id):
             said = f"<{tag}> does not say which tree it is"
-            self._error("E102", said, element, hint=f'write <{tag} ID="…"/>')
+            self._error(MISSING_ID, said, element, hint=f'write <{tag} ID="…"/>')
         elif self._dialect.tree_ids_checked:
             self._not_a_node(name, element)
         if children:
             said = f'<{tag} ID="{name}"> has children; what it does stands in its <BehaviorTree>'
-            self._error("E104", said, children[0])
+            self._error(WRONG_CHILD_COUNT, said, children[0])
 
     def _not_a_node(self, name: str, element: Element) -> None:
         known = self._palette.manifests.get(name)
         if known is not None and not known.is_overridable:
             said = f"a tree can't be called '{name}', as a node is"
-            self._error("E105", said, element, "ID", "rename the tree")
+            self._error(TREE_NAMED_AS_NODE, said, element, "ID", "rename the tree")

@@ -3,6 +3,13 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from btcore.diagnostic_codes import (
+    AMBIGUOUS_MAIN_TREE,
+    DUPLICATE_TREE_ID,
+    NOT_A_ROOT,
+    TREE_WITHOUT_ID,
+    UNKNOWN_FORMAT,
+)
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import DIALECTS, Dialect, parse_format
@@ -30,7 +37,7 @@ def select_dialect(documents: list[Document], format: int | None, faults: Diagno
     if known is None:
         said = f"BTCPP_format '{written}' is not known"
         hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
-        faults.add(document.diagnostic("E009", said, document.root, "BTCPP_format", hint=hint))
+        faults.add(document.diagnostic(UNKNOWN_FORMAT, said, document.root, "BTCPP_format", hint=hint))
     return DIALECTS[known or 4]
 
 
@@ -52,7 +59,7 @@ class TreeDefinitions:
                 hint = EXAMPLE
                 if str(root.tag).lower() == "root":
                     hint = "did you mean <root>? XML tells capital letters from small ones"
-                faults.add(document.diagnostic("E008", said, root, hint=hint))
+                faults.add(document.diagnostic(NOT_A_ROOT, said, root, hint=hint))
                 continue
             only_child = len(root.children) == 1
             for element in root.iterchildren("BehaviorTree"):
@@ -60,7 +67,7 @@ class TreeDefinitions:
                 if written is None and not only_child and dialect.tree_ids_checked:
                     said = "this <BehaviorTree> has no ID"
                     hint = 'name it: <BehaviorTree ID="…">'
-                    faults.add(document.diagnostic("E106", said, element, hint=hint))
+                    faults.add(document.diagnostic(TREE_WITHOUT_ID, said, element, hint=hint))
                 name = written or ""
                 if not name:
                     name = f"BehaviorTree_{unnamed}"
@@ -81,7 +88,9 @@ class TreeDefinitions:
         else:
             said = f"there are two trees '{definition.id}'; that of {where} is used, not this one"
         hint = "rename or remove one of them"
-        faults.add(definition.document.diagnostic("W102", said, definition.element, "ID", hint=hint))
+        faults.add(
+            definition.document.diagnostic(DUPLICATE_TREE_ID, said, definition.element, "ID", hint=hint)
+        )
 
     def select_main(self, asked: str | None, faults: DiagnosticCollector) -> TreeDefinition | None:
         """The tree that is to be made: the one *asked* for, the document's main tree, or its only one."""
@@ -90,7 +99,7 @@ class TreeDefinitions:
             if asked not in self.by_id and self.complete:
                 hint = self.suggestion(asked)
                 said = f"no tree is called '{asked}'"
-                faults.add(document.diagnostic("E108", said, document.root, hint=hint))
+                faults.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, said, document.root, hint=hint))
             return self.by_id.get(asked)
         written = document.root.get("main_tree_to_execute")
         if written is not None:
@@ -98,7 +107,9 @@ class TreeDefinitions:
                 said = f"main_tree_to_execute names the tree '{written}', which is not there"
                 hint = self.suggestion(written)
                 faults.add(
-                    document.diagnostic("E108", said, document.root, "main_tree_to_execute", hint=hint)
+                    document.diagnostic(
+                        AMBIGUOUS_MAIN_TREE, said, document.root, "main_tree_to_execute", hint=hint
+                    )
                 )
             return self.by_id.get(written)
         own = [one for one in self.all if one.document is document]
@@ -114,7 +125,7 @@ class TreeDefinitions:
             said = "several trees, and none is named as the main one"
             names = join_names(sorted(self.by_id), "or")
             hint = f'write main_tree_to_execute="…" into <root>, or name one when loading: {names}'
-        faults.add(document.diagnostic("E108", said, document.root, hint=hint))
+        faults.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, said, document.root, hint=hint))
         return None
 
     def suggestion(self, name: str) -> str:

@@ -1,5 +1,6 @@
 """Collecting every fault of a document, so that all are told at once."""
 
+from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.errors import (
     Diagnostic,
     PortError,
@@ -34,7 +35,7 @@ def make_tree_error(errors: list[Diagnostic]) -> TreeError:
     ordered = sort_diagnostics(errors)
     if all(one.code.startswith("E0") for one in ordered):
         return XmlSyntaxError(ordered)
-    if all(one.code == "E101" for one in ordered):
+    if all(one.code == UNKNOWN_NODE for one in ordered):
         return UnknownNodeError(ordered)
     if all(one.code.startswith("E2") for one in ordered):
         return PortError(ordered)

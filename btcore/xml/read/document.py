@@ -9,6 +9,15 @@ from typing import Final
 
 from lxml import etree
 
+from btcore.diagnostic_codes import (
+    BARE_MARKUP,
+    DOCUMENT_TYPE,
+    EMPTY_DOCUMENT,
+    NOT_UTF8,
+    NOT_XML,
+    UNREADABLE_FILE,
+    DiagnosticCode,
+)
 from btcore.errors import Diagnostic, XmlSyntaxError
 from btcore.suggestions import nearest_name
 from btcore.xml.read.element import (
@@ -93,7 +102,7 @@ class Document:
 
     def diagnostic(
         self,
-        code: str,
+        code: DiagnosticCode,
         message: str,
         element: Element | int,
         attribute: str = "",
@@ -119,7 +128,9 @@ class Document:
             place = span_at(self.text, one.offset)
             message = f"a bare '{one.original}' in an attribute value is read as text"
             hint = f"other XML tools refuse it; write {value}"
-            found.append(Diagnostic("W101", message, self.file, place.line, place.column, hint, place.source))
+            found.append(
+                Diagnostic(BARE_MARKUP, message, self.file, place.line, place.column, hint, place.source)
+            )
         return found
 
     def _escaped_value(self, offset: int) -> tuple[str, int]:
@@ -141,12 +152,12 @@ def parse_text(text: str, file: str = "") -> Document:
     # A byte order mark, and the declaration's encoding, are of no use once the text is a text.
     text = text.removeprefix("\ufeff")
     if not text or text.isspace():
-        raise XmlSyntaxError([Diagnostic("E001", "the document is empty", file, hint=EXAMPLE)])
+        raise XmlSyntaxError([Diagnostic(EMPTY_DOCUMENT, "the document is empty", file, hint=EXAMPLE)])
     if "!" in text and "<!DOCTYPE" in text:
         _refuse_document_type(text, file)
     zero = text.find("\0")
     if zero >= 0:
-        raise _fault("E002", "a NUL character; this is not an XML document", text, zero, file)
+        raise _fault(NOT_XML, "a NUL character; this is not an XML document", text, zero, file)
     is_kept = has_one_line_tags(text) or not may_keep_line_breaks(text)
     lenient = EscapedText(text, ()) if is_kept else escape_attribute_values(text)
     plain = parse_with_expat(_encoded(lenient.text))
@@ -185,7 +196,7 @@ def _unreadable(path: Path, fault: OSError) -> Diagnostic:
     hint = ""
     if str(path).lstrip().startswith("<"):
         said = "the path of a file is wanted, and this is XML"
-        return Diagnostic("E003", said, hint="btcore.loads(text) reads a text")
+        return Diagnostic(UNREADABLE_FILE, said, hint="btcore.loads(text) reads a text")
     if path.is_dir():
         said = "is a folder, not a file"
         inside = sorted(found.name for found in path.glob("*.xml"))[:5]
@@ -198,14 +209,14 @@ def _unreadable(path: Path, fault: OSError) -> Diagnostic:
             hint = f"did you mean {path.with_name(near)}?"
     else:
         said = f"can't be read: {(fault.strerror or str(fault)).lower()}"
-    return Diagnostic("E003", said, os.fspath(path), hint=hint)
+    return Diagnostic(UNREADABLE_FILE, said, os.fspath(path), hint=hint)
 
 
 def _decoded(data: bytes, file: str) -> str:
     for mark, encoding in _BYTE_ORDER_MARKS:
         if data.startswith(mark):
             said = f"the file is {encoding}; trees are read as UTF-8"
-            raise XmlSyntaxError([Diagnostic("E004", said, file, hint="save it as UTF-8")])
+            raise XmlSyntaxError([Diagnostic(NOT_UTF8, said, file, hint="save it as UTF-8")])
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
@@ -213,7 +224,7 @@ def _decoded(data: bytes, file: str) -> str:
         # The rest is shown as far as it can be.
         text = before + data[fault.start :].decode("utf-8", "replace")
         said = f"the byte 0x{data[fault.start]:02X} is not UTF-8"
-        raise _fault("E004", said, text, len(before), file, "save the file as UTF-8") from None
+        raise _fault(NOT_UTF8, said, text, len(before), file, "save the file as UTF-8") from None
 
 
 def _refuse_document_type(text: str, file: str) -> None:
@@ -224,11 +235,11 @@ def _refuse_document_type(text: str, file: str) -> None:
             if len(inside) > 1 or "[" in "".join(inside):
                 said = "a document type that defines or fetches something is refused"
                 hint = "trees need no <!DOCTYPE …>: remove it, and write its entities out"
-                raise _fault("E005", said, text, at, file, hint, len("<!DOCTYPE"))
+                raise _fault(DOCUMENT_TYPE, said, text, at, file, hint, len("<!DOCTYPE"))
 
 
 def _fault(
-    code: str, said: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
+    code: DiagnosticCode, said: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
 ) -> XmlSyntaxError:
     place = span_at(text, offset, width)
     return XmlSyntaxError(

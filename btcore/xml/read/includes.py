@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from btcore.diagnostic_codes import IGNORED_PACKAGE, INCLUDE_FAILED, UNREADABLE_FILE
 from btcore.errors import XmlSyntaxError
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document, parse_file
@@ -44,7 +45,9 @@ def _gather(
         if resolved in [*chain, *own]:
             circle = [*chain, *own][[*chain, *own].index(resolved) :]
             names = " → ".join(one.name for one in [*circle, resolved])
-            faults.add(document.diagnostic("E007", f"the files include each other: {names}", element, "path"))
+            faults.add(
+                document.diagnostic(INCLUDE_FAILED, f"the files include each other: {names}", element, "path")
+            )
         elif resolved not in seen:
             try:
                 included = parse_file(path)
@@ -58,11 +61,11 @@ def _gather(
 
 def _tell(fault: XmlSyntaxError, document: Document, element: Element, faults: DiagnosticCollector) -> None:
     for one in fault.diagnostics:
-        if one.code != "E003":
+        if one.code != UNREADABLE_FILE:
             faults.add(one)
             continue
         said = f"the included file '{one.file}': {one.message}"
-        faults.add(document.diagnostic("E007", said, element, "path", hint=one.hint))
+        faults.add(document.diagnostic(INCLUDE_FAILED, said, element, "path", hint=one.hint))
 
 
 def _path_of(
@@ -71,7 +74,7 @@ def _path_of(
     written = element.get("path")
     if not written:
         hint = 'write <include path="other.xml"/>'
-        faults.add(document.diagnostic("E007", "<include> names no file", element, hint=hint))
+        faults.add(document.diagnostic(INCLUDE_FAILED, "<include> names no file", element, hint=hint))
         return None
     path = Path(written)
     package = element.get("ros_pkg")
@@ -79,7 +82,7 @@ def _path_of(
         return path if path.is_absolute() else document.folder / path
     if path.is_absolute():
         said = f"ros_pkg '{package}' is ignored, as the path is absolute"
-        faults.add(document.diagnostic("W107", said, element, "ros_pkg"))
+        faults.add(document.diagnostic(IGNORED_PACKAGE, said, element, "ros_pkg"))
         return path
     folder = packages(package) if packages is not None else None
     if folder is None:
@@ -89,6 +92,6 @@ def _path_of(
             if packages is None
             else "the resolver of packages does not know it"
         )
-        faults.add(document.diagnostic("E007", said, element, "ros_pkg", hint=hint))
+        faults.add(document.diagnostic(INCLUDE_FAILED, said, element, "ros_pkg", hint=hint))
         return None
     return Path(folder) / path

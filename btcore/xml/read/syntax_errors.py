@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 
 from lxml import etree
 
+from btcore.diagnostic_codes import NOT_XML
 from btcore.errors import Diagnostic
 from btcore.xml.read.positions import span_at
 from btcore.xml.read.tinyxml2_compat import EscapedText, iter_markup
@@ -88,7 +89,7 @@ def diagnose_xml_error(fault: etree.XMLSyntaxError, lenient: EscapedText, text: 
     if found is not None:
         offset, width, said, hint = found
         place = span_at(text, offset, width)
-        return Diagnostic("E002", said, file, place.line, place.column, hint, place.source, place.width)
+        return Diagnostic(NOT_XML, said, file, place.line, place.column, hint, place.source, place.width)
     line, column = fault.position
     at = lenient.to_original(_offset(lenient.text, line or 1, column or 1))
     said, hint, anchor = _sentence(str(fault.msg))
@@ -96,7 +97,7 @@ def diagnose_xml_error(fault: etree.XMLSyntaxError, lenient: EscapedText, text: 
         hint = "if that is the path of a file, read it with btcore.load(path)"
     found_at = text.rfind(anchor, 0, at + 1) if anchor else -1
     place = span_at(text, found_at, len(anchor)) if found_at >= 0 else span_at(text, at)
-    return Diagnostic("E002", said, file, place.line, place.column, hint, place.source, place.width)
+    return Diagnostic(NOT_XML, said, file, place.line, place.column, hint, place.source, place.width)
 
 
 def _offset(text: str, line: int, column: int) -> int:

@@ -1,19 +1,21 @@
-"""docs/errors.md: every code of the source is explained there, and every example gives its code."""
+"""docs/errors.md describes the codes of the table, and every example gives its code."""
 
 import ast
+import pickle
 import re
 from pathlib import Path
 
 import pytest
 
-from btcore import Registry
+from btcore import Registry, diagnostic_codes
+from btcore.diagnostic_codes import ALL_CODES, DiagnosticCode
 from btcore.errors import TreeError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
-CODE = re.compile(r"[EW][0-9]{3}")
+CODE = re.compile(r"[EWC][0-9]{3}")
 HEADINGS = re.findall(r"^### ([EW][0-9]{3}) · ", PAGE, re.MULTILINE)
 PARAGRAPHS = dict(
     re.findall(r"^### ([EW][0-9]{3}) · [^\n]+\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL)
@@ -23,17 +25,53 @@ EXAMPLES = re.findall(r"^```xml ([EW][0-9]{3})\n(.*?)^```", PAGE, re.MULTILINE |
 WITHOUT_EXAMPLE = {"E003", "E004", "E006", "E115", "E117", "E118", "E120"}
 
 
-def codes_of_the_source() -> set[str]:
-    found = set()
+def test_the_page_has_the_codes_and_summaries_of_the_table_and_no_others() -> None:
+    table = {code: code.summary for code in ALL_CODES if not code.startswith("C")}
+    assert re.findall(r"^### ([EW][0-9]{3}) · ([^\n]+)$", PAGE, re.MULTILINE) == list(table.items())
+
+
+def test_a_code_links_to_its_heading() -> None:
+    headings = re.findall(r"^#+ (.+)$", PAGE, re.MULTILINE)
+    anchors = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    links = [code.documentation.split("#") for code in ALL_CODES if not code.startswith("C")]
+    assert {page for page, _ in links} == {"errors.md"}
+    assert {anchor for _, anchor in links} < anchors
+
+
+def test_the_letter_of_a_code_tells_its_severity() -> None:
+    severities = {
+        "E": {"error"},
+        "W": {"warning"},
+        "C1": {"same meaning"},
+        "C2": {"new meaning"},
+        "C3": {"manual step"},
+    }
+    for prefix, expected in severities.items():
+        assert {code.severity for code in ALL_CODES if code.startswith(prefix)} == expected
+
+
+def test_codes_are_unique_and_survive_a_copy() -> None:
+    assert len(set(ALL_CODES)) == len(ALL_CODES)
+    copied = pickle.loads(pickle.dumps(ALL_CODES[0]))
+    assert (copied, copied.severity, copied.summary) == (
+        "E001",
+        ALL_CODES[0].severity,
+        ALL_CODES[0].summary,
+    )
+
+
+def test_every_code_is_used_and_comes_from_the_table() -> None:
+    used, literals = set(), set()
     for path in sorted((ROOT / "btcore").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and CODE.fullmatch(node.value):
-                found.add(node.value)
-    return found
-
-
-def test_every_code_is_explained_once_and_every_explained_code_exists() -> None:
-    assert sorted(HEADINGS) == sorted(codes_of_the_source())
+        if path.stem != "diagnostic_codes":
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Name):
+                    used.add(node.id)
+                elif isinstance(node, ast.Constant) and CODE.fullmatch(str(node.value)):
+                    literals.add(node.value)
+    assert literals == set()
+    names = {name for name, value in vars(diagnostic_codes).items() if isinstance(value, DiagnosticCode)}
+    assert names - used == set()
 
 
 @pytest.mark.parametrize("code", HEADINGS)

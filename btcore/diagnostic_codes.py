@@ -1,0 +1,139 @@
+"""The table of diagnostic codes: severity, summary and documentation of each.
+
+docs/errors.md and docs/converting.md describe the codes; a test compares both pages with this table.
+"""
+
+import re
+from typing import Final, Literal
+
+Severity = Literal["error", "warning", "same meaning", "new meaning", "manual step"]
+"""The severity of a fault (error, warning), or the effect of a conversion to format 4."""
+
+
+class DiagnosticCode(str):
+    """A code of the table below. It equals its text, say "E101"."""
+
+    # A subclass of str, and not an Enum: a hundred members of an Enum would slow down `import btcore`.
+    __slots__ = ("severity", "summary")
+    severity: Severity
+    summary: str
+
+    def __new__(cls, text: str, severity: Severity, summary: str) -> "DiagnosticCode":
+        """Create an entry of the table; other modules use the constants below."""
+        code = super().__new__(cls, text)
+        code.severity = severity
+        code.summary = summary
+        return code
+
+    def __getnewargs__(self) -> tuple[str, Severity, str]:  # type: ignore[override]
+        """Return the arguments of `__new__`, for copies and pickles."""
+        return str(self), self.severity, self.summary
+
+    @property
+    def documentation(self) -> str:
+        """The page of docs/ that describes the code, with the heading's anchor on GitHub."""
+        if self.startswith("C"):
+            return "converting.md"
+        heading = f"{self} · {self.summary}".lower()
+        return "errors.md#" + re.sub(r"[^\w -]", "", heading).replace(" ", "-")
+
+
+# The document itself
+EMPTY_DOCUMENT: Final = DiagnosticCode("E001", "error", "the document is empty")
+NOT_XML: Final = DiagnosticCode("E002", "error", "not XML")
+UNREADABLE_FILE: Final = DiagnosticCode("E003", "error", "the file can't be read")
+NOT_UTF8: Final = DiagnosticCode("E004", "error", "not UTF-8")
+DOCUMENT_TYPE: Final = DiagnosticCode("E005", "error", "a document type")
+TOO_DEEP: Final = DiagnosticCode("E006", "error", "too deep")
+INCLUDE_FAILED: Final = DiagnosticCode("E007", "error", "an include can't be followed")
+NOT_A_ROOT: Final = DiagnosticCode("E008", "error", "not a `<root>`")
+UNKNOWN_FORMAT: Final = DiagnosticCode("E009", "error", "an unknown format")
+
+# Nodes and trees
+UNKNOWN_NODE: Final = DiagnosticCode("E101", "error", "unknown node")
+MISSING_ID: Final = DiagnosticCode("E102", "error", "an element without its ID or name")
+UNEXPECTED_ID: Final = DiagnosticCode("E103", "error", "an ID that doesn't belong")
+WRONG_CHILD_COUNT: Final = DiagnosticCode("E104", "error", "too many children, or too few")
+TREE_NAMED_AS_NODE: Final = DiagnosticCode("E105", "error", "a tree that is called as a node is")
+TREE_WITHOUT_ID: Final = DiagnosticCode("E106", "error", "a tree without an ID")
+INVALID_NAME: Final = DiagnosticCode("E107", "error", "a name that can't be")
+AMBIGUOUS_MAIN_TREE: Final = DiagnosticCode("E108", "error", "which tree is the main one?")
+UNKNOWN_TREE: Final = DiagnosticCode("E109", "error", "no such tree")
+RECURSIVE_TREES: Final = DiagnosticCode("E110", "error", "a circle of trees")
+DUPLICATE_SUBTREE_PATH: Final = DiagnosticCode("E112", "error", "two subtrees of one path")
+DUPLICATE_MODELS: Final = DiagnosticCode("E113", "error", "two palettes")
+SEVERAL_ASYNC_SEQUENCES: Final = DiagnosticCode("E114", "error", "two AsyncSequences in a ReactiveSequence")
+LEAF_INIT_RAISED: Final = DiagnosticCode("E115", "error", "a leaf that raises while it is made")
+CONTROL_CHARACTER_IN_NAME: Final = DiagnosticCode("E116", "error", "a name with control characters")
+TOO_LARGE: Final = DiagnosticCode("E117", "error", "too large")
+NODE_NOT_CREATED: Final = DiagnosticCode("E118", "error", "a node that can't be made")
+FIRST_TICK_REFUSED: Final = DiagnosticCode("E119", "error", "children that the first tick refuses")
+NOT_FOR_A_BATCH: Final = DiagnosticCode("E120", "error", "not for a batch")
+
+# Ports, keys and scripts
+UNKNOWN_PORT: Final = DiagnosticCode("E201", "error", "no such port")
+INCONVERTIBLE_TEXT: Final = DiagnosticCode("E202", "error", "a text that doesn't convert")
+CONFLICTING_ENTRY_TYPES: Final = DiagnosticCode("E203", "error", "two types for one entry")
+MISSING_SUBTREE_PORT: Final = DiagnosticCode("E204", "error", "a port of a subtree that is not given")
+MISSING_PORT: Final = DiagnosticCode("E205", "error", "a node that can't be without its port")
+SCRIPT_SYNTAX: Final = DiagnosticCode("E206", "error", "a script that can't be parsed")
+NOT_A_BOOLEAN: Final = DiagnosticCode("E207", "error", "neither true nor false")
+
+# Warnings about documents, nodes and trees
+BARE_MARKUP: Final = DiagnosticCode("W101", "warning", "a bare `<` or `&` in an attribute")
+DUPLICATE_TREE_ID: Final = DiagnosticCode("W102", "warning", "two trees of one ID")
+CAPITALISED_ROOT: Final = DiagnosticCode("W103", "warning", "`<Root>`")
+UNUSED_TREE: Final = DiagnosticCode("W104", "warning", "a tree that is never used")
+UNREACHABLE_CHILD: Final = DiagnosticCode("W105", "warning", "a child that is never ticked")
+SECOND_ASYNC_CHILD: Final = DiagnosticCode(
+    "W106", "warning", "a second asynchronous child in a reactive node"
+)
+IGNORED_PACKAGE: Final = DiagnosticCode("W107", "warning", "a package that is ignored")
+LOOSE_TEXT: Final = DiagnosticCode("W108", "warning", "text between elements")
+
+# Warnings about ports, keys and scripts
+UNWRITTEN_KEY: Final = DiagnosticCode("W201", "warning", "a key that is read, and that nothing writes")
+EMPTY_PORT: Final = DiagnosticCode("W202", "warning", "a port without its value")
+PARTIAL_NUMBER: Final = DiagnosticCode("W203", "warning", "a number that is read in part")
+USELESS_REMAPPING: Final = DiagnosticCode("W204", "warning", "a key that is handed over in vain")
+BRACES_IN_FORMAT_3: Final = DiagnosticCode("W205", "warning", "braces in a `<SubTree>` of format 3")
+REFUSED_ENTRY_VALUE: Final = DiagnosticCode("W206", "warning", "a value that the entry's type refuses")
+SCRIPT_RAISES: Final = DiagnosticCode("W207", "warning", "a script that can't but raise")
+CONDITION_ASSIGNS: Final = DiagnosticCode("W208", "warning", "a condition that assigns")
+ASSIGNMENT_TO_MISSING_ENTRY: Final = DiagnosticCode(
+    "W209", "warning", "an assignment to an entry that isn't there"
+)
+INCOMPLETE_POINTER: Final = DiagnosticCode("W210", "warning", "half a pointer")
+UNCONNECTED_OUTPUT: Final = DiagnosticCode("W211", "warning", "an output that leads nowhere")
+IGNORED_ATTRIBUTE: Final = DiagnosticCode("W212", "warning", "an attribute that nobody reads")
+
+# Conversion: written differently, with the same meaning
+FORMAT_WRITTEN: Final = DiagnosticCode("C101", "same meaning", "format written")
+NODE_RENAMED: Final = DiagnosticCode("C102", "same meaning", "node renamed")
+ATTRIBUTE_RENAMED: Final = DiagnosticCode("C103", "same meaning", "attribute renamed")
+BRACES_ADDED: Final = DiagnosticCode("C104", "same meaning", "braces added")
+TEXT_REWRITTEN: Final = DiagnosticCode("C105", "same meaning", "text rewritten")
+TAG_MADE_COMPACT: Final = DiagnosticCode("C106", "same meaning", "tag made compact")
+IGNORED_ATTRIBUTE_REMOVED: Final = DiagnosticCode("C107", "same meaning", "ignored attribute removed")
+
+# Conversion: another meaning in format 4
+LOOP_YIELDS: Final = DiagnosticCode("C201", "new meaning", "loop yields")
+SEQUENCE_MEMORY: Final = DiagnosticCode("C202", "new meaning", "sequence memory")
+PARALLEL_THRESHOLDS: Final = DiagnosticCode("C203", "new meaning", "parallel thresholds")
+SWITCH_COMPARISON: Final = DiagnosticCode("C204", "new meaning", "switch comparison")
+ENTRY_TYPE_KEPT: Final = DiagnosticCode("C205", "new meaning", "entry type kept")
+SUBTREE_NAME: Final = DiagnosticCode("C206", "new meaning", "subtree name")
+REMAPPING_CHANGED: Final = DiagnosticCode("C207", "new meaning", "remapping changed")
+SHARED_BLACKBOARD: Final = DiagnosticCode("C208", "new meaning", "shared blackboard")
+AUTOREMAP_ALL: Final = DiagnosticCode("C209", "new meaning", "autoremap of all names")
+NUMERIC_CONSTANT: Final = DiagnosticCode("C210", "new meaning", "numeric constant")
+CHECKED_ONCE: Final = DiagnosticCode("C211", "new meaning", "condition checked once")
+TEXT_REINTERPRETED: Final = DiagnosticCode("C212", "new meaning", "text reinterpreted")
+LAST_TREE_COUNTS: Final = DiagnosticCode("C213", "new meaning", "last tree counts")
+EMPTY_ATTRIBUTE_REMOVED: Final = DiagnosticCode("C214", "new meaning", "empty attribute removed")
+
+# Conversion: left to the user
+MANUAL_STEP: Final = DiagnosticCode("C301", "manual step", "manual step")
+
+ALL_CODES: Final = tuple(value for value in list(globals().values()) if isinstance(value, DiagnosticCode))
+"""Every code, in the order of the table."""
