@@ -38,6 +38,7 @@ COLD_FILES = {
     "btcore/bundled_trees.py",
     "btcore/diagnostic_codes.py",
     "btcore/errors.py",
+    "btcore/flatbuffer.py",
     "btcore/names.py",
     "btcore/program_runner.py",
     "btcore/run_extension.py",

@@ -9,8 +9,8 @@ import struct
 from pathlib import Path
 from typing import Final
 
+from btcore.flatbuffer import FlatbufferError, Table
 from btcore.logs.files import LogError, read_bytes
-from btcore.logs.flatbuffer import FlatbufferError, Table
 from btcore.logs.recording import (
     STATUSES,
     LoggedTransition,

@@ -7,8 +7,8 @@ everything that it looks at is written: each vector and each string, even an emp
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from btcore_monitor.wire.errors import ProtocolError
-from btcore_monitor.wire.flatbuffer import Table
+from btcore.flatbuffer import FlatbufferError, Table
+from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 
 if TYPE_CHECKING:
     from flatbuffers import Builder
@@ -75,9 +75,12 @@ def decode_tree(data: bytes) -> WireTree:
 
     Raises :class:`ProtocolError` if *data* is something else.
     """
-    root = Table.root(data)
-    nodes = tuple(map(_read_node, root.tables(_NODES)))
-    return WireTree(nodes, tuple(map(_read_model, root.tables(_MODELS))))
+    try:
+        root = Table.root(data)
+        nodes = tuple(map(_read_node, root.tables(_NODES)))
+        return WireTree(nodes, tuple(map(_read_model, root.tables(_MODELS))))
+    except FlatbufferError as error:
+        raise ProtocolError(f"{error}: {describe_bytes(data)}") from None
 
 
 def status_places(data: bytes) -> list[int]:

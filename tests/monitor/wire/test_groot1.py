@@ -183,7 +183,7 @@ def test_a_malformed_update_is_told(frame, said):
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"", "byte 0, and there are nothing"),
+        (b"", "byte 0, but has 0 bytes: nothing"),
         (b"\xff\xff\xff\xff", "points to byte 4294967295"),
         (TREE[:1000], "1000 bytes"),
         (bytes(64), "lacks its field 1"),
@@ -215,7 +215,7 @@ def shared_tables(nodes: int, ports: int) -> bytes:
 def test_tables_may_be_shared_within_reason():
     tree = decode_tree(shared_tables(2, 3))
     assert tree.nodes == (WireNode(0, (), 0, "", "", (("x" * 20, "x" * 20),) * 3),) * 2
-    with pytest.raises(ProtocolError, match="shows the same bytes again and again"):
+    with pytest.raises(ProtocolError, match="refers to the same bytes too often"):
         decode_tree(shared_tables(1000, 1000))
 
 

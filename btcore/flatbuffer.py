@@ -1,15 +1,15 @@
-"""Reading flatbuffers that strangers sent: tables whose fields are found by their numbers.
+"""A reader of flatbuffers from untrusted sources, without generated code.
 
-The flatbuffers package reads without looking whether an offset leads out of the buffer, and whether a
-few bytes pretend to be a million tables. Here both end in a ProtocolError. A table starts with how far
-before it its vtable is, which tells how far behind the table's start each field lies (0: absent);
-strings, vectors and tables are reached by forward offsets (https://flatbuffers.dev/internals).
+The flatbuffers package checks neither whether an offset leads out of the buffer nor whether a few bytes
+claim to be a million tables; here both raise FlatbufferError. A table starts with its distance to its
+vtable, which lists the offset of each field from the table's start (0: absent). Strings, vectors and
+tables are reached by forward offsets. All numbers are little endian (https://flatbuffers.dev/internals).
+
+The client side of btcore_monitor imports this module, so it imports the standard library only.
 """
 
 import struct
 from typing import Final, Self
-
-from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 
 _U16: Final = struct.Struct("<H")
 _I32: Final = struct.Struct("<i")
@@ -17,40 +17,40 @@ _U32: Final = struct.Struct("<I")
 _I8: Final = struct.Struct("<b")
 
 _SHARING: Final = 32
-"""How many times its own size a buffer may be read in all; tables that share strings may exceed it once."""
+"""How many times its own size may be read of a buffer; tables may share strings, so once is too few."""
 _TABLE_COST: Final = 8
 
 
+class FlatbufferError(ValueError):
+    """The bytes are not the expected flatbuffer."""
+
+
 class Buffer:
-    """The received bytes, and how much of them may still be read."""
+    """The bytes, and how many may still be read."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
         self._left = _SHARING * len(data)
 
     def number(self, shape: struct.Struct, place: int) -> int:
-        """The number at byte *place*."""
+        """Return the number at byte *place*."""
         if place < 0 or place + shape.size > len(self.data):
-            raise ProtocolError(
-                f"the flatbuffer points to byte {place}, and there are {describe_bytes(self.data)}"
-            )
+            raise FlatbufferError(f"the flatbuffer points to byte {place}, but has {len(self.data)} bytes")
         return int(shape.unpack_from(self.data, place)[0])
 
     def forward(self, place: int) -> int:
-        """Where the offset at *place* leads."""
+        """Return the target of the offset at *place*."""
         return place + self.number(_U32, place)
 
     def spend(self, size: int) -> None:
         """Count *size* bytes as read."""
         self._left -= size
         if self._left < 0:
-            raise ProtocolError(
-                f"the flatbuffer shows the same bytes again and again: {describe_bytes(self.data)}"
-            )
+            raise FlatbufferError("the flatbuffer refers to the same bytes too often")
 
 
 class Table:
-    """One table. All reading raises :class:`ProtocolError` where the bytes make no sense."""
+    """A table. Every method raises FlatbufferError where the bytes are invalid."""
 
     def __init__(self, buffer: Buffer, start: int) -> None:
         buffer.spend(_TABLE_COST)
@@ -61,12 +61,12 @@ class Table:
 
     @classmethod
     def root(cls, data: bytes) -> Self:
-        """The table that everything in *data* hangs on."""
+        """Return the root table of *data*."""
         buffer = Buffer(data)
         return cls(buffer, buffer.forward(0))
 
     def place(self, field: int) -> int:
-        """At which byte *field* is; 0 if it is absent."""
+        """Return the position of *field* in bytes, or 0 if the field is absent."""
         slot = 4 + 2 * field
         if slot + _U16.size > self._size:
             return 0
@@ -74,42 +74,40 @@ class Table:
         return self._start + offset if offset else 0
 
     def u16(self, field: int) -> int:
-        """An unsigned number of 16 bits; 0 if absent."""
+        """Return an unsigned number of 16 bits, or 0 if the field is absent."""
         place = self.place(field)
         return self._buffer.number(_U16, place) if place else 0
 
     def i8(self, field: int) -> int:
-        """A number of 8 bits; 0 if absent."""
+        """Return a signed number of 8 bits, or 0 if the field is absent."""
         place = self.place(field)
         return self._buffer.number(_I8, place) if place else 0
 
     def text(self, field: int) -> str:
-        """A string, which must be there; what is not UTF-8 in it is shown as �."""
+        """Return a required string; bytes that are not UTF-8 become �."""
         start, size = self._vector(field, 1)
         return self._buffer.data[start : start + size].decode("utf-8", "replace")
 
     def numbers(self, field: int) -> tuple[int, ...]:
-        """A vector of unsigned numbers of 16 bits, which must be there."""
+        """Return a required vector of unsigned numbers of 16 bits."""
         start, size = self._vector(field, _U16.size)
         return struct.unpack_from(f"<{size}H", self._buffer.data, start)
 
     def tables(self, field: int) -> "list[Table]":
-        """A vector of tables, which must be there."""
+        """Return a required vector of tables."""
         start, size = self._vector(field, _U32.size)
         forward = self._buffer.forward
         return [Table(self._buffer, forward(start + _U32.size * index)) for index in range(size)]
 
     def _vector(self, field: int, width: int) -> tuple[int, int]:
-        """The start and the number of the elements, *width* bytes each, of a vector."""
+        """Return the start and the length of a vector of elements of *width* bytes."""
         place = self.place(field)
         if not place:
-            raise ProtocolError(f"the flatbuffer's table at byte {self._start} lacks its field {field}")
+            raise FlatbufferError(f"the flatbuffer's table at byte {self._start} lacks its field {field}")
         start = self._buffer.forward(place)
         size = self._buffer.number(_U32, start)
         start += _U32.size
         if start + size * width > len(self._buffer.data):
-            raise ProtocolError(
-                f"the flatbuffer's vector at byte {start} is longer than {describe_bytes(self._buffer.data)}"
-            )
+            raise FlatbufferError(f"the flatbuffer's vector at byte {start} exceeds the end of the flatbuffer")
         self._buffer.spend(size * width)
         return start, size
