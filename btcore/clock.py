@@ -12,6 +12,7 @@ from typing import Final, Protocol
 
 from mypy_extensions import mypyc_attr
 
+NS_PER_US: Final = 1_000
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 

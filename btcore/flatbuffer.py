@@ -108,6 +108,6 @@ class Table:
         size = self._buffer.number(_U32, start)
         start += _U32.size
         if start + size * width > len(self._buffer.data):
-            raise FlatbufferError(f"the flatbuffer's vector at byte {start} exceeds the end of the flatbuffer")
+            raise FlatbufferError(f"the flatbuffer's vector at byte {start} exceeds the flatbuffer's end")
         self._buffer.spend(size * width)
         return start, size

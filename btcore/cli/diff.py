@@ -16,7 +16,7 @@ from btcore.logs import (
     read_log,
     steps,
 )
-from btcore.logs.transition_text import format_transition
+from btcore.logs.console import format_transition
 from btcore.suggestions import join_names
 
 

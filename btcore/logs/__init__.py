@@ -21,10 +21,8 @@ from btcore.logs.recording import (
     RecordedNode,
     Recording,
 )
-from btcore.logs.sessions import Session, read_sqlite, sessions
-from btcore.logs.sqlite import SqliteLog
-from btcore.logs.statistics import NodeStatistics, TreeObserver
-from btcore.logs.tally import RecordedStatistics, recorded_statistics
+from btcore.logs.sqlite import Session, SqliteLog, read_sqlite, sessions
+from btcore.logs.statistics import NodeStatistics, RecordedStatistics, TreeObserver, recorded_statistics
 from btcore.logs.trace import TraceLog
 
 __all__ = [

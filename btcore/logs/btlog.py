@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+from btcore.clock import NS_PER_US
 from btcore.logs.files import (
     LogError,
     create,
@@ -36,7 +37,6 @@ from btcore.xml.render.tree_xml import tree_to_xml
 MAGIC: Final = b"BTCPP4-FileLogger2"
 PROTOCOL: Final = 1
 EXTENSION: Final = ".btlog"
-NS_PER_US: Final = 1_000
 
 _HEADER: Final = struct.Struct(f"<{len(MAGIC)}sBi")
 _FIRST_STAMP: Final = struct.Struct("<q")

@@ -7,13 +7,11 @@ from typing import Final, TypeVar
 
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
-from btcore.logs.database import EXTENSIONS
 from btcore.logs.fbl import read_fbl
 from btcore.logs.files import LogError
 from btcore.logs.log import Log
 from btcore.logs.recording import Recording
-from btcore.logs.sessions import read_sqlite
-from btcore.logs.sqlite import SqliteLog
+from btcore.logs.sqlite import EXTENSIONS, SqliteLog, read_sqlite
 from btcore.logs.trace import TraceLog
 from btcore.suggestions import join_names, nearest_name
 from btcore.tree.tree import Tree

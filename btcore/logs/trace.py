@@ -9,8 +9,8 @@ import os
 from pathlib import Path
 from typing import Final
 
+from btcore.clock import NS_PER_US
 from btcore.logs.files import create, write_whole
-from btcore.logs.lanes import SliceLanes
 from btcore.logs.log import Log
 from btcore.status import (
     FAILURE,
@@ -21,8 +21,6 @@ from btcore.status import (
     Transition,
 )
 from btcore.tree.tree import Tree
-
-NS_PER_US: Final = 1_000
 
 _HEAD: Final = b'{"traceEvents":[\n'
 _TAIL: Final = b"\n]}\n"
@@ -117,3 +115,61 @@ class TraceLog(Log):
             f'{{"cat":"{category}","pid":{self._pid},"tid":{lane},"ts":{now},"ph":"{phase}",'
             f'"name":{name},"args":{{{known}}}}}'
         )
+
+
+class SliceLanes:
+    """The lane of each node's open slice; lanes count from 1.
+
+    In trace events, slices of the same thread must be properly nested. Slices of nodes need not be: the
+    first child of a Parallel may complete before the second. So a slice is on its parent's lane only while
+    the parent is innermost there, else on a free lane.
+    """
+
+    def __init__(self, parents: dict[int, int]) -> None:
+        self._parents = parents
+        self._stacks: list[list[int]] = []
+        self._lane: dict[int, int] = {}
+
+    def lane(self, uid: int) -> int:
+        """Where something of node *uid* that takes no time is shown: with its parent, if that is open."""
+        if uid in self._lane:
+            return self._lane[uid]
+        return self._lane.get(self._parents.get(uid, 0), 1)
+
+    def begin(self, uid: int) -> int:
+        """Open the slice of node *uid*; returns its lane."""
+        parent = self._parents.get(uid, 0)
+        place = self._lane.get(parent, 0)
+        if not place or self._stacks[place - 1][-1] != parent:
+            place = self._free()
+        self._stacks[place - 1].append(uid)
+        self._lane[uid] = place
+        return place
+
+    def end(self, uid: int) -> tuple[int, list[int]]:
+        """Close the slice of node *uid*; returns its lane, and which slices lie within, the outermost first.
+
+        Those are cut: they end with it, and may begin again elsewhere.
+        """
+        place = self._lane[uid]
+        stack = self._stacks[place - 1]
+        depth = stack.index(uid)
+        within = stack[depth + 1 :]
+        del stack[depth:]
+        for one in (uid, *within):
+            del self._lane[one]
+        return place, within
+
+    def open(self) -> list[tuple[int, int]]:
+        """Every open slice as (node, lane), such that closing them in this order keeps the nesting."""
+        return [(uid, place) for place, stack in enumerate(self._stacks, 1) for uid in reversed(stack)]
+
+    def __contains__(self, uid: int) -> bool:
+        return uid in self._lane
+
+    def _free(self) -> int:
+        for place, stack in enumerate(self._stacks, 1):
+            if not stack:
+                return place
+        self._stacks.append([])
+        return len(self._stacks)

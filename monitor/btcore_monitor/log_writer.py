@@ -10,10 +10,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
+from btcore.clock import NS_PER_US
 from btcore.logs.btlog import EXTENSION as BTLOG
 from btcore.logs.btlog import BtLogWriter
-from btcore.logs.database import EXTENSIONS as SQLITE
-from btcore.logs.database import GAP_PREFIX, SqliteWriter
+from btcore.logs.sqlite import EXTENSIONS as SQLITE
+from btcore.logs.sqlite import GAP_PREFIX, SqliteWriter
 from btcore.status import Status
 from btcore_monitor.events import (
     ConnectionChanged,
@@ -27,8 +28,6 @@ from btcore_monitor.wire.fulltree import write_fulltree
 
 LOGS: Final = (BTLOG, *SQLITE)
 """The files that a log writer writes, by extension."""
-
-_NS_PER_US: Final = 1_000
 
 
 class LogWriter:
@@ -123,7 +122,7 @@ class LogWriter:
                 self._write(t, uid, before, status)
 
     def _write(self, t: int, uid: int, previous: int, status: int) -> None:
-        since = max(0, t - self._start) // _NS_PER_US
+        since = max(0, t - self._start) // NS_PER_US
         self._statuses[uid] = status
         self.transitions += 1
         for log in self._logs:
@@ -147,7 +146,7 @@ class _Log(Protocol):
 
 class _BtLog:
     def __init__(self, path: Path, event: TreeSeen) -> None:
-        self._file = BtLogWriter(path, write_fulltree(event.tree), event.wall // _NS_PER_US)
+        self._file = BtLogWriter(path, write_fulltree(event.tree), event.wall // NS_PER_US)
         self._rows: list[tuple[int, int, int]] = []
 
     def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
@@ -174,7 +173,7 @@ class _Sqlite:
         tree = event.tree
         xml = write_fulltree(tree).decode("utf-8", "replace")
         self._base = SqliteWriter(path, xml, [(node.path, node.uid) for node in tree.nodes])
-        self._base.begin_at(event.wall // _NS_PER_US)
+        self._base.begin_at(event.wall // NS_PER_US)
         self._said: list[str] = []
 
     def add(self, since: int, uid: int, previous: Status, status: Status) -> None:

@@ -13,7 +13,7 @@ import click
 
 from btcore.clock import NS_PER_S
 from btcore.logs import Recording, read_log
-from btcore.logs.transition_text import format_transition
+from btcore.logs.console import format_transition
 from btcore.status import (
     FAILURE,
     RUNNING,

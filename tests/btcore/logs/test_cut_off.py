@@ -18,7 +18,7 @@ from btcore.logs import (
     read_sqlite,
 )
 from btcore.logs.btlog import BtLogWriter
-from btcore.logs.database import SqliteWriter
+from btcore.logs.sqlite import SqliteWriter
 
 NODES = 6
 RECORD = 9
