@@ -57,7 +57,6 @@ COLD_FILES = {
 HOT_FILES = {
     "btcore/registry/substitution.py",
     "btcore/xml/read/element.py",
-    "btcore/xml/plan/node_plan.py",
     "btcore/xml/plan/structure_checks.py",
     "btcore/xml/plan/plan.py",
     "btcore/xml/build.py",

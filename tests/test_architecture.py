@@ -29,7 +29,7 @@ LAYERS = (
     {"xml.lint"},
     {"xml.convert"},
     {"xml.render"},
-    {"xml.builder", "xml.schema", "xml.schema_parts"},
+    {"xml.builder", "xml.schema"},
     {"loading"},
     {"logs"},
     {""},  # btcore/__init__.py

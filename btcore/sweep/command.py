@@ -11,14 +11,12 @@ import click
 from btcore.cli.run import FiniteRange
 from btcore.script.program import Program
 from btcore.sweep import (
-    defining,
     episode_runner,
     options,
     success,
 )
-from btcore.sweep import (
-    seeds as seed_texts,
-)
+from btcore.sweep import seeds as seed_texts
+from btcore.sweep.definition import create_definition
 from btcore.sweep.journal import Journal
 from btcore.sweep.results import write_results
 
@@ -118,7 +116,7 @@ def sweep(
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers counts processes on this machine, and --scheduler has its own.")
     _have(["distributed", *(["pyarrow"] if suffix == "parquet" else [])])
-    definition = defining.create_definition(ctx, source, params, seeds, settings["duration"])
+    definition = create_definition(ctx, source, params, seeds, settings["duration"])
     folder = output if output is not None else Path(f"{Path(source).stem}.sweep")
     with Journal(folder, definition) as journal:
         done = episode_runner.run_sweep(

@@ -14,8 +14,7 @@ import click
 from btcore.cli.exit_codes import ExitCode
 from btcore.script.program import Program
 from btcore.sweep import success, table
-from btcore.sweep.defining import setting
-from btcore.sweep.definition import Episode, SweepDefinition
+from btcore.sweep.definition import Episode, SweepDefinition, setting
 from btcore.sweep.journal import Journal, Record
 from btcore.sweep.progress import Bar
 

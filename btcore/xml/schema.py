@@ -1,7 +1,7 @@
 """An XML schema (XSD 1.0) of all registered nodes, for editors that complete and check as one types."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import Final
 
@@ -28,15 +28,10 @@ from btcore.xml.read.dialect import (
     POSTCONDITION_ATTRIBUTES,
     PRECONDITION_ATTRIBUTES,
 )
-from btcore.xml.schema_parts import (
-    SchemaElement,
-    add_attribute,
-    add_document_types,
-    add_documentation,
-    add_enumeration,
-    add_union,
-)
 
+_XS: Final = "http://www.w3.org/2001/XMLSchema"
+_MODELS: Final = ("Action", "Condition", "Control", "Decorator", "SubTree")
+_PORTS: Final = ("input_port", "output_port", "inout_port")
 _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
 _POINTER: Final = r"\s*\{.+\}\s*|="
 _TYPES: Final[Mapping[str, str]] = {
@@ -59,6 +54,52 @@ _CHILDREN: Final[Mapping[str, tuple[int, int | None]]] = {
 _OPTIONAL: Final = re.compile(r"Switch\d\.case_\d|BlackboardCheck\w+\.return_on_mismatch|Loop\w+\.value")
 
 
+class _SchemaElement:
+    """An element of a schema."""
+
+    def __init__(self, tag: str, parent: "_SchemaElement | None" = None, **attributes: str) -> None:
+        name = f"{{{_XS}}}{tag}"
+        self.element: etree._Element = (
+            etree.Element(name, attributes, nsmap={"xs": _XS})
+            if parent is None
+            else etree.SubElement(parent.element, name, attributes)
+        )
+
+    def add(self, tag: str, /, **attributes: str) -> "_SchemaElement":
+        """A new element inside of this one, after all others."""
+        return _SchemaElement(tag, self, **attributes)
+
+    def has(self, tag: str, name: str) -> bool:
+        """Whether there is a *tag* called *name* in it."""
+        return any(one.get("name") == name for one in self.element.iterchildren(f"{{{_XS}}}{tag}"))
+
+
+def _add_documentation(part: _SchemaElement, text: str) -> None:
+    """Let editors show *text* about *part*, which has nothing inside yet."""
+    if text:
+        part.add("annotation").add("documentation").element.text = text
+
+
+def _add_enumeration(schema: _SchemaElement, name: str, values: Sequence[str]) -> None:
+    """A type *name* of these *values* alone."""
+    restriction = schema.add("simpleType", name=name).add("restriction", base="xs:string")
+    for value in values:
+        restriction.add("enumeration", value=value)
+
+
+def _add_union(schema: _SchemaElement, name: str) -> None:
+    """The type that takes a *name* or a blackboard entry."""
+    schema.add("simpleType", name=f"{name}OrBlackboard").add("union", memberTypes=f"blackboard {name}")
+
+
+def _add_attribute(
+    part: _SchemaElement, name: str, type: str, required: bool = False, about: str = ""
+) -> None:
+    """An attribute of *part*."""
+    more = {"use": "required"} if required else {}
+    _add_documentation(part.add("attribute", name=name, type=type, **more), about)
+
+
 def write_schema(registry: Registry, format: int = 4) -> str:
     """The schema of the trees of *format* that *registry* has the nodes for.
 
@@ -67,7 +108,7 @@ def write_schema(registry: Registry, format: int = 4) -> str:
     attributes. IDs that can't be tags are left out.
     """
     manifests = registry.manifests_of(format)
-    schema = SchemaElement("schema", elementFormDefault="qualified")
+    schema = _SchemaElement("schema", elementFormDefault="qualified")
     _simple_types(schema)
     _groups(schema, format)
     nodes = schema.add("group", name="nodeGroup").add("choice")
@@ -82,12 +123,12 @@ def write_schema(registry: Registry, format: int = 4) -> str:
     for tag in sorted(subtrees):
         nodes.add("element", name=tag, type=f"{tag}Type")
         _subtree(schema, tag, manifests.get(tag))
-    add_document_types(schema, format)
+    _add_document_types(schema, format)
     text: bytes = etree.tostring(schema.element, pretty_print=True, xml_declaration=True, encoding="UTF-8")
     return text.decode()
 
 
-def _simple_types(schema: SchemaElement) -> None:
+def _simple_types(schema: _SchemaElement) -> None:
     """The types of attributes: each a literal, or a blackboard entry in braces."""
     schema.add("simpleType", name="blackboard").add("restriction", base="xs:string").add(
         "pattern", value=_POINTER
@@ -97,42 +138,42 @@ def _simple_types(schema: SchemaElement) -> None:
         "status": [status.name for status in Status],
     }
     for name, values in literals.items():
-        add_enumeration(schema, name, values)
-        add_union(schema, name)
+        _add_enumeration(schema, name, values)
+        _add_union(schema, name)
     numbers = {"integer": "xs:integer", "cardinal": "xs:nonNegativeInteger", "decimal": "xs:double"}
     for name, known in numbers.items():
         schema.add("simpleType", name=name).add("restriction", base=known)
-        add_union(schema, name)
+        _add_union(schema, name)
 
 
-def _groups(schema: SchemaElement, format: int) -> None:
+def _groups(schema: _SchemaElement, format: int) -> None:
     group = schema.add("attributeGroup", name="anyNodeAttributes")
-    add_attribute(group, "name", "xs:string", about="what this node is called, in logs and paths")
-    add_attribute(group, "_description", "xs:string", about="a remark for the reader")
+    _add_attribute(group, "name", "xs:string", about="what this node is called, in logs and paths")
+    _add_attribute(group, "_description", "xs:string", about="a remark for the reader")
     if format == 3:
         return
     for name in ("_uid", "_fullpath"):
-        add_attribute(group, name, "xs:string", about="written by monitors; it has no effect")
+        _add_attribute(group, name, "xs:string", about="written by monitors; it has no effect")
     for title, names, about in (
         ("preconditions", PRECONDITION_ATTRIBUTES, "a script that is asked before the node is ticked"),
         ("postconditions", POSTCONDITION_ATTRIBUTES, "a script that is run afterwards"),
     ):
         scripts = schema.add("attributeGroup", name=title)
         for name in names:
-            add_attribute(scripts, name, "xs:string", about=about)
+            _add_attribute(scripts, name, "xs:string", about=about)
         group.add("attributeGroup", ref=title)
 
 
-def _node(schema: SchemaElement, manifest: Manifest, format: int) -> None:
+def _node(schema: _SchemaElement, manifest: Manifest, format: int) -> None:
     """The type of one node: its children and its ports."""
     kind = schema.add("complexType", name=f"{manifest.id}Type")
-    add_documentation(kind, manifest.description)
+    _add_documentation(kind, manifest.description)
     _children(kind, *_number_of_children(manifest, format))
     for port in manifest.ports.values():
         required = port.default is None and not _OPTIONAL.match(f"{manifest.id}.{port.name}")
         # What is only written has to be an entry; format 3 takes its name without braces too.
         type = _type_of(schema, port.type) if port.reads or format == 3 else "blackboard"
-        add_attribute(kind, port.name, type, required, _about(port))
+        _add_attribute(kind, port.name, type, required, _about(port))
     kind.add("attributeGroup", ref="anyNodeAttributes")
 
 
@@ -147,20 +188,20 @@ def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | Non
     return (1 if needy is None or manifest.id in needy else 0), None
 
 
-def _children(kind: SchemaElement, least: int, most: int | None) -> None:
+def _children(kind: _SchemaElement, least: int, most: int | None) -> None:
     if most != 0:
         bounds = {"minOccurs": str(least), "maxOccurs": "unbounded" if most is None else str(most)}
         kind.add("sequence").add("group", ref="nodeGroup", **bounds)
 
 
-def _type_of(schema: SchemaElement, kind: ValueType) -> str:
+def _type_of(schema: _SchemaElement, kind: ValueType) -> str:
     """The name of the attribute type for *kind*, which is made when it is an enum met first."""
     if isinstance(kind, EnumType) and issubclass(kind.python_type, Enum):
         name = re.sub(r"\W", "_", kind.name)
         if not schema.has("simpleType", name):
             schema.add("simpleType", name=name).add("union", memberTypes=f"{name}Name xs:integer")
-            add_enumeration(schema, f"{name}Name", list(kind.python_type.__members__))
-            add_union(schema, name)
+            _add_enumeration(schema, f"{name}Name", list(kind.python_type.__members__))
+            _add_union(schema, name)
         return f"{name}OrBlackboard"
     known = _TYPES.get(kind.name)
     return "xs:string" if known is None else f"{known}OrBlackboard"
@@ -173,19 +214,63 @@ def _about(port: Port) -> str:
     return ", ".join(about) + (f": {port.description}" if port.description else "")
 
 
-def _explicit(schema: SchemaElement, tag: str) -> None:
+def _explicit(schema: _SchemaElement, tag: str) -> None:
     """``<Action ID="…">`` and the like: whatever its node takes."""
     kind = schema.add("complexType", name=f"explicit{tag}Type")
-    add_documentation(kind, f"A node of the family {tag}, named by its ID.")
+    _add_documentation(kind, f"A node of the family {tag}, named by its ID.")
     if tag in ("Control", "Decorator"):
         _children(kind, 1, 1 if tag == "Decorator" else None)
-    add_attribute(kind, "ID", "xs:string", required=True)
+    _add_attribute(kind, "ID", "xs:string", required=True)
     kind.add("anyAttribute", processContents="skip")
 
 
-def _subtree(schema: SchemaElement, tag: str, manifest: Manifest | None) -> None:
+def _subtree(schema: _SchemaElement, tag: str, manifest: Manifest | None) -> None:
     kind = schema.add("complexType", name=f"{tag}Type")
-    add_documentation(kind, manifest.description if manifest is not None else "")
-    add_attribute(kind, "ID", "xs:string", required=True, about="the tree that is called")
-    add_attribute(kind, "name", "xs:string")
+    _add_documentation(kind, manifest.description if manifest is not None else "")
+    _add_attribute(kind, "ID", "xs:string", required=True, about="the tree that is called")
+    _add_attribute(kind, "name", "xs:string")
     kind.add("anyAttribute", processContents="skip")
+
+
+def _add_document_types(schema: _SchemaElement, format: int) -> None:
+    """Everything around the nodes: root, includes, trees and models."""
+    root = schema.add("element", name="root").add("complexType")
+    inside = root.add("choice", minOccurs="0", maxOccurs="unbounded")
+    include = inside.add("element", name="include").add("complexType")
+    _add_attribute(include, "path", "xs:string", required=True)
+    _add_attribute(include, "ros_pkg", "xs:string")
+    inside.add("element", name="BehaviorTree", type="BehaviorTreeType")
+    inside.add("element", name="TreeNodesModel", type="TreeNodesModelType")
+    number = root.add("attribute", name="BTCPP_format", fixed=str(format))
+    if format == 4:
+        number.element.set("use", "required")
+    _add_attribute(root, "main_tree_to_execute", "xs:string", about="the ID of the tree to run")
+    _add_attribute(root, "project_name", "xs:string", about="of a Groot 2 project")
+    tree = schema.add("complexType", name="BehaviorTreeType")
+    tree.add("group", ref="nodeGroup")
+    _add_attribute(tree, "ID", "xs:string")
+    _add_attribute(tree, "_description", "xs:string")
+    _add_attribute(tree, "_fullpath", "xs:string")
+    _models(schema)
+
+
+def _models(schema: _SchemaElement) -> None:
+    """TreeNodesModel: the palette of an editor."""
+    models = schema.add("complexType", name="TreeNodesModelType")
+    choice = models.add("choice", minOccurs="0", maxOccurs="unbounded")
+    for tag in _MODELS:
+        choice.add("element", name=tag, type="modelType")
+    model = schema.add("complexType", name="modelType")
+    inside = model.add("choice", minOccurs="0", maxOccurs="unbounded")
+    for tag in _PORTS:
+        inside.add("element", name=tag, type="portType")
+    inside.add("element", name="description", type="xs:string")
+    fields = inside.add("element", name="MetadataFields").add("complexType").add("sequence")
+    field = fields.add("element", name="Metadata", minOccurs="0", maxOccurs="unbounded").add("complexType")
+    field.add("anyAttribute", processContents="skip")
+    _add_attribute(model, "ID", "xs:string", required=True)
+    model.add("anyAttribute", processContents="skip")
+    port = schema.add("complexType", name="portType").add("simpleContent").add("extension", base="xs:string")
+    _add_attribute(port, "name", "xs:string", required=True)
+    for name in ("type", "default", "description"):
+        _add_attribute(port, name, "xs:string")

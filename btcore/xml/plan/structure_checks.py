@@ -16,8 +16,8 @@ from btcore.diagnostic_codes import (
 )
 from btcore.names import forbidden_in, is_reserved
 from btcore.status import NodeType
-from btcore.xml.plan.node_plan import NodePlan
 from btcore.xml.plan.palette import NodePalette
+from btcore.xml.plan.plan import NodePlan
 from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
