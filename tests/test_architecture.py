@@ -131,6 +131,9 @@ def test_the_monitors_client_side_knows_nothing_of_the_engine() -> None:
 MAP = "btcore_robot.navigation.occupancy_map"
 
 
+SHARED = ("btcore_robot.robot", "btcore_robot.rigid_transform", "btcore_robot.schedule")
+
+
 def test_the_body_knows_of_the_mind_only_the_robot_protocol_and_maps() -> None:
     assert (
         offenders("btcore_sim", "btcore")
@@ -139,10 +142,11 @@ def test_the_body_knows_of_the_mind_only_the_robot_protocol_and_maps() -> None:
         == []
     )
     assert {edge.split(" → ")[1] for edge in offenders("btcore_sim", "btcore_robot")} <= {
-        "btcore_robot.robot",
+        *SHARED,
         MAP,
     }
-    assert strangers("btcore_robot.robot") <= {"numpy", "numpy.typing"}
+    for module in SHARED:
+        assert strangers(module) <= {"numpy", "numpy.typing"}
     assert strangers(MAP) <= {"numpy", "numpy.typing", "cv2", "yaml"}
     assert imports("btcore_robot") == imports("btcore_robot.navigation") == set()
 

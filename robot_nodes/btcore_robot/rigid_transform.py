@@ -76,21 +76,25 @@ class Transform:
         rx, ry, rz = _rotated(back, self.position)
         return Transform((-rx, -ry, -rz), back)
 
-    def apply(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """*points* (m) of the child's frame, in the parent's: shape ``(n, 3)``, the result too.
-
-        Shape ``(n, 2)`` is for points in the plane z = 0; of the result there are x and y then.
-        """
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """The rotation matrix, shape ``(3, 3)``."""
         x, y, z, w = self.quaternion
-        rotation = np.array(
+        return np.array(
             (
                 (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
                 (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
                 (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
             )
         )
+
+    def apply(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return *points* (m) of the child's frame in the parent's frame; both of shape ``(…, 3)``.
+
+        Points of shape ``(…, 2)`` lie in the plane z = 0; the result then consists of x and y.
+        """
         columns = points.shape[-1]
-        moved: NDArray[np.float64] = points @ rotation[:columns, :columns].T
+        moved: NDArray[np.float64] = points @ self.rotation[:columns, :columns].T
         moved += self.position[:columns]
         return moved
 
@@ -126,6 +130,18 @@ class Transform:
 
     def __repr__(self) -> str:
         return f"Transform({self.position}, {self.quaternion})"
+
+
+def wrap_angle(angle: float) -> float:
+    """Return *angle* (rad) in (-π, π]."""
+    wrapped = math.remainder(angle, math.tau)
+    return wrapped if wrapped > -math.pi else math.pi
+
+
+def wrap_angles(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return *angles* (rad) in [-π, π)."""
+    wrapped: NDArray[np.float64] = (angles + math.pi) % math.tau - math.pi
+    return wrapped
 
 
 def _rotated(quaternion: Quaternion, vector: Vector) -> Vector:

@@ -14,6 +14,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+NS_PER_S = 1_000_000_000
+
 CMD_VEL = 10
 """The priority of a tree's own velocity commands (twist_mux of Tiago's start-up files)."""
 

@@ -1,8 +1,9 @@
-"""A clock and a schedule for robots without a simulated world, and for programs without a robot.
+"""Clocks with a schedule of periodic tasks, for worlds, robots and programs without a robot.
 
-`RealTime` goes by the wall clock, `SimulatedTime` jumps from one due task to the next. Both run their tasks
+`RealTime` follows the wall clock, `SimulatedTime` jumps from one due task to the next. Both run their tasks
 on the thread that waits, one at a time, while it waits: in the order of due times, then of ranks, then
-of the calls of `every`.
+of the calls of `every`. The k-th period of a task at *hertz* ends ``k * 1e9 / hertz`` ns after its start,
+rounded down, so that no error accumulates.
 """
 
 import heapq
@@ -10,11 +11,10 @@ import threading
 import time
 from collections.abc import Callable
 
-from btcore_robot.robot import Phase
-
-NS_PER_S = 1_000_000_000
+from btcore_robot.robot import NS_PER_S, Phase
 
 Task = Callable[[int], None]
+Pace = Callable[[int, int, threading.Event], bool]
 
 
 class _Tasks:
@@ -36,6 +36,7 @@ class _Tasks:
         number = self._made
         self._made += 1
         now = self.now()
+        # Counted from now, the calls of all rates meet at whole seconds, to the ns.
         start, count = (now, 1) if first is None else (max(first, now), 0)
         self._tasks[number] = (task, hertz, start)
         heapq.heappush(self._due, (start + int(count * NS_PER_S / hertz), rank, number, count))
@@ -45,8 +46,8 @@ class _Tasks:
 
         return end
 
-    def _next(self) -> int | None:
-        """When (ns) the next task is due, or None if there is none."""
+    def next_due(self) -> int | None:
+        """Return when (ns) the next task is due, or None if there is none."""
         due = self._due
         while due and due[0][2] not in self._tasks:
             heapq.heappop(due)
@@ -80,7 +81,7 @@ class RealTime(_Tasks):
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
         """Run what is due until *deadline* (ns) or until *wake* is set; whether it was set."""
         while not wake.is_set():
-            due = self._next()
+            due = self.next_due()
             moment = deadline if due is None else min(due, deadline)
             left = moment - time.monotonic_ns()
             if left > 0 and wake.wait(left / NS_PER_S):
@@ -94,23 +95,38 @@ class RealTime(_Tasks):
 
 
 class SimulatedTime(_Tasks):
-    """Time that stands still until somebody waits, and then goes as fast as the tasks do."""
+    """Time that stands still until `wait_until` is called, and then advances as fast as the tasks do.
 
-    def __init__(self, start: int = 0) -> None:
+    *pace* may slow it down: called with the time, the next moment (both ns) and the wake-up of the waiting
+    thread, it returns when that moment may begin; True ends the wait.
+    """
+
+    def __init__(self, start: int = 0, pace: Pace | None = None) -> None:
         self._now = start
+        self._pace = pace
         super().__init__()
 
     def now(self) -> int:
-        """The simulated time (ns)."""
+        """Return the simulated time (ns)."""
         return self._now
 
+    def run_next(self) -> None:
+        """Advance the time to the next task, and run it. Raises LookupError if no task is scheduled."""
+        due = self.next_due()
+        if due is None:
+            raise LookupError("nothing is scheduled")
+        self._now = max(self._now, due)
+        self._run(self._now)
+
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Run what is due until *deadline* (ns) or until *wake* is set; whether it was set."""
+        """Run all tasks due until *deadline* (ns), or until *wake* is set; return whether it was set."""
         while not wake.is_set():
-            due = self._next()
+            due = self.next_due()
+            until = deadline if due is None else min(due, deadline)
+            if self._pace is not None and self._pace(self._now, until, wake):
+                return True
             if due is None or due > deadline:
                 self._now = max(self._now, deadline)
                 return False
-            self._now = max(self._now, due)
-            self._run(self._now)
+            self.run_next()
         return True

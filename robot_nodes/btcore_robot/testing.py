@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from btcore_robot.robot import LaserScan, Phase, Robot, TransformStamped, Twist2D
-
-NS_PER_S = 1_000_000_000
+from btcore_robot.rigid_transform import wrap_angle
+from btcore_robot.robot import NS_PER_S, LaserScan, Phase, Robot, TransformStamped, Twist2D
 
 FOOTPRINT = "base_footprint"
 
@@ -227,7 +226,7 @@ def check_turning(robot: Robot) -> None:
     w = min(0.5, robot.base.w_max)
     twist = steered(robot, (0.0, w), 1.0)
     assert math.isclose(twist.w, w, rel_tol=0.2), f"{w:g} rad/s were asked for, odometry says {twist.w:.3f}"
-    turned = math.remainder(robot.odometry().pose.yaw - start, 2 * math.pi)
+    turned = wrap_angle(robot.odometry().pose.yaw - start)
     assert 0.5 * w < turned < 1.2 * w, f"1 s at {w:g} rad/s to the left turned the robot by {turned:.3f} rad"
 
 

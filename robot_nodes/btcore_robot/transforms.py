@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import Robot, TransformStamped
+from btcore_robot.robot import NS_PER_S, Robot, TransformStamped
 
 __all__ = [
     "ConnectivityError",
@@ -19,7 +19,6 @@ __all__ = [
     "UnknownFrameError",
 ]
 
-NS_PER_S = 1_000_000_000
 HISTORY = 10 * NS_PER_S
 """How long (ns) a moving frame is remembered: tf2's default. Static frames are remembered for ever."""
 

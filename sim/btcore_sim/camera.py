@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo
 from btcore_sim.errors import SimError
-from btcore_sim.meshes import rotation_matrix
-from btcore_sim.physics_body import PhysicsBody
+from btcore_sim.physics_body import PhysicsBody, Pose3D
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.render_scene import RenderScene
 from btcore_sim.renderer import Renderer
@@ -74,16 +74,16 @@ class Camera:
 
     def _draw(self, model: PhysicsBody, link: int, now: int) -> CameraImage:
         eye, turned = self.pose(model, link)
-        ahead, left, up = rotation_matrix(turned).T
+        ahead, left, up = Transform(quaternion=turned).rotation.T
         rgb, depth = self._painter.draw(
             self._visible.now(), self._visible.colors, np.array(eye), np.stack((-left, -up, ahead), axis=1)
         )
         rgb.flags.writeable = depth.flags.writeable = False
         return CameraImage(rgb, now, self._mount.frame, depth)
 
-    def pose(self, model: PhysicsBody, link: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def pose(self, model: PhysicsBody, link: int) -> Pose3D:
         """Where the camera is in the world, and how it is turned (x forward, z up), as a quaternion."""
         place, turned = model.link_place(link)
         mounted = pybullet.getQuaternionFromEuler([self._mount.roll, 0.0, 0.0])
         eye, turned = pybullet.multiplyTransforms(place, turned, self._mount.position, mounted)
-        return tuple(eye), tuple(turned)
+        return eye, turned

@@ -6,20 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from btcore_robot.robot import BaseInfo, Odometry, Pose2D, Twist2D
+from btcore_robot.rigid_transform import wrap_angle
+from btcore_robot.robot import NS_PER_S, BaseInfo, Odometry, Pose2D, Twist2D
 from btcore_sim.robot_description import OdometryFacts
-
-NS_PER_S = 1_000_000_000
 
 SOURCE_TIMEOUT = NS_PER_S // 2
 """How long (ns) a source's last word keeps lower priorities out (twist_mux's time-out in Tiago's files)."""
 
 STANDING = Twist2D(0.0, 0.0)
-
-
-def wrap(angle: float) -> float:
-    """The same angle (rad) within (-π, π]."""
-    return math.pi - (math.pi - angle) % (2 * math.pi)
 
 
 class CommandMultiplexer:
@@ -140,7 +134,7 @@ class WheelOdometry:
             turned *= self.errors.turning()
         self.x += moved * math.cos(self.yaw + turned / 2)
         self.y += moved * math.sin(self.yaw + turned / 2)
-        self.yaw = wrap(self.yaw + turned)
+        self.yaw = wrap_angle(self.yaw + turned)
         seconds = (stamp - self.stamp) / NS_PER_S
         twist = Twist2D(moved / seconds, turned / seconds) if seconds > 0 else STANDING
         self.angles, self.stamp = angles, stamp

@@ -9,13 +9,12 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from btcore_robot.rigid_transform import Quaternion, Transform
 from btcore_robot.robot import TransformStamped
 from btcore_sim.errors import SimError, did_you_mean
 from btcore_sim.robot_description import FixedFrame, Point, RobotDescription
 
 FOOTPRINT = "base_footprint"
-
-Quaternion = tuple[float, float, float, float]
 
 _QUARTER = math.pi / 2
 OPTICAL: Point = (-_QUARTER, 0.0, -_QUARTER)
@@ -29,18 +28,16 @@ class _Joint:
     name: str
     child: str
     parent: str
-    position: Point
-    turned: Quaternion
+    origin: Transform
     axis: Point
     slides: bool
 
-    def place(self, angle: float) -> tuple[Point, Quaternion]:
+    def place(self, angle: float) -> Transform:
+        x, y, z = self.axis
         if self.slides:
-            x, y, z = rotated(self.turned, (self.axis[0] * angle, self.axis[1] * angle, self.axis[2] * angle))
-            return (self.position[0] + x, self.position[1] + y, self.position[2] + z), self.turned
+            return self.origin * Transform((x * angle, y * angle, z * angle))
         sine = math.sin(angle / 2)
-        about = (self.axis[0] * sine, self.axis[1] * sine, self.axis[2] * sine, math.cos(angle / 2))
-        return self.position, product(self.turned, about)
+        return self.origin * Transform(quaternion=(x * sine, y * sine, z * sine, math.cos(angle / 2)))
 
 
 class Kinematics:
@@ -48,30 +45,28 @@ class Kinematics:
 
     def __init__(self, description: RobotDescription) -> None:
         root, joints = _joints(description)
-        self._still: list[tuple[str, str, Point, Quaternion]] = [
-            (root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0, 1.0))
-        ]
+        self._still = [(root, FOOTPRINT, Transform((0.0, 0.0, description.height)))]
         self._moving: list[_Joint] = []
         for joint, moves in joints:
             if moves:
                 self._moving.append(joint)
             else:
-                self._still.append((joint.child, joint.parent, joint.position, joint.turned))
+                self._still.append((joint.child, joint.parent, joint.origin))
         self.joints = [joint.name for joint in self._moving]
         """The moving joints, by name, in the order in which `frames` wants their positions."""
         for fixed in (*description.frames, *_mounted(description)):
-            self._still.append((fixed.name, fixed.parent, fixed.position, from_rpy(fixed.rpy)))
+            self._still.append((fixed.name, fixed.parent, Transform(fixed.position, from_rpy(fixed.rpy))))
         self._check(description)
 
     def frames(self, positions: Sequence[float], stamp: int) -> list[TransformStamped]:
         """Every frame in its parent, the joints of `joints` being at *positions* (rad or m)."""
-        found = [
-            TransformStamped(child, parent, place, turned, stamp)
-            for child, parent, place, turned in self._still
-        ]
+        found = list(self._still)
         for joint, position in zip(self._moving, positions, strict=True):
-            found.append(TransformStamped(joint.child, joint.parent, *joint.place(position), stamp))
-        return found
+            found.append((joint.child, joint.parent, joint.place(position)))
+        return [
+            TransformStamped(child, parent, place.position, place.quaternion, stamp)
+            for child, parent, place in found
+        ]
 
     def _check(self, description: RobotDescription) -> None:
         parents: dict[str, str] = {}
@@ -105,30 +100,6 @@ def from_rpy(rpy: Point) -> Quaternion:
     )
 
 
-def product(one: Quaternion, other: Quaternion) -> Quaternion:
-    """The turn *other*, seen from a frame that is turned by *one*."""
-    ax, ay, az, aw = one
-    bx, by, bz, bw = other
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def rotated(turned: Quaternion, point: Point) -> Point:
-    """The point (m) of a turned frame in the frame around it."""
-    x, y, z, w = turned
-    px, py, pz = point
-    tx, ty, tz = 2 * (y * pz - z * py), 2 * (z * px - x * pz), 2 * (x * py - y * px)
-    return (
-        px + w * tx + y * tz - z * ty,
-        py + w * ty + z * tx - x * tz,
-        pz + w * tz + x * ty - y * tx,
-    )
-
-
 def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool]]]:
     """The root link's name, and the joints but those of wheels and casters, each with whether it moves."""
     robot = ElementTree.parse(description.urdf).getroot()
@@ -143,8 +114,10 @@ def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool
             name=str(element.get("name")),
             child=child,
             parent=_attribute(element, "parent", "link"),
-            position=_triple(_attribute(element, "origin", "xyz", "0 0 0")),
-            turned=from_rpy(_triple(_attribute(element, "origin", "rpy", "0 0 0"))),
+            origin=Transform(
+                _triple(_attribute(element, "origin", "xyz", "0 0 0")),
+                from_rpy(_triple(_attribute(element, "origin", "rpy", "0 0 0"))),
+            ),
             axis=_unit(_triple(_attribute(element, "axis", "xyz", "1 0 0"))),
             slides=kind == "prismatic",
         )

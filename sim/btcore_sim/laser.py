@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from btcore_robot.rigid_transform import wrap_angles
 from btcore_robot.robot import LaserInfo, LaserScan
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.ray_casting import Floats, RayCaster
@@ -45,7 +46,7 @@ class MovableObstacles:
         distance = math.hypot(middle_x, middle_y)
         reach = math.hypot(high[0] - low[0], high[1] - low[1]) / 2
         if distance > reach:
-            off = np.remainder(angles - math.atan2(middle_y, middle_x) + math.pi, 2 * math.pi) - math.pi
+            off = wrap_angles(angles - math.atan2(middle_y, middle_x))
             rays = np.flatnonzero(np.abs(off) <= math.asin(reach / distance))
         else:
             rays = np.arange(len(angles))

@@ -71,21 +71,3 @@ def shape(kind: str, size: Sequence[float]) -> Floats:
     if kind == "cylinder":
         return cylinder(size[0] / 2, size[2])
     return sphere(size[0])
-
-
-def transformed(faces: Floats, rotation: Floats, position: Sequence[float]) -> Floats:
-    """The same faces, turned by *rotation* (3, 3) and then put to *position* (m)."""
-    result: Floats = faces @ rotation.T + np.asarray(position, dtype=np.float64)
-    return result
-
-
-def rotation_matrix(turned: Sequence[float]) -> Floats:
-    """The rotation matrix of a quaternion (x, y, z, w)."""
-    x, y, z, w = turned
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )

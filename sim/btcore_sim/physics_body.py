@@ -3,13 +3,14 @@
 import math
 from collections.abc import Sequence
 
+from btcore_robot.rigid_transform import Quaternion, Vector
 from btcore_robot.robot import Pose2D
 from btcore_sim.errors import SimError, did_you_mean
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import RobotDescription
 from btcore_sim.world import FLOOR, GROUND_LINK, HULL, MOVABLE, STATIC, World
 
-Pose3D = tuple[Sequence[float], Sequence[float]]
+Pose3D = tuple[Vector, Quaternion]
 """A position (m) and a quaternion (x, y, z, w)."""
 
 

@@ -1,9 +1,10 @@
 """What a camera can see of a world: every shape as coloured faces, where it is now."""
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 
+from btcore_robot.rigid_transform import Transform
 from btcore_sim import meshes
 from btcore_sim.meshes import Floats
 from btcore_sim.physics_body import PhysicsBody
@@ -35,13 +36,12 @@ class RenderScene:
         found = [self._still]
         for body, shape, _ in self._moved:
             place, turned = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
-            found.append(meshes.transformed(shape, meshes.rotation_matrix(turned), place))
-        places: dict[int, tuple[Floats, Sequence[float]]] = {}
+            found.append(Transform(place, turned).apply(shape))
+        places: dict[int, Transform] = {}
         for link, shape, _ in self._robot:
             if link not in places:
-                place, turned = self._model.link_place(link)
-                places[link] = meshes.rotation_matrix(turned), place
-            found.append(meshes.transformed(shape, *places[link]))
+                places[link] = Transform(*self._model.link_place(link))
+            found.append(places[link].apply(shape))
         return np.concatenate(found)
 
 
@@ -52,15 +52,15 @@ def _shaped(thing: SceneObject) -> tuple[Floats, Floats]:
 def _standing(thing: SceneObject) -> tuple[Floats, Floats]:
     shape, color = _shaped(thing)
     x, y, z = thing.position
-    turned = meshes.rotation_matrix((0.0, 0.0, np.sin(thing.yaw / 2), np.cos(thing.yaw / 2)))
-    return meshes.transformed(shape, turned, (x, y, z + thing.size[2] / 2)), color
+    turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
+    return Transform((x, y, z + thing.size[2] / 2), turned).apply(shape), color
 
 
 def _floor(world: World) -> tuple[Floats, Floats]:
     x0, y0, x1, y1 = scene_extent(world.scene)
     shape = meshes.box((x1 - x0, y1 - y0, _THICK))
     middle = ((x0 + x1) / 2, (y0 + y1) / 2, -_THICK / 2)
-    return meshes.transformed(shape, np.eye(3), middle), np.array(world.scene.floor[:3], dtype=np.float64)
+    return Transform(middle).apply(shape), np.array(world.scene.floor[:3], dtype=np.float64)
 
 
 def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]:
@@ -72,8 +72,6 @@ def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]
             continue
         # The engine has a cylinder's length before its radius.
         sizes = (2 * size[1], 2 * size[1], size[0]) if geometry == pybullet.GEOM_CYLINDER else size
-        shape = meshes.transformed(
-            meshes.shape(_KINDS[geometry], sizes), meshes.rotation_matrix(turned), place
-        )
+        shape = Transform(place, turned).apply(meshes.shape(_KINDS[geometry], sizes))
         found.append((link, shape, 255.0 * np.array(color[:3], dtype=np.float64)))
     return found

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from statistics import median
 
-from btcore_robot.robot import GoalOutcome, NavigationReporter, Phase, Pose2D
-from btcore_sim.schedule import NS_PER_S
+from btcore_robot.rigid_transform import wrap_angle
+from btcore_robot.robot import NS_PER_S, GoalOutcome, NavigationReporter, Phase, Pose2D
 from btcore_sim.simulated_robot import SimulatedRobot
 
 WARMED_UP = 10.0
@@ -118,7 +118,7 @@ class RunMetrics:
             self._unknown += 1
             return
         self._errors.append(off)
-        self._yaw_error = max(self._yaw_error, abs(math.remainder(estimate.yaw - true.yaw, 2 * math.pi)))
+        self._yaw_error = max(self._yaw_error, abs(wrap_angle(estimate.yaw - true.yaw)))
 
     def _take(self, outcomes: Sequence[GoalOutcome]) -> None:
         """Look at the goals that have ended since the last time."""

@@ -24,6 +24,7 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
+from btcore_robot.schedule import SimulatedTime
 from btcore_sim import scene_data
 from btcore_sim.battery import FULL, BatteryModel
 from btcore_sim.camera import Camera, CameraSettings
@@ -42,7 +43,6 @@ from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.ray_casting import RayCaster
 from btcore_sim.render_scene import RenderScene
 from btcore_sim.robot_description import RobotDescription, load_description
-from btcore_sim.schedule import TaskSchedule
 from btcore_sim.sonar import Sonars
 from btcore_sim.world import World
 
@@ -138,7 +138,7 @@ class SimulatedRobot(Robot):
         return self.world
 
     @property
-    def schedule(self) -> TaskSchedule:
+    def schedule(self) -> SimulatedTime:
         """What runs while somebody waits on the clock."""
         return self.world.schedule
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap, Point
 from btcore_sim.errors import SimError
@@ -58,4 +59,4 @@ def _parsed(text: str) -> Pose2D:
         ) from None
     if not all(map(math.isfinite, (x, y, degrees))):
         raise SimError(f"--start {text}: that is no place; X, Y and YAW are finite numbers")
-    return Pose2D(x, y, math.remainder(math.radians(degrees), 2 * math.pi))
+    return Pose2D(x, y, wrap_angle(math.radians(degrees)))

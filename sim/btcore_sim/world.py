@@ -16,11 +16,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from btcore_robot.robot import Phase
+from btcore_robot.robot import NS_PER_S, Phase
+from btcore_robot.schedule import SimulatedTime
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import PHYSICS_RATE, Rectangle, Scene, SceneObject
-from btcore_sim.schedule import NS_PER_S, TaskSchedule
 
 __all__ = ["PHYSICS_RATE", "Pacer", "World", "random_generator", "scene_extent"]
 
@@ -39,9 +39,8 @@ class World:
 
     def __init__(self, scene: Scene, *, seed: int = 0, fast: bool = True, gui: bool = False) -> None:
         self.scene = scene
-        self.schedule = TaskSchedule()
+        self.schedule = SimulatedTime(pace=None if fast else Pacer().wait)
         self._seed = seed
-        self._pacer = None if fast else Pacer()
         self._before: list[Callable[[int], None]] = []
         self._after: list[Callable[[int], None]] = []
         self.client = _connect(gui)
@@ -63,23 +62,14 @@ class World:
 
     def now(self) -> int:
         """The simulated time (ns) since the start."""
-        return self.schedule.now
+        return self.schedule.now()
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
         """Run the world to *deadline* (ns), or until *wake* is set; whether it was set.
 
         Everything that is due at *deadline* has happened when this returns.
         """
-        while not wake.is_set():
-            due = self.schedule.next_due()
-            until = deadline if due is None else min(due, deadline)
-            if self._pacer is not None and self._pacer.wait(self.schedule.now, until, wake):
-                return True
-            if due is None or due > deadline:
-                self.schedule.now = max(self.schedule.now, deadline)
-                return False
-            self.schedule.run_next()
-        return True
+        return self.schedule.wait_until(deadline, wake)
 
     def random(self, purpose: str) -> np.random.Generator:
         """A random generator that depends on seed and *purpose* alone, so that no use disturbs another."""

@@ -39,7 +39,7 @@ def test_a_wait_ends_when_it_is_woken(kind: type):
 
 @pytest.mark.parametrize("kind", [RealTime, SimulatedTime])
 def test_a_frequency_of_zero_is_refused(kind: type):
-    with pytest.raises(ValueError, match="never due"):
+    with pytest.raises(ValueError, match="is never due: a frequency is above 0"):
         kind().every(0.0, Phase.HEAD, print)
 
 
@@ -88,3 +88,57 @@ def test_in_real_time_what_a_slow_task_misses_is_left_out_and_counted():
     assert made.missed >= 8
     assert len(calls) + made.missed >= 18
     assert all(later > earlier for earlier, later in pairwise(calls))
+
+
+def test_the_first_call_comes_a_period_from_now():
+    schedule = SimulatedTime(start=5 * SECOND)
+    times: list[int] = []
+    schedule.every(4, Phase.CONTROLLER, times.append)
+    schedule.wait_until(6 * SECOND, NEVER)
+    assert times == [5 * SECOND + k * SECOND // 4 for k in (1, 2, 3, 4)]
+
+
+def test_tasks_of_all_rates_meet_at_whole_seconds():
+    schedule = SimulatedTime()
+    done: list[tuple[str, int]] = []
+    schedule.every(7, Phase.JUDGE, lambda now: done.append(("judge", now)))
+    schedule.every(120, Phase.PHYSICS, lambda now: done.append(("physics", now)))
+    schedule.every(3, Phase.LOCALISER, lambda now: done.append(("localiser", now)))
+    schedule.wait_until(SECOND, NEVER)
+    assert [name for name, now in done if now == SECOND] == ["physics", "localiser", "judge"]
+
+
+def test_a_task_can_be_ended_even_by_itself():
+    schedule = SimulatedTime()
+    times: list[int] = []
+
+    def task(now: int) -> None:
+        times.append(now)
+        if len(times) == 3:
+            end()
+
+    end = schedule.every(10, Phase.PLANNER, task)
+    schedule.wait_until(SECOND, NEVER)
+    end()
+    assert times == [SECOND // 10, SECOND // 5, 3 * SECOND // 10]
+    assert schedule.next_due() is None
+
+
+def test_one_task_ends_and_the_others_go_on():
+    schedule = SimulatedTime()
+    times: list[int] = []
+    end = schedule.every(10, Phase.PLANNER, times.append)
+    schedule.every(5, Phase.PLANNER, times.append)
+    end()
+    schedule.wait_until(SECOND, NEVER)
+    assert times == [k * SECOND // 5 for k in (1, 2, 3, 4, 5)]
+
+
+def test_a_task_begun_by_a_task_is_not_late():
+    schedule = SimulatedTime()
+    times: list[int] = []
+    end = schedule.every(
+        1, Phase.HEAD, lambda now: end() or schedule.every(2, Phase.HEAD, times.append, first=0)
+    )
+    schedule.wait_until(2 * SECOND, NEVER)
+    assert times == [SECOND, 3 * SECOND // 2, 2 * SECOND]

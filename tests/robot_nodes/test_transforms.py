@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D, TransformStamped
 from btcore_robot.transforms import (
     HISTORY,
@@ -242,3 +243,10 @@ def test_the_broadcaster_tells_of_odometry_and_of_the_robots_links(robot) -> Non
     tree = TransformTree()
     FrameBroadcaster(Linked(), tree).step(0)
     assert math.isclose(tree.lookup("odom", "base_link", 0).position[0], 0.1)
+
+
+@given(st.floats(-100.0, 100.0))
+def test_wrapped_angles_are_the_same_direction(angle: float):
+    wrapped = wrap_angle(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert math.cos(wrapped - angle) == pytest.approx(1.0)

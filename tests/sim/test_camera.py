@@ -7,6 +7,7 @@ import numpy as np
 import pybullet
 import pytest
 
+from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo
 from btcore_sim import meshes
 from btcore_sim.camera import CameraSettings
@@ -68,8 +69,13 @@ def test_the_floor_is_as_deep_as_geometry_has_it(robot_at, steer):
     steer(body, 1.5, None)
     depth, lens = body.camera().depth, body.camera_info
     eye, turned = body._camera.pose(body.model, body._camera_link)
+    rotation = Transform(quaternion=turned).rotation
     for row, column in ((60, 80), (119, 0), (90, 159), (30, 40)):
-        ray = meshes.rotation_matrix(turned) @ (1.0, (lens.cx - column) / lens.fx, (lens.cy - row) / lens.fy)
+        ray = rotation @ (
+            1.0,
+            (lens.cx - column) / lens.fx,
+            (lens.cy - row) / lens.fy,
+        )
         assert depth[row, column] == pytest.approx(-eye[2] / ray[2], rel=1e-4)
 
 
@@ -102,7 +108,7 @@ def test_a_thing_is_drawn_where_the_pinhole_says(robot_at, box):
     body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
     picture, lens = body.camera(), body.camera_info
     eye, turned = body._camera.pose(body.model, body._camera_link)
-    x, y, z = meshes.rotation_matrix(turned).T @ (np.array((2.95, 0.6, 1.0665)) - eye)
+    x, y, z = Transform(quaternion=turned).rotation.T @ (np.array((2.95, 0.6, 1.0665)) - eye)
     rows, columns = np.nonzero(picture.rgb[:, :, 0].astype(int) > picture.rgb[:, :, 1].astype(int) + 60)
     assert columns.mean() == pytest.approx(lens.cx - lens.fx * y / x, abs=0.6)
     assert rows.mean() == pytest.approx(lens.cy - lens.fy * z / x, abs=0.6)
@@ -139,7 +145,7 @@ FACTS = CameraInfo(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1, 20.0, 10.0, "lens")
 
 def painted(*boxes: tuple[tuple[float, float, float], tuple[float, float, float], int]) -> tuple:
     """Boxes (size, place, shade of grey) before a camera at the origin that looks along z."""
-    shapes = [meshes.transformed(meshes.box(size), np.eye(3), place) for size, place, _ in boxes]
+    shapes = [Transform(place).apply(meshes.box(size)) for size, place, _ in boxes]
     colors = np.concatenate([np.full((6, 3), float(shade)) for *_, shade in boxes])
     return Renderer(FACTS).draw(np.concatenate(shapes), colors, np.zeros(3), np.eye(3))
 
@@ -154,12 +160,9 @@ def test_the_nearer_of_two_is_seen_whatever_their_order():
 
 
 def test_two_that_pierce_each_other_part_where_their_depths_are_equal():
-    slanted = meshes.transformed(
-        meshes.box((4.0, 0.4, 0.02)),
-        meshes.rotation_matrix((0.0, math.sin(0.3), 0.0, math.cos(0.3))),
-        (0, 0, 3),
-    )
-    flat = meshes.transformed(meshes.box((4.0, 4.0, 0.02)), np.eye(3), (0, 0, 3))
+    turned = (0.0, math.sin(0.3), 0.0, math.cos(0.3))
+    slanted = Transform((0.0, 0.0, 3.0), turned).apply(meshes.box((4.0, 0.4, 0.02)))
+    flat = Transform((0.0, 0.0, 3.0)).apply(meshes.box((4.0, 4.0, 0.02)))
     colors = np.concatenate((np.full((6, 3), 40.0), np.full((6, 3), 200.0)))
     rgb, _ = Renderer(FACTS).draw(np.concatenate((slanted, flat)), colors, np.zeros(3), np.eye(3))
     row = rgb[24, :, 0] < 100

@@ -14,7 +14,6 @@ from btcore_sim.differential_drive import (
     DifferentialDrive,
     WheelErrorModel,
     WheelOdometry,
-    wrap,
 )
 from btcore_sim.robot_description import OdometryFacts
 
@@ -155,10 +154,3 @@ def test_a_base_that_does_not_obey_comes_to_rest():
     drive.step(1, 1.0)
     assert drive.step(2, 0.1, obeys=False).v == pytest.approx(0.1)
     assert drive.step(3, 0.1, obeys=False) == Twist2D(0.0, 0.0)
-
-
-@given(st.floats(-100.0, 100.0))
-def test_wrapped_angles_are_the_same_direction(angle: float):
-    wrapped = wrap(angle)
-    assert -math.pi < wrapped <= math.pi
-    assert math.cos(wrapped - angle) == pytest.approx(1.0)

@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
-from btcore_sim.differential_drive import wrap
 from btcore_sim.errors import SimError
 from btcore_sim.events import AHEAD, CLEAR, FAR, SIDE, Event, EventRunner, ahead_of, parse_event
 from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE
@@ -187,7 +187,7 @@ def test_a_person_is_seen_where_it_is_and_keeps_from_a_robot_that_stands(meet):
         scan, pose = body.scan(), body.true_pose()
         (x, y, _), _ = pybullet.getBasePositionAndOrientation(number, physicsClientId=body.world.client)
         laser = (pose.x + 0.202 * math.cos(pose.yaw), pose.y + 0.202 * math.sin(pose.yaw))
-        bearing = wrap(math.atan2(y - laser[1], x - laser[0]) - pose.yaw)
+        bearing = wrap_angle(math.atan2(y - laser[1], x - laser[0]) - pose.yaw)
         ray = round((bearing - scan.angle_min) / scan.angle_increment)
         if 0 <= ray < len(scan.ranges):
             assert scan.ranges[ray] == pytest.approx(math.dist(laser, (x, y)) - 0.25, abs=0.3)
@@ -200,11 +200,11 @@ def test_a_person_is_seen_where_it_is_and_keeps_from_a_robot_that_stands(meet):
 def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(meet, side: int):
     body, _ = meet("aws_house", "kidnap:1000", people=1)
     (number,) = body.world.kinematic_bodies("person_")
-    begun = body.world.schedule.now
+    begun = body.world.now()
     around = side * math.pi / 4
     for step in range(24):
         away = 1.0 - 0.025 * step
         x, y = away * math.cos(around), away * math.sin(around)
-        body.world.move_kinematic_body(number, x, y, wrap(around + math.pi), v=0.5)
+        body.world.move_kinematic_body(number, x, y, wrap_angle(around + math.pi), v=0.5)
         body.world.wait_until(begun + (step + 1) * SECOND // 20, threading.Event())
     assert (body.contacts.collisions, body.contacts.grazes) == (1, 0)

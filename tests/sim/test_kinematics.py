@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from btcore_robot.rigid_transform import Transform
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import Kinematics, from_rpy, product, rotated
-from btcore_sim.meshes import rotation_matrix
+from btcore_sim.kinematics import Kinematics, from_rpy
 from btcore_sim.robot_description import TIAGO, load_description
 
 LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
@@ -23,8 +23,8 @@ def pose(frames: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
     while name != "base_footprint":
         frame = known[name]
         rotation, position = (
-            rotation_matrix(frame.quaternion) @ rotation,
-            rotation_matrix(frame.quaternion) @ position,
+            Transform(quaternion=frame.quaternion).rotation @ rotation,
+            Transform(quaternion=frame.quaternion).rotation @ position,
         )
         position = position + frame.position
         name = frame.parent
@@ -89,11 +89,11 @@ def test_with_head_and_torso_moved_they_are_where_the_engine_has_the_links(robot
     base_place, base_turned = body.model.place()
     for name in ("torso_lift_link", "head_1_link", "head_2_link"):
         place, turned = body.model.link_place(body.model.link(name))
-        base = rotation_matrix(base_turned)
+        base = Transform(quaternion=base_turned).rotation
         expected = base.T @ (np.array(place) - base_place) + (0.0, 0.0, 0.0985)
         rotation, position = pose(frames, name)
         assert position == pytest.approx(expected, abs=1e-4)
-        assert rotation == pytest.approx(base.T @ rotation_matrix(turned), abs=1e-4)
+        assert rotation == pytest.approx(base.T @ Transform(quaternion=turned).rotation, abs=1e-4)
 
 
 def test_the_camera_sees_from_its_optical_frame(robot_at, steer):
@@ -105,9 +105,9 @@ def test_the_camera_sees_from_its_optical_frame(robot_at, steer):
     eye, turned = body._camera.pose(body.model, body._camera_link)
     rotation, position = pose(body.frames(), body.camera_info.frame)
     base_place, base_turned = body.model.place()
-    base = rotation_matrix(base_turned)
+    base = Transform(quaternion=base_turned).rotation
     assert base @ (position - (0.0, 0.0, 0.0985)) + base_place == pytest.approx(eye, abs=1e-4)
-    assert (base @ rotation)[:, 2] == pytest.approx(rotation_matrix(turned)[:, 0], abs=1e-4)
+    assert (base @ rotation)[:, 2] == pytest.approx(Transform(quaternion=turned).rotation[:, 0], abs=1e-4)
 
 
 def described(folder: Path, change: Any) -> Any:
@@ -142,9 +142,7 @@ def test_a_frame_that_hangs_on_nothing_is_told(tmp_path: Path, frame: dict[str, 
 
 
 def test_turns_about_fixed_axes_come_in_the_order_x_y_z():
-    turned = from_rpy((0.0, math.pi / 2, math.pi / 2))
-    assert rotated(turned, (1.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, -1.0))
-    assert rotated(turned, (0.0, 0.0, 1.0)) == pytest.approx((0.0, 1.0, 0.0))
-    assert rotation_matrix(product(turned, turned)) == pytest.approx(
-        rotation_matrix(turned) @ rotation_matrix(turned)
-    )
+    turned = Transform(quaternion=from_rpy((0.0, math.pi / 2, math.pi / 2)))
+    assert (turned * Transform((1.0, 0.0, 0.0))).position == pytest.approx((0.0, 0.0, -1.0))
+    assert (turned * Transform((0.0, 0.0, 1.0))).position == pytest.approx((0.0, 1.0, 0.0))
+    assert (turned * turned).rotation == pytest.approx(turned.rotation @ turned.rotation)

@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
-from btcore_sim.differential_drive import wrap
 from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
@@ -46,7 +46,7 @@ def test_ten_seconds_of_driving_end_where_the_commands_lead(v: float, w: float, 
     pose = body.true_pose()
     body.world.close()
     assert math.dist((pose.x, pose.y), (x, y)) <= way
-    assert abs(wrap(pose.yaw - yaw)) <= turn
+    assert abs(wrap_angle(pose.yaw - yaw)) <= turn
     if not w:
         assert x == pytest.approx(2.956, abs=0.005)
     if not v:

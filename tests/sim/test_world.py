@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from btcore_robot.robot import Phase, Pose2D
+from btcore_robot.schedule import SimulatedTime
 from btcore_sim.scene import Scene, load_scene
-from btcore_sim.schedule import TaskSchedule
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 
@@ -105,7 +105,7 @@ def test_a_wake_up_that_is_due_already_stops_time(world):
 
 
 def test_at_equal_times_the_order_is_fixed():
-    schedule = TaskSchedule()
+    schedule = SimulatedTime()
     done: list[tuple[str, int]] = []
     schedule.every(10, Phase.SENSORS, lambda now: done.append(("laser", now)), first=SECOND // 10)
     schedule.every(50, Phase.SENSORS, lambda now: done.append(("wheels", now)), first=SECOND // 10)
@@ -116,7 +116,7 @@ def test_at_equal_times_the_order_is_fixed():
 
 
 def test_periods_that_are_no_whole_ns_do_not_drift():
-    schedule = TaskSchedule()
+    schedule = SimulatedTime()
     times: list[int] = []
     schedule.every(240, Phase.PHYSICS, times.append, first=0)
     for _ in range(240 * 60 + 1):

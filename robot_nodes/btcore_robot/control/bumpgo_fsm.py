@@ -4,9 +4,7 @@ from collections.abc import Callable
 from enum import Enum
 
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
-from btcore_robot.robot import LaserScan, Twist2D
-
-NS_PER_S = 1_000_000_000
+from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
 
 PERIOD = 0.05
 """How often (s) it decides: 20 Hz."""

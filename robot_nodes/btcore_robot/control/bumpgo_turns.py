@@ -6,9 +6,7 @@ import numpy as np
 
 from btcore_robot.control.bumpgo_fsm import OBSTACLE_DISTANCE, SPEED_ANGULAR, BumpGo, State
 from btcore_robot.process.process import ProcessContext, ProcessOptions
-from btcore_robot.robot import LaserScan, Twist2D
-
-NS_PER_S = 1_000_000_000
+from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
 
 DIAGONAL = math.pi / 4
 """Where (rad) a diagonal points, to the left and to the right."""

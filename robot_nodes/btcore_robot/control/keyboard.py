@@ -9,9 +9,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from btcore_robot.errors import RobotError
-from btcore_robot.robot import Robot, Twist2D
-
-NS_PER_S = 1_000_000_000
+from btcore_robot.robot import NS_PER_S, Robot, Twist2D
 
 KEY_VEL = 90
 """The priority of a keyboard's commands (twist_mux of Tiago's start-up files)."""

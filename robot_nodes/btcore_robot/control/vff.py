@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from btcore_robot.process.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
-from btcore_robot.robot import LaserScan, Twist2D
+from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
 
 Vector = NDArray[np.float32]
 
-NS_PER_S = 1_000_000_000
 
 PERIOD = 0.05
 """How often (s) it decides: 20 Hz."""

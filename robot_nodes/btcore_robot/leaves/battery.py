@@ -4,7 +4,7 @@ import math
 from typing import Annotated
 
 from btcore import Blackboard, Condition, In, StatefulAction, Status
-from btcore_robot.robot import Robot
+from btcore_robot.robot import NS_PER_S, Robot
 
 LEVEL = "battery_level"
 """The entry of the blackboard that holds the estimate (0–100)."""
@@ -15,8 +15,6 @@ DRAIN_AT_REST = 0.01
 """How much is lost each second in any case."""
 CHARGING_TICKS = 50
 """How many ticks Recharge is RUNNING."""
-
-NS_PER_S = 1_000_000_000
 
 
 class BatteryChecker(Condition):

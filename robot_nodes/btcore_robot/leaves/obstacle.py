@@ -5,9 +5,7 @@ from typing import Annotated
 import numpy as np
 
 from btcore import In, StatefulAction, Status, condition
-from btcore_robot.robot import LaserScan, Robot
-
-NS_PER_S = 1_000_000_000
+from btcore_robot.robot import NS_PER_S, LaserScan, Robot
 
 
 @condition

@@ -5,6 +5,7 @@ from typing import Annotated, Final
 
 from btcore import ConversionError, Registry
 from btcore.values.types import ValueType, mismatch
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 
 NAV2_PARTS: Final = 9
@@ -38,7 +39,7 @@ def pose_from_text(text: str) -> Pose2D:
         case [x, y]:
             return Pose2D(x, y, 0.0)
         case [x, y, yaw]:
-            return Pose2D(x, y, math.remainder(yaw, math.tau))
+            return Pose2D(x, y, wrap_angle(yaw))
         case [x, y, _, qx, qy, qz, qw]:
             return Pose2D(x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)))
     raise ConversionError(f"'{text}' is no pose: {FORM}, and this has {len(parts)} parts")

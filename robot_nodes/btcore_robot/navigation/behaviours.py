@@ -16,8 +16,9 @@ from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import BehaviourParameters
-from btcore_robot.navigation.velocity_smoother import NS_PER_S, Limits, VelocitySmoother, wrapped
-from btcore_robot.robot import Odometry, Robot
+from btcore_robot.navigation.velocity_smoother import Limits, VelocitySmoother
+from btcore_robot.rigid_transform import wrap_angle
+from btcore_robot.robot import NS_PER_S, Odometry, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 
 RADIUS = 0.30
@@ -266,7 +267,7 @@ class SpinBehaviour(MotionBehaviour[SpinGoal]):
 
     def _way(self, odometry: Odometry) -> float:
         goal = self.current.goal if self.current is not None else SpinGoal()
-        turned = wrapped(odometry.pose.yaw - self._from.pose.yaw)
+        turned = wrap_angle(odometry.pose.yaw - self._from.pose.yaw)
         self._from = odometry
         return self._travelled + math.copysign(1.0, goal.dist) * turned
 

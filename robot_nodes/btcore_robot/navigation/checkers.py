@@ -2,8 +2,8 @@
 
 import math
 
-from btcore_robot.navigation.velocity_smoother import NS_PER_S, wrapped
-from btcore_robot.robot import Pose2D
+from btcore_robot.rigid_transform import wrap_angle
+from btcore_robot.robot import NS_PER_S, Pose2D
 
 
 class GoalChecker:
@@ -30,7 +30,7 @@ class GoalChecker:
 
     def reached(self, pose: Pose2D, goal: Pose2D) -> bool:
         """Whether place and heading are reached."""
-        return self.arrived(pose, goal) and abs(wrapped(goal.yaw - pose.yaw)) <= self._yaw
+        return self.arrived(pose, goal) and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
 
 
 class ProgressChecker:
@@ -60,7 +60,7 @@ class ProgressChecker:
         if (
             mark is None
             or math.hypot(pose.x - mark.x, pose.y - mark.y) > self._radius
-            or abs(wrapped(pose.yaw - mark.yaw)) > self._angle
+            or abs(wrap_angle(pose.yaw - mark.yaw)) > self._angle
         ):
             self._mark = pose
             self._since = now

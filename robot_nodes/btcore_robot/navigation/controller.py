@@ -21,9 +21,9 @@ from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import ControllerParameters
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.pure_pursuit import Carrot, PurePursuit
-from btcore_robot.navigation.velocity_smoother import NS_PER_S, Limits, VelocitySmoother, wrapped
-from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import Pose2D, Robot
+from btcore_robot.navigation.velocity_smoother import Limits, VelocitySmoother
+from btcore_robot.rigid_transform import Transform, wrap_angle
+from btcore_robot.robot import NS_PER_S, Pose2D, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 
 RADIUS = 0.30
@@ -177,7 +177,7 @@ class ControllerServer(ActionServer[FollowGoal, FollowFeedback, None]):
         odometry = self._robot.odometry().pose
         pose = _moved(to_path, odometry)
         pursuit.locate(pose)
-        turned = 0.0 if pursuit.heading is None else wrapped(pose.yaw - pursuit.heading)
+        turned = 0.0 if pursuit.heading is None else wrap_angle(pose.yaw - pursuit.heading)
         handle.feedback = FollowFeedback(pursuit.left, self._throttle.v, pursuit.aside, turned)
         if self._blind(now) or (self._hold is not None and self._hold()):
             self._progress.pause(passed)
@@ -198,7 +198,7 @@ class ControllerServer(ActionServer[FollowGoal, FollowFeedback, None]):
             return
         if self._goals.arrived(pose, goal):
             self._able = now
-            self._turn(wrapped(goal.yaw - pose.yaw), now)
+            self._turn(wrap_angle(goal.yaw - pose.yaw), now)
             return
         self._keep_round(pursuit, to_path, odometry, now)
         if self._drive(pursuit, pose, odometry, now):
@@ -350,10 +350,11 @@ _NOT_FINITE = "a pose of the path is not finite"
 
 def _moved(transform: Transform, pose: Pose2D) -> Pose2D:
     """*pose* in the frame that *transform*, one on the floor, leads to."""
-    yaw = transform.yaw
-    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = transform.yaw
+    cos, sin = math.cos(turn), math.sin(turn)
     x, y, _ = transform.position
-    return Pose2D(x + cos * pose.x - sin * pose.y, y + sin * pose.x + cos * pose.y, wrapped(yaw + pose.yaw))
+    yaw = wrap_angle(turn + pose.yaw)
+    return Pose2D(x + cos * pose.x - sin * pose.y, y + sin * pose.x + cos * pose.y, yaw)
 
 
 def _carried(transform: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from btcore_robot.navigation.likelihood import distances
 from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 
 Floats = NDArray[np.float64]
@@ -101,7 +102,7 @@ class SignedDistanceField:
             x, y, yaw = x - float(step[0]), y - float(step[1]), yaw - float(step[2])
             if np.abs(step).max() < _ENOUGH:
                 break
-        return Match(Pose2D(x, y, math.remainder(yaw, 2.0 * math.pi)), self.fit(Pose2D(x, y, yaw), points))
+        return Match(Pose2D(x, y, wrap_angle(yaw)), self.fit(Pose2D(x, y, yaw), points))
 
     def fit(self, pose: Pose2D, points: Floats) -> float:
         """The share (0 … 1) of *points* that end within `ON_A_FACE` of a face when the robot is at *pose*."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from btcore_robot.navigation.likelihood import distances
 from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 
 Floats = NDArray[np.float64]
@@ -122,9 +123,7 @@ class GlobalSearch:
             score = int(best[sector, row, column])
             if score == 0:
                 break
-            yaw = math.remainder(
-                2.0 * math.pi * int(self._heading[sector, row, column]) / HEADINGS, 2.0 * math.pi
-            )
+            yaw = wrap_angle(math.tau * int(self._heading[sector, row, column]) / HEADINGS)
             found.append(Candidate(Pose2D(*self._space.place(row, column), yaw), score / full))
             around = (
                 slice(max(0, row - radius), row + radius + 1),

@@ -8,18 +8,16 @@ from numpy.typing import NDArray
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import SearchSpace
 from btcore_robot.navigation.likelihood import LikelihoodField, beams
-from btcore_robot.navigation.motion_model import sample_motion_model, wrapped
+from btcore_robot.navigation.motion_model import sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import AmclParameters
 from btcore_robot.navigation.particles import Cluster, best_cluster, cloud, resampled
 from btcore_robot.navigation.pose_validation import FITS, PoseValidator, contradicted
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.navigation.relocalisation import Relocaliser
-from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import LaserScan, Pose2D, Robot, TransformStamped
+from btcore_robot.rigid_transform import Transform, wrap_angle
+from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
-
-NS_PER_S = 1_000_000_000
 
 INITIAL_DEVIATION = (0.5, 0.5, 0.26)
 """How sure (m, m, rad; one deviation) a given pose is taken to be (nav2_amcl)."""
@@ -256,7 +254,7 @@ class Localiser:
             if not (
                 abs(odometry.x - last.x) > given.update_min_d
                 or abs(odometry.y - last.y) > given.update_min_d
-                or abs(wrapped(odometry.yaw - last.yaw)) > given.update_min_a
+                or abs(wrap_angle(odometry.yaw - last.yaw)) > given.update_min_a
             ):
                 return
             self.particles = sample_motion_model(self.particles, last, odometry, self._alphas, self._random)

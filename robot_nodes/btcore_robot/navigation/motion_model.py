@@ -5,23 +5,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore_robot.rigid_transform import wrap_angle, wrap_angles
 from btcore_robot.robot import Pose2D
 
 _STANDS = 0.01
 """A move shorter than this (m) has no direction: it is a turn on the spot (nav2_amcl)."""
 
 
-def wrapped(angle: float) -> float:
-    """*angle* (rad) in [-π, π]."""
-    return math.remainder(angle, 2.0 * math.pi)
-
-
 def decomposed(before: Pose2D, after: Pose2D) -> tuple[float, float, float]:
     """The way between two poses as a turn (rad), a straight line (m) and another turn (rad)."""
     dx, dy = after.x - before.x, after.y - before.y
     straight = math.hypot(dx, dy)
-    first = 0.0 if straight < _STANDS else wrapped(math.atan2(dy, dx) - before.yaw)
-    return first, straight, wrapped(after.yaw - before.yaw - first)
+    first = 0.0 if straight < _STANDS else wrap_angle(math.atan2(dy, dx) - before.yaw)
+    return first, straight, wrap_angle(after.yaw - before.yaw - first)
 
 
 def sample_motion_model(
@@ -39,8 +35,8 @@ def sample_motion_model(
     """
     turn, way, turn_after = decomposed(before, after)
     a1, a2, a3, a4 = alphas
-    folded = min(abs(turn), abs(wrapped(turn - math.pi)))
-    folded_after = min(abs(turn_after), abs(wrapped(turn_after - math.pi)))
+    folded = min(abs(turn), abs(wrap_angle(turn - math.pi)))
+    folded_after = min(abs(turn_after), abs(wrap_angle(turn_after - math.pi)))
     noise = random.standard_normal((3, len(particles)))
     first = turn - noise[0] * math.sqrt(a1 * folded**2 + a2 * way**2)
     straight = way - noise[1] * math.sqrt(a3 * way**2 + a4 * (folded**2 + folded_after**2))
@@ -49,5 +45,5 @@ def sample_motion_model(
     result = np.empty_like(particles)
     result[:, 0] = particles[:, 0] + straight * np.cos(heading)
     result[:, 1] = particles[:, 1] + straight * np.sin(heading)
-    result[:, 2] = np.remainder(heading + second + math.pi, 2.0 * math.pi) - math.pi
+    result[:, 2] = wrap_angles(heading + second)
     return result

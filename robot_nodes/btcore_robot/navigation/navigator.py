@@ -15,9 +15,8 @@ from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode
 from btcore_robot.navigation.nodes.goals import WaypointStatus
 from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.servers import Servers
-from btcore_robot.robot import GoalOutcome, Pose2D
+from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
 
-NS_PER_S = 1_000_000_000
 NAV2_PLUGIN = "nav2_"
 """How the names of Nav2's own plug-ins begin, whose nodes are here."""
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from btcore_robot.rigid_transform import wrap_angle, wrap_angles
 from btcore_robot.robot import Pose2D
 
 Floats = NDArray[np.float64]
@@ -95,7 +96,7 @@ def best_cluster(particles: Floats, weights: Floats) -> Cluster:
     Turns are counted from the cloud's mean heading, so that a cluster is cut, if at all, at its back.
     """
     mean = math.atan2(weights @ np.sin(particles[:, 2]), weights @ np.cos(particles[:, 2]))
-    turns = np.remainder(particles[:, 2] - mean + math.pi, 2.0 * math.pi) - math.pi
+    turns = wrap_angles(particles[:, 2] - mean)
     cells = np.empty((3, len(particles)), dtype=np.int64)
     cells[0] = np.floor(particles[:, 0] / BIN_LENGTH)
     cells[1] = np.floor(particles[:, 1] / BIN_LENGTH)
@@ -118,7 +119,7 @@ def _summary(particles: Floats, turns: Floats, weights: Floats, heading: float) 
     rows = np.stack((particles[:, 0], particles[:, 1], turns))
     middle = rows @ share
     off = rows - middle[:, None]
-    yaw = math.remainder(heading + middle[2], 2.0 * math.pi)
+    yaw = wrap_angle(heading + middle[2])
     return Cluster(Pose2D(float(middle[0]), float(middle[1]), yaw), (off * share) @ off.T, total)
 
 
@@ -127,5 +128,5 @@ def cloud(pose: Pose2D, covariance: Floats, count: int, random: np.random.Genera
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(3))
     spread: Floats = random.standard_normal((count, 3)) @ root.T
     spread += (pose.x, pose.y, pose.yaw)
-    spread[:, 2] = np.remainder(spread[:, 2] + math.pi, 2.0 * math.pi) - math.pi
+    spread[:, 2] = wrap_angles(spread[:, 2])
     return spread

@@ -1,6 +1,5 @@
 """Whether a pose can still be believed: what a scan shows against it, and what merely stands in the way."""
 
-import math
 from collections import deque
 
 import numpy as np
@@ -8,6 +7,7 @@ from numpy.typing import NDArray
 
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.ray_casting import Agreement, RayCaster
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
 
 RECENT = 3
@@ -96,7 +96,7 @@ class PoseValidator:
         """
         before, self._before = self._before, (scan, odometry.yaw)
         if before is not None and scan.stamp - before[0].stamp <= _PAUSE:
-            turn = math.remainder(odometry.yaw - before[1], 2.0 * math.pi)
+            turn = wrap_angle(odometry.yaw - before[1])
             farther, nearer = changed(before[0], scan, turn)
             both_ways = min(farther, nearer) > EACH_WAY
             if farther + nearer > (JUMPED_BOTH_WAYS if both_ways else JUMPED):

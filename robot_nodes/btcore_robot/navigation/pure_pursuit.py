@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 
 _WINDOW = 1.5  # m of the path ahead in which the robot is looked for, so that a loop isn't cut short
@@ -81,7 +82,7 @@ class PurePursuit:
         place = min((self.passed or 0.0) + ahead, self.length)
         east = float(np.interp(place, self._along, self._x)) - pose.x
         north = float(np.interp(place, self._along, self._y)) - pose.y
-        angle = math.remainder(math.atan2(north, east) - pose.yaw, 2 * math.pi)
+        angle = wrap_angle(math.atan2(north, east) - pose.yaw)
         return Carrot(math.hypot(east, north), angle)
 
     def ahead(self, reach: float, step: float) -> NDArray[np.float64]:

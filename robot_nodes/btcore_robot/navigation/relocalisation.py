@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import GlobalSearch, SearchSpace
-from btcore_robot.navigation.motion_model import wrapped
 from btcore_robot.navigation.ray_casting import RayCaster
-from btcore_robot.rigid_transform import Transform
+from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import Pose2D
 
 Floats = NDArray[np.float64]
@@ -54,7 +53,7 @@ class PoseHypothesis:
     def near(self, other: "PoseHypothesis") -> bool:
         """Whether the two are one place."""
         apart = math.hypot(self.pose.x - other.pose.x, self.pose.y - other.pose.y)
-        return apart < SAME_PLACE and abs(wrapped(self.pose.yaw - other.pose.yaw)) < SAME_HEADING
+        return apart < SAME_PLACE and abs(wrap_angle(self.pose.yaw - other.pose.yaw)) < SAME_HEADING
 
 
 class Relocaliser:
@@ -114,7 +113,7 @@ class Relocaliser:
     def _follow(
         self, points: Floats, eye: tuple[float, float], odometry: Pose2D, stamp: int
     ) -> Pose2D | None:
-        turn = wrapped(odometry.yaw - self._odometry.yaw)
+        turn = wrap_angle(odometry.yaw - self._odometry.yaw)
         way = math.hypot(odometry.x - self._odometry.x, odometry.y - self._odometry.y)
         if abs(turn) < TURN_A_VIEW and way < WAY_A_VIEW and stamp - self._stamp < TIME_A_VIEW:
             return None

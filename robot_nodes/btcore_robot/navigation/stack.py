@@ -26,7 +26,7 @@ from btcore_robot.navigation.planner_server import PlannerServer
 from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.navigation.scene import NavigationScene
 from btcore_robot.navigation.servers import MAP, ODOM, PoseSource, Servers
-from btcore_robot.robot import CMD_VEL, GoalOutcome, Phase, Pose2D, Robot
+from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot
 from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
 
 log = logging.getLogger(__name__)
@@ -46,7 +46,6 @@ LOOKS = 3
 PLANNER_RATE = 20.0
 """How often (Hz) the planner looks for a goal to plan to."""
 MS_PER_S = 1000.0
-NS_PER_S = 1_000_000_000
 
 _LOST = "it doesn't know where it is, since what it sees fits several places on the map, or none"
 

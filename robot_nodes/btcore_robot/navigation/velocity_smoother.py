@@ -1,11 +1,8 @@
 """How fast a server may drive, and velocity commands that keep to it."""
 
-import math
 from dataclasses import dataclass
 
-from btcore_robot.robot import BaseInfo, Robot, Twist2D
-
-NS_PER_S = 1_000_000_000
+from btcore_robot.robot import NS_PER_S, BaseInfo, Robot, Twist2D
 
 _FORGET = 0.3  # s after which what was asked for last is nothing to go on from
 
@@ -80,11 +77,6 @@ class VelocitySmoother:
         self.v = self.w = 0.0
         self._stamp = now
         self._robot.drive(0.0, 0.0)
-
-
-def wrapped(angle: float) -> float:
-    """The same angle (rad) within [-π, π]."""
-    return math.remainder(angle, 2 * math.pi)
 
 
 def _next(last: float, wanted: float, up: float, down: float) -> float:

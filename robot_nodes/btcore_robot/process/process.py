@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from btcore_robot.process.parameters import Parameters, Value
 from btcore_robot.process.topics import Publisher, Subscription, Topics, full_name
-from btcore_robot.robot import Robot, RobotClock, Schedule
+from btcore_robot.robot import NS_PER_S, Robot, RobotClock, Schedule
 from btcore_robot.transforms import TransformTree
 
 if TYPE_CHECKING:
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 Message = TypeVar("Message")
 
-NS_PER_S = 1_000_000_000
 QUEUE = 10
 """How many messages wait in a queue unless said otherwise: the book's number."""
 

@@ -23,6 +23,7 @@ from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.robot import (
     CMD_VEL,
+    NS_PER_S,
     BaseInfo,
     LaserInfo,
     LaserScan,
@@ -34,9 +35,9 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
+from btcore_robot.schedule import SimulatedTime
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
 from btcore_sim.differential_drive import DifferentialDrive
-from btcore_sim.schedule import NS_PER_S, TaskSchedule
 
 Box = tuple[float, float, float, float]
 LASER_AHEAD = 0.202  # m from the base's middle
@@ -61,33 +62,13 @@ class Person:
             self.x, self.y = x, y
 
 
-class FloorClock:
-    """Simulated time over a schedule."""
-
-    def __init__(self, schedule: TaskSchedule) -> None:
-        self._schedule = schedule
-
-    def now(self) -> int:
-        return self._schedule.now
-
-    def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        while not wake.is_set():
-            due = self._schedule.next_due()
-            if due is None or due > deadline:
-                self._schedule.now = deadline
-                return False
-            self._schedule.run_next()
-        return True
-
-
 class FloorRobot(Robot):
     """A base that follows commands exactly within its limits, on a floor with *boxes* and *people*."""
 
     def __init__(
         self, boxes: Sequence[Box] = (), start: Pose2D | None = None, seed: int = 0, sigma: float = 0.06
     ) -> None:
-        self._schedule = TaskSchedule()
-        self._clock = FloorClock(self._schedule)
+        self._schedule = SimulatedTime()
         self.boxes = list(boxes)
         self.people: list[Person] = []
         self.blind = False
@@ -108,11 +89,11 @@ class FloorRobot(Robot):
         self._schedule.every(10.0, Phase.SENSORS, self._sweep)
 
     @property
-    def clock(self) -> FloorClock:
-        return self._clock
+    def clock(self) -> SimulatedTime:
+        return self._schedule
 
     @property
-    def schedule(self) -> TaskSchedule:
+    def schedule(self) -> SimulatedTime:
         return self._schedule
 
     @property
@@ -125,7 +106,7 @@ class FloorRobot(Robot):
         return LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, self._sigma, "base_laser_link")
 
     def frames(self) -> Sequence[TransformStamped]:
-        now = self._clock.now()
+        now = self._schedule.now()
         still = (0.0, 0.0, 0.0, 1.0)
         return (
             TransformStamped("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.0945), still, now),
@@ -133,14 +114,14 @@ class FloorRobot(Robot):
         )
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        self.commands.append((self._clock.now(), v, w))
-        self._base.command(v, w, self._clock.now())
+        self.commands.append((self._schedule.now(), v, w))
+        self._base.command(v, w, self._schedule.now())
 
     def stop(self) -> None:
         self.drive(0.0, 0.0)
 
     def commanded_velocity(self) -> Twist2D:
-        return self._base.commanded_twist(self._clock.now())
+        return self._base.commanded_twist(self._schedule.now())
 
     def scan(self) -> LaserScan | None:
         return self._scan

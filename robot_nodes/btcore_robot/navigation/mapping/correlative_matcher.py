@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.mapping.pose_arrays import Floats, transform_points, wrapped
+from btcore_robot.navigation.mapping.pose_arrays import Floats, transform_points
+from btcore_robot.rigid_transform import wrap_angle
 
 FloatImage = NDArray[np.float32]
 
@@ -195,12 +196,12 @@ class CorrelationGrid:
             weighed = slopes * (weight * outline.weight / BEAM_DEVIATION**2)
             certain = weighed @ slopes.T
             back = prior - at
-            back[2] = float(wrapped(back[2:])[0])
+            back[2] = wrap_angle(float(back[2]))
             step = np.linalg.solve(certain + pull + _DAMPING * np.eye(3), pull @ back - weighed @ off)
             at += step
             if float(np.abs(step).max()) < _ENOUGH:
                 break
-        at[2] = float(wrapped(at[2:])[0])
+        at[2] = wrap_angle(float(at[2]))
         return MatchResult(at, self.score(at, outline.points), certain)
 
     def score(self, at: Floats, points: Floats) -> float:

@@ -15,7 +15,7 @@ from btcore_robot.navigation.mapping.pose_arrays import (
     transform_points,
 )
 from btcore_robot.navigation.scan_filter import smooth_scan
-from btcore_robot.rigid_transform import Transform
+from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
 
 REACH = 10.0
@@ -104,5 +104,5 @@ def _outline(ends: Floats) -> Outline:
 
 def far_apart(one: Pose2D, other: Pose2D, way: float, turn: float) -> bool:
     """Whether two poses differ by at least *way* (m) or *turn* (rad)."""
-    turned = abs(math.remainder(other.yaw - one.yaw, math.tau))
+    turned = abs(wrap_angle(other.yaw - one.yaw))
     return math.hypot(other.x - one.x, other.y - one.y) >= way or turned >= turn

@@ -21,10 +21,8 @@ from btcore_robot.navigation.mapping.pose_arrays import (
 from btcore_robot.navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import Pose2D, Robot, TransformStamped
+from btcore_robot.robot import NS_PER_S, Pose2D, Robot, TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
-
-NS_PER_S = 1_000_000_000
 
 WAY, TURN = 0.5, 0.25
 """How far (m, rad) a key scan is from the one before: slam_toolbox's minimum_travel_distance, and half its

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore_robot.rigid_transform import wrap_angle, wrap_angles
 from btcore_robot.robot import Pose2D
 
 Floats = NDArray[np.float64]
@@ -17,13 +18,7 @@ def pose_to_row(pose: Pose2D) -> Floats:
 
 def row_to_pose(row: Floats) -> Pose2D:
     """A row as a pose."""
-    return Pose2D(float(row[0]), float(row[1]), math.remainder(float(row[2]), math.tau))
-
-
-def wrapped(angles: Floats) -> Floats:
-    """*angles* (rad) in [-π, π)."""
-    turned: Floats = (angles + math.pi) % math.tau - math.pi
-    return turned
+    return Pose2D(float(row[0]), float(row[1]), wrap_angle(float(row[2])))
 
 
 def compose(start: Floats, step: Floats) -> Floats:
@@ -33,7 +28,7 @@ def compose(start: Floats, step: Floats) -> Floats:
         (
             start[..., 0] + cos * step[..., 0] - sin * step[..., 1],
             start[..., 1] + sin * step[..., 0] + cos * step[..., 1],
-            wrapped(start[..., 2] + step[..., 2]),
+            wrap_angles(start[..., 2] + step[..., 2]),
         ),
         axis=-1,
     )
@@ -43,7 +38,7 @@ def relative_pose(start: Floats, end: Floats) -> Floats:
     """*end* as seen from *start*: the step for which ``compose(start, step)`` is *end*."""
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
     x, y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
-    return np.stack((cos * x + sin * y, cos * y - sin * x, wrapped(end[..., 2] - start[..., 2])), axis=-1)
+    return np.stack((cos * x + sin * y, cos * y - sin * x, wrap_angles(end[..., 2] - start[..., 2])), axis=-1)
 
 
 def transform_points(points: Floats, at: Floats) -> Floats:

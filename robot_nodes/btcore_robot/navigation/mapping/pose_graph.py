@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
-from btcore_robot.navigation.mapping.pose_arrays import Floats, compose, relative_pose, wrapped
+from btcore_robot.navigation.mapping.pose_arrays import Floats, compose, relative_pose
+from btcore_robot.rigid_transform import wrap_angles
 
 Indices = NDArray[np.intp]
 
@@ -69,7 +70,7 @@ class PoseGraph:
     def _step(self, first: Indices, last: Indices, steps: Floats, certain: Floats, bearable: Floats) -> float:
         start, end = self.poses[first], self.poses[last]
         error = relative_pose(start, end) - steps
-        error[:, 2] = wrapped(error[:, 2])
+        error[:, 2] = wrap_angles(error[:, 2])
         tension = np.einsum("ei,eij,ej->e", error, certain, error)
         weight = (1.0 / (1.0 + tension / bearable)) ** 2
         by_start, by_end = _slopes(start, end)
@@ -99,7 +100,7 @@ class PoseGraph:
         ).tocsc()
         step = np.asarray(spsolve(matrix, right.ravel())).reshape(-1, 3)
         self.poses = self.poses + step
-        self.poses[:, 2] = wrapped(self.poses[:, 2])
+        self.poses[:, 2] = wrap_angles(self.poses[:, 2])
         return float(np.abs(step).max())
 
 

@@ -21,9 +21,8 @@ from btcore_robot.navigation.nodes.port_access import (
 )
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.servers import Servers
-from btcore_robot.robot import Odometry, Pose2D
+from btcore_robot.robot import NS_PER_S, Odometry, Pose2D
 
-NS_PER_S = 1_000_000_000
 BUMP = -10.0
 """The deceleration (m/s²) that nothing but a bump brings about; Nav2's figure."""
 

@@ -20,9 +20,8 @@ from btcore_robot.navigation.nodes.port_access import (
 )
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.servers import Servers
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import NS_PER_S, Pose2D
 
-NS_PER_S = 1_000_000_000
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
 Goal = Annotated[In[Pose2D], "The goal."]

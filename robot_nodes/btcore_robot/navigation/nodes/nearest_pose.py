@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from btcore_robot.navigation.path import NavPath
+from btcore_robot.rigid_transform import wrap_angles
 from btcore_robot.robot import Pose2D
 
 
@@ -27,7 +28,7 @@ class NearestPoseSearch:
         along = path.distances()
         last = len(along) if whole else int(np.searchsorted(along, along[self.at] + reach, "right"))
         poses = path.poses[self.at : max(last, self.at + 1)]
-        off = np.remainder(poses[:, 2] - here.yaw + np.pi, 2.0 * np.pi) - np.pi
+        off = wrap_angles(poses[:, 2] - here.yaw)
         distance = np.hypot(np.hypot(poses[:, 0] - here.x, poses[:, 1] - here.y), turn * off)
         found = self.at + int(np.argmin(distance))
         self.at = 0 if whole else found

@@ -4,7 +4,7 @@ from typing import Annotated, Any, ClassVar
 
 from btcore import In, Out, StatefulAction, Status, SyncAction
 from btcore_robot.navigation.action import ActionServer
-from btcore_robot.navigation.nodes.action_node import ServerName, ServerTimeout, count_recovery
+from btcore_robot.navigation.nodes.action_node import NS_PER_MS, ServerName, ServerTimeout, count_recovery
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, write_outputs
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
@@ -12,8 +12,6 @@ from btcore_robot.robot import Pose2D
 ServiceName = Annotated[In[str], "The costmap: a name with 'local' or 'global' in it."]
 Plugins = Annotated[In[list[str]], "The layers that are cleared; all of them here."]
 Side = Annotated[In[float], "The side (m) of the square."]
-
-NS_PER_MS = 1_000_000
 
 
 class ClearEntireCostmap(SyncAction):
