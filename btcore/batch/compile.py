@@ -14,10 +14,9 @@ from btcore.batch import (
 from btcore.batch.column_table import ColumnTable
 from btcore.batch.context import BatchContext
 from btcore.batch.expressions import compile_batch_script
-from btcore.batch.guard import BatchConditions
 from btcore.batch.leaf_declaration import LeafDeclaration
 from btcore.batch.leaf_nodes import FunctionNode, StatefulNode
-from btcore.batch.node import BatchNode
+from btcore.batch.node import BatchConditions, BatchNode
 from btcore.batch.ports import BatchInput, BatchOutput
 from btcore.batch.script import Scope
 from btcore.blackboard.blackboard import Blackboard

@@ -9,8 +9,7 @@ import pytest
 from btcore_robot.control.bumpgo_fsm import BumpGo, State
 from btcore_robot.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest
 from btcore_robot.process.bridge import Bridge
-from btcore_robot.process.executor import Executor
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
 from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot

@@ -4,11 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from btcore_robot.process.executor import Executor, MessageLoopError
 from btcore_robot.process.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
 from btcore_robot.process.launch import LaunchError, read_launch, start_all
 from btcore_robot.process.parameters import ParameterError, parameters_of
-from btcore_robot.process.process import LogMessage, Process, ProcessContext, ProcessOptions
+from btcore_robot.process.process import (
+    Executor,
+    LogMessage,
+    MessageLoopError,
+    Process,
+    ProcessContext,
+    ProcessOptions,
+)
 from btcore_robot.process.programs import UnknownProgramError, create_processes
 from btcore_robot.process.topics import TopicError
 from btcore_robot.robot import Phase

@@ -15,10 +15,9 @@ from btcore_robot.perception.colour import (
     mask,
 )
 from btcore_robot.perception.object_detector import Detections, ObjectDetector
-from btcore_robot.process.executor import Executor
 from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState, LifecycleTransition
 from btcore_robot.process.parameters import ParameterError
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import CameraImage, HeadInfo, HeadPosition
 
 WOODEN = (170, 120, 60)  # RGB; OpenCV's HSV (16, 165, 170)

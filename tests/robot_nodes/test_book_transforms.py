@@ -12,9 +12,8 @@ from btcore_robot.perception.obstacle_detector import (
     colour_of,
 )
 from btcore_robot.perception.transform_reports import Displacement, ObstacleInFrames
-from btcore_robot.process.executor import Executor
 from btcore_robot.process.messages import GREEN, RED, Arrow, Arrows
-from btcore_robot.process.process import LogMessage, Process, ProcessContext, ProcessOptions
+from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster
 

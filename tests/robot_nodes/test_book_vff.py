@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from btcore_robot.control.vff import Avoidance, AvoidanceOfAll, forces, forces_of_all, velocity
-from btcore_robot.process.executor import Executor
 from btcore_robot.process.messages import BLUE, GREEN, RED, Arrows
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
 
 PI = math.pi

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from btcore_robot.process.bridge import IMAGE, JOINT_COMMAND, JOINT_STATE, ODOMETRY, SCAN, Bridge
-from btcore_robot.process.executor import Executor
 from btcore_robot.process.messages import HeadCommand
-from btcore_robot.process.process import Process, ProcessContext
+from btcore_robot.process.process import Executor, Process, ProcessContext
 from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Pose2D, Twist2D
 
 

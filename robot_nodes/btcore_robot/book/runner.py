@@ -19,10 +19,9 @@ from btcore.program_runner import (
     run_program,
 )
 from btcore_robot.book.top_view import save_picture, writable
-from btcore_robot.process.executor import Executor, MessageLoopError
 from btcore_robot.process.launch import LaunchError
 from btcore_robot.process.parameters import ParameterError
-from btcore_robot.process.process import LogMessage, Process, ProcessContext
+from btcore_robot.process.process import Executor, LogMessage, MessageLoopError, Process, ProcessContext
 from btcore_robot.process.programs import UnknownProgramError
 from btcore_robot.process.topics import TopicError
 from btcore_robot.robot import Phase, Robot
