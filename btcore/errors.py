@@ -1,7 +1,7 @@
 """Mistakes as sentences with an address: where, what, what you may do."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from btcore.diagnostic_codes import DiagnosticCode
@@ -29,10 +29,6 @@ class Diagnostic:
     def is_error(self) -> bool:
         """Whether the tree is refused for it, or raises as soon as it is ticked."""
         return self.code.severity == "error"
-
-    def in_file(self, file: str) -> "Diagnostic":
-        """The same, said of *file*."""
-        return replace(self, file=file)
 
     @property
     def where(self) -> str:

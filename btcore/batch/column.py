@@ -54,17 +54,6 @@ def dtype_of(kind: ValueType) -> "np.dtype[Any]":
     return np.dtype(np.float64 if isinstance(kind, RealType) else object)
 
 
-def form_of(values: Values) -> Form:
-    """The form of an array: of numbers, bools or Python's objects."""
-    if values.ndim > 1:
-        return ROWS
-    if values.dtype == np.bool_:
-        return TRUTH
-    if values.dtype == object:
-        return TEXT if all(type(one) is str for one in values) else OBJECT
-    return NUMBER
-
-
 def infer_type(values: Values) -> ValueType:
     """The type that an entry takes from its first values; that of each for Python's objects."""
     if values.ndim > 1:

@@ -5,7 +5,6 @@ around it.
 """
 
 from collections.abc import Mapping
-from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.script.program import Program, compile_script, condition_result
@@ -17,9 +16,6 @@ from btcore.status import (
     SUCCESS,
     Status,
 )
-
-BEFORE: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
-AFTER: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
 
 
 class ConditionScripts:

@@ -132,6 +132,3 @@ def leaf_class(function: Callable[..., object]) -> type[LeafNode]:
 def camel_case(name: str) -> str:
     """``battery_ok`` as ``BatteryOk``."""
     return "".join(part[:1].upper() + part[1:] for part in name.split("_"))
-
-
-CALLED: tuple[type[LeafNode], ...] = (FunctionAction, FunctionCondition, FunctionCoroutineAction)

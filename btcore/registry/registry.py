@@ -9,8 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from btcore.engine.control import ControlNode, DecoratorNode
-from btcore.engine.functions import CALLED, MARK, camel_case
+from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import RegistrationError
@@ -22,7 +21,6 @@ from btcore.values import TypeRegistry
 
 ENTRY_POINTS = "btcore.nodes"
 _OF_FILE = "btcore_plugin_"
-_ENGINE_CLASSES = (TreeNode, ControlNode, DecoratorNode, *CALLED)
 
 
 class Registry:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, NoReturn, SupportsIndex, TypeVar
+from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TypeVar
 
 from mypy_extensions import mypyc_attr
 
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from btcore.tree.hooks import Hooks
 
 N = TypeVar("N", bound=TreeNode)
+
+MAX_NODES: Final = 65_535
+"""The maximum number of nodes of a tree: a uid has 16 bits in Groot's protocols, and 0 is not a uid."""
 
 
 class Subtree:

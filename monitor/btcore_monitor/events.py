@@ -29,6 +29,13 @@ STATUS_NAMES: Final = ("IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED")
 """Names by number; the numbers are BehaviorTree.CPP's."""
 
 
+def kind_from_children(count: int) -> Kind:
+    """Return the family of a node without a model, inferred from its *count* of children."""
+    if not count:
+        return "action"
+    return "decorator" if count == 1 else "control"
+
+
 @dataclass(frozen=True, slots=True)
 class ObservedNode:
     """One node of a running tree.

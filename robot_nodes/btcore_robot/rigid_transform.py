@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.robot import Pose2D, TransformStamped
+from btcore_robot.robot import Pose2D
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -33,11 +33,6 @@ class Transform:
         """The transform that puts a frame at *pose* on the floor of another."""
         half = pose.yaw / 2.0
         return cls((pose.x, pose.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
-
-    @classmethod
-    def from_frame(cls, frame: TransformStamped) -> "Transform":
-        """The transform that takes points of ``frame.child`` to ``frame.parent``."""
-        return cls(frame.position, frame.quaternion)
 
     @property
     def yaw(self) -> float:

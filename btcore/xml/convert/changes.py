@@ -33,8 +33,3 @@ class ConversionContext:
     ) -> None:
         """Tell of a change at *element*, or at one of its attributes."""
         self.found.append(self.document.diagnostic(code, said, element, attribute, part, hint))
-
-
-def changes_meaning(one: Diagnostic) -> bool:
-    """Whether *one* tells of something that format 4 does differently, or that is left to the user."""
-    return one.code.severity in ("new meaning", "manual step")

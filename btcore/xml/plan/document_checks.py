@@ -9,6 +9,7 @@ from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
+from btcore.tree.tree import MAX_NODES
 from btcore.xml.models.tree_nodes_model import subtree_models
 from btcore.xml.plan.palette import NodePalette
 from btcore.xml.plan.plan import (
@@ -23,8 +24,6 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
 from btcore.xml.read.includes import PackageResolver, resolve_includes
 
-MAX_NODES = 65_535
-"""How many nodes a tree may have: their numbers have 16 bits on Groot's wire."""
 MAX_DEPTH = 10_000
 """How deep a tree may be: ticking a level takes a few hundred bytes of the machine's stack."""
 

@@ -40,7 +40,6 @@ class Dialect:
     - *controls_need_children*: which compact control nodes may not be empty (None = all).
     - *leaves_checked*: compact leaves may have no children.
     - *tree_ids_checked*: a tree may not be called as a node is.
-    - *subtree_named_by_id*: a SubTree's node is called as its tree, whatever its `name`.
     - *max_depth* of elements below a BehaviorTree.
     """
 
@@ -54,7 +53,6 @@ class Dialect:
     controls_need_children: frozenset[str] | None
     leaves_checked: bool
     tree_ids_checked: bool
-    subtree_named_by_id: bool
     max_depth: int
 
 
@@ -70,7 +68,6 @@ DIALECTS: Final = {
         controls_need_children=None,
         leaves_checked=True,
         tree_ids_checked=True,
-        subtree_named_by_id=False,
         max_depth=256,
     ),
     3: Dialect(
@@ -84,7 +81,6 @@ DIALECTS: Final = {
         controls_need_children=frozenset({"Sequence", "SequenceStar", "Fallback"}),
         leaves_checked=False,
         tree_ids_checked=False,
-        subtree_named_by_id=True,
         max_depth=256,
     ),
 }

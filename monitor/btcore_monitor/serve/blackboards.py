@@ -13,15 +13,13 @@ from typing import Any, Final
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.tree.tree import Tree
 from btcore_monitor.errors import MonitorError
-from btcore_monitor.wire.msgpack_values import to_portable
+from btcore_monitor.wire.msgpack_values import Boards, to_portable
 
 ROOT: Final = "ROOT"
 """The name of the outermost blackboard, which Groot 2 gets beside those asked for."""
 
 _ATTEMPTS: Final = 20
 _SHARED: Final = frozenset({bool, int, float, str, type(None), bytes})
-
-Boards = Mapping[str, Mapping[str, object]]
 
 
 class ReservedNameError(MonitorError):

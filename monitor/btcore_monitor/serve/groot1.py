@@ -8,7 +8,7 @@ import zmq
 from btcore.blackboard.ports import Direction, Port
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.tree.tree import Tree
+from btcore.tree.tree import MAX_NODES, Tree
 from btcore_monitor.serve.queueing_observer import StampedTransition
 from btcore_monitor.serve.request_socket import RequestSocket
 from btcore_monitor.serve.tcp_ports import Socket
@@ -42,7 +42,7 @@ class Groot1Server:
     """
 
     def __init__(self, tree: Tree, offset: int = 0, rate: float = groot1.RATE) -> None:
-        self.offset = offset if offset + len(tree.nodes) <= groot1.MOST_NODES else 0
+        self.offset = offset if offset + len(tree.nodes) <= MAX_NODES else 0
         self.end = self.offset + len(tree.nodes)
         """The last uid on the wire."""
         self._period = 1 / rate

@@ -4,9 +4,8 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Final
 
-from btcore.tree.tree import Tree
+from btcore.tree.tree import MAX_NODES, Tree
 from btcore_monitor.serve.blackboards import ReservedNameError
 from btcore_monitor.serve.hook_controller import HookController, RequestRejectedError
 from btcore_monitor.serve.queueing_observer import StampedTransition
@@ -14,9 +13,6 @@ from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot2 import Request, RequestHeader
 from btcore_monitor.wire.nlohmann_json import JsonError
-
-MOST_NODES: Final = 0xFFFF
-"""A uid has 16 bits on the wire: nodes beyond are not in STATUS and not in recordings."""
 
 
 class Groot2Server:
@@ -34,7 +30,8 @@ class Groot2Server:
         self._xml = xml
         self._boards = boards
         self._tree_id = tree_id.bytes
-        nodes = [node for part in tree.subtrees for node in part.nodes if node.uid <= MOST_NODES]
+        # A uid has 16 bits on the wire: nodes beyond are neither in STATUS nor in recordings.
+        nodes = [node for part in tree.subtrees for node in part.nodes if node.uid <= MAX_NODES]
         self._statuses = bytearray(groot2.encode_statuses((node.uid, int(node.status)) for node in nodes))
         self._code_at = {node.uid: 3 * index + 2 for index, node in enumerate(nodes)}
         self._recorded: deque[bytes] = deque(maxlen=groot2.RECORDED_AT_MOST)

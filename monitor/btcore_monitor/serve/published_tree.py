@@ -7,7 +7,7 @@ from typing import Final
 
 from btcore.tree.tree import Tree
 from btcore.xml.render.tree_xml import tree_to_xml
-from btcore_monitor.serve.blackboards import BlackboardTracker, Boards
+from btcore_monitor.serve.blackboards import BlackboardTracker
 from btcore_monitor.serve.groot1 import Groot1Server
 from btcore_monitor.serve.groot2 import Groot2Server, statuses_of
 from btcore_monitor.serve.hook_controller import HookController
@@ -21,7 +21,7 @@ from btcore_monitor.serve.queueing_observer import (
     merge_scenes,
 )
 from btcore_monitor.serve.scene import SceneServer
-from btcore_monitor.wire.msgpack_values import encode_boards
+from btcore_monitor.wire.msgpack_values import Boards, encode_boards
 
 _SECONDS_A_TURN: Final = 0.02
 """Time (wall clock) for queued items before the sockets have their turn."""

@@ -13,7 +13,8 @@ from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.status import Status, Transition
-from btcore_monitor.serve.blackboards import BlackboardTracker, Boards
+from btcore_monitor.serve.blackboards import BlackboardTracker
+from btcore_monitor.wire.msgpack_values import Boards
 
 QUEUE_AT_MOST: Final = 200_000
 """Items that wait for the publisher."""
@@ -128,8 +129,6 @@ class QueueingObserver(Observer):
 
     def __init__(self, boards: BlackboardTracker | None, scenes: Sequence[SceneSource]) -> None:
         self.queue: deque[Item] = deque(maxlen=QUEUE_AT_MOST)
-        self.scenes_skipped = 0
-        """Ticks after which scene and blackboards were not taken, because too many waited."""
         self.big_taken = 0
         """Scenes, by their weight, and blackboards that the publisher's thread took; it alone counts here."""
         self._big_put = 0
@@ -149,7 +148,6 @@ class QueueingObserver(Observer):
         queue = self.queue
         queue.append(TickEnded(tick, stamp, wall, duration_ns, status))
         if self._big_put - self.big_taken > _BIG_AT_MOST:
-            self.scenes_skipped += 1
             return
         if self._boards is not None:
             boards = self._boards.snapshot_if_changed()

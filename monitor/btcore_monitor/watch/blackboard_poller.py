@@ -1,13 +1,10 @@
 """Asking for blackboards, again and again, and what to do about a robot that refuses."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from btcore_monitor.events import ObservedTree
 from btcore_monitor.wire.groot2 import blackboard_name, boards_by_path, encode_names
-from btcore_monitor.wire.msgpack_values import decode_boards
-
-Boards = Mapping[str, Mapping[str, Any]]
+from btcore_monitor.wire.msgpack_values import Boards, decode_boards
 
 
 class BlackboardPoller:

@@ -9,7 +9,7 @@ from typing import Final
 
 from lxml import etree
 
-from btcore_monitor.events import Kind, ObservedNode, ObservedTree
+from btcore_monitor.events import Kind, ObservedNode, ObservedTree, kind_from_children
 from btcore_monitor.wire.errors import ProtocolError
 
 FAMILIES: Final[dict[str, Kind]] = {
@@ -142,7 +142,9 @@ class _Reader:
                 node.uid,
                 node.name,
                 node.id,
-                node.kind if node.id in self._kinds or node.kind == "subtree" else _guess(children[node.uid]),
+                node.kind
+                if node.id in self._kinds or node.kind == "subtree"
+                else kind_from_children(len(children[node.uid])),
                 node.path,
                 node.parent,
                 tuple(children[node.uid]),
@@ -193,10 +195,3 @@ def _roots(tree: etree._Element) -> list[etree._Element]:
             f'expected one node in <BehaviorTree ID="{tree.get("ID")}">, and got {len(roots)}'
         )
     return roots
-
-
-def _guess(children: list[int]) -> Kind:
-    """The family of a node that no model describes, by the one fact known of it."""
-    if not children:
-        return "action"
-    return "decorator" if len(children) == 1 else "control"

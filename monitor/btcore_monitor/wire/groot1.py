@@ -23,9 +23,6 @@ RATE: Final = 25
 QUESTION: Final = [b""]
 """What Groot 1 asks for the tree with; a publisher doesn't look at it, but it must be one frame."""
 
-MOST_NODES: Final = 0xFFFF
-"""A uid has 16 bits, and 0 is none."""
-
 _SIZE: Final = struct.Struct("<I")
 _STATUS: Final = struct.Struct("<Hb")
 _CHANGE: Final = struct.Struct("<IIHbb")

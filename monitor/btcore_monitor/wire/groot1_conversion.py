@@ -8,7 +8,7 @@ node's uid is its place in the tree, as Groot 1 has it too.
 from dataclasses import dataclass
 from typing import Final
 
-from btcore_monitor.events import Kind, ObservedNode, ObservedTree
+from btcore_monitor.events import Kind, ObservedNode, ObservedTree, kind_from_children
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot1_tree import (
     ACTION,
@@ -51,7 +51,7 @@ def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
     insides: dict[int, str] = {0: ""}
     for node, parent in ordered:
         uid, above = uids[node.uid], uids.get(parent, 0)
-        kind = kinds.get(node.id) or _guess(node)
+        kind = kinds.get(node.id) or kind_from_children(len(node.children))
         subtree = insides[above]
         path = node.name if node.name != node.id and kind != "subtree" else f"{node.name}::{uid}"
         if subtree:
@@ -91,10 +91,3 @@ def _depth_first(tree: WireTree) -> list[tuple[WireNode, int]]:
     if by_uid:
         raise ProtocolError(f"expected a tree, and node {next(iter(by_uid))} is no node's child")
     return found
-
-
-def _guess(node: WireNode) -> Kind:
-    """The family of a node that no model describes, by the one fact known of it."""
-    if not node.children:
-        return "action"
-    return "decorator" if len(node.children) == 1 else "control"

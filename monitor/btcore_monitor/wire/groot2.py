@@ -17,7 +17,6 @@ DEFAULT_PORT: Final = 1667
 PROTOCOL: Final = 2
 """The number that both sides write into byte 0; servers don't check it."""
 
-TREE_ID_SIZE: Final = 16
 RECORDED_AT_MOST: Final = 1000
 """Transitions that a publisher keeps for GET_TRANSITIONS: older ones are dropped."""
 

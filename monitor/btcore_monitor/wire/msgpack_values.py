@@ -15,6 +15,9 @@ import msgpack
 
 from btcore_monitor.wire.errors import ProtocolError
 
+Boards = Mapping[str, Mapping[str, Any]]
+"""The values of blackboards: by the blackboard's name or path, then by key."""
+
 DEPTH_AT_MOST: Final = 16
 """Values nested deeper are cut off with nil: a list may hold itself."""
 
