@@ -131,7 +131,12 @@ def test_the_monitors_client_side_knows_nothing_of_the_engine() -> None:
 MAP = "btcore_robot.navigation.occupancy_map"
 
 
-SHARED = ("btcore_robot.robot", "btcore_robot.rigid_transform", "btcore_robot.schedule")
+SHARED = (
+    "btcore_robot.robot",
+    "btcore_robot.rigid_transform",
+    "btcore_robot.schedule",
+    "btcore_robot.field_reader",
+)
 
 
 def test_the_body_knows_of_the_mind_only_the_robot_protocol_and_maps() -> None:

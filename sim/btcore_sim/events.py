@@ -10,9 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from btcore_robot.field_reader import did_you_mean
 from btcore_robot.robot import Phase, Pose2D
 from btcore_sim.clearance_map import ClearanceMap, Point
-from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.errors import SimError
 from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable
 from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.world import World

@@ -5,7 +5,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from btcore_sim.errors import SimError, did_you_mean
+from btcore_robot.field_reader import did_you_mean
+from btcore_sim.errors import SimError
 
 PARTS = {
     "laser": "no new scan comes",

@@ -1,83 +1,42 @@
 """JSON files of worlds and robots, read field by field, so that each mistake is told with its address."""
 
 import json
-import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from btcore_sim.errors import SimError, did_you_mean
+from btcore_robot.field_reader import FieldReader, did_you_mean
+from btcore_sim.errors import SimError
 
 
-class JsonRecord:
-    """One JSON object of a file. Fields are read by name; `reject_unknown_fields` refuses all others."""
+class JsonRecord(FieldReader):
+    """One JSON object of a file; `reject_unknown_fields` refuses the fields that were not read."""
 
     def __init__(self, data: dict[str, Any], where: str) -> None:
-        self._data = data
-        self._asked: list[str] = []
+        super().__init__(data)
         self.where = where
         """The file, and the way to this object in it: ``arena.json: objects[2]``."""
-
-    def has(self, key: str) -> bool:
-        """Whether the field is there."""
-        self._asked.append(key)
-        return key in self._data
-
-    def number(self, key: str, default: float | None = None, *, over: float | None = None) -> float:
-        """A finite number, greater than *over* if that is given."""
-        value = self._field(key, default)
-        if not _is_number(value):
-            raise self.error(f"'{key}' is {json.dumps(value)}, and a number is expected")
-        if over is not None and not value > over:
-            raise self.error(f"'{key}' is {value}, and it has to be greater than {over:g}")
-        return float(value)
 
     def whole(self, key: str, default: int | None = None) -> int:
         """A whole number of at least 1."""
         value = self._field(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise self.error(f"'{key}' is {json.dumps(value)}, and a whole number of at least 1 is expected")
+            raise self._unexpected(key, value, "a whole number of at least 1")
         return value
-
-    def numbers(self, key: str, counts: Sequence[int], default: Sequence[float] | None = None) -> list[float]:
-        """A list of numbers whose length is one of *counts*."""
-        value = self._field(key, list(default) if default is not None else None)
-        if not isinstance(value, list) or not all(map(_is_number, value)) or len(value) not in counts:
-            wanted = " or ".join(str(count) for count in counts)
-            raise self.error(f"'{key}' is {json.dumps(value)}, and a list of {wanted} numbers is expected")
-        return [float(one) for one in value]
-
-    def rows(self, key: str, length: int) -> list[list[float]]:
-        """A list of lists of *length* numbers each, empty if the field is missing."""
-        value = self._field(key, [])
-        if not isinstance(value, list) or not all(_is_row(one, length) for one in value):
-            raise self.error(f"'{key}' is {json.dumps(value)}, and a list of [{length} numbers] is expected")
-        return [[float(part) for part in one] for one in value]
 
     def points(self, key: str) -> dict[str, tuple[float, float]]:
         """An object of points [x, y] by name, empty if the field is missing."""
         value = self._field(key, {})
         if not isinstance(value, dict):
-            raise self.error(f"'{key}' is {json.dumps(value)}, and an object of points [x, y] is expected")
+            raise self._unexpected(key, value, "an object of points [x, y]")
         inner = JsonRecord(value, self._inner(key))
         points = {name: inner.numbers(name, [2]) for name in value}
         return {name: (x, y) for name, (x, y) in points.items()}
-
-    def text(self, key: str, default: str | None = None, *, among: Sequence[str] = ()) -> str:
-        """A text, one of *among* if that is given."""
-        value = self._field(key, default)
-        if not isinstance(value, str):
-            raise self.error(f"'{key}' is {json.dumps(value)}, and a text is expected")
-        if among and value not in among:
-            known = " or ".join(f"'{name}'" for name in among)
-            raise self.error(f"'{key}' is '{value}': {did_you_mean(value, among)}it has to be {known}")
-        return value
 
     def texts(self, key: str) -> list[str]:
         """A list of texts, empty if the field is missing."""
         value = self._field(key, [])
         if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
-            raise self.error(f"'{key}' is {json.dumps(value)}, and a list of texts is expected")
+            raise self._unexpected(key, value, "a list of texts")
         return value
 
     def color(self, key: str, default: str) -> tuple[int, int, int, int]:
@@ -89,16 +48,15 @@ class JsonRecord:
                 raise ValueError
             parts = bytes.fromhex(digits.ljust(8, "f"))
         except ValueError:
-            raise self.error(
-                f"'{key}' is '{value}', and a colour like '#c8b090' or '#c8b090ff' is expected"
-            ) from None
+            what = f"is '{value}', and a colour like '#c8b090' or '#c8b090ff' is expected"
+            raise self.mistake(key, what) from None
         return parts[0], parts[1], parts[2], parts[3]
 
     def record(self, key: str) -> "JsonRecord":
         """A nested object."""
         value = self._field(key, None)
         if not isinstance(value, dict):
-            raise self.error(f"'{key}' is {json.dumps(value)}, and an object is expected")
+            raise self._unexpected(key, value, "an object")
         return JsonRecord(value, self._inner(key))
 
     def records(self, key: str) -> list["JsonRecord"]:
@@ -110,26 +68,24 @@ class JsonRecord:
 
     def reject_unknown_fields(self) -> None:
         """Refuse every field that nobody asked for."""
-        for key in self._data:
-            if key not in self._asked:
-                hint = did_you_mean(key, self._asked)
-                raise self.error(
-                    f"'{key}' is unknown: {hint}known are {', '.join(dict.fromkeys(self._asked))}"
+        for key in self._fields:
+            if key not in self._requested:
+                hint = did_you_mean(key, self._requested)
+                raise self.mistake(
+                    key, f"is unknown: {hint}known are {', '.join(dict.fromkeys(self._requested))}"
                 )
+
+    def mistake(self, key: str, what: str) -> SimError:
+        """A mistake in the field *key*, with its address."""
+        return self.error(f"'{key}' {what}")
+
+    def shown(self, value: object) -> str:
+        """Return *value* in JSON."""
+        return json.dumps(value)
 
     def error(self, what: str) -> SimError:
         """A mistake in this object, with its address."""
         return SimError(f"{self.where}: {what}")
-
-    def _field(self, key: str, default: Any) -> Any:
-        self._asked.append(key)
-        if key in self._data:
-            return self._data[key]
-        if default is None:
-            hint = did_you_mean(key, self._data)
-            tail = f": {hint.strip()}" if hint else ""
-            raise self.error(f"'{key}' is missing{tail}")
-        return default
 
     def _inner(self, step: str) -> str:
         return f"{self.where}.{step}" if ": " in self.where else f"{self.where}: {step}"
@@ -150,11 +106,3 @@ def read_record(path: Path, what: str) -> JsonRecord:
     if not isinstance(data, dict):
         raise SimError(f"{path}: {what} is a JSON object {{…}}, and this is something else")
     return JsonRecord(data, str(path))
-
-
-def _is_row(value: object, length: int) -> bool:
-    return isinstance(value, list) and len(value) == length and all(map(_is_number, value))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -9,9 +9,10 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from btcore_robot.field_reader import did_you_mean
 from btcore_robot.rigid_transform import Quaternion, Transform
 from btcore_robot.robot import TransformStamped
-from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.errors import SimError
 from btcore_sim.robot_description import FixedFrame, Point, RobotDescription
 
 FOOTPRINT = "base_footprint"

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Sequence
 
+from btcore_robot.field_reader import did_you_mean
 from btcore_robot.rigid_transform import Quaternion, Vector
 from btcore_robot.robot import Pose2D
-from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import RobotDescription
 from btcore_sim.world import FLOOR, GROUND_LINK, HULL, MOVABLE, STATIC, World

@@ -22,8 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
+from btcore_robot.field_reader import did_you_mean
 from btcore_robot.robot import Pose2D
-from btcore_sim.errors import SimError, did_you_mean
+from btcore_sim.errors import SimError
 from btcore_sim.json_records import JsonRecord, read_record
 
 SCENES = Path(__file__).parent / "scenes"
@@ -172,7 +173,7 @@ def _scene(record: JsonRecord, name: str) -> Scene:
         pose=pose,
         floor=record.color("floor", "#8d9297"),
         waypoints=record.points("waypoints"),
-        keepout=tuple(map(_rectangle, record.rows("keepout", 4))),
+        keepout=tuple(map(_rectangle, record.rows("keepout", 4, []))),
         physics_rate=record.whole("physics_rate", PHYSICS_RATE),
     )
     for x0, y0, x1, y1 in scene.keepout:

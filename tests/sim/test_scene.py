@@ -175,7 +175,7 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
             r"'waypoints' is \[\[0, 0\]\], and an object of points \[x, y\] is expected",
         ),
         ({"waypoints": {"wp1": [0]}}, r"waypoints: 'wp1' is \[0\], and a list of 2 numbers is expected"),
-        ({"keepout": [[0, 0, 1]]}, r"'keepout' is .* a list of \[4 numbers\] is expected"),
+        ({"keepout": [[0, 0, 1]]}, r"'keepout' is .* a list of lists of 4 numbers is expected"),
         ({"keepout": [[1, 0, 0, 1]]}, r"'keepout' has \[1, 0, 0, 1\], and x and y from, then x and y to"),
         ({"physics_rate": 0}, "'physics_rate' is 0, and a whole number of at least 1 is expected"),
     ],

@@ -5,7 +5,7 @@ from typing import Final
 
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
-from btcore.xml.read.tinyxml2_compat import ATTRIBUTE, iter_markup
+from btcore.xml.read.tinyxml2_compat import find_attribute, iter_markup, value_span
 
 _IN_VALUE: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 
@@ -61,9 +61,8 @@ class Rewriter:
     def set_attribute(self, element: Element, attribute: str, text: str) -> None:
         """Write another value; the quotes stay as they are."""
         found = self._attribute(element, attribute)
-        group = 2 if found[2] is not None else 3
-        quote = '"' if group == 2 else "'"
-        self._edits.append((found.start(group), found.end(group), escape_value(text, quote)))
+        start, end = value_span(found)
+        self._edits.append((start, end, escape_value(text, self._source[end])))
 
     def rename_attribute(self, element: Element, attribute: str, name: str) -> None:
         """Call an attribute *name*."""
@@ -79,11 +78,10 @@ class Rewriter:
         self._edits.append((start, found.end(), ""))
 
     def _attribute(self, element: Element, name: str) -> re.Match[str]:
-        tag = self._tag(element)
-        for found in ATTRIBUTE.finditer(self._source, tag.start(2), tag.end(2)):
-            if found[1] == name:
-                return found
-        raise KeyError(name)
+        found = find_attribute(self._tag(element), name)
+        if found is None:
+            raise KeyError(name)
+        return found
 
     def text(self) -> str:
         """The document with all changes made."""

@@ -4,7 +4,7 @@ import re
 from typing import Final, Literal, NamedTuple
 
 from btcore.xml.read.element import Element
-from btcore.xml.read.tinyxml2_compat import ATTRIBUTE, REFERENCE, iter_start_tags
+from btcore.xml.read.tinyxml2_compat import REFERENCE, find_attribute, iter_start_tags, value_span
 
 ElementPart = Literal["tag", "name", "value"]
 _LINE: Final = re.compile(r"[^\r\n]*")
@@ -95,14 +95,12 @@ class SourceMap:
         start, end = tag.start(), tag.end(1)
         if self._text[end] == ">":
             end += 1
-        for found in ATTRIBUTE.finditer(self._text, tag.start(2), tag.end(2)) if attribute else ():
-            if found[1] == attribute:
-                group = 1 if part != "value" else 2 if found[2] is not None else 3
-                start, end = found.start(group), found.end(group)
-                if within and part == "value":
-                    start = _character(self._text, start, end, within)
-                    end = start + 1
-                elif start == end:  # an empty value: show its quotes
-                    start, end = start - 1, end + 1
-                break
+        found = find_attribute(tag, attribute) if attribute else None
+        if found is not None:
+            start, end = value_span(found) if part == "value" else found.span(1)
+            if within and part == "value":
+                start = _character(self._text, start, end, within)
+                end = start + 1
+            elif start == end:  # an empty value: show its quotes
+                start, end = start - 1, end + 1
         return span_at(self._text, start, end - start, self._sources)

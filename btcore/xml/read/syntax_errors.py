@@ -8,7 +8,7 @@ from lxml import etree
 from btcore.diagnostic_codes import NOT_XML
 from btcore.errors import Diagnostic
 from btcore.xml.read.positions import span_at
-from btcore.xml.read.tinyxml2_compat import EscapedText, iter_markup
+from btcore.xml.read.tinyxml2_compat import OPEN_TAG, EscapedText, iter_markup
 
 EXAMPLE: Final = 'a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>'
 
@@ -154,7 +154,7 @@ def _unbalanced(text: str) -> tuple[int, int, str, str] | None:
 
 def _broken_tag(text: str, at: int) -> tuple[int, int, str, str] | None:
     """A ``<`` that begins no whole tag; None where the parser's own words are better."""
-    name = re.compile(r"<[^\s<>/!?=\"'&]+").match(text, at)
+    name = OPEN_TAG.match(text, at)
     if name is None:
         return None
     width = len(name[0])

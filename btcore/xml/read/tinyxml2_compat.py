@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 # Names as tinyxml2 takes them: whatever is not punctuation of a tag.
 _NAME: Final = r"[^\s<>/!?=\"'&]+"
 START_TAG: Final = re.compile(rf"<({_NAME})((?:[^\"'<>]|\"[^\"]*\"|'[^']*')*+)>")
+OPEN_TAG: Final = re.compile(rf"<{_NAME}")
 ATTRIBUTE: Final = re.compile(rf"({_NAME})\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 
 _REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9a-fA-F]{1,6});"
@@ -91,10 +92,19 @@ def iter_start_tags(text: str) -> Iterator[re.Match[str]]:
 
 def iter_attribute_values(tag: re.Match[str]) -> Iterator[tuple[str, int, int]]:
     """The attributes of a start tag: name, and where its value starts and ends in the text."""
-    text = tag.string
-    for attribute in ATTRIBUTE.finditer(text, tag.start(2), tag.end(2)):
-        group = 2 if attribute[2] is not None else 3
-        yield attribute[1], attribute.start(group), attribute.end(group)
+    for attribute in ATTRIBUTE.finditer(tag.string, *tag.span(2)):
+        yield attribute[1], *value_span(attribute)
+
+
+def find_attribute(tag: re.Match[str], name: str) -> re.Match[str] | None:
+    """Return the match of :data:`ATTRIBUTE` for the attribute *name* of a start tag, if there is one."""
+    found = ATTRIBUTE.finditer(tag.string, *tag.span(2))
+    return next((attribute for attribute in found if attribute[1] == name), None)
+
+
+def value_span(attribute: re.Match[str]) -> tuple[int, int]:
+    """Return the start and the end of an attribute's value, without the quotes."""
+    return attribute.span(2 if attribute[2] is not None else 3)
 
 
 def has_one_line_tags(text: str) -> bool:

@@ -159,9 +159,7 @@ def load_map(path: Path) -> OccupancyMap:
         raise entries.mistake(
             "origin", f"turns the map by {origin[2]:g} rad, and maps lie along the axes here: turn the image"
         )
-    mode = entries.text("mode", "trinary")
-    if mode not in _MODES:
-        raise entries.mistake("mode", f"is '{mode}': {entries.near(mode, _MODES)}it is trinary, scale or raw")
+    mode = entries.text("mode", "trinary", among=_MODES)
     negate = entries.flag("negate", False)
     occupied = entries.number("occupied_thresh", OCCUPIED_THRESHOLD)
     free = entries.number("free_thresh", FREE_THRESHOLD)
