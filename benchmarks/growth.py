@@ -23,7 +23,6 @@ from random import Random
 import btcore
 from btcore import Blackboard, Builder, Registry, Tree
 from btcore.tree.tree import MAX_NODES
-from btcore.xml.plan.document_checks import MAX_NODES
 from measure.benchmark_trees import Succeed
 from measure.memory import bytes_kept
 from measure.paired_timing import SLICE, Measured, Spread, Work, measure
