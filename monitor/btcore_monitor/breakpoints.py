@@ -17,13 +17,13 @@ import time
 from collections.abc import Iterable
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from types import TracebackType
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from btcore_monitor.errors import MonitorError
+from btcore_monitor.closeable import Closeable
 from btcore_monitor.events import STATUS_NAMES, ObservedNode, ObservedTree
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
@@ -90,7 +90,7 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
     raise BreakpointError(f"the tree has no node '{pattern}'{hint}")
 
 
-class BreakpointClient:
+class BreakpointClient(Closeable):
     """Control of the robot at *address*; use it from one thread, and close it, or use ``with``.
 
     The robot may come *timeout* s later. Raises :class:`BreakpointError`, as every method does: no robot
@@ -352,17 +352,6 @@ class BreakpointClient:
         self._client.close()
         self._notices.close(linger=0)
         self._context.term()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class _HookGoneError(BreakpointError):

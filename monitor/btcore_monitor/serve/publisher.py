@@ -10,12 +10,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 import zmq
 
 from btcore.tree.tree import Tree
+from btcore_monitor.closeable import Closeable
 from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
 from btcore_monitor.serve.request_socket import RequestSocket
@@ -39,7 +39,7 @@ _LIVE_AT_MOST: Final = 2_000
 _log = logging.getLogger("monitor")
 
 
-class Publisher:
+class Publisher(Closeable):
     """Publishes one tree until closed. Made by :func:`btcore_monitor.serve.serve`; a context manager."""
 
     def __init__(
@@ -176,17 +176,6 @@ class Publisher:
         finally:
             self._stop.set()
             self._thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # what follows runs on the publisher's thread
 

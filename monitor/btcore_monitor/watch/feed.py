@@ -10,11 +10,11 @@ The robot may be there already, come later, go, and come back with another tree.
 import threading
 import time
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 import zmq
 
+from btcore_monitor.closeable import Closeable
 from btcore_monitor.events import (
     BlackboardSeen,
     ConnectionChanged,
@@ -55,7 +55,7 @@ _STEP: Final = 0.2
 _LOOK_EVERY: Final = 0.05
 
 
-class Feed:
+class Feed(Closeable):
     """Events of the robot at *address*, in order; use it from one thread (but for :meth:`stop`).
 
     *blackboard_rate* (Hz) is how often a robot without scene channel is asked for its
@@ -117,17 +117,6 @@ class Feed:
         self._sampled.leave()
         self._groot2.close()
         self._leave_groot1()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _gather(self) -> list[Event]:
         events: list[Event] = []

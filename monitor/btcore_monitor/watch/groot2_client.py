@@ -3,9 +3,9 @@
 import random
 import time
 from collections.abc import Iterable
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
+from btcore_monitor.closeable import Closeable
 from btcore_monitor.events import ObservedTree
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.protocol_detection import check_speaks_groot2
@@ -29,7 +29,7 @@ from btcore_monitor.wire.msgpack_values import decode_boards
 __all__ = ["TIMEOUT", "Groot2Client", "NoReplyError", "Socket"]
 
 
-class Groot2Client:
+class Groot2Client(Closeable):
     """A client of one robot; use it from one thread. Closing it, or ``with``, frees the socket."""
 
     def __init__(self, address: Address, timeout: float = TIMEOUT, patience: float = 0.0) -> None:
@@ -143,14 +143,3 @@ class Groot2Client:
     def close(self) -> None:
         """Free the socket."""
         self._client.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

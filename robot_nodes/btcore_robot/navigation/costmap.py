@@ -24,7 +24,7 @@ from btcore_robot.navigation.costmap_layers import (
     draw_keepouts,
     static_costs,
 )
-from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
+from btcore_robot.navigation.occupancy_map import Grid, OccupancyMap, Rectangle
 from btcore_robot.robot import LaserScan, Pose2D
 
 __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Costmap", "GlobalCostmap", "LocalCostmap"]
@@ -32,7 +32,7 @@ __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Costmap", "GlobalCostmap",
 _NOWHERE = GridWindow(0, 0, 0, 0)
 
 
-class Costmap:
+class Costmap(Grid):
     """Costs on a grid.
 
     *costs* is uint8 of shape ``(height, width)``, row 0 with the lowest y; *resolution* (m) is a cell's
@@ -50,20 +50,6 @@ class Costmap:
         self.origin = origin
         self.frame = frame
         self.version = 0
-
-    def cell(self, x: float, y: float) -> tuple[int, int]:
-        """The row and column of the point *x*, *y* (m), counted on beyond the edges."""
-        return (
-            math.floor((y - self.origin[1]) / self.resolution),
-            math.floor((x - self.origin[0]) / self.resolution),
-        )
-
-    def center(self, row: int, col: int) -> tuple[float, float]:
-        """The x and y (m) of a cell's middle."""
-        return (
-            self.origin[0] + (col + 0.5) * self.resolution,
-            self.origin[1] + (row + 0.5) * self.resolution,
-        )
 
     def inside(self, x: float, y: float) -> bool:
         """Whether the point *x*, *y* (m) is on the grid."""

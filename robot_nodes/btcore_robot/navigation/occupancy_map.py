@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from btcore_robot.navigation.map_yaml import Entries, MapError, read_entries
 
-__all__ = ["MapError", "OccupancyMap", "Rectangle", "load_map", "save_map"]
+__all__ = ["Grid", "MapError", "OccupancyMap", "Rectangle", "load_map", "save_map"]
 
 Rectangle = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax (m) in the frame map."""
@@ -44,8 +44,30 @@ _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 
 
+class Grid:
+    """Square cells with a side of *resolution* (m); *origin* (m) is the first cell's lower-left corner."""
+
+    __slots__ = ()
+    resolution: float
+    origin: tuple[float, float]
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """The row and column of the point *x*, *y* (m), counted on beyond the edges."""
+        return (
+            math.floor((y - self.origin[1]) / self.resolution),
+            math.floor((x - self.origin[0]) / self.resolution),
+        )
+
+    def center(self, row: int, col: int) -> tuple[float, float]:
+        """The x and y (m) of a cell's middle."""
+        return (
+            self.origin[0] + (col + 0.5) * self.resolution,
+            self.origin[1] + (row + 0.5) * self.resolution,
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class OccupancyMap:
+class OccupancyMap(Grid):
     """What is where on a floor, in square cells.
 
     *cells* is int8 of shape ``(height, width)``: 0 free, 100 occupied, between them a likelihood in percent,
@@ -97,20 +119,6 @@ class OccupancyMap:
         """Of which cells nothing is known (-1), shape ``(height, width)``."""
         mask: NDArray[np.bool_] = self.cells == -1
         return mask
-
-    def cell(self, x: float, y: float) -> tuple[int, int]:
-        """The row and column of the point *x*, *y* (m), counted on beyond the edges."""
-        return (
-            math.floor((y - self.origin[1]) / self.resolution),
-            math.floor((x - self.origin[0]) / self.resolution),
-        )
-
-    def center(self, row: int, col: int) -> tuple[float, float]:
-        """The x and y (m) of a cell's middle."""
-        return (
-            self.origin[0] + (col + 0.5) * self.resolution,
-            self.origin[1] + (row + 0.5) * self.resolution,
-        )
 
     def inside(self, x: float, y: float) -> bool:
         """Whether the point *x*, *y* (m) is on the map."""

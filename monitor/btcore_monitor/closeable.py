@@ -1,0 +1,18 @@
+"""A base class of everything that is closed at the end of a ``with`` statement."""
+
+from abc import ABC, abstractmethod
+from typing import Self
+
+
+class Closeable(ABC):
+    """Closes itself at the end of a ``with`` statement."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release all resources."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
