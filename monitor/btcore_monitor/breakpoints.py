@@ -22,8 +22,8 @@ from typing import Final, NamedTuple
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from btcore_monitor.errors import MonitorError
 from btcore_monitor.closeable import Closeable
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import STATUS_NAMES, ObservedNode, ObservedTree
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError

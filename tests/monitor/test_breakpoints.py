@@ -69,8 +69,7 @@ def robot() -> Iterator[Robot]:
 
 
 def command(*arguments: str) -> list[str]:
-    start = "import sys; from btcore_monitor.commands.hook import hook; sys.argv[0] = 'hook'; hook()"
-    return [sys.executable, "-c", start, *arguments]
+    return [sys.executable, "-m", "btcore", "hook", *arguments]
 
 
 def hook(*arguments: str) -> subprocess.CompletedProcess[str]:
