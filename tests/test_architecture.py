@@ -11,7 +11,13 @@ import btcore
 from btcore_robot.robot import Robot
 
 ROOT = Path(__file__).parent.parent
-PARENTS = {"btcore": ".", "btcore_monitor": "monitor", "btcore_robot": "robot_nodes", "btcore_sim": "sim"}
+PARENTS = {
+    "btcore": ".",
+    "btcore_monitor": "monitor",
+    "btcore_robot": "robot_nodes",
+    "btcore_scene": "monitor",
+    "btcore_sim": "sim",
+}
 # The engine's rooms from the ground floor up: a file imports from its own line and from those above it.
 LAYERS = (
     {"status", "errors", "diagnostic_codes", "clock", "names", "suggestions", "builds", "flatbuffer"},
@@ -109,7 +115,7 @@ def layer(module: str) -> int:
     return places[0]
 
 
-@pytest.mark.parametrize("stranger", ["btcore_monitor", "btcore_robot", "btcore_sim"])
+@pytest.mark.parametrize("stranger", ["btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"])
 def test_the_engine_does_not_know_the_packages_around_it(stranger: str) -> None:
     assert offenders("btcore", stranger) == []
 
@@ -126,6 +132,10 @@ def test_the_monitors_client_side_knows_nothing_of_the_engine() -> None:
     assert {edge.split(" → ")[1] for edge in reached} <= {"btcore.flatbuffer"}
     assert {name.split(".")[0] for name in imports("btcore.flatbuffer")} <= sys.stdlib_module_names
     assert offenders("btcore_monitor", "btcore_robot") + offenders("btcore_monitor", "btcore_sim") == []
+
+
+def test_the_messages_of_a_scene_need_only_the_standard_library() -> None:
+    assert {name.split(".")[0] for name in imports("btcore_scene")} <= set(sys.stdlib_module_names)
 
 
 MAP = "btcore_robot.navigation.occupancy_map"

@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
-PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_sim"}
+PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"}
 
 
 def test_every_package_of_the_checkout_is_installed_and_named_btcore() -> None:

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
+from btcore_scene import MovingScene, StaticScene
+
 Kind = Literal["action", "condition", "control", "decorator", "subtree"]
 """The family of a node."""
 
@@ -162,18 +164,18 @@ class BlackboardSeen:
 
 @dataclass(frozen=True, slots=True)
 class SceneStatic:
-    """What stands still around the robot, and its parts' shapes: ``frame``, ``parts``, ``laser``, …"""
+    """What does not change during a run."""
 
-    data: Mapping[str, Any]
+    data: StaticScene
 
 
 @dataclass(frozen=True, slots=True)
 class SceneMoving:
-    """What moved: ``frames`` (child, parent, position in m, quaternion xyzw), ``scan``, ``velocity``, …"""
+    """What moved or changed."""
 
     t: int
     wall: int
-    data: Mapping[str, Any]
+    data: MovingScene
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 import logging
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from btcore_robot.robot import (
     CMD_VEL,
@@ -25,6 +24,7 @@ from btcore_robot.robot import (
     Twist2D,
 )
 from btcore_robot.schedule import SimulatedTime
+from btcore_scene import Frame, MovingScene, StaticScene
 from btcore_sim import scene_data
 from btcore_sim.battery import FULL, BatteryModel
 from btcore_sim.camera import Camera, CameraSettings
@@ -128,7 +128,7 @@ class SimulatedRobot(Robot):
         if mounts:
             self._sense_sonars(0)
             every(self.description.sonar_rate, Phase.SENSORS, self._sense_sonars)
-        self._eye: list[list[Any]] = []
+        self._eye: list[Frame] = []
         self._shown = -1
         world.around_steps(self._before_step, self._after_step)
 
@@ -258,43 +258,43 @@ class SimulatedRobot(Robot):
         """The velocity (m/s, rad/s) that the wheels are asked for now."""
         return self._base.twist.v, self._base.twist.w
 
-    def scene_static(self) -> dict[str, Any]:
-        """The shapes of world and robot, the sensors' geometry, named places, as plain data."""
+    def scene_static(self) -> StaticScene:
+        """Return the shapes of world and robot, the sensors' geometry, and named places."""
         self._shown = -1
-        static: dict[str, Any] = {
-            "frame": "map",
-            "parts": scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
-            "laser": scene_data.laser_data(self.laser),
-            "places": scene_data.waypoint_data(self.world),
-            "footprint_radius": self.base.radius,
-            "battery": self.cells.level,
-        }
-        if self.camera_info is not None:
-            static["cameras"] = [scene_data.camera_data(self.camera_info)]
-            self._eye = scene_data.frame_chain(self.camera_info.frame, self.frames(), self.model.links)
-        return static
+        lens = self.camera_info
+        if lens is not None:
+            self._eye = scene_data.frame_chain(lens.frame, self.frames(), self.model.links)
+        return StaticScene(
+            frame="map",
+            parts=scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
+            laser=scene_data.laser_data(self.laser),
+            places=scene_data.waypoint_data(self.world),
+            footprint_radius=self.base.radius,
+            battery=self.cells.level,
+            cameras=() if lens is None else [scene_data.camera_data(lens)],
+        )
 
-    def scene_moving(self) -> dict[str, Any]:
-        """Every frame now, the newest scan, velocity, battery and contacts, as plain data.
+    def scene_moving(self) -> MovingScene:
+        """Return every frame now, the newest scan, velocity, battery and contacts.
 
-        A picture is among it when somebody had one taken since the last call.
+        The newest picture is included if it was taken since the last call.
         """
         twist = self._odometry.twist
-        moving: dict[str, Any] = {
-            "stamp": self.world.now(),
-            "frames": scene_data.frames(self.world, self.model) + self._eye,
-            "velocity": [twist.v, twist.w],
-            "battery": self.cells.level,
-            "collisions": self.contacts.collisions,
-            "grazes": self.contacts.grazes,
-        }
-        if self._scan is not None:
-            moving["scan"] = scene_data.scan_data(self._scan)
         picture = self._camera.newest if self._camera is not None else None
-        if picture is not None and picture.stamp != self._shown:
+        if picture is not None and picture.stamp == self._shown:
+            picture = None
+        elif picture is not None:
             self._shown = picture.stamp
-            moving["pictures"] = [scene_data.picture_data(picture)]
-        return moving
+        return MovingScene(
+            stamp=self.world.now(),
+            frames=scene_data.frames(self.world, self.model) + self._eye,
+            velocity=(twist.v, twist.w),
+            battery=self.cells.level,
+            collisions=self.contacts.collisions,
+            grazes=self.contacts.grazes,
+            scan=None if self._scan is None else scene_data.scan_data(self._scan),
+            pictures=() if picture is None else [scene_data.picture_data(picture)],
+        )
 
     def _before_step(self, now: int) -> None:
         self._obey(now)

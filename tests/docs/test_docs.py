@@ -37,7 +37,7 @@ NEEDS = {
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
     "protocols": ("zmq", "msgpack"),
-    "your-robot": ("numpy", "cv2", "scipy", "yaml"),
+    "your-robot": ("numpy", "cv2", "scipy", "yaml", "zmq", "msgpack"),
     "mapping": BOOK_NEEDS,
     "navigation": BOOK_NEEDS,
     "patrolling": BOOK_NEEDS,

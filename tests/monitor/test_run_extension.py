@@ -90,10 +90,12 @@ def test_no_transition_of_a_thousand_ticks_is_missing_for_a_viewer_that_waited(f
     assert numbers == list(range(1, len(numbers) + 1))
     assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 1001))
     assert not [event for event in events if isinstance(event, TransitionsLost)]
-    assert next(event.data for event in events if isinstance(event, SceneStatic))["frame"] == "map"
+    assert next(event.data for event in events if isinstance(event, SceneStatic)).frame == "map"
     moving = [event.data for event in events if isinstance(event, SceneMoving)]
     assert len(moving) > 900
-    assert {"frames", "scan", "velocity"} <= moving[-1].keys()
+    assert moving[-1].frames
+    assert moving[-1].scan is not None
+    assert moving[-1].velocity is not None
     assert isinstance(events[-1], ConnectionChanged)
     assert events[-1].state == "ended"
 

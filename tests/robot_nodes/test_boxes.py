@@ -15,6 +15,7 @@ from btcore_robot.perception.object_locator import ObjectLocator
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import CameraImage, CameraInfo, Phase
 from btcore_robot.transforms import FrameBroadcaster, Transform, TransformTree
+from btcore_scene import MovingScene
 from btcore_sim.camera import CameraSettings
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import Scene, load_scene
@@ -148,15 +149,13 @@ def test_it_looks_only_while_it_is_active(body: SimulatedRobot, locator: ObjectL
     locator.activate()
     wait(body, 0.6)
     assert locator.boxes
-    told = locator.scene_moving()["boxes"]
-    assert [(one["position"], one["size"]) for one in told] == [
-        (list(box.centre), list(box.size)) for box in locator.boxes
-    ]
-    assert {one["frame"] for one in told} == {"odom"}
+    told = locator.scene_moving().boxes
+    assert [(one.position, one.size) for one in told] == [(box.centre, box.size) for box in locator.boxes]
+    assert {one.frame for one in told} == {"odom"}
     locator.deactivate()
     wait(body, 0.6)
     assert locator.boxes == ()
-    assert locator.scene_moving() == {"boxes": []}
+    assert locator.scene_moving() == MovingScene(boxes=[])
 
 
 def test_with_the_navigation_boxes_are_told_in_the_map(body: SimulatedRobot):

@@ -15,47 +15,47 @@ def test_a_picture_is_told_once_and_only_if_somebody_had_it_taken(robot_at, stee
     body = robot_at(camera=CAMERA)
     body.scene_static()
     steer(body, 0.5, (0.0, 0.0))
-    assert "pictures" not in body.scene_moving()
+    assert not body.scene_moving().pictures
     assert body._camera.newest is None
 
     picture = body.camera()
-    told = body.scene_moving()["pictures"]
-    assert [(one["name"], one["size"], one["format"], one["stamp"]) for one in told] == [
-        ("camera", [64, 48], "rgb8", picture.stamp)
+    told = body.scene_moving().pictures
+    assert [(one.name, one.size, one.format, one.stamp) for one in told] == [
+        ("camera", (64, 48), "rgb8", picture.stamp)
     ]
-    assert np.frombuffer(told[0]["data"], np.uint8).reshape(48, 64, 3).tolist() == picture.rgb.tolist()
-    assert "pictures" not in body.scene_moving()
+    assert np.frombuffer(told[0].data, np.uint8).reshape(48, 64, 3).tolist() == picture.rgb.tolist()
+    assert not body.scene_moving().pictures
     body.scene_static()
-    assert "pictures" in body.scene_moving()
+    assert body.scene_moving().pictures
 
 
 def test_the_camera_hangs_on_the_head(robot_at, steer):
     body = robot_at(camera=CAMERA)
-    (camera,) = body.scene_static()["cameras"]
-    assert camera["size"] == [64, 48]
-    assert camera["focal"] == [body.camera_info.fx, body.camera_info.fy]
-    frames = {child: parent for child, parent, *_ in body.scene_moving()["frames"]}
-    way = [camera["frame"]]
+    (camera,) = body.scene_static().cameras
+    assert camera.size == (64, 48)
+    assert camera.focal == (body.camera_info.fx, body.camera_info.fy)
+    frames = {child: parent for child, parent, *_ in body.scene_moving().frames}
+    way = [camera.frame]
     while way[-1] in frames:
         way.append(frames[way[-1]])
     assert "head_2_link" in way
     assert way[-1] == "map"
-    assert len(frames) == len(body.scene_moving()["frames"])
-    assert "cameras" not in robot_at().scene_static()
+    assert len(frames) == len(body.scene_moving().frames)
+    assert not robot_at().scene_static().cameras
 
 
 def test_the_battery_is_told_as_it_drains(robot_at, steer):
     body = robot_at(battery=60.0)
-    assert body.scene_static()["battery"] == pytest.approx(60.0)
+    assert body.scene_static().battery == pytest.approx(60.0)
     steer(body, 10.0, (0.3, 0.0))
-    told = body.scene_moving()["battery"]
+    told = body.scene_moving().battery
     assert told == body.battery().level
     assert told < 59.0
 
 
 def test_a_worlds_places_are_told_by_name():
     world = World(load_scene("house"), seed=1)
-    places = {one["name"]: one["position"] for one in SimulatedRobot(world).scene_static()["places"]}
+    places = {one.name: one.position for one in SimulatedRobot(world).scene_static().places}
     world.close()
     assert sorted(places) == ["recharge", "wp1", "wp2", "wp3"]
-    assert places["wp1"] == [1.07, -12.38, 0.0]
+    assert places["wp1"] == (1.07, -12.38, 0.0)

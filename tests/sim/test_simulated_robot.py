@@ -188,18 +188,18 @@ def test_the_scene_tells_shapes_once_and_poses_again_and_again(robot_at, steer, 
         box(1.0, 2.0, (0.5, 0.4, 0.3), yaw=0.5), box(3.0, 0.0, (0.3, 0.3, 0.3), mass=1.0, name="crate")
     )
     static = body.scene_static()
-    parts = {part["name"]: part for part in static["parts"]}
-    assert parts["test/box"]["position"] == [1.0, 2.0, 0.15]
-    assert parts["test/box"]["quaternion"] == pytest.approx([0.0, 0.0, math.sin(0.25), math.cos(0.25)])
-    assert parts["test/crate"]["frame"] == "crate"
-    assert static["laser"]["frame"] == "base_laser_link"
+    parts = {part.name: part for part in static.parts}
+    assert parts["test/box"].position == (1.0, 2.0, 0.15)
+    assert parts["test/box"].quaternion == pytest.approx([0.0, 0.0, math.sin(0.25), math.cos(0.25)])
+    assert parts["test/crate"].frame == "crate"
+    assert static.laser.frame == "base_laser_link"
     steer(body, 2.0, (0.2, 0.0))
     moving = body.scene_moving()
-    frames = {frame[0]: frame for frame in moving["frames"]}
+    frames = {frame[0]: frame for frame in moving.frames}
     assert frames["base_link"][2][0] == pytest.approx(body.true_pose().x)
     assert frames["crate"][2] == pytest.approx([3.0, 0.0, 0.15], abs=0.005)
-    assert {part["frame"] for part in static["parts"]} - {"map"} <= set(frames)
-    assert moving["stamp"] == moving["scan"]["stamp"] == 2 * SECOND
-    assert np.frombuffer(moving["scan"]["ranges"], "<f4") == pytest.approx(body.scan().ranges)
-    assert moving["velocity"] == pytest.approx([0.2, 0.0], abs=0.01)
-    assert (moving["collisions"], moving["grazes"]) == (0, 0)
+    assert {part.frame for part in static.parts} - {"map"} <= set(frames)
+    assert moving.stamp == moving.scan.stamp == 2 * SECOND
+    assert np.frombuffer(moving.scan.ranges, "<f4") == pytest.approx(body.scan().ranges)
+    assert moving.velocity == pytest.approx([0.2, 0.0], abs=0.01)
+    assert (moving.collisions, moving.grazes) == (0, 0)

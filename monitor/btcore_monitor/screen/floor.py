@@ -1,6 +1,6 @@
 """What lies on the floor of a scene: maps, costmaps, places with names, and where to keep out of."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_monitor.screen.style import Palette
+from btcore_scene import Grid, MovingScene, StaticScene
 
 GRIDS: Final = "grids"
 PLACES: Final = "places"
@@ -56,67 +57,66 @@ class Floor:
         self._rows = rows
         self._palette = palette
         self._origin = origin
-        self._grids: dict[str, Series[Mapping[str, Any]]] = {}
+        self._grids: dict[str, Series[Grid]] = {}
 
-    def static(self, t: int, wall: int, data: Mapping[str, Any], root: str) -> None:
+    def static(self, t: int, wall: int, data: StaticScene, root: str) -> None:
         """Draw what stands still, and grids as they are now; whatever names no frame is in *root*."""
         log = self._rows.log
-        places = data.get("places", ())
+        places = data.places
         if places:
             points = rr.Points3D(
-                [place["position"] for place in places],
-                labels=[place["name"] for place in places],
+                [place.position for place in places],
+                labels=[place.name for place in places],
                 colors=np.full(len(places), self._palette.text, dtype=np.uint32),
                 radii=[0.06],
                 show_labels=True,
             )
             log(f"{self._origin}/{PLACES}", self._rows.in_frame(root), points, static=True)
-        areas = data.get("areas", ())
-        if areas:
-            strips = [strip for area in areas for strip in _hatched(*area["corners"])]
+        if data.areas:
+            strips = [strip for area in data.areas for strip in _hatched(*area.corners)]
             drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
             log(f"{self._origin}/{AREAS}", self._rows.in_frame(root), drawn, static=True)
         # Not as static data, which would hide what comes later.
         self.moving(t, wall, data, root)
 
-    def moving(self, t: int, wall: int, data: Mapping[str, Any], root: str) -> None:
+    def moving(self, t: int, wall: int, data: StaticScene | MovingScene, root: str) -> None:
         """Grids that changed."""
-        for grid in data.get("grids", ()):
+        for grid in data.grids:
             self._known(grid, root).add(t, wall, grid)
 
-    def _known(self, grid: Mapping[str, Any], root: str) -> Series[Mapping[str, Any]]:
-        known = self._grids.get(grid["name"])
+    def _known(self, grid: Grid, root: str) -> Series[Grid]:
+        known = self._grids.get(grid.name)
         if known is None:
-            entity = f"{self._origin}/{GRIDS}/{grid['name']}"
-            height = _LAYERS[grid["kind"]] + _STEP * len(self._grids)
+            entity = f"{self._origin}/{GRIDS}/{grid.name}"
+            height = _LAYERS[grid.kind] + _STEP * len(self._grids)
 
-            def columns(grids: list[Mapping[str, Any]]) -> Iterable[Any]:
+            def columns(grids: list[Grid]) -> Iterable[Any]:
                 return _columns(grids, height)
 
-            known = self._grids[grid["name"]] = self._rows.series(entity, columns)
-            frame = self._rows.in_frame(grid.get("frame", root))
+            known = self._grids[grid.name] = self._rows.series(entity, columns)
+            frame = self._rows.in_frame(grid.frame or root)
             self._rows.log(entity, frame, static=True)
         return known
 
 
-def image(grid: Mapping[str, Any]) -> Rgba:
+def image(grid: Grid) -> Rgba:
     """The colours of a grid's cells, the highest row first, shape ``(rows, columns, 4)``."""
-    width, height = grid["size"]
-    cells = np.frombuffer(grid["cells"], dtype=np.uint8).reshape(height, width)
-    return _COLOURS[grid["kind"]][cells[::-1]]
+    width, height = grid.size
+    cells = np.frombuffer(grid.cells, dtype=np.uint8).reshape(height, width)
+    return _COLOURS[grid.kind][cells[::-1]]
 
 
-def _format(grid: Mapping[str, Any]) -> rr.components.ImageFormat:
-    width, height = grid["size"]
+def _format(grid: Grid) -> rr.components.ImageFormat:
+    width, height = grid.size
     return rr.components.ImageFormat(width=width, height=height, color_model="RGBA", channel_datatype="U8")
 
 
-def _columns(grids: list[Mapping[str, Any]], height: float) -> Iterable[Any]:
+def _columns(grids: list[Grid], height: float) -> Iterable[Any]:
     return rr.GridMap.columns(
         data=[image(grid).tobytes() for grid in grids],
         format=[_format(grid) for grid in grids],
-        cell_size=[grid["resolution"] for grid in grids],
-        translation=[[*grid["origin"], height] for grid in grids],
+        cell_size=[grid.resolution for grid in grids],
+        translation=[[*grid.origin, height] for grid in grids],
         opacity=[_OPACITY] * len(grids),
     )
 

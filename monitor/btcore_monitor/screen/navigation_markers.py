@@ -9,6 +9,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_scene import UPRIGHT, Arrow, BoundingBox, MovingScene, Poses
 
 POSES: Final = "poses"
 ARROWS: Final = "arrows"
@@ -23,7 +24,7 @@ _BOX_COLOUR: Final = (255, 213, 74, 255)
 _ARROW: Final = 0.025
 _ARROW_COLOUR: Final = (255, 171, 51, 255)
 
-Poses = NDArray[np.float32]
+Rows = NDArray[np.float32]
 Strips = list[NDArray[np.float32]]
 
 
@@ -33,39 +34,39 @@ class PoseStyle:
 
     colour: int
     radius: float
-    strips: Callable[[Poses, float], Strips]
+    strips: Callable[[Rows, float], Strips]
 
 
-def _path(poses: Poses, footprint: float) -> Strips:
-    return [_lifted(poses[:, :2], 0.05)] if len(poses) > 1 else []
+def _path(rows: Rows, footprint: float) -> Strips:
+    return [_lifted(rows[:, :2], 0.05)] if len(rows) > 1 else []
 
 
-def _cloud(poses: Poses, footprint: float) -> Strips:
-    ends = poses[:, :2] + _PARTICLE * _ahead(poses)
-    return list(np.stack((_lifted(poses[:, :2], 0.045), _lifted(ends, 0.045)), axis=1))
+def _cloud(rows: Rows, footprint: float) -> Strips:
+    ends = rows[:, :2] + _PARTICLE * _ahead(rows)
+    return list(np.stack((_lifted(rows[:, :2], 0.045), _lifted(ends, 0.045)), axis=1))
 
 
-def _goal(poses: Poses, footprint: float) -> Strips:
-    poles = [np.array([[x, y, 0.0], [x, y, _GOAL_POLE]], dtype=np.float32) for x, y in poses[:, :2].tolist()]
-    return [*_rings(poses, _GOAL_RING, 0.06), *poles]
+def _goal(rows: Rows, footprint: float) -> Strips:
+    poles = [np.array([[x, y, 0.0], [x, y, _GOAL_POLE]], dtype=np.float32) for x, y in rows[:, :2].tolist()]
+    return [*_rings(rows, _GOAL_RING, 0.06), *poles]
 
 
-def _stance(poses: Poses, footprint: float) -> Strips:
-    return _rings(poses, footprint, 0.07)
+def _stance(rows: Rows, footprint: float) -> Strips:
+    return _rings(rows, footprint, 0.07)
 
 
-def _rings(poses: Poses, radius: float, z: float) -> Strips:
+def _rings(rows: Rows, radius: float, z: float) -> Strips:
     turn = np.linspace(0.0, 2 * np.pi, _RING + 1)
     circle = radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)
     found: Strips = []
-    for pose, ahead in zip(poses, _ahead(poses), strict=True):
+    for pose, ahead in zip(rows, _ahead(rows), strict=True):
         found.append(_lifted(pose[:2] + circle, z))
         found.append(_lifted(np.stack((pose[:2], pose[:2] + _NOSE * radius * ahead)), z))
     return found
 
 
-def _ahead(poses: Poses) -> Poses:
-    return np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
+def _ahead(rows: Rows) -> Rows:
+    return np.stack((np.cos(rows[:, 2]), np.sin(rows[:, 2])), axis=1)
 
 
 def _lifted(points: NDArray[np.floating], z: float) -> NDArray[np.float32]:
@@ -94,35 +95,35 @@ class NavigationMarkers:
         self._shown: dict[str, object] = {}
         self._box_entities: list[str] = []
 
-    def moving(self, t: int, wall: int, data: Mapping[str, Any], root: str) -> None:
+    def moving(self, t: int, wall: int, data: MovingScene, root: str) -> None:
         """Poses that changed, and all arrows that there are now."""
-        for poses in data.get("poses", ()):
+        for poses in data.poses:
             self._show_poses(t, wall, poses, root)
-        if "arrows" in data:
-            self._show_arrows(t, wall, {one["name"]: one for one in data["arrows"]}, root)
-        if "boxes" in data:
-            self._show_boxes(t, wall, data["boxes"], root)
+        if data.arrows is not None:
+            self._show_arrows(t, wall, {arrow.name: arrow for arrow in data.arrows}, root)
+        if data.boxes is not None:
+            self._show_boxes(t, wall, data.boxes, root)
 
-    def _show_poses(self, t: int, wall: int, poses: Mapping[str, Any], root: str) -> None:
-        entity = f"{self._origin}/{POSES}/{poses['name']}"
-        if self._shown.get(entity) == poses["rows"]:
+    def _show_poses(self, t: int, wall: int, poses: Poses, root: str) -> None:
+        entity = f"{self._origin}/{POSES}/{poses.name}"
+        if self._shown.get(entity) == poses.rows:
             return
-        self._shown[entity] = poses["rows"]
-        style = POSE_STYLES[poses["kind"]]
+        self._shown[entity] = poses.rows
+        style = POSE_STYLES[poses.kind]
         if entity not in self._series:
             self._series[entity] = self._rows.series(entity, _strips)
             lines = rr.LineStrips3D.from_fields(colors=[style.colour], radii=[style.radius])
             self._rows.log(entity, lines, static=True)
-        self._hang(entity, poses.get("frame", root))
-        rows = np.frombuffer(poses["rows"], dtype="<f4").reshape(-1, 3)
+        self._hang(entity, poses.frame or root)
+        rows = np.frombuffer(poses.rows, dtype="<f4").reshape(-1, 3)
         self._series[entity].add(t, wall, style.strips(rows, self.footprint))
 
-    def _show_arrows(self, t: int, wall: int, arrows: Mapping[str, Mapping[str, Any]], root: str) -> None:
+    def _show_arrows(self, t: int, wall: int, arrows: Mapping[str, Arrow], root: str) -> None:
         for name, arrow in arrows.items():
             entity = f"{self._origin}/{ARROWS}/{name}"
             if entity not in self._series:
                 self._series[entity] = self._rows.series(entity, _arrows)
-            self._hang(entity, arrow.get("frame", root))
+            self._hang(entity, arrow.frame or root)
         for entity, series in self._series.items():
             if entity.startswith(f"{self._origin}/{ARROWS}/"):
                 shown = arrows.get(entity.rsplit("/", 1)[1])
@@ -130,10 +131,10 @@ class NavigationMarkers:
                     self._shown[entity] = shown
                     series.add(t, wall, shown)
 
-    def _show_boxes(self, t: int, wall: int, boxes: Sequence[Mapping[str, Any]], root: str) -> None:
-        by_frame: dict[str, list[Mapping[str, Any]]] = {entity: [] for entity in self._box_entities}
+    def _show_boxes(self, t: int, wall: int, boxes: Sequence[BoundingBox], root: str) -> None:
+        by_frame: dict[str, list[BoundingBox]] = {entity: [] for entity in self._box_entities}
         for box in boxes:
-            frame = box.get("frame", root)
+            frame = box.frame or root
             entity = f"{self._origin}/{BOXES}/{frame}"
             by_frame.setdefault(entity, []).append(box)
             self._hang(entity, frame)
@@ -152,16 +153,16 @@ class NavigationMarkers:
             self._rows.log(entity, self._rows.in_frame(frame), static=True)
 
 
-def _boxes(values: list[Sequence[Mapping[str, Any]]]) -> Iterable[Any]:
+def _boxes(values: list[Sequence[BoundingBox]]) -> Iterable[Any]:
     there = [one for boxes in values for one in boxes]
-    turned = [one.get("quaternion", (0, 0, 0, 1)) for one in there]
+    turned = [one.quaternion or UPRIGHT for one in there]
     columns = rr.Boxes3D.columns(
-        centers=np.array([one["position"] for one in there], dtype=np.float32).reshape(-1, 3),
-        half_sizes=np.array([one["size"] for one in there], dtype=np.float32).reshape(-1, 3) / 2,
+        centers=np.array([one.position for one in there], dtype=np.float32).reshape(-1, 3),
+        half_sizes=np.array([one.size for one in there], dtype=np.float32).reshape(-1, 3) / 2,
         quaternions=np.array(turned, dtype=np.float32).reshape(-1, 4),
-        colors=np.array([one.get("color", _BOX_COLOUR) for one in there], dtype=np.uint8).reshape(-1, 4),
+        colors=np.array([one.color or _BOX_COLOUR for one in there], dtype=np.uint8).reshape(-1, 4),
         radii=np.full(len(there), _BOX_LINE, dtype=np.float32),
-        labels=[one["name"] for one in there],
+        labels=[one.name for one in there],
     )
     return columns.partition([len(boxes) for boxes in values])
 
@@ -171,11 +172,11 @@ def _strips(values: list[Strips]) -> Iterable[Any]:
     return rr.LineStrips3D.columns(strips=strips).partition([len(one) for one in values])
 
 
-def _arrows(values: list[Mapping[str, Any] | None]) -> Iterable[Any]:
+def _arrows(values: list[Arrow | None]) -> Iterable[Any]:
     there = [one for one in values if one is not None]
-    starts = np.array([one["start"] for one in there], dtype=np.float32).reshape(-1, 3)
-    ends = np.array([one["end"] for one in there], dtype=np.float32).reshape(-1, 3)
-    colours = np.array([one.get("color", _ARROW_COLOUR) for one in there], dtype=np.uint8).reshape(-1, 4)
+    starts = np.array([one.start for one in there], dtype=np.float32).reshape(-1, 3)
+    ends = np.array([one.end for one in there], dtype=np.float32).reshape(-1, 3)
+    colours = np.array([one.color or _ARROW_COLOUR for one in there], dtype=np.uint8).reshape(-1, 4)
     counts = [int(one is not None) for one in values]
     columns = rr.Arrows3D.columns(
         origins=starts, vectors=ends - starts, colors=colours, radii=[_ARROW] * len(there)

@@ -1,6 +1,6 @@
 """What runs now, in words."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -23,6 +23,7 @@ from btcore_monitor.screen.captions import distinct_names
 from btcore_monitor.screen.markdown_text import brief, escape_markdown
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_monitor.screen.tick_states import RESET_OFFSET, SHOWN_NAMES, TickStates
+from btcore_scene import MovingScene
 
 NOW: Final = "now"
 _NAMES_AT_MOST: Final = 4
@@ -67,11 +68,11 @@ class NowPanel:
         elif event.topic == "transitions":
             self._holes += 1
 
-    def moving(self, data: Mapping[str, Any]) -> None:
-        """Take what a SceneMoving's *data* says in words and counts."""
-        self._notes.update(data.get("notes", {}))
-        if "collisions" in data:
-            self._contacts = f"{data['collisions']} collisions · {data.get('grazes', 0)} grazes"
+    def moving(self, data: MovingScene) -> None:
+        """Take the notes and the contacts of *data*."""
+        self._notes.update(data.notes)
+        if data.collisions is not None:
+            self._contacts = f"{data.collisions} collisions · {data.grazes or 0} grazes"
 
     def tick(self, event: Ticked, states: TickStates) -> None:
         """The lines as of this tick."""

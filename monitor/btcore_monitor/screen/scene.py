@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from btcore_monitor.screen.navigation_markers import NavigationMarkers
 from btcore_monitor.screen.row_buffer import RowBuffer, Series, scalars
 from btcore_monitor.screen.shapes import archetypes, extent
 from btcore_monitor.screen.style import Palette
+from btcore_scene import UPRIGHT, Laser, MovingScene, Part, StaticScene
 
 ORIGIN: Final = "scene"
 TRAIL: Final = f"{ORIGIN}/trail"
@@ -64,7 +65,9 @@ class SceneView:
     def __init__(self, rows: RowBuffer, palette: Palette) -> None:
         self._rows = rows
         self._palette = palette
-        self._static: Mapping[str, Any] = {}
+        self._static = StaticScene()
+        self.present = False
+        """Whether there is a scene to show."""
         self._frames: dict[str, Series[Pose]] = {}
         self._poses: dict[str, Pose] = {}
         self._points: Series[Any] = rows.series(POINTS, _positions)
@@ -81,11 +84,6 @@ class SceneView:
         self._last: Vector | None = None
 
     @property
-    def present(self) -> bool:
-        """Whether there is a scene to show."""
-        return bool(self._static)
-
-    @property
     def pictured(self) -> bool:
         """Whether there are pictures to show."""
         return self._cameras.pictured
@@ -93,28 +91,29 @@ class SceneView:
     @property
     def powered(self) -> bool:
         """Whether there is a battery to show."""
-        return "battery" in self._static
+        return self._static.battery is not None
 
     @property
     def navigates(self) -> bool:
         """Whether there is a map to go by."""
-        return bool(self._static.get("grids"))
+        return bool(self._static.grids)
 
-    def static(self, t: int, wall: int, data: Mapping[str, Any]) -> bool:
+    def static(self, t: int, wall: int, data: StaticScene) -> bool:
         """Draw it, from *t* and *wall* (ns) on; False if it is drawn already (it is re-sent on request)."""
-        if data == self._static:
+        if self.present and data == self._static:
             return False
-        self._static = data
+        self._static, self.present = data, True
         log = self._rows.log
         log(ORIGIN, rr.ViewCoordinates.RIGHT_HAND_Z_UP, self._rows.in_frame(self._root), static=True)
-        groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
-        for part in data.get("parts", ()):
-            groups[part.get("frame", self._root), part["kind"]].append(part)
-        for (frame, kind), parts in groups.items():
-            for name, shape in archetypes(kind, parts, around=frame == self._root):
+        groups: dict[tuple[str, str], list[Part]] = defaultdict(list)
+        for part in data.parts:
+            groups[part.frame or self._root, part.kind].append(part)
+        for (frame, _), parts in groups.items():
+            for name, shape in archetypes(parts, around=frame == self._root):
                 entity = f"{ORIGIN}/parts/{_segment(frame)}/{name}"
                 log(entity, self._rows.in_frame(frame), shape, static=True)
-        self._markers.footprint = data.get("footprint_radius", self._markers.footprint)
+        if data.footprint_radius is not None:
+            self._markers.footprint = data.footprint_radius
         self._draw_sensors()
         self._floor.static(t, wall, data, self._root)
         if self.navigates:
@@ -124,13 +123,13 @@ class SceneView:
 
     @property
     def _root(self) -> str:
-        return str(self._static.get("frame", "map"))
+        return self._static.frame or "map"
 
     def _draw_sensors(self) -> None:
         log, palette = self._rows.log, self._palette
-        laser = self._static.get("laser")
-        if laser:
-            frame = self._rows.in_frame(laser["frame"])
+        laser = self._static.laser
+        if laser is not None:
+            frame = self._rows.in_frame(laser.frame)
             log(POINTS, frame, rr.Points3D.from_fields(colors=[palette.laser], radii=[0.025]), static=True)
             log(
                 FAN,
@@ -148,21 +147,21 @@ class SceneView:
             look = rr.SeriesLines(colors=[colour], names=[label], widths=[1.6])
             log(entity, look, static=True)
 
-    def moving(self, t: int, wall: int, data: Mapping[str, Any]) -> None:
+    def moving(self, t: int, wall: int, data: MovingScene) -> None:
         """One moment: frames that moved, a new scan, the speed, and whatever else is new."""
-        for child, parent, position, quaternion in data.get("frames", ()):
-            self._place(t, wall, child, (parent, tuple(position), tuple(quaternion)))
+        for child, parent, position, quaternion in data.frames:
+            self._place(t, wall, child, (parent, position, quaternion))
         self._stand(t, wall)
-        scan = data.get("scan")
-        if scan and scan.get("stamp", t) != self._scan_stamp:
-            self._scan_stamp = scan.get("stamp", t)
-            self._show_scan(t, wall, np.frombuffer(scan["ranges"], dtype="<f4"))
-        velocity = data.get("velocity")
-        if velocity is not None:
-            self._v.add(t, wall, float(velocity[0]))
-            self._w.add(t, wall, float(velocity[1]))
-        if "battery" in data:
-            self._battery.add(t, wall, float(data["battery"]))
+        if data.scan is not None:
+            stamp = t if data.scan.stamp is None else data.scan.stamp
+            if stamp != self._scan_stamp:
+                self._scan_stamp = stamp
+                self._show_scan(t, wall, np.frombuffer(data.scan.ranges, dtype="<f4"))
+        if data.velocity is not None:
+            self._v.add(t, wall, float(data.velocity[0]))
+            self._w.add(t, wall, float(data.velocity[1]))
+        if data.battery is not None:
+            self._battery.add(t, wall, float(data.battery))
         self._extend_trail(t, wall)
         self._floor.moving(t, wall, data, self._root)
         self._markers.moving(t, wall, data, self._root)
@@ -183,7 +182,7 @@ class SceneView:
         footprint, link = _BODIES
         if footprint not in self._poses and link in self._poses:
             height = self._poses[link][1][2]
-            self._place(t, wall, footprint, (link, (0.0, 0.0, -height), (0.0, 0.0, 0.0, 1.0)))
+            self._place(t, wall, footprint, (link, (0.0, 0.0, -height), UPRIGHT))
 
     def _frame_series(self, child: str) -> Series[Pose]:
         rows = self._rows
@@ -199,20 +198,20 @@ class SceneView:
         return rows.series(f"{ORIGIN}/frames/{_segment(child)}", encode)
 
     def _show_scan(self, t: int, wall: int, ranges: NDArray[np.float32]) -> None:
-        laser = self._static.get("laser")
-        if not laser:
+        laser = self._static.laser
+        if laser is None:
             return
         if len(self._directions) != len(ranges):
             self._aim(laser, len(ranges))
-        seen = np.isfinite(ranges) & (ranges >= laser.get("range_min", 0.0))
+        seen = np.isfinite(ranges) & (ranges >= (laser.range_min or 0.0))
         self._points.add(t, wall, self._directions[seen] * ranges[seen, None])
-        reach = min(_FAN_REACH, float(laser.get("range_max", _FAN_REACH)))
+        reach = _FAN_REACH if laser.range_max is None else min(_FAN_REACH, float(laser.range_max))
         free = np.where(np.isposinf(ranges), np.float32(reach), np.where(seen, ranges, np.float32(0.0)))
         corners = self._directions[::_FAN_STEP] * free[::_FAN_STEP, None]
         self._fan.add(t, wall, np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
 
-    def _aim(self, laser: Mapping[str, Any], count: int) -> None:
-        angles = laser["angle_min"] + laser["angle_increment"] * np.arange(count)
+    def _aim(self, laser: Laser, count: int) -> None:
+        angles = laser.angle_min + laser.angle_increment * np.arange(count)
         self._directions = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1).astype(np.float32)
         corners = np.arange(1, len(self._directions[::_FAN_STEP]), dtype=np.uint32)
         triangles = np.stack((0 * corners, corners, corners + 1), axis=1)
@@ -247,16 +246,14 @@ class SceneView:
 
     def eye(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Position of a good eye and the point to look at (m), from the extent of what stands around."""
-        around = [
-            part for part in self._static.get("parts", ()) if part.get("frame", self._root) == self._root
-        ]
+        around = [part for part in self._static.parts if part.frame in (None, self._root)]
         (x0, y0), (x1, y1) = extent(around)
         x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0, _SPAN)
         return (x - 0.08 * span, y - 0.71 * span, 0.885 * span), (x, y - 0.05 * span, 0.0)
 
     def robot(self) -> str:
         """The entity of the robot's body, for an eye that follows it ("": there is none)."""
-        frames = {part.get("frame", self._root): part["kind"] for part in self._static.get("parts", ())}
+        frames = {part.frame or self._root: part.kind for part in self._static.parts}
         for frame in (*_BODIES, *frames):
             if frame in frames and frame != self._root:
                 return f"{ORIGIN}/parts/{_segment(frame)}/{frames[frame]}"

@@ -15,13 +15,13 @@ from btcore_monitor.serve.queueing_observer import (
     BoardsChanged,
     Finished,
     QueueingObserver,
-    SceneSource,
     SceneTaken,
     StampedTransition,
     merge_scenes,
 )
 from btcore_monitor.serve.scene import SceneServer
 from btcore_monitor.wire.msgpack_values import Boards, encode_boards
+from btcore_scene import SceneSource, StaticScene
 
 _SECONDS_A_TURN: Final = 0.02
 """Time (wall clock) for queued items before the sockets have their turn."""
@@ -61,7 +61,8 @@ class PublishedTree:
         self.groot1 = None if groot1 is None else Groot1Server(tree, groot1)
         self.scene: SceneServer | None = None
         if scene:
-            static = merge_scenes([one.scene_static() for one in self._sources]) if self._sources else None
+            parts = [one.scene_static() for one in self._sources]
+            static = merge_scenes(StaticScene, parts) if parts else None
             self.scene = SceneServer(self.tree_id, xml, static, statuses, tree.clock.now())
         self._unsubscribe: Callable[[], None] | None = None
 

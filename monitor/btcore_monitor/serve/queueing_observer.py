@@ -6,15 +6,18 @@ numbers tell), and scenes are not taken at all (counted).
 """
 
 import time
-from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
+from collections import ChainMap, deque
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from itertools import chain
+from typing import Any, Final, NamedTuple, TypeVar
 
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.status import Status, Transition
 from btcore_monitor.serve.blackboards import BlackboardTracker
 from btcore_monitor.wire.msgpack_values import Boards
+from btcore_scene import MovingScene, SceneSource, StaticScene
 
 QUEUE_AT_MOST: Final = 200_000
 """Items that wait for the publisher."""
@@ -29,44 +32,29 @@ SCENE_EVERY_NS: Final = 30_000_000
 """The least time (tree clock) between two scenes."""
 
 
-@runtime_checkable
-class SceneSource(Protocol):
-    """A resource that can be shown, in the words of :mod:`btcore_monitor.wire.scene_schema`.
+_LISTS: Final = {
+    one.name for kind in (StaticScene, MovingScene) for one in fields(kind) if "Sequence" in str(one.type)
+}
+"""Fields of a scene that are sequences of messages."""
 
-    Both methods are called on the tick thread, and are cheap: what they give is compressed elsewhere, and
-    stays as it is from then on. Whoever tells a thing only when it has changed tells it again after
-    ``scene_static``, with which a new listener begins.
-    """
-
-    def scene_static(self) -> dict[str, Any]:
-        """What stands still."""
-        ...
-
-    def scene_moving(self) -> dict[str, Any]:
-        """What moved, or changed."""
-        ...
+S = TypeVar("S", StaticScene, MovingScene)
 
 
-def merge_scenes(scenes: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """*scenes* of several sources as one: lists are strung together, maps joined, else the first counts."""
+def merge_scenes(kind: type[S], scenes: Sequence[S]) -> S:
+    """Return *scenes* as one: sequences and maps are joined, of other values the first counts."""
     whole: dict[str, Any] = {}
-    for scene in scenes:
-        for key, value in scene.items():
-            known = whole.get(key)
-            if known is None:
-                whole[key] = value
-            elif isinstance(known, list) and isinstance(value, list):
-                whole[key] = known + value
-            elif isinstance(known, dict) and isinstance(value, dict):
-                whole[key] = {**value, **known}
-    return whole
+    for name in (one.name for one in fields(kind)):
+        values = [value for scene in scenes if (value := getattr(scene, name)) is not None]
+        if name in _LISTS and values:
+            whole[name] = tuple(chain.from_iterable(values))
+        elif values:
+            whole[name] = dict(ChainMap(*values)) if isinstance(values[0], Mapping) else values[0]
+    return kind(**whole)
 
 
-def weight(scene: Mapping[str, Any]) -> int:
-    """How many big things *scene* counts for."""
-    blobs = [one["cells"] for one in scene.get("grids", ())] + [
-        one["data"] for one in scene.get("pictures", ())
-    ]
+def weight(scene: MovingScene) -> int:
+    """Return how many large messages *scene* counts for."""
+    blobs = [grid.cells for grid in scene.grids] + [picture.data for picture in scene.pictures]
     return 1 + sum(map(len, blobs)) // _BLOB
 
 
@@ -100,7 +88,7 @@ class SceneTaken(NamedTuple):
 
     stamp: int
     wall: int
-    data: dict[str, Any]
+    data: MovingScene
     weight: int
 
 
@@ -164,7 +152,7 @@ class QueueingObserver(Observer):
             return
         # a little early is in time: ticks may jitter
         self._next_scene = stamp + SCENE_EVERY_NS - SCENE_EVERY_NS // 10
-        data = merge_scenes([source.scene_moving() for source in self._scenes])
+        data = merge_scenes(MovingScene, [source.scene_moving() for source in self._scenes])
         taken = SceneTaken(stamp, wall, data, weight(data))
         self.queue.append(taken)
         self._big_put += taken.weight

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from btcore.status import Status
 from btcore_monitor.serve.blackboards import portable_board
@@ -33,6 +33,7 @@ from btcore_monitor.wire.scene_channel import (
     TreeMessage,
     encode,
 )
+from btcore_scene import StaticScene
 
 _ROWS_AT_MOST: Final = 5_000
 
@@ -45,7 +46,7 @@ class SceneServer:
     """Makes the stream of one tree and answers who asks for its past. Belongs to the publisher's thread."""
 
     def __init__(
-        self, tree_id: str, xml: bytes, static: dict[str, Any] | None, statuses: dict[int, int], stamp: int
+        self, tree_id: str, xml: bytes, static: StaticScene | None, statuses: dict[int, int], stamp: int
     ) -> None:
         self.tree_id = tree_id
         self.dropped = 0

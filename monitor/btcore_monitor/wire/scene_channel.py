@@ -29,6 +29,7 @@ import msgpack
 from btcore_monitor.wire import scene_schema
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 from btcore_monitor.wire.msgpack_values import to_portable, unpack_msgpack
+from btcore_scene import MovingScene, StaticScene
 
 VERSION: Final = 1
 PORT_OFFSET: Final = 2
@@ -91,10 +92,10 @@ class TreeMessage(Message):
 
 @dataclass(frozen=True, slots=True)
 class StaticMessage(Message):
-    """What stands still: ``frame``, ``parts``, … (:mod:`btcore_monitor.wire.scene_schema`)."""
+    """What does not change during a run."""
 
     kind: ClassVar[str] = "static"
-    data: dict[str, Any]
+    data: StaticScene
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +117,10 @@ class TicksMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class MovingMessage(StreamMessage):
-    """What moved: ``frames``, ``scan``, ``velocity``, … (:mod:`btcore_monitor.wire.scene_schema`)."""
+    """What moved or changed."""
 
     kind: ClassVar[str] = "moving"
-    data: dict[str, Any]
+    data: MovingScene
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,11 +205,12 @@ _TYPES: Final[dict[Any, type]] = {
     dict[int, int]: dict,
     list[bytes]: list,
     list[list[int]]: list,
+    StaticScene: StaticScene,
+    MovingScene: MovingScene,
 }
 _FIELDS: Final = {
     kind: tuple((one.name, _TYPES[one.type]) for one in fields(message)) for kind, message in _KINDS.items()
 }
-_SCENES: Final = frozenset({StaticMessage.kind, MovingMessage.kind})
 _T = TypeVar("_T")
 
 
@@ -248,7 +250,7 @@ def decode(data: bytes) -> Message:
         )
     if kind == TreeMessage.kind:
         whole["statuses"] = _pairs(whole)
-    elif kind in _SCENES:
+    elif kind in scene_schema.SCENES:
         whole["data"] = scene_schema.unpack_scene(_as(dict, whole, "data", kind), kind)
     message: Message = _KINDS[kind](*(_as(wanted, whole, name, kind) for name, wanted in _FIELDS[kind]))
     if isinstance(message, TicksMessage):

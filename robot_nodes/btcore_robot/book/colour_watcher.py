@@ -1,16 +1,17 @@
 """Watching the colour detection: what was found, in words and in a picture."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
+import btcore_scene
 from btcore_robot.perception.colour import ColourRange, Detection, debug_image, detect_each
 from btcore_robot.perception.object_detector import Detections
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Robot
+from btcore_scene import MovingScene, Picture, StaticScene
 
 CAMERA = "head_front_camera"
 """What the picture is called for a viewer."""
@@ -48,14 +49,14 @@ class ColourWatcher(Process):
             self.info(f"{one.width}x{one.height} pixels at ({one.left}, {one.top}), centre {centre}")
         self.last = None
 
-    def scene_moving(self) -> dict[str, Any]:
-        """The camera's picture and what was found in it, for a viewer of the scene."""
+    def scene_moving(self) -> MovingScene:
+        """Return the camera's picture and the detections in it."""
         assert self.context.robot is not None
-        return seen_data(self.context.robot, self.last.objects if self.last is not None else ())
+        return camera_scene(self.context.robot, self.last.objects if self.last is not None else ())
 
-    def scene_static(self) -> dict[str, Any]:
-        """Nothing: all of it moves."""
-        return {"parts": []}
+    def scene_static(self) -> StaticScene:
+        """Return an empty scene: everything moves."""
+        return StaticScene()
 
     def figures(self) -> Mapping[str, object]:
         """In how many pictures something was found."""
@@ -71,27 +72,22 @@ class ColourWatcher(Process):
         return debug_image(picture, self.colours, found)
 
 
-def seen_data(robot: Robot, objects: Sequence[Detection]) -> dict[str, Any]:
-    """The robot's newest picture, and the boxes of *objects* in it, as the scene channel's plain data."""
+def camera_scene(robot: Robot, objects: Sequence[Detection]) -> MovingScene:
+    """Return the newest picture of *robot*, and *objects* as the detections in it."""
     picture = robot.camera()
     if picture is None:
-        return {}
+        return MovingScene()
     height, width = picture.rgb.shape[:2]
-    return {
-        "pictures": [
-            {
-                "name": CAMERA,
-                "stamp": picture.stamp,
-                "size": [width, height],
-                "format": "rgb8",
-                "data": picture.rgb.tobytes(),
-            }
-        ],
-        "detections": [
-            {"picture": CAMERA, "name": "object", "box": [one.left, one.top, one.width, one.height]}
+    data = picture.rgb.tobytes()
+    return MovingScene(
+        pictures=[Picture(name=CAMERA, stamp=picture.stamp, size=(width, height), format="rgb8", data=data)],
+        detections=[
+            btcore_scene.Detection(
+                picture=CAMERA, name="object", box=(one.left, one.top, one.width, one.height)
+            )
             for one in objects
         ],
-    }
+    )
 
 
 def ranges_of(text: str) -> list[int]:

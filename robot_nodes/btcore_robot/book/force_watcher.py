@@ -2,16 +2,17 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import btcore_scene
 from btcore_robot.book.top_view import TopView
 from btcore_robot.book.trail import points_in
 from btcore_robot.process.messages import Arrow, Arrows
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Phase, Pose2D
+from btcore_scene import MovingScene, StaticScene
 
 REACH = 2.0
 """How far (m) around the robot the picture reaches."""
@@ -59,13 +60,13 @@ class ForceWatcher(Process):
         drawn.legend(colours, "VFF: forces at the nearest moment; a square is 1 m")
         return drawn.image
 
-    def scene_moving(self) -> dict[str, Any]:
-        """The forces as arrows, for a viewer of the scene."""
-        return {"arrows": [as_data(one, _NAMES[one.number]) for one in self.arrows]}
+    def scene_moving(self) -> MovingScene:
+        """Return the forces as arrows."""
+        return MovingScene(arrows=[scene_arrow(arrow, _NAMES[arrow.number]) for arrow in self.arrows])
 
-    def scene_static(self) -> dict[str, Any]:
-        """Nothing: all of it moves."""
-        return {"parts": []}
+    def scene_static(self) -> StaticScene:
+        """Return an empty scene: everything moves."""
+        return StaticScene()
 
     def _look(self, now: int) -> None:
         assert self.context.robot is not None
@@ -75,15 +76,11 @@ class ForceWatcher(Process):
             self.nearest = min(self.nearest, float(seen.min())) if len(seen) else self.nearest
 
 
-def as_data(arrow: Arrow, name: str) -> dict[str, Any]:
-    """An arrow as the scene channel's plain data."""
-    return {
-        "name": name,
-        "frame": arrow.frame,
-        "start": list(arrow.start),
-        "end": list(arrow.end),
-        "color": [round(255 * part) for part in arrow.colour],
-    }
+def scene_arrow(arrow: Arrow, name: str) -> btcore_scene.Arrow:
+    """Return *arrow* as a message of the scene, called *name*."""
+    red, green, blue, opacity = (round(255 * part) for part in arrow.colour)
+    color = (red, green, blue, opacity)
+    return btcore_scene.Arrow(name=name, frame=arrow.frame, start=arrow.start, end=arrow.end, color=color)
 
 
 def _push(arrows: tuple[Arrow, ...]) -> float:

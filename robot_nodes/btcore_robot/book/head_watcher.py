@@ -1,16 +1,16 @@
 """Watching the head tracker: it is configured and activated, and seen at work through its own camera."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.book.colour_watcher import seen_data
+from btcore_robot.book.colour_watcher import camera_scene
 from btcore_robot.control.head_tracker import BOOK, REACTIVE, HeadTracker, command_of
 from btcore_robot.perception.colour import debug_image
 from btcore_robot.process.process import Process, ProcessContext
+from btcore_scene import MovingScene, StaticScene
 
 PERIOD = 1.0
 """How often (s) it says where the head looks."""
@@ -47,14 +47,14 @@ class HeadWatcher(Process):
             command = command_of(seen)
             self.info(f"{where}; the object is off by {command.pan:+.2f}, {command.tilt:+.2f}")
 
-    def scene_moving(self) -> dict[str, Any]:
-        """What the head sees, and where the object is in it, for a viewer of the scene."""
+    def scene_moving(self) -> MovingScene:
+        """Return the picture of the head's camera, and the detected object in it."""
         found = self.tracker.detection
-        return seen_data(self.robot, [] if found is None else [found])
+        return camera_scene(self.robot, [] if found is None else [found])
 
-    def scene_static(self) -> dict[str, Any]:
-        """Nothing: all of it moves."""
-        return {"parts": []}
+    def scene_static(self) -> StaticScene:
+        """Return an empty scene: everything moves."""
+        return StaticScene()
 
     def figures(self) -> Mapping[str, object]:
         """In how many pictures an object was, and where the head looks (rad)."""

@@ -1,18 +1,18 @@
 """Watching the obstacle detector: where it says that the obstacle is, while the robot moves."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.book.force_watcher import as_data
+from btcore_robot.book.force_watcher import scene_arrow
 from btcore_robot.book.trail import ODOM, Trail
 from btcore_robot.perception.obstacle_detector import OBSTACLE
 from btcore_robot.process.messages import Arrow, Arrows
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Twist2D
 from btcore_robot.transforms import TransformError
+from btcore_scene import MovingScene, StaticScene
 
 _KEY_VEL = "/key_vel"
 OBSTACLES = (205, 50, 40)
@@ -62,10 +62,10 @@ class ObstacleWatcher(Process):
         drawn.legend({"detected_obstacle": OBSTACLES, "the robot's way": WAY})
         return drawn.image
 
-    def scene_moving(self) -> dict[str, Any]:
-        """The arrow to the obstacle, for a viewer of the scene."""
-        return {"arrows": [as_data(one, OBSTACLE) for one in self.arrows]}
+    def scene_moving(self) -> MovingScene:
+        """Return the arrow to the obstacle."""
+        return MovingScene(arrows=[scene_arrow(arrow, OBSTACLE) for arrow in self.arrows])
 
-    def scene_static(self) -> dict[str, Any]:
-        """Nothing: all of it moves."""
-        return {"parts": []}
+    def scene_static(self) -> StaticScene:
+        """Return an empty scene: everything moves."""
+        return StaticScene()

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
+import btcore_scene
 from btcore_robot.control.pid import PID
 from btcore_robot.perception.colour import WOOD, ColourRange, Detection, detect
 from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.robot import Phase, Robot
+from btcore_scene import MovingScene, StaticScene
 
 PATIENCE = 100_000_000
 """How old (ns) a command may be before the head goes back to the middle."""
@@ -103,17 +104,18 @@ class HeadTracker(LifecycleComponent):
         tilt = head.tilt - self._tilt.output(command.tilt)
         self.robot.move_head(pan, tilt)
 
-    def scene_static(self) -> dict[str, Any]:
-        """Nothing: all of it moves."""
-        return {}
+    def scene_static(self) -> StaticScene:
+        """Return an empty scene: everything moves."""
+        return StaticScene()
 
-    def scene_moving(self) -> dict[str, Any]:
-        """What was found last, as plain data for whoever draws it in the camera's picture."""
+    def scene_moving(self) -> MovingScene:
+        """Return the newest detection in the camera's picture."""
         found = self.detection
         if found is None:
-            return {"detections": []}
-        box = [found.left, found.top, found.width, found.height]
-        return {"detections": [{"picture": "camera", "name": "object", "stamp": found.stamp, "box": box}]}
+            return MovingScene(detections=())
+        box = (found.left, found.top, found.width, found.height)
+        shown = btcore_scene.Detection(picture="camera", name="object", stamp=found.stamp, box=box)
+        return MovingScene(detections=[shown])
 
     def _look(self) -> None:
         picture = self.robot.camera()

@@ -1,11 +1,11 @@
-"""The navigation as plain data for whoever draws it: what it knows, plans, and takes for its place.
+"""The navigation as messages of `btcore_scene`: its map and costmaps, path and goals, and the estimated pose.
 
-The keys are those of the monitor's scene: ``grids`` of cells, rows of ``poses``, ``notes`` in words. What
-lasts is told when it has changed, large things not more often than somebody looks.
+Grids, paths and goals are sent when they have changed, and large grids at a limited rate.
 """
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +17,17 @@ from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.servers import MAP, ODOM, Servers
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import Pose2D
+from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
 PARTICLES_AT_MOST = 500
-"""So many of the particles are told, evenly chosen."""
+"""Maximum particles that are sent, evenly chosen."""
 
 GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 1_000_000_000, 250_000_000, 2_000_000_000
-"""The least time (ns) between two tellings of a costmap, or of a map that grows."""
-
-_NOBODY = np.zeros((0, 3))
+"""Minimum time (ns) between two messages with a costmap, or with a map that grows."""
 
 
 class NavigationScene:
-    """Tells what the servers know. *static* begins anew; *moving* gives what is new since the last call."""
+    """What the servers know. `static` starts again; `moving` returns what is new since the last call."""
 
     def __init__(self, servers: Servers) -> None:
         self._servers = servers
@@ -39,28 +38,31 @@ class NavigationScene:
         self._next: dict[str, int] = {}
         self._start: Transform | None = None
 
-    def static(self) -> dict[str, Any]:
-        """The map as it is now, and where to keep out of."""
+    def static(self) -> StaticScene:
+        """Return the map as it is now, and its keepout areas."""
         self._begin()
         self._shown["map"] = known = self._known_map()
         areas = [
-            {"name": f"keepout_{index}", "frame": MAP, "corners": list(corners)}
+            Area(name=f"keepout_{index}", frame=MAP, corners=corners)
             for index, corners in enumerate(known.keepout)
         ]
-        return {"grids": [occupancy(known)], "areas": areas}
+        return StaticScene(grids=[occupancy(known)], areas=areas)
 
-    def moving(self, now: int) -> dict[str, Any]:
-        """What is new at *now* (ns)."""
+    def moving(self, now: int) -> MovingScene:
+        """Return what is new at *now* (ns)."""
         localiser = self._servers.localiser
-        told: dict[str, Any] = {"grids": self._grids(now), "poses": self._paths(), "notes": self._notes()}
+        poses = self._paths()
         if isinstance(localiser, Localiser) and self._is_new("particles", localiser.particles):
             step = max(1, math.ceil(len(localiser.particles) / PARTICLES_AT_MOST))
-            told["poses"].append(rows("particles", "cloud", localiser.particles[::step]))
-        told["poses"] += self._beliefs()
+            poses.append(pose_rows("particles", "cloud", localiser.particles[::step]))
+        poses += self._beliefs()
         placed = self._placed()
-        if placed is not None:
-            told["frames"] = [[ODOM, MAP, list(placed.position), list(placed.quaternion)]]
-        return told
+        return MovingScene(
+            frames=() if placed is None else [Frame(ODOM, MAP, placed.position, placed.quaternion)],
+            grids=self._grids(now),
+            poses=poses,
+            notes=self._notes(),
+        )
 
     def _known_map(self) -> OccupancyMap:
         return self._servers.global_costmap.map
@@ -72,33 +74,33 @@ class NavigationScene:
             return None
         return Transform.from_pose(here) * Transform.from_pose(self._servers.robot.odometry().pose).inverse()
 
-    def _beliefs(self) -> list[dict[str, Any]]:
-        """Where the robot takes itself to be, and where it would by its wheels alone since it first knew."""
+    def _beliefs(self) -> list[Poses]:
+        """The estimated pose, and the pose by odometry alone since the estimate was first confident."""
         here, placed = self._servers.pose(), self._placed()
         if here is None or placed is None:
             return []
-        told = [rows("estimate", "estimate", [here])]
+        found = [pose_rows("estimate", "estimate", _rows([here]))]
         if self._start is None and self._servers.localiser.confident:
             self._start = placed
         if self._start is not None:
             reckoned = (self._start * Transform.from_pose(self._servers.robot.odometry().pose)).to_pose()
-            told.append(rows("odometry", "odometry", [reckoned]))
-        return told
+            found.append(pose_rows("odometry", "odometry", _rows([reckoned])))
+        return found
 
-    def _paths(self) -> list[dict[str, Any]]:
-        """The path and the goals of a navigator at work, or else of who drives; none where nobody does."""
+    def _paths(self) -> list[Poses]:
+        """The path and the goals of the active navigator, or else of the path that is followed."""
         handle, path = self._at_work(), self._driven()
         goals: tuple[Pose2D, ...] = (path[-1],) if path is not None else ()
         sort: object = path
         if handle is not None:
             goals = sort = handle.goal.goals
             path = self._servers.compute_path.newest
-        told = []
+        found = []
         if self._is_new("path", path):
-            told.append(rows("path", "path", path.poses if path is not None else _NOBODY))
+            found.append(pose_rows("path", "path", path.poses if path is not None else _rows(())))
         if self._is_new("goals", sort):
-            told.append(rows("goal", "goal", goals if goals else _NOBODY))
-        return told
+            found.append(pose_rows("goal", "goal", _rows(goals)))
+        return found
 
     def _driven(self) -> NavPath | None:
         """The path that is driven along, say, for a tree of Nav2's nodes without a navigator around it."""
@@ -115,20 +117,20 @@ class NavigationScene:
                 return current
         return None
 
-    def _grids(self, now: int) -> list[dict[str, Any]]:
-        servers, told = self._servers, []
+    def _grids(self, now: int) -> list[Grid]:
+        servers, found = self._servers, []
         known = self._known_map()
         if known is not self._shown.get("map") and self._is_due("map", now, MAP_EVERY):
             self._shown["map"] = known
-            told.append(occupancy(known))
+            found.append(occupancy(known))
         for name, costmap, every in (
             ("global_costmap", servers.global_costmap, GLOBAL_EVERY),
             ("local_costmap", servers.local_costmap, LOCAL_EVERY),
         ):
             if self._shown.get(name) != costmap.version and self._is_due(name, now, every):
                 self._shown[name] = costmap.version
-                told.append(costs(name, costmap))
-        return told
+                found.append(costs(name, costmap))
+        return found
 
     def _notes(self) -> dict[str, str]:
         localiser = self._servers.localiser
@@ -165,36 +167,39 @@ class NavigationScene:
         return True
 
 
-def rows(name: str, kind: str, poses: Any) -> dict[str, Any]:
-    """Poses in the frame map, an array of shape ``(n, 3)`` or several `Pose2D`, as plain data."""
-    array: NDArray[np.float64] = (
-        poses if isinstance(poses, np.ndarray) else np.array([[one.x, one.y, one.yaw] for one in poses])
+def pose_rows(
+    name: str, kind: Literal["path", "cloud", "goal", "estimate", "odometry"], rows: NDArray[np.float64]
+) -> Poses:
+    """Return *rows* of x, y and yaw in the frame map, of shape ``(n, 3)``, as a message."""
+    return Poses(name=name, kind=kind, frame=MAP, rows=rows.astype("<f4").tobytes())
+
+
+def occupancy(map: OccupancyMap) -> Grid:
+    """Return a map as a message."""
+    return Grid(
+        name="map",
+        kind="occupancy",
+        frame=MAP,
+        resolution=map.resolution,
+        origin=map.origin,
+        size=(map.width, map.height),
+        cells=map.cells.tobytes(),
     )
-    return {"name": name, "kind": kind, "frame": MAP, "rows": array.astype("<f4").tobytes()}
 
 
-def occupancy(map: OccupancyMap) -> dict[str, Any]:
-    """A map as plain data."""
-    return {
-        "name": "map",
-        "kind": "occupancy",
-        "frame": MAP,
-        "resolution": map.resolution,
-        "origin": list(map.origin),
-        "size": [map.width, map.height],
-        "cells": map.cells.tobytes(),
-    }
-
-
-def costs(name: str, costmap: LayeredCostmap) -> dict[str, Any]:
-    """A costmap as plain data."""
+def costs(name: str, costmap: LayeredCostmap) -> Grid:
+    """Return a costmap as a message."""
     height, width = costmap.costs.shape
-    return {
-        "name": name,
-        "kind": "costs",
-        "frame": costmap.frame,
-        "resolution": costmap.resolution,
-        "origin": list(costmap.origin),
-        "size": [width, height],
-        "cells": costmap.costs.tobytes(),
-    }
+    return Grid(
+        name=name,
+        kind="costs",
+        frame=costmap.frame,
+        resolution=costmap.resolution,
+        origin=costmap.origin,
+        size=(width, height),
+        cells=costmap.costs.tobytes(),
+    )
+
+
+def _rows(poses: Sequence[Pose2D]) -> NDArray[np.float64]:
+    return np.array([[pose.x, pose.y, pose.yaw] for pose in poses]).reshape(-1, 3)

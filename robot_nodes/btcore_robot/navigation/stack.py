@@ -28,6 +28,7 @@ from btcore_robot.navigation.scene import NavigationScene
 from btcore_robot.navigation.servers import MAP, ODOM, PoseSource, Servers
 from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot
 from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
+from btcore_scene import MovingScene, StaticScene
 
 log = logging.getLogger(__name__)
 
@@ -147,12 +148,12 @@ class Navigation:
         """Every goal that was accepted and has ended, in order; one that a newer one replaced is CANCELED."""
         return self._outcomes
 
-    def scene_static(self) -> dict[str, Any]:
-        """The map and its keep-outs, as plain data for whoever draws them."""
+    def scene_static(self) -> StaticScene:
+        """Return the map and its keepout areas."""
         return self._scene.static()
 
-    def scene_moving(self) -> dict[str, Any]:
-        """What it knows and plans, as far as that is new, as plain data."""
+    def scene_moving(self) -> MovingScene:
+        """Return costmaps, paths, poses and notes that are new."""
         return self._scene.moving(self.robot.clock.now())
 
     def _make_localiser(self, random: np.random.Generator) -> PoseSource:

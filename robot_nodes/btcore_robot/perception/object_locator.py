@@ -1,13 +1,13 @@
 """Where the coloured objects are that the camera sees, as a lifecycle component."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from btcore_robot.perception.boxes import Box, boxes
 from btcore_robot.perception.colour import WOOD, ColourRange
 from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.robot import Phase, Robot
 from btcore_robot.transforms import TransformError, TransformTree
+from btcore_scene import BoundingBox, MovingScene, StaticScene
 
 RATE = 2.0
 """How often (Hz) it looks."""
@@ -62,14 +62,15 @@ class ObjectLocator(LifecycleComponent):
         self._looked = picture.stamp
         self.boxes = tuple(boxes(picture, lens, self.colours, self.frame, camera))
 
-    def scene_static(self) -> dict[str, Any]:
-        """Nothing: all of it moves."""
-        return {}
+    def scene_static(self) -> StaticScene:
+        """Return an empty scene: everything moves."""
+        return StaticScene()
 
-    def scene_moving(self) -> dict[str, Any]:
-        """The boxes of the newest picture, as plain data for whoever draws the scene."""
-        found = [
-            {"name": "object", "frame": one.frame, "position": list(one.centre), "size": list(one.size)}
-            for one in self.boxes
-        ]
-        return {"boxes": found}
+    def scene_moving(self) -> MovingScene:
+        """Return the boxes found in the newest picture."""
+        return MovingScene(
+            boxes=[
+                BoundingBox(name="object", frame=box.frame, position=box.centre, size=box.size)
+                for box in self.boxes
+            ]
+        )

@@ -24,6 +24,7 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
+from btcore_scene import Box, Cylinder, Frame, Laser, MovingScene, Scan, Sphere, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 PERIOD = 100_000_000
@@ -72,33 +73,35 @@ def _changes(tick: int) -> list[tuple[int, int]]:
     return []
 
 
-def _scene() -> dict[str, Any]:
-    wall = {"frame": "map", "kind": "box", "quaternion": [0, 0, 0, 1], "color": [120, 130, 148, 255]}
-    body = {"frame": "base_link", "position": [0, 0, 0.1], "quaternion": [0, 0, 0, 1]}
-    parts = [
-        {**wall, "name": "arena/north", "size": [6.2, 0.1, 2.4], "position": [0, 3.05, 1.2]},
-        {**wall, "name": "arena/south", "size": [6.2, 0.1, 2.4], "position": [0, -3.05, 1.2]},
-        {**body, "name": "robot/base", "kind": "cylinder", "radius": 0.27, "length": 0.3},
-        {**body, "name": "robot/head", "kind": "sphere", "radius": 0.1},
-    ]
-    laser = {"frame": "base_laser_link", "angle_min": -1.9, "angle_increment": 3.8 / 99, "range_min": 0.05}
-    return {"frame": "map", "parts": parts, "laser": {**laser, "range_max": 25.0}, "footprint_radius": 0.27}
+def _scene() -> StaticScene:
+    wall: dict[str, Any] = {"frame": "map", "quaternion": (0, 0, 0, 1), "color": (120, 130, 148, 255)}
+    body: dict[str, Any] = {"frame": "base_link", "position": (0, 0, 0.1), "quaternion": (0, 0, 0, 1)}
+    parts = (
+        Box(**wall, name="arena/north", size=(6.2, 0.1, 2.4), position=(0, 3.05, 1.2)),
+        Box(**wall, name="arena/south", size=(6.2, 0.1, 2.4), position=(0, -3.05, 1.2)),
+        Cylinder(**body, name="robot/base", radius=0.27, length=0.3),
+        Sphere(**body, name="robot/head", radius=0.1),
+    )
+    laser = Laser(
+        frame="base_laser_link", angle_min=-1.9, angle_increment=3.8 / 99, range_min=0.05, range_max=25.0
+    )
+    return StaticScene(frame="map", parts=parts, laser=laser, footprint_radius=0.27)
 
 
-def _moving(tick: int, t: int) -> dict[str, Any]:
+def _moving(tick: int, t: int) -> MovingScene:
     ranges = np.full(100, 2.0 + 0.5 * math.sin(tick / 9), dtype="<f4")
     ranges[:10] = np.inf
-    return {
-        "stamp": t,
-        "frames": [
-            ["base_link", "map", [0.03 * tick % 2.0, 0.0, 0.1], [0, 0, 0, 1]],
-            ["base_laser_link", "base_link", [0.2, 0.0, 0.0], [0, 0, 0, 1]],
-        ],
-        "scan": {"stamp": t, "ranges": ranges.tobytes()},
-        "velocity": [0.3, 0.0],
-        "collisions": 0,
-        "grazes": 0,
-    }
+    return MovingScene(
+        stamp=t,
+        frames=(
+            Frame("base_link", "map", (0.03 * tick % 2.0, 0.0, 0.1), (0, 0, 0, 1)),
+            Frame("base_laser_link", "base_link", (0.2, 0.0, 0.0), (0, 0, 0, 1)),
+        ),
+        scan=Scan(stamp=t, ranges=ranges.tobytes()),
+        velocity=(0.3, 0.0),
+        collisions=0,
+        grazes=0,
+    )
 
 
 def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:

@@ -1,51 +1,68 @@
 """A robot that navigates, on the screen: what the scene's events become in the file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from btcore_monitor.events import SceneMoving, SceneStatic, TreeSeen
 from btcore_monitor.screen.navigation_markers import POSE_STYLES
 from btcore_monitor.screen.style import GROOT
+from btcore_scene import (
+    UPRIGHT,
+    Area,
+    Arrow,
+    BoundingBox,
+    Camera,
+    Detection,
+    Frame,
+    Grid,
+    MovingScene,
+    Picture,
+    Place,
+    Poses,
+    StaticScene,
+)
 
 SECOND = 10**9
 
 
-def rows(name: str, kind: str, *poses: tuple[float, float, float], frame: str = "map") -> dict:
-    data = np.array(poses, dtype="<f4").tobytes()
-    return {"name": name, "kind": kind, "frame": frame, "rows": data}
+def rows(name: str, kind: str, *poses: tuple[float, float, float], frame: str = "map") -> Poses:
+    return Poses(name=name, kind=kind, frame=frame, rows=np.array(poses, dtype="<f4").tobytes())
 
 
-def grid(name: str, kind: str, cells: list[list[int]], origin=(1.0, 2.0), frame: str = "map") -> dict:
-    return {
-        "name": name,
-        "kind": kind,
-        "frame": frame,
-        "resolution": 0.5,
-        "origin": list(origin),
-        "size": [len(cells[0]), len(cells)],
-        "cells": bytes(value & 255 for line in cells for value in line),
-    }
+def grid(name: str, kind: str, cells: list[list[int]], origin=(1.0, 2.0), frame: str = "map") -> Grid:
+    return Grid(
+        name=name,
+        kind=kind,
+        frame=frame,
+        resolution=0.5,
+        origin=origin,
+        size=(len(cells[0]), len(cells)),
+        cells=bytes(value & 255 for line in cells for value in line),
+    )
 
 
-STATIC = {
-    "frame": "map",
-    "footprint_radius": 0.25,
-    "battery": 100.0,
-    "places": [{"name": "wp1", "position": [1.0, -2.0, 0.0]}],
-    "areas": [{"name": "table", "corners": [0.0, 0.0, 1.0, 0.5]}],
-    "cameras": [{"name": "camera", "frame": "optical", "size": [32, 24], "focal": [30.0, 30.0]}],
-    "grids": [grid("map", "occupancy", [[0, 100, -1], [0, 0, -1]])],
-}
+STATIC = StaticScene(
+    frame="map",
+    footprint_radius=0.25,
+    battery=100.0,
+    places=[Place(name="wp1", position=(1.0, -2.0, 0.0))],
+    areas=[Area(name="table", corners=(0.0, 0.0, 1.0, 0.5))],
+    cameras=[Camera(name="camera", frame="optical", size=(32, 24), focal=(30.0, 30.0))],
+    grids=[grid("map", "occupancy", [[0, 100, -1], [0, 0, -1]])],
+)
 
 
 @pytest.fixture
 def show(run, recorded, tmp_path):
     """``show({second: what moved, …})``: the recording of that."""
 
-    def made(moved: dict[float, dict], static: dict = STATIC):
+    def made(moved: dict[float, dict], static: StaticScene = STATIC):
         seen = next(event for event in run(1) if isinstance(event, TreeSeen))
         events = [seen, SceneStatic(static)]
-        events += [SceneMoving(round(t * SECOND), round(t * SECOND), data) for t, data in moved.items()]
+        for t, changed in moved.items():
+            events.append(SceneMoving(round(t * SECOND), round(t * SECOND), MovingScene(**changed)))
         return recorded(events, tmp_path / "run.rrd")
 
     return made
@@ -126,14 +143,8 @@ def test_poses_that_stay_take_no_row(show):
 
 
 def test_arrows_are_there_as_long_as_they_are_told_of(show):
-    push = {
-        "name": "push",
-        "frame": "base_link",
-        "start": [0, 0, 0],
-        "end": [1, 2, 0],
-        "color": [255, 0, 0, 255],
-    }
-    pull = {**push, "name": "pull", "end": [0, 1, 0]}
+    push = Arrow(name="push", frame="base_link", start=(0, 0, 0), end=(1, 2, 0), color=(255, 0, 0, 255))
+    pull = replace(push, name="pull", end=(0, 1, 0))
     recording = show({1.0: {"arrows": [push, pull]}, 2.0: {"arrows": [push]}, 3.0: {}, 4.0: {"arrows": []}})
     assert recording.of("/scene/arrows/push", "Arrows3D:vectors") == [(SECOND, [[1, 2, 0]]), (4 * SECOND, [])]
     assert recording.of("/scene/arrows/pull", "Arrows3D:vectors") == [(SECOND, [[0, 1, 0]]), (2 * SECOND, [])]
@@ -143,13 +154,13 @@ def test_arrows_are_there_as_long_as_they_are_told_of(show):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("count", [1, 3, 4])
 def test_names_of_places_have_one_colour_however_many_there_are(show, count):
-    places = [{"name": f"wp{at}", "position": [at, 0.0, 0.0]} for at in range(count)]
-    recording = show({0.0: {}}, {**STATIC, "places": places})
+    places = [Place(name=f"wp{at}", position=(at, 0.0, 0.0)) for at in range(count)]
+    recording = show({0.0: {}}, replace(STATIC, places=places))
     assert recording.of("/scene/places", "Points3D:colors")[0][1] == [GROOT.text] * count
 
 
 def test_a_robot_without_a_footprint_has_one_on_the_floor_below_its_base_link(show):
-    at = [["base_link", "map", [1.0, 2.0, 0.25], [0, 0, 0, 1]]]
+    at = [Frame("base_link", "map", (1.0, 2.0, 0.25), UPRIGHT)]
     recording = show({1.0: {"frames": at}, 2.0: {"frames": at}})
     footprint = "/scene/frames/base_footprint"
     assert recording.of(footprint, "Transform3D:translation") == [(SECOND, [[0.0, 0.0, -0.25]])]
@@ -157,8 +168,8 @@ def test_a_robot_without_a_footprint_has_one_on_the_floor_below_its_base_link(sh
 
 
 def test_a_footprint_that_is_told_of_is_where_it_is_told(show):
-    link = ["base_link", "map", [1.0, 2.0, 0.25], [0, 0, 0, 1]]
-    own = ["base_footprint", "map", [5.0, 6.0, 0.0], [0, 0, 0, 1]]
+    link = Frame("base_link", "map", (1.0, 2.0, 0.25), UPRIGHT)
+    own = Frame("base_footprint", "map", (5.0, 6.0, 0.0), UPRIGHT)
     footprint = show({1.0: {"frames": [link]}, 2.0: {"frames": [own]}}).of
     parents = footprint("/scene/frames/base_footprint", "Transform3D:parent_frame")
     assert parents == [(SECOND, ["base_link"]), (2 * SECOND, ["map"])]
@@ -166,7 +177,7 @@ def test_a_footprint_that_is_told_of_is_where_it_is_told(show):
 
 def test_jitter_is_ignored_and_slow_motion_is_recorded(show):
     def at(x: float) -> dict:
-        return {"frames": [["thing", "map", [x, 0.0, 0.0], [0, 0, 0, 1]]]}
+        return {"frames": [Frame("thing", "map", (x, 0.0, 0.0), UPRIGHT)]}
 
     steps = {float(t): at(1.0 + 1e-5 * ((t + 1) % 2)) for t in range(1, 6)}
     creep = {6.0 + t: at(1.0 + 1.5e-5 * t) for t in range(1, 6)}
@@ -175,8 +186,8 @@ def test_jitter_is_ignored_and_slow_motion_is_recorded(show):
 
 
 def test_boxes_found_in_space_are_there_as_long_as_they_are_told_of(show):
-    table = {"name": "table", "frame": "map", "position": [1, 2, 0.5], "size": [2, 1, 1]}
-    turned = {**table, "frame": "odom", "quaternion": [0, 0, 1, 0], "color": [1, 2, 3, 255]}
+    table = BoundingBox(name="table", frame="map", position=(1, 2, 0.5), size=(2, 1, 1))
+    turned = replace(table, frame="odom", quaternion=(0, 0, 1, 0), color=(1, 2, 3, 255))
     recording = show({1.0: {"boxes": [table, turned]}, 2.0: {"boxes": [table]}, 3.0: {}, 4.0: {"boxes": []}})
     halves = recording.of("/scene/boxes/map", "Boxes3D:half_sizes")
     assert halves == [(SECOND, [[1.0, 0.5, 0.5]]), (4 * SECOND, [])]
@@ -188,7 +199,7 @@ def test_boxes_found_in_space_are_there_as_long_as_they_are_told_of(show):
 
 @pytest.mark.parametrize(("kind", "archetype"), [("jpeg", "EncodedImage"), ("rgb8", "Image")])
 def test_a_picture_that_no_other_follows_fades_and_says_when_it_was_taken(show, kind, archetype):
-    picture = {"name": "camera", "size": [2, 1], "format": kind, "data": b"\x01\x02\x03\x04\x05\x06"}
+    picture = Picture(name="camera", size=(2, 1), format=kind, data=b"\x01\x02\x03\x04\x05\x06")
     taken = {0.5: {"pictures": [picture]}, 1.0: {"pictures": [picture]}, 5.0: {"pictures": [picture]}}
     recording = show({at / 2: {} for at in range(1, 12)} | taken)
     opacity = recording.of("/camera/pictures/camera", f"{archetype}:opacity")
@@ -198,9 +209,9 @@ def test_a_picture_that_no_other_follows_fades_and_says_when_it_was_taken(show, 
 
 
 def test_pictures_come_with_what_was_found_in_them(show):
-    jpeg = {"name": "camera", "size": [32, 24], "format": "jpeg", "data": b"\xff\xd8 and so on"}
-    raw = {"name": "camera", "size": [2, 1], "format": "rgb8", "data": b"\x01\x02\x03\x04\x05\x06"}
-    found = {"picture": "camera", "name": "object", "box": [10, 4, 6, 8]}
+    jpeg = Picture(name="camera", size=(32, 24), format="jpeg", data=b"\xff\xd8 and so on")
+    raw = Picture(name="camera", size=(2, 1), format="rgb8", data=b"\x01\x02\x03\x04\x05\x06")
+    found = Detection(picture="camera", name="object", box=(10, 4, 6, 8))
     recording = show(
         {
             1.0: {"pictures": [jpeg], "detections": [found]},
@@ -208,8 +219,8 @@ def test_pictures_come_with_what_was_found_in_them(show):
             3.0: {"pictures": [raw], "detections": []},
         }
     )
-    assert bytes(recording.of("/camera/pictures/camera", "EncodedImage:blob")[0][1][0]) == jpeg["data"]
-    assert bytes(recording.of("/camera/pictures/camera", "Image:buffer")[0][1][0]) == raw["data"]
+    assert bytes(recording.of("/camera/pictures/camera", "EncodedImage:blob")[0][1][0]) == jpeg.data
+    assert bytes(recording.of("/camera/pictures/camera", "Image:buffer")[0][1][0]) == raw.data
     centers = recording.of("/camera/detections", "Boxes2D:centers")
     assert centers == [(SECOND, [[13.0, 8.0]]), (3 * SECOND, [])]
     assert recording.of("/camera/detections", "Boxes2D:half_sizes")[0][1] == [[3.0, 4.0]]
@@ -225,7 +236,7 @@ def test_the_pyramid_of_sight_is_as_wide_as_the_lens(show):
 def test_the_battery_is_a_curve_and_the_robot_says_how_it_stands(run, recorded, tmp_path):
     events = run(3)
     t = events[-2].t
-    moved = SceneMoving(t, t, {"battery": 77.5, "notes": {"localisation": "sure"}})
+    moved = SceneMoving(t, t, MovingScene(battery=77.5, notes={"localisation": "sure"}))
     recording = recorded([*events[:-2], moved, *run(4)[-3:-2]], tmp_path / "run.rrd")
     assert recording.of("/battery/level", "Scalars:scalars") == [(t, [77.5])]
     assert "| localisation | sure |" in recording.of("/now", "TextDocument:text")[-1][1][0]

@@ -29,6 +29,7 @@ from btcore_monitor.watch.scene import SceneClient
 from btcore_monitor.wire import scene_channel as wire
 from btcore_monitor.wire.errors import RobotRefusedError
 from btcore_monitor.wire.groot2 import Request
+from btcore_scene import Box, Frame, MovingScene, Scan, StaticScene
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 
@@ -75,16 +76,13 @@ def watch() -> Iterator[Callable[..., Watcher]]:
 class Scene:
     """A resource that can be shown."""
 
-    def scene_static(self) -> dict:
-        wall = {"name": "wall", "kind": "box", "size": [1, 2, 3], "position": [0, 0, 1.5]}
-        return {"frame": "map", "parts": [wall]}
+    def scene_static(self) -> StaticScene:
+        wall = Box(name="wall", size=(1, 2, 3), position=(0, 0, 1.5))
+        return StaticScene(frame="map", parts=[wall])
 
-    def scene_moving(self) -> dict:
-        return {
-            "stamp": 5,
-            "frames": [["base_link", "map", [0, 0, 0], [0, 0, 0, 1]]],
-            "scan": {"ranges": b"\x00\x00\x80\x3f"},
-        }
+    def scene_moving(self) -> MovingScene:
+        frame = Frame("base_link", "map", (0, 0, 0), (0, 0, 0, 1))
+        return MovingScene(stamp=5, frames=[frame], scan=Scan(ranges=b"\x00\x00\x80\x3f"))
 
 
 def numbers(watcher: Watcher) -> list[int]:
@@ -116,8 +114,8 @@ def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
         (5, 0, 1),
     ]
     assert [one.tick for one in early.of(Ticked)] == [1, 2, 3]
-    assert early.of(SceneStatic)[0].data["frame"] == "map"
-    assert early.of(SceneMoving)[0].data["scan"]["ranges"] == b"\x00\x00\x80\x3f"
+    assert early.of(SceneStatic)[0].data.frame == "map"
+    assert early.of(SceneMoving)[0].data.scan.ranges == b"\x00\x00\x80\x3f"
     assert early.of(BlackboardSeen)[-1].boards["Sub::6"]["mode"] == "fast"
     assert [link.state for link in early.of(ConnectionChanged)] == ["waiting", "connected", "ended"]
     assert not early.of(TransitionsLost)

@@ -48,7 +48,7 @@ def watched() -> tuple[list[Any], dict[str, Any]]:
 
 
 def moving(events: list[Any], key: str) -> list[Any]:
-    found = [event.data.get(key) for event in events if isinstance(event, SceneMoving)]
+    found = [getattr(event.data, key) for event in events if isinstance(event, SceneMoving)]
     return [one for one in found if one]
 
 
@@ -61,19 +61,19 @@ def test_the_run_is_the_same_whether_or_not_somebody_looks(watched):
 def test_what_stands_still_comes_from_the_body_and_from_the_mind_at_once(watched):
     events, _ = watched
     (static,) = [event.data for event in events if isinstance(event, SceneStatic)]
-    assert [grid["name"] for grid in static["grids"]] == ["map"]
+    assert [grid.name for grid in static.grids] == ["map"]
     assert {"wall_west", "base_link"} <= {
-        name for part in static["parts"] for name in part["name"].split("/") if part["name"]
+        name for part in static.parts for name in part.name.split("/") if part.name
     }
-    assert {"wp1", "wp2", "wp3"} <= {place["name"] for place in static["places"]}
-    assert static["areas"]
+    assert {"wp1", "wp2", "wp3"} <= {place.name for place in static.places}
+    assert static.areas
 
 
 def test_what_moves_or_changes_arrives(watched):
     events, _ = watched
-    named = {one["name"] for poses in moving(events, "poses") for one in poses}
+    named = {one.name for poses in moving(events, "poses") for one in poses}
     assert named == {"path", "goal", "particles", "estimate", "odometry"}
-    assert {one["name"] for grids in moving(events, "grids") for one in grids} == {
+    assert {one.name for grids in moving(events, "grids") for one in grids} == {
         "global_costmap",
         "local_costmap",
     }
@@ -89,10 +89,10 @@ def test_what_moves_or_changes_arrives(watched):
 def test_pictures_come_as_often_as_the_tracker_takes_them_with_what_it_found(watched):
     events, _ = watched
     pictures = [one for several in moving(events, "pictures") for one in several]
-    stamps = [one["stamp"] for one in pictures]
+    stamps = [one.stamp for one in pictures]
     assert 25 <= len(stamps) == len(set(stamps)) <= 31
-    assert {one["format"] for one in pictures} == {"jpeg"}
-    boxes = np.array([found[0]["box"] for found in moving(events, "detections")])
+    assert {one.format for one in pictures} == {"jpeg"}
+    boxes = np.array([found[0].box for found in moving(events, "detections")])
     assert len(boxes) > 5
     assert (boxes >= 0).all()
     assert (boxes[:, 0] + boxes[:, 2] <= 160).all()

@@ -24,6 +24,7 @@ from btcore_monitor.wire.scene_channel import (
     decode,
     encode,
 )
+from btcore_scene import Box, MovingScene, Scan, StaticScene
 
 ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 TICKS = TicksMessage(
@@ -33,13 +34,12 @@ MESSAGES = [
     TreeMessage(ID, 5, 6, b"<root/>", 1, 9, {1: 0, 2: 4}),
     StaticMessage(
         ID,
-        {
-            "frame": "map",
-            "parts": [{"name": "wall", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.0, 1.0, 1.5]}],
-        },
+        StaticScene(parts=(Box(name="wall", size=(1.0, 2.0, 3.0), position=(0.0, 1.0, 1.5)),), frame="map"),
     ),
     TICKS,
-    MovingMessage(ID, 4, 1_000, 2_000, {"stamp": 1_000, "scan": {"stamp": 1, "ranges": b"\x00\x00\x80\x3f"}}),
+    MovingMessage(
+        ID, 4, 1_000, 2_000, MovingScene(stamp=1_000, scan=Scan(stamp=1, ranges=b"\x00\x00\x80\x3f"))
+    ),
     BlackboardMessage(ID, 5, 1, 2, {"": {"x": 42, "goal": None}}),
     RaisedMessage(ID, 6, 1, 2, "Patrol/Move", "node 'Patrol/Move' raised"),
     EndMessage(ID, 7, 1, 2, 3, 0),
@@ -137,7 +137,7 @@ def test_big_scenes_push_no_transitions_out():
     history = History({}, 0, 0)
     scene_bytes = LANE_ROOM["moving"] // 40 * 4
     for seq in range(1, 41):
-        moving = MovingMessage(ID, seq, 0, 0, {"scan": {"ranges": b"\x00" * scene_bytes}})
+        moving = MovingMessage(ID, seq, 0, 0, MovingScene(scan=Scan(ranges=b"\x00" * scene_bytes)))
         history.add("ticks" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
     kept = history_numbers(history)
     assert [seq for seq in kept if seq % 2] == list(range(1, 41, 2))

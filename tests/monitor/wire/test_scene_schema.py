@@ -2,6 +2,7 @@
 
 import zlib
 from contextlib import suppress
+from dataclasses import asdict, replace
 
 import cv2
 import msgpack
@@ -19,52 +20,75 @@ from btcore_monitor.wire.scene_channel import (
     decode,
     encode,
 )
+from btcore_scene import (
+    UPRIGHT,
+    Area,
+    Arrow,
+    BoundingBox,
+    Box,
+    Camera,
+    Cylinder,
+    Detection,
+    Frame,
+    Grid,
+    Laser,
+    MovingScene,
+    Picture,
+    Place,
+    Poses,
+    Scan,
+    Sphere,
+    StaticScene,
+    float32,
+)
 
 ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 ROWS = np.array([[1.0, 2.0, 0.5]], dtype="<f4").tobytes()
-GRID = {
-    "name": "global_costmap",
-    "kind": "costs",
-    "frame": "map",
-    "resolution": 0.05,
-    "origin": [-1.0, 2.0],
-    "size": [40, 30],
-    "cells": bytes(1200),
-}
-PICTURE = {"name": "camera", "stamp": 7, "size": [4, 2], "format": "rgb8", "data": bytes(range(24))}
-MOVING = {
-    "stamp": 5,
-    "frames": [["odom", "map", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]],
-    "scan": {"stamp": 5, "ranges": b"\x00\x00\x80\x3f"},
-    "velocity": [0.1, 0.0],
-    "battery": 80.0,
-    "grids": [GRID],
-    "poses": [{"name": "path", "kind": "path", "frame": "map", "rows": ROWS}],
-    "arrows": [{"name": "push", "frame": "base_link", "start": [0, 0, 0], "end": [1, 0, 0]}],
-    "boxes": [{"name": "table", "frame": "map", "position": [0, 0, 0.5], "size": [2.0, 1.0, 1.0]}],
-    "pictures": [PICTURE],
-    "detections": [{"picture": "camera", "name": "object", "box": [0, 0, 2, 2]}],
-    "notes": {"localisation": "sure"},
-    "collisions": 0,
-    "grazes": 1,
-}
-STATIC = {
-    "frame": "map",
-    "parts": [
-        {"name": "wall", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.0, 0.0, 1.5]},
-        {"kind": "sphere", "radius": 0.1, "position": [0, 0, 0], "color": [1, 2, 3, 255]},
-    ],
-    "laser": {"frame": "laser", "angle_min": -1.0, "angle_increment": 0.01, "range_max": 25.0},
-    "places": [{"name": "wp1", "position": [1.0, 2.0, 0.0]}],
-    "areas": [{"name": "table", "corners": [0.0, 0.0, 1.0, 1.0]}],
-    "cameras": [{"name": "camera", "frame": "optical", "size": [32, 24], "focal": [30.0, 30.0]}],
-    "grids": [{**GRID, "name": "map", "kind": "occupancy"}],
-    "battery": 100.0,
-}
+COSTS = Grid(
+    name="global_costmap",
+    kind="costs",
+    frame="map",
+    resolution=0.05,
+    origin=(-1.0, 2.0),
+    size=(40, 30),
+    cells=bytes(1200),
+)
+CAMERA = Picture(name="camera", stamp=7, size=(4, 2), format="rgb8", data=bytes(range(24)))
+MOVING = MovingScene(
+    stamp=5,
+    frames=(Frame("odom", "map", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),),
+    scan=Scan(stamp=5, ranges=b"\x00\x00\x80\x3f"),
+    velocity=(0.1, 0.0),
+    battery=80.0,
+    grids=(COSTS,),
+    poses=(Poses(name="path", kind="path", frame="map", rows=ROWS),),
+    arrows=(Arrow(name="push", frame="base_link", start=(0, 0, 0), end=(1, 0, 0)),),
+    boxes=(BoundingBox(name="table", frame="map", position=(0, 0, 0.5), size=(2.0, 1.0, 1.0)),),
+    pictures=(CAMERA,),
+    detections=(Detection(picture="camera", name="object", box=(0, 0, 2, 2)),),
+    notes={"localisation": "sure"},
+    collisions=0,
+    grazes=1,
+)
+STATIC = StaticScene(
+    frame="map",
+    parts=(
+        Box(name="wall", size=(1.0, 2.0, 3.0), position=(0.0, 0.0, 1.5)),
+        Cylinder(radius=0.2, length=0.5, position=(0, 0, 0), quaternion=UPRIGHT),
+        Sphere(radius=0.1, position=(0, 0, 0), color=(1, 2, 3, 255)),
+    ),
+    laser=Laser(frame="laser", angle_min=-1.0, angle_increment=0.01, range_max=25.0),
+    places=(Place(name="wp1", position=(1.0, 2.0, 0.0)),),
+    areas=(Area(name="table", corners=(0.0, 0.0, 1.0, 1.0)),),
+    cameras=(Camera(name="camera", frame="optical", size=(32, 24), focal=(30.0, 30.0)),),
+    grids=(replace(COSTS, name="map", kind="occupancy"),),
+    battery=100.0,
+)
+GRID, PICTURE = asdict(COSTS), asdict(CAMERA)
 
 
 def moving(**changed: object) -> MovingMessage:
-    return MovingMessage(ID, 1, 2, 3, {**MOVING, **changed})
+    return MovingMessage(ID, 1, 2, 3, replace(MOVING, **changed))
 
 
 def test_a_scene_comes_out_as_it_went_in_and_its_cells_take_little_room_on_the_way():
@@ -75,8 +99,48 @@ def test_a_scene_comes_out_as_it_went_in_and_its_cells_take_little_room_on_the_w
     assert len(sent["cells"]) < 50
 
 
+def test_on_the_wire_a_scene_is_a_plain_map_without_what_is_not_set():
+    data = msgpack.unpackb(encode(StaticMessage(ID, replace(STATIC, grids=()))))["data"]
+    assert data == {
+        "frame": "map",
+        "parts": [
+            {"name": "wall", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.0, 0.0, 1.5]},
+            {
+                "kind": "cylinder",
+                "radius": 0.2,
+                "length": 0.5,
+                "position": [0, 0, 0],
+                "quaternion": [0.0, 0.0, 0.0, 1.0],
+            },
+            {"kind": "sphere", "radius": 0.1, "position": [0, 0, 0], "color": [1, 2, 3, 255]},
+        ],
+        "laser": {"frame": "laser", "angle_min": -1.0, "angle_increment": 0.01, "range_max": 25.0},
+        "places": [{"name": "wp1", "position": [1.0, 2.0, 0.0]}],
+        "areas": [{"name": "table", "corners": [0.0, 0.0, 1.0, 1.0]}],
+        "cameras": [{"name": "camera", "frame": "optical", "size": [32, 24], "focal": [30.0, 30.0]}],
+        "battery": 100.0,
+    }
+    scan = Scan(ranges=float32([1.0]))
+    data = msgpack.unpackb(encode(moving(scan=scan, arrows=(), boxes=None, grids=(), pictures=())))["data"]
+    assert data == {
+        "stamp": 5,
+        "frames": [["odom", "map", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]],
+        "scan": {"ranges": b"\x00\x00\x80\x3f"},
+        "velocity": [0.1, 0.0],
+        "battery": 80.0,
+        "poses": [{"name": "path", "kind": "path", "frame": "map", "rows": ROWS}],
+        "arrows": [],
+        "detections": [{"picture": "camera", "name": "object", "box": [0, 0, 2, 2]}],
+        "notes": {"localisation": "sure"},
+        "collisions": 0,
+        "grazes": 1,
+    }
+
+
 def test_what_nobody_here_knows_is_passed_on():
-    assert decode(encode(moving(smell={"of": "coffee"}))).data["smell"] == {"of": "coffee"}
+    sent = moving(extra={"smell": {"of": "coffee"}})
+    assert msgpack.unpackb(encode(sent))["data"]["smell"] == {"of": "coffee"}
+    assert decode(encode(sent)).data.extra["smell"] == {"of": "coffee"}
 
 
 @pytest.mark.parametrize(
@@ -103,7 +167,8 @@ def test_what_nobody_here_knows_is_passed_on():
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_named(key, entries, said):
-    whole = msgpack.unpackb(encode(moving()))
+    static = StaticMessage(ID, STATIC)
+    whole = msgpack.unpackb(encode(static if key == "parts" else moving()))
     whole["data"][key] = entries
     with pytest.raises(ProtocolError, match=said):
         decode(msgpack.packb(whole))
@@ -129,7 +194,7 @@ VALUES = st.recursive(
 @given(data=st.data())
 @settings(max_examples=300, deadline=None)
 def test_a_scene_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(data):
-    whole = msgpack.unpackb(encode(moving()))
+    whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticMessage(ID, STATIC)]))))
     scene = whole["data"]
     key = data.draw(st.sampled_from(sorted(scene)))
     entry = scene[key][0] if isinstance(scene[key], list) else scene[key]
@@ -145,32 +210,37 @@ def test_pictures_go_as_jpeg_and_look_the_same():
     rgb = np.zeros((48, 64, 3), dtype=np.uint8)
     rgb[:, :32] = (200, 40, 10)
     rgb[:, 32:] = (10, 60, 220)
-    picture = {**PICTURE, "size": [64, 48], "data": rgb.tobytes()}
-    scene = {"pictures": [picture], "battery": 3.0}
+    picture = replace(CAMERA, size=(64, 48), data=rgb.tobytes())
+    scene = MovingScene(pictures=[picture], battery=3.0)
     sent = decode(encode(MovingMessage(ID, 1, 2, 3, with_jpeg(scene)))).data
-    assert sent["battery"] == 3.0
-    assert sent["pictures"][0]["format"] == "jpeg"
-    assert len(sent["pictures"][0]["data"]) < rgb.size / 5
-    seen = cv2.imdecode(np.frombuffer(sent["pictures"][0]["data"], np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
+    assert sent.battery == 3.0
+    assert sent.pictures[0].format == "jpeg"
+    assert len(sent.pictures[0].data) < rgb.size / 5
+    seen = cv2.imdecode(np.frombuffer(sent.pictures[0].data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
     assert seen[24, 10] == pytest.approx(rgb[24, 10], abs=8)
     assert seen[24, 50] == pytest.approx(rgb[24, 50], abs=8)
-    assert with_jpeg({"battery": 3.0}) == {"battery": 3.0}
+    assert with_jpeg(MovingScene(battery=3.0)) == MovingScene(battery=3.0)
 
 
 def test_several_sources_make_one_scene():
-    body = {"frame": "map", "frames": [["base_link", "map"]], "notes": {"body": "warm"}, "stamp": 1}
-    mind = {"frames": [["odom", "map"]], "notes": {"mind": "sure"}, "stamp": 2, "grids": []}
-    assert merge_scenes([body, mind, {}]) == {
-        "frame": "map",
-        "frames": [["base_link", "map"], ["odom", "map"]],
-        "notes": {"body": "warm", "mind": "sure"},
-        "stamp": 1,
-        "grids": [],
-    }
-    assert body["frames"] == [["base_link", "map"]]
-    assert merge_scenes([]) == {}
+    here, there = Frame("base_link", "map", (0, 0, 0), UPRIGHT), Frame("odom", "map", (0, 0, 0), UPRIGHT)
+    body = MovingScene(frames=[here], notes={"body": "warm"}, stamp=1, velocity=(0.1, 0.2))
+    mind = MovingScene(
+        frames=[there], notes={"mind": "sure", "body": "cold"}, stamp=2, velocity=(3, 4), boxes=()
+    )
+    assert merge_scenes(MovingScene, [body, mind, MovingScene()]) == MovingScene(
+        frames=(here, there),
+        notes={"body": "warm", "mind": "sure"},
+        stamp=1,
+        velocity=(0.1, 0.2),
+        boxes=(),
+    )
+    assert body.frames == [here]
+    assert merge_scenes(StaticScene, []) == StaticScene()
+    assert merge_scenes(StaticScene, [StaticScene(), StaticScene(frame="map")]) == StaticScene(frame="map")
 
 
 def test_a_big_picture_counts_for_several_scenes_of_those_that_may_wait():
-    assert weight({"frames": []}) == 1
-    assert weight({"pictures": [{"data": bytes(320 * 240 * 3)}], "grids": [{"cells": bytes(100_000)}]}) == 6
+    assert weight(MovingScene()) == 1
+    picture, grid = replace(CAMERA, data=bytes(320 * 240 * 3)), replace(COSTS, cells=bytes(100_000))
+    assert weight(MovingScene(pictures=[picture], grids=[grid])) == 6

@@ -11,6 +11,7 @@ from btcore_robot.navigation.controller import FollowGoal
 from btcore_robot.navigation.scene import PARTICLES_AT_MOST
 from btcore_robot.navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
+from btcore_scene import MovingScene, Poses
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -28,9 +29,9 @@ class House:
         self.world = World(scene, seed=1)
         self.body = SimulatedRobot(self.world)
         self.navigation = Navigation(self.body, rasterise(scene), np.random.default_rng([1, 4]), TREES)
-        self.told: list[dict] = []
+        self.told: list[MovingScene] = []
 
-    def run(self, seconds: float) -> list[dict]:
+    def run(self, seconds: float) -> list[MovingScene]:
         """What was told in each tenth of so many seconds."""
         told = []
         for _ in range(round(seconds * 10)):
@@ -46,22 +47,22 @@ def house():
     made.world.close()
 
 
-def of(told: list[dict], key: str, name: str) -> list[dict]:
-    return [one for scene in told for one in scene[key] if one["name"] == name]
+def of(told: list[MovingScene], key: str, name: str) -> list:
+    return [one for scene in told for one in getattr(scene, key) if one.name == name]
 
 
-def poses(entry: dict) -> np.ndarray:
-    return np.frombuffer(entry["rows"], dtype="<f4").reshape(-1, 3)
+def poses(entry: Poses) -> np.ndarray:
+    return np.frombuffer(entry.rows, dtype="<f4").reshape(-1, 3)
 
 
 def test_the_map_is_told_at_the_start_with_the_places_to_keep_out_of(house):
     static = house.navigation.scene_static()
-    (grid,) = static["grids"]
+    (grid,) = static.grids
     known = house.navigation.map
-    assert (grid["name"], grid["kind"], grid["size"]) == ("map", "occupancy", [known.width, known.height])
-    cells = np.frombuffer(grid["cells"], dtype=np.int8).reshape(known.height, known.width)
+    assert (grid.name, grid.kind, grid.size) == ("map", "occupancy", (known.width, known.height))
+    cells = np.frombuffer(grid.cells, dtype=np.int8).reshape(known.height, known.width)
     assert (cells == known.cells).all()
-    assert [tuple(area["corners"]) for area in static["areas"]] == list(known.keepout)
+    assert [area.corners for area in static.areas] == list(known.keepout)
     assert not of(house.run(3.0), "grids", "map")
 
 
@@ -73,11 +74,11 @@ def test_costmaps_are_told_when_they_changed_the_large_one_once_a_second_at_most
     assert 4 <= len(large) <= 6
     assert 18 <= len(small) <= 24
     costs = house.navigation.global_costmap
-    assert large[-1]["size"] == [costs.map.width, costs.map.height]
-    assert small[-1]["frame"] == "odom"
+    assert large[-1].size == (costs.map.width, costs.map.height)
+    assert small[-1].frame == "odom"
     here = house.body.odometry().pose
-    assert small[-1]["origin"] == pytest.approx([here.x - 1.5, here.y - 1.5], abs=0.2)
-    assert {253, 254} <= set(small[-1]["cells"]) | set(large[-1]["cells"])
+    assert small[-1].origin == pytest.approx([here.x - 1.5, here.y - 1.5], abs=0.2)
+    assert {253, 254} <= set(small[-1].cells) | set(large[-1].cells)
 
 
 def test_path_and_goal_are_told_once_and_taken_back_when_nobody_drives(house):
@@ -91,12 +92,12 @@ def test_path_and_goal_are_told_once_and_taken_back_when_nobody_drives(house):
     assert [poses(one).tolist() for one in of(told, "poses", "goal")] == [
         [pytest.approx([1.07, -12.38, 0.5])]
     ]
-    assert told[-1]["notes"]["localisation"] == "sure"
-    assert told[-1]["notes"]["goal"].startswith("(1.1, -12.4), 1")
+    assert told[-1].notes["localisation"] == "sure"
+    assert told[-1].notes["goal"].startswith("(1.1, -12.4), 1")
     handle.cancel()
     after = house.run(0.5)
     assert len(poses(of(after, "poses", "path")[-1])) == len(poses(of(after, "poses", "goal")[-1])) == 0
-    assert after[-1]["notes"]["goal"] == "–"
+    assert after[-1].notes["goal"] == "–"
 
 
 def test_a_path_that_a_tree_drives_along_without_a_navigator_is_told_too(house):
@@ -109,8 +110,8 @@ def test_a_path_that_a_tree_drives_along_without_a_navigator_is_told_too(house):
     assert poses(line)[-1][:2] == pytest.approx([1.0, 0.5])
     (ring,) = of(told, "poses", "goal")
     assert poses(ring)[0][:2] == pytest.approx([1.0, 0.5])
-    assert told[-1]["notes"]["goal"].startswith("(1.0, 0.5), ")
-    assert told[-1]["notes"]["goal"].endswith(" m to go")
+    assert told[-1].notes["goal"].startswith("(1.0, 0.5), ")
+    assert told[-1].notes["goal"].endswith(" m to go")
 
 
 def test_it_tells_where_it_takes_itself_to_be_and_where_by_its_wheels_alone(house):
@@ -123,8 +124,8 @@ def test_it_tells_where_it_takes_itself_to_be_and_where_by_its_wheels_alone(hous
     off = math.hypot(estimate[0] - true.x, estimate[1] - true.y)
     drifted = math.hypot(by_wheels[0] - true.x, by_wheels[1] - true.y)
     assert off < 0.1 < drifted
-    odom = told[-1]["frames"][0]
-    assert odom[:2] == ["odom", "map"]
+    odom = told[-1].frames[0]
+    assert odom[:2] == ("odom", "map")
     clouds = of(told, "poses", "particles")
     assert 3 < len(clouds) < len(told)
     assert all(10 < len(poses(one)) <= PARTICLES_AT_MOST for one in clouds)
@@ -136,11 +137,11 @@ def test_a_new_viewer_is_told_everything_again(house):
     house.navigation.scene_static()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(2.0)
-    assert not house.navigation.scene_moving()["grids"]
+    assert not house.navigation.scene_moving().grids
     house.navigation.scene_static()
     again = house.navigation.scene_moving()
-    assert {one["name"] for one in again["grids"]} == {"global_costmap", "local_costmap"}
-    assert {one["name"] for one in again["poses"]} == {"path", "goal", "particles", "estimate", "odometry"}
+    assert {one.name for one in again.grids} == {"global_costmap", "local_costmap"}
+    assert {one.name for one in again.poses} == {"path", "goal", "particles", "estimate", "odometry"}
 
 
 def test_a_robot_that_was_carried_off_while_it_drives_says_so_and_turns_to_look_round(house):
@@ -150,7 +151,7 @@ def test_a_robot_that_was_carried_off_while_it_drives_says_so_and_turns_to_look_
     house.body.teleport(Pose2D(3.275, -0.375, 1.0))
     states, turns = [], []
     for _ in range(60):
-        states.append(house.run(0.1)[-1]["notes"]["localisation"])
+        states.append(house.run(0.1)[-1].notes["localisation"])
         if house.navigation.localiser.searching:
             turns.append(house.body.ramped_twist()[1])
     assert any("lost" in state for state in states)

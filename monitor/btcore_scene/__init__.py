@@ -1,0 +1,282 @@
+"""What a robot's scene consists of: typed messages that any robot can send and the monitor draws.
+
+Lengths are in metres, angles in radians, quaternions are (x, y, z, w), colours are red, green, blue and
+opacity of 0–255, and stamps are ns of the tree's clock. An entry without a `frame` is in the scene's frame.
+Arrays are little-endian bytes in C order: `array.astype("<f4").tobytes()` with numpy, `float32` without.
+
+    class Rover:
+        def scene_static(self) -> StaticScene:
+            base = Cylinder(frame="base_link", radius=0.2, length=0.3, position=(0.0, 0.0, 0.15))
+            return StaticScene(parts=[base])
+
+        def scene_moving(self) -> MovingScene:
+            return MovingScene(frames=[Frame("base_link", "map", (self.x, self.y, 0.0), UPRIGHT)])
+"""
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, NamedTuple, Protocol, runtime_checkable
+
+Pair = tuple[float, float]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Color = tuple[int, int, int, int]
+Size = tuple[int, int]
+"""Columns and rows of a grid, or width and height of a picture in pixels."""
+
+Float32 = Annotated[bytes, 4, "float32"]
+"""float32 values of shape (n,). The annotation names the bytes of a value, and the value."""
+Float32Rows = Annotated[bytes, 12, "rows of three float32"]
+"""float32 values of shape (n, 3)."""
+
+UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
+"""The quaternion of no rotation."""
+
+
+def float32(values: Iterable[float]) -> bytes:
+    """Return *values* as little-endian float32, for `Scan.ranges` and `Poses.rows`."""
+    found = tuple(values)
+    return struct.pack(f"<{len(found)}f", *found)
+
+
+class Frame(NamedTuple):
+    """The pose of the frame *child* in the frame *parent*."""
+
+    child: str
+    parent: str
+    position: Vector
+    quaternion: Quaternion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """A solid: *position* of its centre, and rotation, in *frame*. Without *color* it is grey."""
+
+    name: str | None = None
+    frame: str | None = None
+    kind: str = field(init=False)
+    position: Vector
+    quaternion: Quaternion | None = None
+    color: Color | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box(Shape):
+    """A box with the full edge lengths *size* along its axes."""
+
+    kind: Literal["box"] = field(default="box", init=False)
+    size: Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cylinder(Shape):
+    """A cylinder of *length* along its z axis."""
+
+    kind: Literal["cylinder"] = field(default="cylinder", init=False)
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sphere(Shape):
+    """A sphere."""
+
+    kind: Literal["sphere"] = field(default="sphere", init=False)
+    radius: float
+
+
+Part = Box | Cylinder | Sphere
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Laser:
+    """The geometry of a planar laser: ray i points at ``angle_min + i * angle_increment`` in *frame*."""
+
+    frame: str
+    angle_min: float
+    angle_increment: float
+    range_min: float | None = None
+    range_max: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A named point."""
+
+    name: str
+    frame: str | None = None
+    position: Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Area:
+    """A rectangle on the floor to keep out of; *corners* are xmin, ymin, xmax, ymax."""
+
+    name: str
+    frame: str | None = None
+    corners: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """A pinhole camera; *frame* has z ahead, x right, y down.
+
+    *focal* (fx, fy) and *center* (cx, cy) are in pixels; the default center is the middle of the picture.
+    """
+
+    name: str
+    frame: str
+    size: Size
+    focal: Pair
+    center: Pair | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grid:
+    """Cells on the floor. A grid replaces the earlier grid of the same *name*.
+
+    *cells* has shape (rows, columns), the row with the lowest y first. The cells of an ``occupancy`` grid are
+    int8: -1 is unknown, 0 free, 100 occupied. The cells of a ``costs`` grid are uint8: Nav2's costs of 0–255.
+    *origin* is the lower left corner (x, y), *resolution* the edge length of a cell.
+    """
+
+    name: str
+    kind: Literal["occupancy", "costs"]
+    frame: str | None = None
+    resolution: float
+    origin: Pair
+    size: Size
+    cells: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scan:
+    """One sweep of the laser: a range for each ray, +inf without an echo. The default *stamp* is now."""
+
+    stamp: int | None = None
+    ranges: Float32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Poses:
+    """Poses on the floor. They replace the earlier poses of the same *name*; no rows remove them.
+
+    *rows* are x, y and yaw of each pose. *kind* is how they are drawn: as the points of a path, as a cloud of
+    particles, as goals, as the robot's estimated pose, or as its pose by odometry alone.
+    """
+
+    name: str
+    kind: Literal["path", "cloud", "goal", "estimate", "odometry"]
+    frame: str | None = None
+    rows: Float32Rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrow:
+    """An arrow from *start* to *end*."""
+
+    name: str
+    frame: str | None = None
+    start: Vector
+    end: Vector
+    color: Color | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundingBox:
+    """An object found in space: *position* of its centre, and its full edge lengths *size*."""
+
+    name: str
+    frame: str | None = None
+    position: Vector
+    size: Vector
+    quaternion: Quaternion | None = None
+    color: Color | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A camera's picture. It replaces the earlier picture of the same *name*.
+
+    *data* is a JPEG file, or for ``rgb8`` uint8 of shape (height, width, 3).
+    """
+
+    name: str
+    stamp: int | None = None
+    size: Size
+    format: Literal["jpeg", "rgb8"]
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detection:
+    """An object found in the picture of this name: *box* is left, top, width and height in pixels."""
+
+    picture: str
+    name: str
+    stamp: int | None = None
+    box: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StaticScene:
+    """What does not change during a run. *frame* is the root of all frames (by default ``map``).
+
+    *battery* (percent) shows that the robot reports its battery. *extra* is sent as it is.
+    """
+
+    frame: str | None = None
+    parts: Sequence[Part] = ()
+    laser: Laser | None = None
+    places: Sequence[Place] = ()
+    footprint_radius: float | None = None
+    battery: float | None = None
+    cameras: Sequence[Camera] = ()
+    grids: Sequence[Grid] = ()
+    areas: Sequence[Area] = ()
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MovingScene:
+    """What moved or changed. What is missing stays as it was.
+
+    *arrows*, *boxes* and *detections* are complete: an object that is not among them is no longer drawn, and
+    None changes nothing. *velocity* is in m/s and rad/s, *battery* in percent, *notes* are Markdown by label.
+    *extra* is sent as it is.
+    """
+
+    stamp: int | None = None
+    frames: Sequence[Frame] = ()
+    velocity: Pair | None = None
+    battery: float | None = None
+    collisions: int | None = None
+    grazes: int | None = None
+    scan: Scan | None = None
+    pictures: Sequence[Picture] = ()
+    grids: Sequence[Grid] = ()
+    poses: Sequence[Poses] = ()
+    notes: Mapping[str, str] = field(default_factory=dict)
+    arrows: Sequence[Arrow] | None = None
+    boxes: Sequence[BoundingBox] | None = None
+    detections: Sequence[Detection] | None = None
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+
+@runtime_checkable
+class SceneSource(Protocol):
+    """A resource that the monitor can draw.
+
+    Both methods are called on the thread that ticks the tree, and must be fast. Their results are encoded on
+    another thread and must not be modified. A source that sends only changes sends everything again after
+    `scene_static`, with which a new publisher begins.
+    """
+
+    def scene_static(self) -> StaticScene:
+        """Return what does not change."""
+        ...
+
+    def scene_moving(self) -> MovingScene:
+        """Return what moved or changed."""
+        ...
