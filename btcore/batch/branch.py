@@ -1,5 +1,8 @@
 """Branches and switches for a batch."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from btcore.batch.context import BatchContext
 from btcore.batch.node import (
     NO_RESULTS,
@@ -109,6 +112,7 @@ class WhileDoElse(BranchNode):
 class Switch(BatchNode):
     """Ticks the child whose case equals the variable, else the last child."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"variable": "variable"}
     variable: BatchInput
     cases: list[BatchInput]
 

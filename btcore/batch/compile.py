@@ -1,16 +1,10 @@
 """From an ordinary tree to the nodes of a batch, or a refusal with the place of each node that can't be."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from importlib import import_module
+from typing import Any
 
-from btcore.batch import (
-    branch,
-    decorators,
-    parallel,
-    script_nodes,
-    sequences,
-    timing,
-)
+from btcore.batch import branch, script_nodes
 from btcore.batch.column_table import ColumnTable
 from btcore.batch.context import BatchContext
 from btcore.batch.expressions import compile_batch_script
@@ -24,57 +18,19 @@ from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import NOT_FOR_A_BATCH
 from btcore.engine.node import TreeNode
 from btcore.errors import Diagnostic, NodeError, TreeError
-from btcore.nodes.builtin_nodes import COMMON_NODES, FORMAT_4_NODES
+from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
 
-BATCH_NODES: Final[Mapping[str, type[BatchNode]]] = {
-    "AlwaysFailure": script_nodes.AlwaysFailure,
-    "AlwaysSuccess": script_nodes.AlwaysSuccess,
-    "AsyncFallback": sequences.AsyncFallback,
-    "AsyncSequence": sequences.AsyncSequence,
-    "Delay": timing.Delay,
-    "Fallback": sequences.Fallback,
-    "ForceFailure": decorators.ForceFailure,
-    "ForceSuccess": decorators.ForceSuccess,
-    "IfThenElse": branch.IfThenElse,
-    "Inverter": decorators.Inverter,
-    "KeepRunningUntilFailure": decorators.KeepRunningUntilFailure,
-    "Parallel": parallel.Parallel,
-    "ParallelAll": parallel.ParallelAll,
-    "Precondition": script_nodes.Precondition,
-    "ReactiveFallback": sequences.ReactiveFallback,
-    "ReactiveSequence": sequences.ReactiveSequence,
-    "Repeat": decorators.Repeat,
-    "RetryUntilSuccessful": decorators.RetryUntilSuccessful,
-    "RunOnce": decorators.RunOnce,
-    "Script": script_nodes.Script,
-    "ScriptCondition": script_nodes.ScriptCondition,
-    "Sequence": sequences.Sequence,
-    "SequenceWithMemory": sequences.SequenceWithMemory,
-    "SetBlackboard": script_nodes.SetBlackboard,
-    "Sleep": timing.Sleep,
-    "SubTree": script_nodes.SubTree,
-    **{f"Switch{number}": branch.Switch for number in range(2, 7)},
-    "Timeout": timing.Timeout,
-    "TryCatch": sequences.TryCatch,
-    "WhileDoElse": branch.WhileDoElse,
-}
-"""The built-in nodes that a batch runs, by ID."""
 
-_READ: Final[Mapping[str, Mapping[str, str]]] = {
-    "Delay": {"delay_msec": "delay_msec"},
-    "Parallel": {"success_count": "success_count", "failure_count": "failure_count"},
-    "ParallelAll": {"max_failures": "max_failures"},
-    "Precondition": {"else": "otherwise"},
-    "Repeat": {"num_cycles": "limit"},
-    "RetryUntilSuccessful": {"num_attempts": "limit"},
-    "RunOnce": {"then_skip": "then_skip"},
-    "Sleep": {"msec": "msec"},
-    "Timeout": {"msec": "msec"},
-    "TryCatch": {"catch_on_halt": "catch_on_halt"},
-}
-_SCRIPTS: Final = {"Precondition": "if", "Script": "code", "ScriptCondition": "code"}
+def batch_class(cls: type[TreeNode]) -> type[BatchNode] | None:
+    """The counterpart that *cls* itself declares, not a base class of it."""
+    declared = vars(cls).get("batch_class", "")
+    if not declared:
+        return None
+    module, name = declared.split(":")
+    found: type[BatchNode] = getattr(import_module(module), name)
+    return found
 
 
 class BatchCompiler:
@@ -130,9 +86,8 @@ class BatchCompiler:
         return Scope(self.schema, self.scopes[id(plan.blackboard)], plan.config.enums)
 
     def _made(self, plan: TreeNode, children: list[BatchNode]) -> BatchNode:
-        built_in = COMMON_NODES.get(plan.id) or FORMAT_4_NODES.get(plan.id)
-        kind = BATCH_NODES.get(plan.id)
-        if kind is not None and type(plan) is built_in:
+        kind = batch_class(type(plan))
+        if kind is not None:
             node = kind(plan, self.context, children)
             self._connect(plan, node)
             return node
@@ -149,7 +104,8 @@ class BatchCompiler:
 
     def _hint(self, plan: TreeNode, children: list[BatchNode]) -> str:
         if children:
-            return f"it runs {', '.join(sorted(BATCH_NODES))}"
+            known = [id for id, cls in BUILTIN_NODES[4].items() if batch_class(cls) is not None]
+            return f"it runs {', '.join(sorted(known))}"
         guess = nearest_name(plan.id, self.leaves)
         meant = f"did you mean <{guess}>? " if guess else ""
         return (
@@ -175,14 +131,13 @@ class BatchCompiler:
 
     def _connect(self, plan: TreeNode, node: BatchNode) -> None:
         """Give a built-in node its ports and its script."""
-        for port, attribute in _READ.get(plan.id, {}).items():
+        for port, attribute in node.input_ports.items():
             setattr(node, attribute, self._reader(plan, node, port))
         if isinstance(node, branch.Switch):
-            node.variable = self._reader(plan, node, "variable")
-            count = int(plan.id.removeprefix("Switch"))
-            node.cases = [self._reader(plan, node, f"case_{number}") for number in range(1, count + 1)]
-        if plan.id in _SCRIPTS:
-            self._script(plan, node, _SCRIPTS[plan.id])
+            count = plan.child_count[0]
+            node.cases = [self._reader(plan, node, f"case_{number}") for number in range(1, count)]
+        if node.script_port:
+            self._script(plan, node, node.script_port)
         if isinstance(node, script_nodes.SetBlackboard):
             self._set_blackboard(plan, node)
 

@@ -1,5 +1,6 @@
 """Decorators that change their child's result, and those that tick it again, for a batch."""
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -59,6 +60,7 @@ class KeepRunningUntilFailure(ResultDecorator):
 class RunOnce(BatchDecorator):
     """Ticks its child until it completes once in an agent's life."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"then_skip": "then_skip"}
     then_skip: BatchInput
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
@@ -170,11 +172,14 @@ class RepeatedNode(BatchDecorator):
 class Repeat(RepeatedNode):
     """Ticks its child until it succeeded often enough."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"num_cycles": "limit"}
+
 
 class RetryUntilSuccessful(RepeatedNode):
     """Ticks its child until it failed too often."""
 
     goes_on_success = False
+    input_ports: ClassVar[Mapping[str, str]] = {"num_attempts": "limit"}
 
     def _read_again(self, agents: int) -> None:
         if not self.limit.is_literal:

@@ -5,7 +5,7 @@ different agents in between doesn't matter to it.
 """
 
 from collections.abc import Mapping
-from typing import Final, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,10 @@ class BatchNode:
     """
 
     children: list["BatchNode"]
+    input_ports: ClassVar[Mapping[str, str]] = {}
+    """The attribute for each input port that the node reads, by the port's name."""
+    script_port: ClassVar[str] = ""
+    """The port whose script becomes the attribute *program*."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list["BatchNode"]) -> None:
         config: NodeConfig = plan.config

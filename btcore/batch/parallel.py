@@ -1,5 +1,8 @@
 """Parallels for a batch."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from btcore.batch.context import BatchContext
 from btcore.batch.node import (
     NO_RESULTS,
@@ -73,6 +76,10 @@ class ParallelNode(BatchNode):
 class Parallel(ParallelNode):
     """Ends when enough of its children succeeded or failed."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {
+        "success_count": "success_count",
+        "failure_count": "failure_count",
+    }
     success_count: BatchInput
     failure_count: BatchInput
 
@@ -140,6 +147,7 @@ class Parallel(ParallelNode):
 class ParallelAll(ParallelNode):
     """Ends when every child has completed."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"max_failures": "max_failures"}
     max_failures: BatchInput
 
     def tick(self, agents: int) -> Results:

@@ -1,6 +1,7 @@
 """Scripts, conditions on them, and SetBlackboard, for a batch; and the leaves whose result is fixed."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -62,6 +63,7 @@ class SubTree(BatchDecorator):
 class Script(BatchNode):
     """Runs a script, and succeeds."""
 
+    script_port: ClassVar[str] = "code"
     program: BatchProgram
 
     def tick(self, agents: int) -> Results:
@@ -72,6 +74,7 @@ class Script(BatchNode):
 class ScriptCondition(BatchNode):
     """Succeeds if a script is true."""
 
+    script_port: ClassVar[str] = "code"
     program: BatchProgram
 
     def tick(self, agents: int) -> Results:
@@ -83,6 +86,8 @@ class ScriptCondition(BatchNode):
 class Precondition(BatchDecorator):
     """Ticks its child if a script is true."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"else": "otherwise"}
+    script_port: ClassVar[str] = "if"
     program: BatchProgram
     otherwise: BatchInput
 

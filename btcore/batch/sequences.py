@@ -1,5 +1,6 @@
 """Sequences, fallbacks, and TryCatch, for a batch."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from btcore.batch.context import BatchContext
@@ -201,6 +202,7 @@ class ReactiveFallback(ReactiveNode):
 class TryCatch(BatchNode):
     """A sequence whose last child handles its failure."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"catch_on_halt": "catch_on_halt"}
     catch_on_halt: BatchInput
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:

@@ -1,5 +1,8 @@
 """Nodes that wait, for a batch: each agent for its own moment."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from btcore.batch.context import BatchContext
 from btcore.batch.node import BatchDecorator, BatchNode, Results
 from btcore.batch.ports import BatchInput
@@ -26,6 +29,7 @@ class TimedDecorator(BatchDecorator):
 class Timeout(TimedDecorator):
     """Halts its child and fails when it still runs some time after the start."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"msec": "msec"}
     msec: BatchInput
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
@@ -72,6 +76,7 @@ class Timeout(TimedDecorator):
 class Delay(TimedDecorator):
     """Ticks its child only when some time has passed since the start."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"delay_msec": "delay_msec"}
     delay_msec: BatchInput
 
     def tick(self, agents: int) -> Results:
@@ -100,6 +105,7 @@ class Delay(TimedDecorator):
 class Sleep(BatchNode):
     """Runs for some time, then succeeds."""
 
+    input_ports: ClassVar[Mapping[str, str]] = {"msec": "msec"}
     msec: BatchInput
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:

@@ -30,12 +30,39 @@ class Direction(enum.Enum):
     INOUT = "inout"
 
 
+class PortRole(enum.Enum):
+    """What a node does with a port, for checks that look at a tree without ticking it.
+
+    The node cannot be made without a SCRIPT, CONDITION, QUEUE or WATCHED_ENTRY.
+    """
+
+    VALUE = enum.auto()
+    SCRIPT = enum.auto()  # it is run
+    CONDITION = enum.auto()  # a script whose result decides
+    DURATION = enum.auto()  # milliseconds
+    REPETITIONS = enum.auto()  # −1 = for ever
+    SUCCESSES = enum.auto()  # of the children; −1 = all
+    FAILURES = enum.auto()  # of the children; −1 = all
+    QUEUE = enum.auto()  # values for the node's output port: a list, or the entry of one
+    WATCHED_ENTRY = enum.auto()  # without braces too, the entry that is looked at
+    REMOVED_ENTRY = enum.auto()  # the text names the entry that is removed
+    WRITTEN_ENTRY = enum.auto()  # the text names the entry that is written …
+    WRITTEN_VALUE = enum.auto()  # … with this text
+
+
+SCRIPT_ROLES: Final = (PortRole.SCRIPT, PortRole.CONDITION)
+KEY_ROLES: Final = (PortRole.WATCHED_ENTRY, PortRole.REMOVED_ENTRY, PortRole.WRITTEN_ENTRY)
+"""The roles in which a text without braces is a key of the blackboard."""
+LOAD_TIME_ROLES: Final = (PortRole.SCRIPT, PortRole.CONDITION, PortRole.QUEUE, PortRole.WATCHED_ENTRY)
+"""The roles of ports that a node looks at when it is made."""
+
+
 class Port:
     """One declared port: name, direction, type, default and description.
 
     *default* is the text that stands for an absent attribute (None = the port is mandatory),
     *value* the same as a Python value where the text can't tell it (UNSET = the text tells). *reads*
-    and *writes* tell what the node does with it.
+    and *writes* tell what the node does with it. An *optional* port may be absent though it has no default.
     """
 
     def __init__(
@@ -46,6 +73,8 @@ class Port:
         default: str | None = None,
         description: str = "",
         value: object = UNSET,
+        role: PortRole = PortRole.VALUE,
+        optional: bool = False,
     ) -> None:
         self.name = name
         self.direction = direction
@@ -53,6 +82,8 @@ class Port:
         self.default = default
         self.description = description
         self.value = value
+        self.role = role
+        self.optional = optional
         self.reads = direction is not Direction.OUT
         self.writes = direction is not Direction.IN
 

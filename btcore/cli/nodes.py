@@ -67,7 +67,9 @@ def _print(chosen: Sequence[Manifest]) -> None:
     for kind in _ORDER:
         family = sorted((one for one in chosen if one.type is kind), key=lambda one: one.id)
         for number, one in enumerate(family):
-            name = Text(terminal.node_symbol(one.id, kind) + " ", style=terminal.KIND_STYLE[kind])
+            name = Text(
+                terminal.node_symbol(one.cls.node_symbol, kind) + " ", style=terminal.KIND_STYLE[kind]
+            )
             name.append(one.id, style="bold")
             about = Text(_first_paragraph(one.description))
             if one.ports:

@@ -124,7 +124,8 @@ def print_summary(
         quiet = not result["ticks"]
         name = Text("  " * depths[node.uid])
         name.append(
-            terminal.node_symbol(node.id, node.type) + " ", style=terminal.KIND_STYLE.get(node.type, "")
+            terminal.node_symbol(node.node_symbol, node.type) + " ",
+            style=terminal.KIND_STYLE.get(node.type, ""),
         )
         name.append(node.name, style="dim" if quiet else "")
         if node.name != node.id:

@@ -88,7 +88,8 @@ def _print_json(data: object) -> None:
 
 def _draw(node: DiagramNode, above: Drawing, ports: bool) -> None:
     """Add *node*, and what is below, to the drawing."""
-    line = Text(terminal.node_symbol(node.id, node.type) + " ", style=terminal.KIND_STYLE.get(node.type, ""))
+    sign = terminal.node_symbol(node.symbol, node.type)
+    line = Text(f"{sign} ", style=terminal.KIND_STYLE.get(node.type, ""))
     line.append(node.name, style="bold" if node.type is not NodeType.ACTION else "")
     if node.name != node.id:
         line.append(f"  {node.id}", style=terminal.KIND_STYLE.get(node.type, ""))

@@ -73,7 +73,7 @@ def _table(rows: Sequence[RecordedStatistics]) -> Table:
         table.add_column(name, justify="right", no_wrap=True)
     for one in rows:
         label = Text(
-            terminal.node_symbol(one.node.id, one.node.type) + " ",
+            terminal.recorded_symbol(one.node.id, one.node.type) + " ",
             style=terminal.KIND_STYLE.get(one.node.type, ""),
         )
         label.append(one.path, style="" if one.results or one.runs else "dim")

@@ -14,6 +14,7 @@ from btcore.errors import (
     TreeError,
     excerpt,
 )
+from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
 
 STATUS_STYLE: Final = {
@@ -44,23 +45,6 @@ _KIND_SIGN: Final = {
     NodeType.DECORATOR: "◇",
     NodeType.SUBTREE: "▣",
 }
-# The signs that behavior-tree drawings have used since the beginning.
-_FAMILY_SIGN: Final = {
-    "Sequence": "→",
-    "Fallback": "?",
-    "Parallel": "⇉",
-    "Reactive": "↻",
-    "Switch": "⎇",
-    "IfThenElse": "⎇",
-    "WhileDoElse": "⎇",
-    "Inverter": "¬",
-    "Repeat": "↺",
-    "Retry": "↺",
-    "Loop": "↺",
-    "Timeout": "◷",
-    "Delay": "◷",
-    "Sleep": "◷",
-}
 
 
 def stdout_console() -> Console:
@@ -76,12 +60,15 @@ def stderr_console() -> Console:
     return Console(stderr=True, highlight=False)
 
 
-def node_symbol(node_id: str, kind: NodeType) -> str:
-    """The sign for a node: its family's where drawings have one, else its kind's."""
-    for family, shown in _FAMILY_SIGN.items():
-        if node_id.startswith(family):
-            return shown
-    return _KIND_SIGN.get(kind, "▪")
+def node_symbol(symbol: str, kind: NodeType) -> str:
+    """The sign for a node: that of its class's *symbol*, else that of its *kind*."""
+    return symbol[:1] or _KIND_SIGN.get(kind, "▪")
+
+
+def recorded_symbol(node_id: str, kind: NodeType) -> str:
+    """The sign for a node of a log, which knows the ID and the kind alone."""
+    cls = BUILTIN_NODES[4].get(node_id) or BUILTIN_NODES[3].get(node_id)
+    return node_symbol("" if cls is None else cls.node_symbol, kind)
 
 
 def format_status(value: Status) -> Text:

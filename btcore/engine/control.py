@@ -1,5 +1,6 @@
 """Inner nodes, which have children: control nodes and decorators."""
 
+from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
@@ -13,10 +14,66 @@ from btcore.engine.node import (
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 from btcore.errors import NodeError, NodeExecutionError
-from btcore.status import IDLE, RUNNING, NodeType
+from btcore.status import (
+    FAILURE,
+    IDLE,
+    NO_RESULT,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeType,
+    PossibleResults,
+    Status,
+)
 
 MIN_CHILDREN_FOR_BATCH_RESET: Final = 6
 """From so many children on, one note of all is made sooner than one for each."""
+
+
+def results_in_order(
+    children: list[PossibleResults], continue_on: Status, yields: bool = False
+) -> PossibleResults:
+    """What a node may result in that ticks its children in turn.
+
+    Args:
+        children: What its children may result in.
+        continue_on: The result after which the next child is ticked, as after SKIPPED.
+        yields: Whether the node is RUNNING after each child but the last that gives *continue_on* at once.
+    """
+    stop = FAILURE if continue_on is SUCCESS else SUCCESS
+    in_first_tick: set[Status] = set()
+    after_running: set[Status] = set()
+    # Whether the child at hand may be reached in the first tick, and in a later one.
+    at_once, later, all_skipped, may_run = True, False, True, False
+    for index, child in enumerate(children):
+        if not at_once and not later:
+            break
+        if stop in child.in_first_tick:
+            if at_once:
+                in_first_tick.add(stop)
+            if later:
+                after_running.add(stop)
+        if stop in child.after_running:
+            after_running.add(stop)
+        pauses = yields and index + 1 < len(children) and continue_on in child.in_first_tick
+        may_run = may_run or child.may_run or pauses
+        passes = SKIPPED in child.in_first_tick or (continue_on in child.in_first_tick and not pauses)
+        passes_late = continue_on in child.after_running or SKIPPED in child.after_running or pauses
+        later = (later and (passes or passes_late)) or (at_once and passes_late)
+        at_once = at_once and passes
+        all_skipped = all_skipped and SKIPPED in child.results
+    end = {continue_on, SKIPPED} if all_skipped else {continue_on}
+    return PossibleResults(
+        frozenset(in_first_tick | end if at_once else in_first_tick),
+        frozenset(after_running | end if later else after_running),
+        may_run,
+    )
+
+
+def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> PossibleResults:
+    """What a node of *cls* may result in, if nothing but its declared results is known."""
+    may_run = any(child.may_run for child in children)
+    return PossibleResults(cls.may_return, cls.may_return if may_run else NO_RESULT, may_run)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -24,6 +81,17 @@ class ControlNode(TreeNode):
     """A node that decides which of its children is ticked, and when."""
 
     node_type: ClassVar[NodeType] = NodeType.CONTROL
+    child_count: ClassVar[tuple[int, int | None]] = (1, None)
+    child_count_at_load: ClassVar[tuple[int, int | None]] = (1, None)
+    continue_on: ClassVar[Status | None] = None
+    """The result of a child after which the next one is ticked, as after SKIPPED; None = no such order."""
+    runs_one_child: ClassVar[bool] = False
+    """Whether a child that is RUNNING halts all others, and the next tick begins at the first again."""
+    branch_results: ClassVar[tuple[Status, ...]] = ()
+    """The results of the first child that lead to the second one, the third one, and so on."""
+    handler_port: ClassVar[str | None] = None
+    """If not None, the last child is ticked only after another failed, or as the port of this name says."""
+
     _children: list[TreeNode]
 
     # Those of the children, once somebody observed a reset.
@@ -38,6 +106,15 @@ class ControlNode(TreeNode):
     def children(self) -> list[TreeNode]:
         """The children, in order."""
         return self._children
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """What follows from the order of the children, if there is one."""
+        if cls.continue_on is None or cls.handler_port is not None:
+            return results_of_any(cls, children)
+        return results_in_order(children, cls.continue_on)
 
     def halt_child(self, index: int) -> None:
         """Halt child *index* if it runs, and reset it."""
@@ -114,6 +191,8 @@ class DecoratorNode(TreeNode):
 
     node_type: ClassVar[NodeType] = NodeType.DECORATOR
     _family: ClassVar[int] = DECORATING
+    child_count: ClassVar[tuple[int, int | None]] = (1, 1)
+    child_count_at_load: ClassVar[tuple[int, int | None]] = (1, 1)
     child: TreeNode
 
     def set_children(self, children: list[TreeNode]) -> None:
@@ -124,6 +203,13 @@ class DecoratorNode(TreeNode):
     def children(self) -> list[TreeNode]:
         """The child, as a list."""
         return [self.child]
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """The declared results, whatever the child does."""
+        return results_of_any(cls, children)
 
     def halt_child(self) -> None:
         """Halt the child if it runs, and reset it."""

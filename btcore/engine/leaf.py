@@ -1,12 +1,13 @@
 """The leaf classes that users subclass: actions that end at once, actions that last, conditions."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.node import SYNCHRONOUS, TreeNode
 from btcore.errors import NodeError
-from btcore.status import IDLE, RUNNING, NodeType
+from btcore.status import IDLE, NO_RESULT, RUNNING, NodeType, PossibleResults
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -22,12 +23,26 @@ class Condition(LeafNode):
 
     node_type: ClassVar[NodeType] = NodeType.CONDITION
 
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """What the class declares, within one tick."""
+        return PossibleResults(cls.may_return)
+
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SyncAction(LeafNode):
     """An action that is done within one tick: override :meth:`tick`; it never returns RUNNING."""
 
     _family: ClassVar[int] = SYNCHRONOUS
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """What the class declares, within one tick."""
+        return PossibleResults(cls.may_return)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -41,6 +56,14 @@ class StatefulAction(LeafNode):
     """
 
     may_complete_on_start: ClassVar[bool] = False
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """What the class declares, after at least one RUNNING tick unless it may complete on start."""
+        at_once = cls.may_return if cls.may_complete_on_start else NO_RESULT
+        return PossibleResults(at_once, cls.may_return, True)
 
     def on_start(self) -> object:
         """Begin. Called by the tick that finds the node IDLE."""

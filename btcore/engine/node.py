@@ -4,7 +4,7 @@
 tick is BehaviorTree.CPP's (nodes.md §2.1): pre-conditions, tick, post-conditions, stored status.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
@@ -16,12 +16,15 @@ from btcore.engine.instrumentation import Instrumentation, TickCounts
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import NodeError, NodeExecutionError
 from btcore.status import (
+    ANY_RESULT,
     FAILURE,
     IDLE,
     RUNNING,
     SKIPPED,
     SUCCESS,
+    UNKNOWN_RESULTS,
     NodeType,
+    PossibleResults,
     Status,
 )
 
@@ -50,6 +53,34 @@ class TreeNode:
     node_type: ClassVar[NodeType] = NodeType.UNDEFINED
     _family: ClassVar[int] = PLAIN
 
+    # --- what a class declares about its nodes, beside its ports. No tick reads it.
+
+    node_symbol: ClassVar[str] = ""
+    """The sign of the node in listings and pictures; "" = that of its type.
+
+    Of two characters, listings show the first, and pictures draw the second in a ring.
+    """
+    may_return: ClassVar[frozenset[Status]] = ANY_RESULT
+    """The results that a tick may give, apart from RUNNING. Static checks and tree coverage use it."""
+    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    """The attributes that the node remembers between ticks, in addition to those of its base classes.
+
+    Saved and restored, together with statuses, blackboard and clock, they determine the tree's future. None =
+    the node cannot be saved while it is RUNNING.
+    """
+    child_count: ClassVar[tuple[int, int | None]] = (0, 0)
+    """The least and the greatest number of children that the node can be ticked with; None = no limit."""
+    child_count_at_load: ClassVar[tuple[int, int | None]] = (0, 0)
+    """The same for loading a tree: BehaviorTree.CPP loads some trees whose ticks raise."""
+    child_roles: ClassVar[str] = ""
+    """What the children are for, as messages about their number explain it."""
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+    """The XML formats that have this class built in; () = a base class. Not inherited."""
+    builtin_id: ClassVar[str] = ""
+    """The ID of the built-in node; "" = the class's name. Not inherited."""
+    batch_class: ClassVar[str] = ""
+    """``module:class`` of the counterpart in the batch engine; "" = there is none. Not inherited."""
+
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
     _guard: Instrumentation | None = None
@@ -76,6 +107,18 @@ class TreeNode:
 
     def prepare(self) -> None:
         """Look once at what the tree says, after ``__init__`` and the children. Raises NodeError."""
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """Return what a node of this class may result in, for static checks.
+
+        Args:
+            children: What its children may result in, in order.
+            literals: The values of the input ports that are given as literals, by name.
+        """
+        return UNKNOWN_RESULTS
 
     # --- who it is
 

@@ -1,8 +1,10 @@
 """Actions on the blackboard."""
 
+from typing import ClassVar
+
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Direction, Port, remapped_key
+from btcore.blackboard.ports import Direction, Port, PortRole, remapped_key
 from btcore.engine.leaf import SyncAction
 from btcore.errors import BlackboardError
 from btcore.status import FAILURE, SUCCESS, Status
@@ -17,12 +19,21 @@ class SetBlackboard(SyncAction):
     type too where the destination is new; FAILURE while it is empty.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "↓"
+    batch_class: ClassVar[str] = "btcore.batch.script_nodes:SetBlackboard"
+
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
         return [
-            Port("value", description="what to write"),
-            Port("output_key", Direction.INOUT, description="the name of the entry to write"),
+            Port("value", description="what to write", role=PortRole.WRITTEN_VALUE),
+            Port(
+                "output_key",
+                Direction.INOUT,
+                description="the name of the entry to write",
+                role=PortRole.WRITTEN_ENTRY,
+            ),
         ]
 
     def tick(self) -> Status:
@@ -63,10 +74,14 @@ class SetBlackboard(SyncAction):
 class UnsetBlackboard(SyncAction):
     """Removes the entry named by `key` from this scope's own blackboard; succeeds also without one."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("key", type=STRING, description="the name of the entry to remove")]
+        about = "the name of the entry to remove"
+        return [Port("key", type=STRING, description=about, role=PortRole.REMOVED_ENTRY)]
 
     def tick(self) -> Status:
         """Remove the entry."""

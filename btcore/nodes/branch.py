@@ -1,8 +1,11 @@
 """Branches: the first child decides which of the others is ticked."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.control import ControlNode
+from btcore.engine.control import ControlNode, results_of_any
 from btcore.engine.node import execute_tick
 from btcore.errors import NodeError
 from btcore.status import (
@@ -10,6 +13,7 @@ from btcore.status import (
     IDLE,
     RUNNING,
     SUCCESS,
+    PossibleResults,
     Status,
 )
 
@@ -17,6 +21,39 @@ from btcore.status import (
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BranchNode(ControlNode):
     """A node of two or three children: a condition, then, and else."""
+
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+    node_symbol: ClassVar[str] = "⎇"
+    child_count: ClassVar[tuple[int, int | None]] = (2, 3)
+    child_roles: ClassVar[str] = "a condition, and one or two branches"
+    branch_results: ClassVar[tuple[Status, ...]] = (SUCCESS, FAILURE)
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """Those of the branches that the condition can lead to."""
+        if not 2 <= len(children) <= 3:
+            return results_of_any(cls, children)
+        condition = children[0]
+        missing = PossibleResults(frozenset({FAILURE}))
+        first: set[Status] = set()
+        late: set[Status] = set()
+        may_run = condition.may_run
+        for index, chosen in enumerate(cls.branch_results):
+            if chosen not in condition.results:
+                continue
+            branch = children[index + 1] if index + 1 < len(children) else missing
+            may_run = may_run or branch.may_run
+            late |= branch.after_running
+            if chosen in condition.in_first_tick:
+                first |= branch.in_first_tick
+            if chosen in condition.after_running:
+                late |= branch.in_first_tick
+        if len(children) == 2 and FAILURE in condition.results:
+            # The condition keeps its FAILURE, so that the next start gives it at once.
+            first.add(FAILURE)
+        return PossibleResults(frozenset(first), frozenset(late), may_run)
 
     def check_children(self) -> int:
         """The number of children. Raises NodeError unless it is 2 or 3."""
@@ -33,6 +70,10 @@ class IfThenElse(BranchNode):
     While the branch runs the condition isn't ticked again. Without a third child a failed
     condition gives FAILURE, and the condition keeps its status. A skipped condition is an error.
     """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    batch_class: ClassVar[str] = "btcore.batch.branch:IfThenElse"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_branch",)
 
     _branch: int = 0
 
@@ -72,6 +113,9 @@ class WhileDoElse(BranchNode):
     When the condition changes its mind the branch that runs is halted. Without a third child a
     failed condition gives FAILURE. A skipped condition is an error.
     """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.branch:WhileDoElse"
 
     def tick(self) -> Status:
         """Tick the condition, and the branch it asks for."""

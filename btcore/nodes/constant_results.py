@@ -1,5 +1,7 @@
 """Leaves whose result is fixed."""
 
+from typing import ClassVar
+
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.leaf import SyncAction
@@ -10,6 +12,11 @@ from btcore.status import FAILURE, SUCCESS, Status
 class AlwaysSuccess(SyncAction):
     """Succeeds."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "⊤"
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+    batch_class: ClassVar[str] = "btcore.batch.script_nodes:AlwaysSuccess"
+
     def tick(self) -> Status:
         """SUCCESS."""
         return SUCCESS
@@ -18,6 +25,11 @@ class AlwaysSuccess(SyncAction):
 @mypyc_attr(allow_interpreted_subclasses=True)
 class AlwaysFailure(SyncAction):
     """Fails."""
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "⊥"
+    may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE})
+    batch_class: ClassVar[str] = "btcore.batch.script_nodes:AlwaysFailure"
 
     def tick(self) -> Status:
         """FAILURE."""

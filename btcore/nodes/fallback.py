@@ -16,6 +16,9 @@ class Fallback(OrderedNode):
     reset, SUCCESS. SKIPPED children are passed over. All failed: FAILURE; all skipped: SKIPPED.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "?"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:Fallback"
     continue_on: ClassVar[Status] = FAILURE
 
 
@@ -26,6 +29,8 @@ class AsyncFallback(Fallback):
     After a child that failed within one tick it returns RUNNING and asks to be ticked again.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.sequences:AsyncFallback"
     yields: ClassVar[bool] = True
 
 
@@ -37,4 +42,7 @@ class ReactiveFallback(ReactiveNode):
     FAILURE; all skipped: SKIPPED.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "↻?"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:ReactiveFallback"
     continue_on: ClassVar[Status] = FAILURE

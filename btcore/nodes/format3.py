@@ -4,7 +4,7 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import ControlNode, DecoratorNode
 from btcore.engine.node import execute_tick
 from btcore.errors import BlackboardError, ConversionError, NodeError
@@ -36,6 +36,9 @@ from btcore.values import (
 class SequenceStar(OrderedNode):
     """A Sequence that goes on at the child that failed; a halt starts it anew."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    node_symbol: ClassVar[str] = "→"
+    remembers: ClassVar[bool] = True
     continue_on: ClassVar[Status] = SUCCESS
 
     def finish_early(self) -> None:
@@ -52,14 +55,30 @@ class Parallel3(ControlNode):
     too many for a success. Negative thresholds are from the end: −1 = all.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Parallel"
+    node_symbol: ClassVar[str] = "⇉"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_completed",)
+
     _completed: set[int]
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
         return [
-            Port("success_threshold", type=INT, description="successes needed, −1 = all"),
-            Port("failure_threshold", type=INT, default="1", description="failures that end it"),
+            Port(
+                "success_threshold",
+                type=INT,
+                description="successes needed, −1 = all",
+                role=PortRole.SUCCESSES,
+            ),
+            Port(
+                "failure_threshold",
+                type=INT,
+                default="1",
+                description="failures that end it",
+                role=PortRole.FAILURES,
+            ),
         ]
 
     def prepare(self) -> None:
@@ -113,6 +132,12 @@ class WhileDoElse3(ControlNode):
     It has exactly three children.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "WhileDoElse"
+    node_symbol: ClassVar[str] = "⎇"
+    child_count: ClassVar[tuple[int, int | None]] = (3, 3)
+    child_roles: ClassVar[str] = "a condition, and two branches"
+
     def tick(self) -> Status:
         """Tick the condition, and the branch it asks for."""
         if len(self._children) != 3:
@@ -135,6 +160,8 @@ class WhileDoElse3(ControlNode):
 class Repeat3(Repeat):
     """Ticks its child until it succeeded `num_cycles` times (−1 = for ever), within one tick if it can."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Repeat"
     yields: ClassVar[bool] = False
 
 
@@ -142,6 +169,8 @@ class Repeat3(Repeat):
 class RetryUntilSuccessful3(RetryUntilSuccessful):
     """Ticks its child until it failed `num_attempts` times (−1 = for ever), all within one tick if it can."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "RetryUntilSuccessful"
     yields: ClassVar[bool] = False
 
     def limit_after(self, limit: int) -> int:
@@ -153,6 +182,9 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
 class Delay3(Delay):
     """Ticks its child only when `delay_msec` milliseconds have passed since the start; RUNNING until then."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Delay"
+
     def ends_with(self, status: Status) -> bool:
         """Whether the next tick starts a new delay."""
         return status is not RUNNING
@@ -161,6 +193,9 @@ class Delay3(Delay):
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SetBlackboard3(SetBlackboard):
     """Writes `value` to the entry whose name `output_key` gives; `value="{key}"` copies that entry."""
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "SetBlackboard"
 
     def nothing_to_copy(self, key: str) -> Status:
         """An empty entry is copied too."""
@@ -178,6 +213,8 @@ class SetBlackboard3(SetBlackboard):
 class SwitchNode3(SwitchNode):
     """Ticks the child whose `case_N` is the same text as `variable`, else the last child."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+
     def equal(self, variable: str, case: str) -> bool:
         """Whether the texts are the same."""
         return variable == case
@@ -187,35 +224,45 @@ class SwitchNode3(SwitchNode):
 class Switch2v3(SwitchNode3):
     """Ticks the child whose case (of two) equals `variable`, as a text, else the last child."""
 
-    cases: ClassVar[int] = 2
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Switch2"
+    child_count: ClassVar[tuple[int, int | None]] = (3, 3)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch3v3(SwitchNode3):
     """Ticks the child whose case (of three) equals `variable`, as a text, else the last child."""
 
-    cases: ClassVar[int] = 3
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Switch3"
+    child_count: ClassVar[tuple[int, int | None]] = (4, 4)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch4v3(SwitchNode3):
     """Ticks the child whose case (of four) equals `variable`, as a text, else the last child."""
 
-    cases: ClassVar[int] = 4
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Switch4"
+    child_count: ClassVar[tuple[int, int | None]] = (5, 5)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch5v3(SwitchNode3):
     """Ticks the child whose case (of five) equals `variable`, as a text, else the last child."""
 
-    cases: ClassVar[int] = 5
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Switch5"
+    child_count: ClassVar[tuple[int, int | None]] = (6, 6)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch6v3(SwitchNode3):
     """Ticks the child whose case (of six) equals `variable`, as a text, else the last child."""
 
-    cases: ClassVar[int] = 6
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "Switch6"
+    child_count: ClassVar[tuple[int, int | None]] = (7, 7)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -226,15 +273,21 @@ class BlackboardCheck(DecoratorNode):
     can't be read is a mismatch; reals are equal within the precision of a float.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
     element: ClassVar[ValueType] = STRING
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
         return [
-            Port("value_A", type=ANY, description="one value"),
-            Port("value_B", type=ANY, description="the other"),
-            Port("return_on_mismatch", type=NODE_STATUS, description="the result if they differ"),
+            Port("value_A", type=ANY, description="one value", optional=True),
+            Port("value_B", type=ANY, description="the other", optional=True),
+            Port(
+                "return_on_mismatch",
+                type=NODE_STATUS,
+                description="the result if they differ",
+                optional=True,
+            ),
         ]
 
     def tick(self) -> Status:
@@ -270,6 +323,7 @@ class BlackboardCheck(DecoratorNode):
 class BlackboardCheckInt(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as integers, else gives `return_on_mismatch`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = INT
 
 
@@ -277,6 +331,7 @@ class BlackboardCheckInt(BlackboardCheck):
 class BlackboardCheckDouble(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as real numbers, else gives `return_on_mismatch`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = DOUBLE
 
 
@@ -284,6 +339,7 @@ class BlackboardCheckDouble(BlackboardCheck):
 class BlackboardCheckString(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as texts, else gives `return_on_mismatch`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = STRING
 
 
@@ -291,6 +347,7 @@ class BlackboardCheckString(BlackboardCheck):
 class BlackboardCheckBool(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as truth values, else gives `return_on_mismatch`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = BOOL
 
 
@@ -301,6 +358,9 @@ class SubTree3(SubTree):
     `inner="outer"` (without braces) is one entry under two names; with `__shared_blackboard` both
     trees use one blackboard.
     """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    builtin_id: ClassVar[str] = "SubTree"
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -315,3 +375,5 @@ class SubTreePlus(SubTree3):
     `inner="{outer}"` is one entry under two names, anything else a constant; with `__autoremap` every
     name that the inner tree uses is the outer one's.
     """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)

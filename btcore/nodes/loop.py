@@ -5,7 +5,7 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Direction, Input, Port
+from btcore.blackboard.ports import Direction, Input, Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
 from btcore.errors import NodeError
@@ -36,6 +36,9 @@ class LoopNode(DecoratorNode):
     entry that holds a deque (consumed in place), a list or such a text.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+    node_symbol: ClassVar[str] = "↺"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_current", "_going")
     element: ClassVar[ValueType] = ANY
     _queue: Input | None = None
     _literal: "list[object] | None" = None
@@ -46,11 +49,22 @@ class LoopNode(DecoratorNode):
     def provided_ports(cls) -> list[Port]:
         """The ports."""
         return [
-            Port("queue", Direction.INOUT, description="the elements, as a list or an entry"),
+            Port(
+                "queue",
+                Direction.INOUT,
+                description="the elements, as a list or an entry",
+                role=PortRole.QUEUE,
+            ),
             Port(
                 "if_empty", type=NODE_STATUS, default="SUCCESS", description="the result when nothing is left"
             ),
-            Port("value", Direction.OUT, type=cls.element, description="the element of this turn"),
+            Port(
+                "value",
+                Direction.OUT,
+                type=cls.element,
+                description="the element of this turn",
+                optional=True,
+            ),
         ]
 
     def prepare(self) -> None:
@@ -114,6 +128,7 @@ class LoopNode(DecoratorNode):
 class LoopInt(LoopNode):
     """Ticks its child once for each of the integers in `queue`, one a tick, written to `value`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = INT
 
 
@@ -121,6 +136,7 @@ class LoopInt(LoopNode):
 class LoopBool(LoopNode):
     """Ticks its child once for each of the truth values in `queue`, one a tick, written to `value`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = BOOL
 
 
@@ -128,6 +144,7 @@ class LoopBool(LoopNode):
 class LoopDouble(LoopNode):
     """Ticks its child once for each of the real numbers in `queue`, one a tick, written to `value`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = DOUBLE
 
 
@@ -135,4 +152,5 @@ class LoopDouble(LoopNode):
 class LoopString(LoopNode):
     """Ticks its child once for each of the texts in `queue`, one a tick, written to `value`."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = STRING

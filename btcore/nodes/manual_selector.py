@@ -1,5 +1,7 @@
 """ManualSelector: a person chooses the child."""
 
+from typing import ClassVar
+
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
@@ -40,6 +42,9 @@ class ManualSelector(ControlNode):
 
     With `repeat_last_selection` the first answer holds for all later ticks. The tick waits for the answer.
     """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_last",)
 
     _last: int = -1
     _prompt: Prompt

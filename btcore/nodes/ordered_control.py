@@ -1,16 +1,18 @@
 """What sequences and fallbacks share: children ticked in order, until one of them ends it."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.control import ControlNode
+from btcore.engine.control import ControlNode, results_in_order
 from btcore.engine.node import execute_tick, halt_node, reset_status
 from btcore.status import (
     IDLE,
     RUNNING,
     SKIPPED,
     SUCCESS,
+    PossibleResults,
     Status,
 )
 
@@ -23,13 +25,30 @@ class OrderedNode(ControlNode):
     opposite ends the node with that result. When all were skipped the node is skipped.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped")
     continue_on: ClassVar[Status] = SUCCESS
     yields: ClassVar[bool] = False
+    """Whether the node is RUNNING after a child that completed within one tick."""
+    remembers: ClassVar[bool] = False
+    """Whether the next start begins at the child that ended the node."""
 
     _next: int = 0
     _skipped: int = 0
     _going: Status = SUCCESS
     _yields: bool = False
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """What follows from the order of the children, from each child on at which the node may begin."""
+        whole = results_in_order(children, cls.continue_on, cls.yields)
+        first = whole.in_first_tick
+        if cls.remembers:
+            for index in range(1, len(children)):
+                first |= results_in_order(children[index:], cls.continue_on, cls.yields).in_first_tick
+        return PossibleResults(first, whole.after_running, whole.may_run)
 
     def prepare(self) -> None:
         """Know the result that goes on."""
@@ -89,6 +108,8 @@ class OrderedNode(ControlNode):
 class ReactiveNode(ControlNode):
     """Ticks its children from the first one on every tick, and lets only one of them run."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+    runs_one_child: ClassVar[bool] = True
     continue_on: ClassVar[Status] = SUCCESS
     _going: Status = SUCCESS
 

@@ -1,10 +1,10 @@
 """Parallels: every child is ticked in each tick."""
 
-from typing import cast
+from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick
 from btcore.errors import NodeError
@@ -35,6 +35,11 @@ class Parallel(ControlNode):
     than there are children is an error.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "⇉"
+    batch_class: ClassVar[str] = "btcore.batch.parallel:Parallel"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_completed", "_successes", "_failures")
+
     _completed: set[int]
     _successes: int = 0
     _failures: int = 0
@@ -43,8 +48,20 @@ class Parallel(ControlNode):
     def provided_ports() -> list[Port]:
         """The ports."""
         return [
-            Port("success_count", type=INT, default="-1", description="successes needed, −1 = all"),
-            Port("failure_count", type=INT, default="1", description="failures that end it"),
+            Port(
+                "success_count",
+                type=INT,
+                default="-1",
+                description="successes needed, −1 = all",
+                role=PortRole.SUCCESSES,
+            ),
+            Port(
+                "failure_count",
+                type=INT,
+                default="1",
+                description="failures that end it",
+                role=PortRole.FAILURES,
+            ),
         ]
 
     def prepare(self) -> None:
@@ -107,13 +124,19 @@ class ParallelAll(ControlNode):
     `max_failures` is from the end: −1 = all. More than there are children is an error.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "⇉"
+    batch_class: ClassVar[str] = "btcore.batch.parallel:ParallelAll"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_completed", "_failures")
+
     _completed: set[int]
     _failures: int = 0
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("max_failures", type=INT, default="1", description="failures that make it fail")]
+        about = "failures that make it fail"
+        return [Port("max_failures", type=INT, default="1", description=about, role=PortRole.FAILURES)]
 
     def prepare(self) -> None:
         """Nothing is completed."""

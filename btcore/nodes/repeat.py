@@ -1,19 +1,22 @@
 """Decorators that tick their child again after it completed."""
 
+from collections.abc import Mapping
 from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
 from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.status import (
     FAILURE,
     IDLE,
+    NO_RESULT,
     RUNNING,
     SKIPPED,
     SUCCESS,
+    PossibleResults,
     Status,
 )
 from btcore.values import INT
@@ -28,11 +31,34 @@ class RepeatedNode(DecoratorNode):
     and the count stays.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+    node_symbol: ClassVar[str] = "↺"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_count",)
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
     yields: ClassVar[bool] = True
 
     _count: int = 0
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """What the child's results lead to within the limit, as far as the limit is known."""
+        child, again, limit = children[0], cls.repeat_on, literals.get(cls.limit)
+        if not isinstance(limit, int):
+            return PossibleResults(child.in_first_tick | {again}, child.results | {again}, True)
+        if limit == 0 or limit < -1:
+            return PossibleResults(frozenset({again}))
+        if limit == 1:
+            return child
+        results = child.results - {again} if limit < 0 else child.results
+        pauses = cls.yields and again in child.in_first_tick
+        first = child.in_first_tick & results
+        if pauses and SKIPPED not in child.results:
+            first -= {again}
+        may_run = child.may_run or pauses
+        return PossibleResults(first, results if may_run else NO_RESULT, may_run or limit < 0)
 
     def tick(self) -> Status:
         """Tick the child, again and again."""
@@ -82,13 +108,16 @@ class Repeat(RepeatedNode):
     without a tick of the child. A skipped child makes it SKIPPED, and the count stays.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.decorators:Repeat"
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("num_cycles", type=INT, description="how often to repeat a success, −1 = for ever")]
+        about = "how often to repeat a success, −1 = for ever"
+        return [Port("num_cycles", type=INT, description=about, role=PortRole.REPETITIONS)]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -100,13 +129,16 @@ class RetryUntilSuccessful(RepeatedNode):
     it SKIPPED, and the count stays.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.decorators:RetryUntilSuccessful"
     repeat_on: ClassVar[Status] = FAILURE
     limit: ClassVar[str] = "num_attempts"
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("num_attempts", type=INT, description="how often to retry a failure, −1 = for ever")]
+        about = "how often to retry a failure, −1 = for ever"
+        return [Port("num_attempts", type=INT, description=about, role=PortRole.REPETITIONS)]
 
     def limit_after(self, limit: int) -> int:
         """The limit as it is now: a tick of the child may have changed it."""

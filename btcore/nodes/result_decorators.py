@@ -1,5 +1,6 @@
 """Decorators that change their child's result."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
@@ -14,6 +15,7 @@ from btcore.status import (
     RUNNING,
     SKIPPED,
     SUCCESS,
+    PossibleResults,
     Status,
 )
 from btcore.values import BOOL
@@ -22,6 +24,17 @@ from btcore.values import BOOL
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Inverter(DecoratorNode):
     """Turns SUCCESS into FAILURE and FAILURE into SUCCESS; RUNNING and SKIPPED pass."""
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "¬"
+    batch_class: ClassVar[str] = "btcore.batch.decorators:Inverter"
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """The child's, swapped."""
+        return children[0].mapped({SUCCESS: FAILURE, FAILURE: SUCCESS})
 
     def tick(self) -> Status:
         """Tick the child, and swap its result."""
@@ -40,7 +53,15 @@ class Inverter(DecoratorNode):
 class ForcedNode(DecoratorNode):
     """Gives *forced* when its child completes; RUNNING and SKIPPED pass."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
     forced: ClassVar[Status] = SUCCESS
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """The child's, with the forced result for those that complete."""
+        return children[0].mapped({SUCCESS: cls.forced, FAILURE: cls.forced})
 
     def tick(self) -> Status:
         """Tick the child."""
@@ -56,6 +77,10 @@ class ForcedNode(DecoratorNode):
 class ForceSuccess(ForcedNode):
     """Succeeds when its child completes, either way; RUNNING and SKIPPED pass."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "⊤"
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, SKIPPED})
+    batch_class: ClassVar[str] = "btcore.batch.decorators:ForceSuccess"
     forced: ClassVar[Status] = SUCCESS
 
 
@@ -63,12 +88,29 @@ class ForceSuccess(ForcedNode):
 class ForceFailure(ForcedNode):
     """Fails when its child completes, either way; RUNNING and SKIPPED pass."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "⊥"
+    may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE, SKIPPED})
+    batch_class: ClassVar[str] = "btcore.batch.decorators:ForceFailure"
     forced: ClassVar[Status] = FAILURE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class KeepRunningUntilFailure(DecoratorNode):
     """Keeps RUNNING, and ticks its child anew after each SUCCESS; FAILURE when the child fails."""
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "↺"
+    may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE})
+    batch_class: ClassVar[str] = "btcore.batch.decorators:KeepRunningUntilFailure"
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """FAILURE, if the child can fail."""
+        child = children[0]
+        return PossibleResults(child.in_first_tick & cls.may_return, child.results & cls.may_return, True)
 
     def tick(self) -> Status:
         """Tick the child."""
@@ -90,7 +132,20 @@ class RunOnce(DecoratorNode):
     change what is remembered.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.decorators:RunOnce"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_result",)
+
     _result: Status = IDLE
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """The child's, or SKIPPED unless the result is repeated."""
+        child = children[0]
+        later = frozenset() if literals.get("then_skip") is False else frozenset({SKIPPED})
+        return PossibleResults(child.results | later, child.after_running, child.may_run)
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -1,15 +1,16 @@
 """Nodes that run a script: Script, ScriptCondition and Precondition."""
 
-from typing import cast
+from collections.abc import Mapping
+from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode, execute_tick
 from btcore.script.program import Program, compile_script, condition_result
-from btcore.status import FAILURE, SUCCESS, Status
+from btcore.status import ANY_RESULT, FAILURE, RUNNING, SUCCESS, PossibleResults, Status
 from btcore.values import ANY, NODE_STATUS, STRING
 
 
@@ -42,12 +43,17 @@ class PortScript:
 class Script(SyncAction):
     """Runs the script `code`, and succeeds."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "§"
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+    batch_class: ClassVar[str] = "btcore.batch.script_nodes:Script"
+
     _script: PortScript
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("code", type=STRING, description="the script")]
+        return [Port("code", type=STRING, description="the script", role=PortRole.SCRIPT)]
 
     def prepare(self) -> None:
         """Compile the script."""
@@ -63,12 +69,18 @@ class Script(SyncAction):
 class ScriptCondition(Condition):
     """Succeeds if the script `code` is true, and fails if it is false."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "§"
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, FAILURE})
+    batch_class: ClassVar[str] = "btcore.batch.script_nodes:ScriptCondition"
+
     _script: PortScript
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("code", type=ANY, description="the script, whose value is true or false")]
+        about = "the script, whose value is true or false"
+        return [Port("code", type=ANY, description=about, role=PortRole.CONDITION)]
 
     def prepare(self) -> None:
         """Compile the script."""
@@ -87,14 +99,28 @@ class Precondition(DecoratorNode):
     skipped child doesn't change that, as in BehaviorTree.CPP 4.10.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.script_nodes:Precondition"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_going",)
+
     _script: PortScript
     _going: bool = False
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """The child's, or the result of the port `else`."""
+        child, otherwise = children[0], literals.get("else")
+        refused = frozenset({otherwise}) & ANY_RESULT if isinstance(otherwise, Status) else ANY_RESULT
+        may_run = child.may_run or not isinstance(otherwise, Status) or otherwise is RUNNING
+        return PossibleResults(child.in_first_tick | refused, child.after_running | refused, may_run)
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
         return [
-            Port("if", type=STRING, description="the script that decides"),
+            Port("if", type=STRING, description="the script that decides", role=PortRole.CONDITION),
             Port("else", type=NODE_STATUS, default="FAILURE", description="the result if it is false"),
         ]
 

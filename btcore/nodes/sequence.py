@@ -16,6 +16,9 @@ class Sequence(OrderedNode):
     reset, FAILURE. SKIPPED children are passed over. All succeeded: SUCCESS; all skipped: SKIPPED.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "→"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:Sequence"
     continue_on: ClassVar[Status] = SUCCESS
 
 
@@ -26,6 +29,8 @@ class AsyncSequence(Sequence):
     After a child that succeeded within one tick it returns RUNNING and asks to be ticked again.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.sequences:AsyncSequence"
     yields: ClassVar[bool] = True
 
 
@@ -37,6 +42,9 @@ class SequenceWithMemory(Sequence):
     halt doesn't forget it. As AsyncSequence it yields after a child that succeeded within one tick.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.sequences:SequenceWithMemory"
+    remembers: ClassVar[bool] = True
     yields: ClassVar[bool] = True
 
     def finish_early(self) -> None:
@@ -58,4 +66,7 @@ class ReactiveSequence(ReactiveNode):
     SUCCESS; all skipped: SKIPPED.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "↻→"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:ReactiveSequence"
     continue_on: ClassVar[Status] = SUCCESS

@@ -27,6 +27,9 @@ class SubTree(DecoratorNode):
     tree uses is the outer one's, but for names that begin with an underscore.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "▣"
+    batch_class: ClassVar[str] = "btcore.batch.script_nodes:SubTree"
     node_type: ClassVar[NodeType] = NodeType.SUBTREE
 
     @staticmethod

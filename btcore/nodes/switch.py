@@ -61,7 +61,11 @@ class SwitchNode(ControlNode):
     child that ran is halted. A skipped child makes the node SKIPPED.
     """
 
-    cases: ClassVar[int] = 2
+    builtin_formats: ClassVar[tuple[int, ...]] = ()
+    node_symbol: ClassVar[str] = "⋔"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_running",)
+    child_roles: ClassVar[str] = "one for each case, and a default"
+
     _running: int = -1
     _variable: Input | None = None
     _cases: list[Input | None]
@@ -69,15 +73,16 @@ class SwitchNode(ControlNode):
     @classmethod
     def provided_ports(cls) -> list[Port]:
         """`variable`, and a case for each child but the last."""
-        names = ["variable", *(f"case_{number}" for number in range(1, cls.cases + 1))]
-        return [Port(name, type=STRING) for name in names]
+        count = cls.child_count[0]
+        cases = [Port(f"case_{number}", type=STRING, optional=True) for number in range(1, count)]
+        return [Port("variable", type=STRING), *cases]
 
     def prepare(self) -> None:
         """Find the ports; nothing runs."""
         self._running = -1
         inputs = self.config.inputs
         self._variable = inputs.get("variable")
-        self._cases = [inputs.get(f"case_{number}") for number in range(1, self.cases + 1)]
+        self._cases = [inputs.get(f"case_{number}") for number in range(1, self.child_count[0])]
 
     def choose(self) -> int:
         """The index of the child that is due."""
@@ -104,10 +109,9 @@ class SwitchNode(ControlNode):
 
     def tick(self) -> Status:
         """Tick the child that is due."""
-        if len(self._children) != self.cases + 1:
-            raise NodeError(
-                f"<{self.id}> takes {self.cases} cases and a default, not {len(self._children)} children"
-            )
+        count, cases = len(self._children), len(self._cases)
+        if count != cases + 1:
+            raise NodeError(f"<{self.id}> takes {cases} cases and a default, not {count} children")
         chosen = self.choose()
         if self._running != -1 and self._running != chosen:
             self.halt_child(self._running)
@@ -132,32 +136,42 @@ class SwitchNode(ControlNode):
 class Switch2(SwitchNode):
     """Ticks the child whose case (of two) equals `variable`, else the last child."""
 
-    cases: ClassVar[int] = 2
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
+    child_count: ClassVar[tuple[int, int | None]] = (3, 3)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch3(SwitchNode):
     """Ticks the child whose case (of three) equals `variable`, else the last child."""
 
-    cases: ClassVar[int] = 3
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
+    child_count: ClassVar[tuple[int, int | None]] = (4, 4)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch4(SwitchNode):
     """Ticks the child whose case (of four) equals `variable`, else the last child."""
 
-    cases: ClassVar[int] = 4
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
+    child_count: ClassVar[tuple[int, int | None]] = (5, 5)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch5(SwitchNode):
     """Ticks the child whose case (of five) equals `variable`, else the last child."""
 
-    cases: ClassVar[int] = 5
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
+    child_count: ClassVar[tuple[int, int | None]] = (6, 6)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch6(SwitchNode):
     """Ticks the child whose case (of six) equals `variable`, else the last child."""
 
-    cases: ClassVar[int] = 6
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
+    child_count: ClassVar[tuple[int, int | None]] = (7, 7)

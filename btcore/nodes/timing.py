@@ -1,18 +1,21 @@
 """Nodes that wait: on the tree's clock, and looked at when the tree is ticked."""
 
-from typing import cast
+from collections.abc import Mapping
+from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import Port, PortRole
 from btcore.clock import NS_PER_MS
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import execute_tick
 from btcore.status import (
     FAILURE,
+    NO_RESULT,
     RUNNING,
     SUCCESS,
+    PossibleResults,
     Status,
 )
 from btcore.values import UINT
@@ -25,12 +28,27 @@ class Timeout(DecoratorNode):
     The tree is woken at that moment. A child that completes in time gives its own result.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "◷"
+    batch_class: ClassVar[str] = "btcore.batch.timing:Timeout"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
+
     _deadline: int = -1
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """The child's, and FAILURE if the child may run."""
+        child = children[0]
+        late = child.after_running | {FAILURE} if child.may_run else child.after_running
+        return PossibleResults(child.in_first_tick, late, child.may_run)
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("msec", type=UINT, description="time that the child has (ms), 0 = no limit")]
+        about = "time that the child has (ms), 0 = no limit"
+        return [Port("msec", type=UINT, description=about, role=PortRole.DURATION)]
 
     def tick(self) -> Status:
         """Tick the child while there is time."""
@@ -72,12 +90,25 @@ class Delay(DecoratorNode):
     The tree is woken at that moment. While the child runs it isn't delayed again.
     """
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "◷"
+    batch_class: ClassVar[str] = "btcore.batch.timing:Delay"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
+
     _deadline: int = -1
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """The child's, after RUNNING."""
+        return PossibleResults(NO_RESULT, children[0].results, True)
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("delay_msec", type=UINT, description="time before the child's first tick (ms)")]
+        about = "time before the child's first tick (ms)"
+        return [Port("delay_msec", type=UINT, description=about, role=PortRole.DURATION)]
 
     def tick(self) -> Status:
         """Wait, then tick the child."""
@@ -111,12 +142,27 @@ class Delay(DecoratorNode):
 class Sleep(StatefulAction):
     """Runs for `msec` milliseconds, then succeeds; the tree is woken at that moment. 0 = at once."""
 
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "◷"
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+    batch_class: ClassVar[str] = "btcore.batch.timing:Sleep"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
+
     _deadline: int = 0
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """SUCCESS, at once if the time is 0."""
+        if literals.get("msec") == 0:
+            return PossibleResults(cls.may_return)
+        return PossibleResults(NO_RESULT, cls.may_return, True)
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """The ports."""
-        return [Port("msec", type=UINT, description="how long to sleep (ms)")]
+        return [Port("msec", type=UINT, description="how long to sleep (ms)", role=PortRole.DURATION)]
 
     def on_start(self) -> Status:
         """Start the clock."""

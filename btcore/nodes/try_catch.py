@@ -1,5 +1,7 @@
 """TryCatch: a sequence with a handler for its failure."""
 
+from typing import ClassVar
+
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
@@ -24,6 +26,16 @@ class TryCatch(ControlNode):
     The node fails after its handler ends, whatever the handler's result. With `catch_on_halt` the
     handler is ticked once also when the node is halted before a failure.
     """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    node_symbol: ClassVar[str] = "↩"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:TryCatch"
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped", "_catching")
+    child_count: ClassVar[tuple[int, int | None]] = (2, None)
+    child_count_at_load: ClassVar[tuple[int, int | None]] = (2, None)
+    child_roles: ClassVar[str] = "the last child is the handler"
+    continue_on: ClassVar[Status | None] = SUCCESS
+    handler_port: ClassVar[str | None] = "catch_on_halt"
 
     _next: int = 0
     _skipped: int = 0

@@ -13,7 +13,7 @@ from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import RegistrationError
-from btcore.nodes.builtin_nodes import COMMON_NODES, FORMAT_3_NODES, FORMAT_4_NODES
+from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import Manifest, class_manifest, function_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
 from btcore.suggestions import nearest_name
@@ -43,13 +43,12 @@ class Registry:
     def standard(cls) -> "Registry":
         """A registry of everything that BehaviorTree.CPP 4.10 has built in, and 3.8 for format 3."""
         made = cls()
-        for table, nodes in (
-            (made._shared, COMMON_NODES),
-            (made._of_format[3], FORMAT_3_NODES),
-            (made._of_format[4], FORMAT_4_NODES),
-        ):
+        for format, nodes in BUILTIN_NODES.items():
             for ID, node in nodes.items():
-                table[ID] = class_manifest(ID, node, made.types, {}, "btcore")
+                common = BUILTIN_NODES[7 - format].get(ID) is node
+                table = made._shared if common else made._of_format[format]
+                if ID not in table:
+                    table[ID] = class_manifest(ID, node, made.types, {}, "btcore")
         made._libraries.append("btcore")
         return made
 

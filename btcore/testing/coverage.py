@@ -8,7 +8,6 @@ coverage.require(nodes=1.0, results=0.8)
 """
 
 from dataclasses import dataclass, field
-from typing import Final
 
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
@@ -22,18 +21,7 @@ from btcore.status import (
 )
 from btcore.testing.trace import ResultTracker
 from btcore.tree.tree import Tree
-
-_ONLY: Final = {
-    "AlwaysFailure": {FAILURE},
-    "AlwaysSuccess": {SUCCESS},
-    "ForceFailure": {FAILURE},
-    "ForceSuccess": {SUCCESS},
-    "KeepRunningUntilFailure": {FAILURE},
-    "Script": {SUCCESS},
-    "Sleep": {SUCCESS},
-    "UnsetBlackboard": {SUCCESS},
-}
-"""Built-in nodes that end in one way only."""
+from btcore.xml.lint.possible_results import behaviour_of
 
 
 @dataclass(slots=True)
@@ -41,7 +29,7 @@ class NodeCoverage:
     """What was seen of one node: *results* are all that its ticks gave, also RUNNING and SKIPPED.
 
     *depth* is its level below the root. The results that a test is to show are *wanted*: SUCCESS and
-    FAILURE, but for the nodes of btcore that end in one way only.
+    FAILURE, except for nodes whose class declares that they end in one way only.
     """
 
     path: str
@@ -49,16 +37,12 @@ class NodeCoverage:
     type: NodeType
     depth: int
     results: set[Status] = field(default_factory=set)
+    possible_results: frozenset[Status] = frozenset({SUCCESS, FAILURE})
 
     @property
     def ran(self) -> bool:
         """Whether it was ticked, and not only skipped."""
         return bool(self.results - {SKIPPED})
-
-    @property
-    def possible_results(self) -> set[Status]:
-        """The results that it can end with."""
-        return _ONLY.get(self.id, {SUCCESS, FAILURE})
 
     @property
     def missing_results(self) -> list[Status]:
@@ -77,7 +61,8 @@ class Coverage:
         known = self.trees.setdefault(tree.id, {})
         depths = _depths(tree)
         for key, node in tree.nodes_by_path().items():
-            known.setdefault(key, NodeCoverage(key, node.id, node.type, depths[node.uid]))
+            ends = behaviour_of(type(node)).may_return & {SUCCESS, FAILURE}
+            known.setdefault(key, NodeCoverage(key, node.id, node.type, depths[node.uid], set(), ends))
         tree.subscribe(_Watch(tree, known))
 
     @property

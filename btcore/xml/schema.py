@@ -43,15 +43,6 @@ _TYPES: Final[Mapping[str, str]] = {
     DOUBLE.name: "decimal",
     NODE_STATUS.name: "status",
 }
-# How many children: at least, at most (None = any number). Others go by their family.
-_CHILDREN: Final[Mapping[str, tuple[int, int | None]]] = {
-    "TryCatch": (2, None),
-    "IfThenElse": (2, 3),
-    "WhileDoElse": (2, 3),
-    **{f"Switch{number}": (number + 1, number + 1) for number in range(2, 7)},
-}
-# Ports without a default that the node does without.
-_OPTIONAL: Final = re.compile(r"Switch\d\.case_\d|BlackboardCheck\w+\.return_on_mismatch|Loop\w+\.value")
 
 
 class _SchemaElement:
@@ -170,7 +161,7 @@ def _node(schema: _SchemaElement, manifest: Manifest, format: int) -> None:
     _add_documentation(kind, manifest.description)
     _children(kind, *_number_of_children(manifest, format))
     for port in manifest.ports.values():
-        required = port.default is None and not _OPTIONAL.match(f"{manifest.id}.{port.name}")
+        required = port.default is None and not port.optional
         # What is only written has to be an entry; format 3 takes its name without braces too.
         type = _type_of(schema, port.type) if port.reads or format == 3 else "blackboard"
         _add_attribute(kind, port.name, type, required, _about(port))
@@ -178,14 +169,14 @@ def _node(schema: _SchemaElement, manifest: Manifest, format: int) -> None:
 
 
 def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | None]:
-    if manifest.id in _CHILDREN and manifest.distribution == "btcore":
-        return _CHILDREN[manifest.id]
+    least, most = manifest.cls.child_count
     if manifest.type is NodeType.DECORATOR:
         return 1, 1
     if manifest.type is not NodeType.CONTROL:
         return 0, 0
     needy = DIALECTS[format].controls_need_children
-    return (1 if needy is None or manifest.id in needy else 0), None
+    may_be_empty = least == 1 and needy is not None and manifest.id not in needy
+    return (0 if may_be_empty else least), most
 
 
 def _children(kind: _SchemaElement, least: int, most: int | None) -> None:

@@ -70,4 +70,9 @@ def is_stub(manifest: Manifest) -> bool:
 
 def is_built_in(manifest: Manifest) -> bool:
     """Whether it is one of BehaviorTree.CPP's nodes, as btcore brings it."""
-    return manifest.function is None and manifest.cls.__module__.startswith("btcore.nodes")
+    return manifest.function is None and is_builtin_class(manifest.cls)
+
+
+def is_builtin_class(cls: type) -> bool:
+    """Whether *cls* is a built-in node or a base class of built-in nodes."""
+    return cls.__module__.startswith("btcore.nodes.")

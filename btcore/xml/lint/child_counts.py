@@ -2,23 +2,16 @@
 
 from collections.abc import Iterator
 
+from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED
-from btcore.nodes.branch import BranchNode
-from btcore.nodes.format3 import Parallel3, WhileDoElse3
-from btcore.nodes.parallel import Parallel, ParallelAll, threshold
-from btcore.nodes.switch import SwitchNode
+from btcore.engine.node import TreeNode
+from btcore.nodes.parallel import threshold
 from btcore.xml.lint.advice import LintReporter
 from btcore.xml.plan.document_checks import nodes_of
 from btcore.xml.plan.plan import NodePlan, TreePlan
 from btcore.xml.plan.structure_checks import element_children
 
-_THRESHOLDS = {
-    "success_count": "successes",
-    "success_threshold": "successes",
-    "failure_count": "failures",
-    "failure_threshold": "failures",
-    "max_failures": "failures",
-}
+_THRESHOLDS = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _HINT = "the tree is loaded all the same, as by BehaviorTree.CPP, but the node raises when it is ticked"
 
 
@@ -44,24 +37,22 @@ def check_arity(plan: TreePlan, advice: LintReporter) -> None:
             advice.warn(FIRST_TICK_REFUSED, said, plan.definition.document, node, port, _HINT)
 
 
-def _wanted(cls: type, count: int) -> str:
+def _wanted(cls: type[TreeNode], count: int) -> str:
     """What a node of *cls* needs instead of *count* children, or "" if that is fine."""
-    if issubclass(cls, SwitchNode) and count != cls.cases + 1:
-        return f"it needs {cls.cases + 1}: one for each of its {cls.cases} cases, and a default"
-    if issubclass(cls, BranchNode) and count not in (2, 3):
-        return "it needs 2 or 3: a condition, and one or two branches"
-    if issubclass(cls, WhileDoElse3) and count != 3:
-        return "it needs 3: a condition, and two branches"
-    return ""
+    least, most = cls.child_count
+    if cls.child_count == cls.child_count_at_load or (least <= count and (most is None or count <= most)):
+        return ""
+    if most is None:
+        wanted = f"at least {least}"
+    else:
+        wanted = str(least) if most == least else f"{least} {'or' if most == least + 1 else 'to'} {most}"
+    return f"it needs {wanted}" + (f": {cls.child_roles}" if cls.child_roles else "")
 
 
 def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
-    """The ports of a parallel *node* that ask for more results than *count* children give."""
-    assert node.manifest is not None
-    if not issubclass(node.manifest.cls, (Parallel, ParallelAll, Parallel3)):
-        return
+    """The ports of *node* that ask for more results than *count* children give."""
     for bound in node.bindings:
-        what = _THRESHOLDS.get(bound.name)
+        what = _THRESHOLDS.get(bound.port.role)
         if what is not None and bound.key is None and isinstance(bound.literal, int):
             number = threshold(bound.literal, count)
             if number > count:

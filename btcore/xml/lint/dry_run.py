@@ -7,17 +7,12 @@ the same words, except for what only the leaves' own code can say.
 import enum
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.ports import Port, remapped_key
+from btcore.blackboard.ports import SCRIPT_ROLES, Port, PortRole, remapped_key
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, ScriptError
-from btcore.nodes.blackboard_actions import SetBlackboard, UnsetBlackboard
-from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
-from btcore.nodes.loop import LoopNode
-from btcore.nodes.script_nodes import Precondition, Script, ScriptCondition
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Subtree
@@ -30,8 +25,6 @@ from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlanner
 from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
-
-SCRIPT_PORTS: Final[dict[type[TreeNode], str]] = {Script: "code", ScriptCondition: "code", Precondition: "if"}
 
 
 class AccessKind(enum.Enum):
@@ -128,9 +121,9 @@ class DryRun(TreeInstantiator):
     ) -> TreeNode | None:
         if manifest is None or not is_built_in(manifest):
             return TreeNode()
-        script = config.inputs.get(SCRIPT_PORTS.get(manifest.cls, ""))
-        if script is not None and script.key is not None:
-            return TreeNode()  # it compiles what the blackboard comes with
+        for bound in config.inputs.values():
+            if bound.port.role in SCRIPT_ROLES and bound.key is not None:
+                return TreeNode()  # it compiles what the blackboard comes with
         return super()._make(plan, manifest, config, document, blackboard, children)
 
     def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
@@ -147,34 +140,27 @@ class DryRun(TreeInstantiator):
         self, plan: NodePlan, port: Port, text: str, written: bool, document: Document, board: Blackboard
     ) -> Iterator[EntryUse]:
         key = remapped_key(text, port.name, self._format)
-        cls = plan.manifest.cls if plan.manifest is not None else TreeNode
+        is_script = port.role in SCRIPT_ROLES
+        writes = port.writes and port.role is not PortRole.QUEUE
         how = []
         if key is None:
-            if port.name == SCRIPT_PORTS.get(cls):
+            if is_script:
                 self._script(plan, port.name, text, document, board)
-            elif issubclass(cls, SetBlackboard) and port.name == "output_key":
-                how = [AccessKind.WRITES]
-            elif issubclass(cls, (EntryUpdatedDecorator, WasEntryUpdated)):
-                how = [AccessKind.READS]
-            elif issubclass(cls, UnsetBlackboard):
-                how = [AccessKind.MENTIONS]
-            elif port.writes and self._format == 3 and written and not issubclass(cls, LoopNode):
+            elif port.role in _ACCESS_BY_NAME:
+                how = [_ACCESS_BY_NAME[port.role]]
+            elif writes and self._format == 3 and written:
                 how = [AccessKind.WRITES]
             if text:
                 key = text
-        elif port.name == SCRIPT_PORTS.get(cls):
+        elif is_script:
             self.has_untracked_access = True
             how = [AccessKind.READS]
-        elif issubclass(cls, SetBlackboard) and port.name == "output_key":
+        elif port.role is PortRole.WRITTEN_ENTRY:
             how = [AccessKind.READS_AS_KEY]
         else:
             if port.reads:
                 how.append(AccessKind.READS)
-            if (
-                port.writes
-                and not (issubclass(cls, LoopNode) and port.reads)
-                and (written or self._format == 4)
-            ):
+            if writes and (written or self._format == 4):
                 how.append(AccessKind.WRITES)
         for one in how if key else ():
             yield EntryUse(one, key or "", board, document, plan, port.name, 0, port, port.type)
@@ -204,6 +190,11 @@ class DryRun(TreeInstantiator):
         return inner
 
 
+_ACCESS_BY_NAME = {
+    PortRole.WRITTEN_ENTRY: AccessKind.WRITES,
+    PortRole.WATCHED_ENTRY: AccessKind.READS,
+    PortRole.REMOVED_ENTRY: AccessKind.MENTIONS,
+}
 _HOW = {
     NameAccess.READ: AccessKind.READS,
     NameAccess.MADE: AccessKind.WRITES,

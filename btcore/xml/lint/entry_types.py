@@ -1,10 +1,9 @@
 """W206: values that the type of an entry is certain to refuse."""
 
 from btcore.blackboard.blackboard import Entry
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import REFUSED_ENTRY_VALUE
 from btcore.errors import BtcoreError, ConversionError, ScriptError
-from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.script.expressions import Assignment, Name
 from btcore.values import STRING
 from btcore.xml.lint.advice import LintReporter, node_label
@@ -33,8 +32,8 @@ def _warn(rehearsal: DryRun, entry: Entry, use: EntryUse, what: str, advice: Lin
 def _port(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) -> None:
     kind = use.value_type
     assert kind is not None
-    assert use.node.manifest is not None
-    if issubclass(use.node.manifest.cls, SetBlackboard):
+    assert use.port is not None
+    if use.port.role is PortRole.WRITTEN_ENTRY:
         _copied_text(rehearsal, entry, use, advice)
     elif entry.declared is STRING and kind.strong and not issubclass(kind.python_type, str):
         what = f"the port '{use.attribute}' of {node_label(use.node)} writes {kind.name}"
@@ -43,13 +42,14 @@ def _port(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) 
 
 def _copied_text(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) -> None:
     """The text that a SetBlackboard writes."""
-    text = next((text for port, text, _ in use.node.ports if port.name == "value"), None)
-    if text is None or remapped_key(text, "value", rehearsal.format) is not None or not entry.declared.strong:
+    written = [bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE]
+    if not written or written[0].key is not None or not entry.declared.strong:
         return
+    text = written[0].text
     try:
         entry.declared.from_text(text, rehearsal.format)
     except ConversionError:
-        _warn(rehearsal, entry, use, f"<SetBlackboard> writes '{text}'", advice)
+        _warn(rehearsal, entry, use, f"{node_label(use.node)} writes '{text}'", advice)
 
 
 def _script(

@@ -1,24 +1,14 @@
 """W202: ports that a node can't do without, and the tree doesn't give."""
 
-from typing import Final
-
-from btcore.blackboard.ports import UNSET, Port
+from btcore.blackboard.ports import LOAD_TIME_ROLES, UNSET, Port
 from btcore.diagnostic_codes import EMPTY_PORT
 from btcore.engine.signature import PortAttribute
 from btcore.names import is_port_name
-from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
-from btcore.nodes.format3 import BlackboardCheck
-from btcore.nodes.loop import LoopNode
-from btcore.nodes.script_nodes import Precondition, Script, ScriptCondition
-from btcore.nodes.switch import SwitchNode
 from btcore.registry.manifest import Manifest
 from btcore.suggestions import join_names
 from btcore.xml.lint.advice import LintReporter, is_built_in, is_stub
 from btcore.xml.plan.document_checks import nodes_of
 from btcore.xml.plan.plan import TreePlan
-
-# They refuse to be made: that is an error, and said already.
-_REFUSED: Final = (Script, ScriptCondition, Precondition, LoopNode, EntryUpdatedDecorator, WasEntryUpdated)
 
 
 def check_missing_ports(plan: TreePlan, advice: LintReporter) -> None:
@@ -48,14 +38,12 @@ def check_missing_ports(plan: TreePlan, advice: LintReporter) -> None:
 
 def is_required(manifest: Manifest, port: Port) -> bool:
     """Whether the node of *manifest* raises without *port*."""
-    cls = manifest.cls
-    if port.default is not None or port.value is not UNSET or issubclass(cls, _REFUSED):
+    # Making a node without what it looks at then is an error, which is reported already.
+    if port.default is not None or port.value is not UNSET or port.optional or port.role in LOAD_TIME_ROLES:
         return False
     if is_built_in(manifest):
-        optional = issubclass(cls, BlackboardCheck) or (
-            issubclass(cls, SwitchNode) and port.name.startswith("case_")
-        )
-        return port.reads and not optional
+        return port.reads
     # A leaf that lists its ports may look whether they are there.
-    listed = manifest.function is None and not isinstance(getattr(cls, port.name, None), PortAttribute)
+    attribute = getattr(manifest.cls, port.name, None)
+    listed = manifest.function is None and not isinstance(attribute, PortAttribute)
     return port.reads or not listed

@@ -4,11 +4,10 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from btcore.blackboard.ports import Direction, Port, remapped_key
+from btcore.blackboard.ports import SCRIPT_ROLES, Direction, Port, PortRole, remapped_key
 from btcore.diagnostic_codes import INCOMPLETE_POINTER, INCONVERTIBLE_TEXT, PARTIAL_NUMBER, UNCONNECTED_OUTPUT
 from btcore.errors import ConversionError
 from btcore.names import is_port_name
-from btcore.nodes.loop import LoopNode
 from btcore.values import (
     IntegerType,
     RealType,
@@ -17,7 +16,6 @@ from btcore.values import (
 )
 from btcore.values.numbers import whole_float
 from btcore.xml.lint.advice import LintReporter, is_stub, node_label
-from btcore.xml.lint.dry_run import SCRIPT_PORTS
 from btcore.xml.plan.document_checks import nodes_of
 from btcore.xml.plan.plan import NodePlan, TreePlan
 
@@ -30,11 +28,10 @@ def check_port_literals(plan: TreePlan, format: int, advice: LintReporter) -> No
     """Warn of the literals in *plan* that are read in part, or were meant as keys."""
     document = plan.definition.document
     for node in nodes_of(plan):
-        cls = node.manifest.cls if node.manifest is not None else None
         for port, text, is_written in node.ports:
             if not is_written or remapped_key(text, port.name, format) is not None:
                 continue
-            if cls is not None and SCRIPT_PORTS.get(cls) == port.name:
+            if port.role in SCRIPT_ROLES:
                 continue
             fault = _refusal(port.type, text, format)
             if fault is not None:
@@ -102,11 +99,11 @@ def intended_key(text: str) -> str:
 
 
 def _kind(node: NodePlan, port: Port) -> ValueType:
-    """The type of *port*; of a loop's queue that of its elements."""
-    cls = node.manifest.cls if node.manifest is not None else None
-    if port.name == "queue" and cls is not None and issubclass(cls, LoopNode):
-        return VectorType(cls.element)
-    return port.type
+    """The type of *port*; of a queue that of its elements."""
+    if port.role is not PortRole.QUEUE or node.manifest is None:
+        return port.type
+    elements = [other.type for other in node.manifest.ports.values() if not other.reads]
+    return VectorType(elements[0]) if elements else port.type
 
 
 def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, str, str]]:

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import SCRIPT_ROLES, PortRole
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.errors import ScriptError
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.lint.advice import LintReporter, node_label
-from btcore.xml.lint.dry_run import SCRIPT_PORTS
 from btcore.xml.lint.script_analysis import (
     constant_value,
     find_certain_error,
@@ -44,11 +43,9 @@ def _scripts(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
     """Each script of *node*: its attribute, its text, and whether its result decides something."""
     for attribute, text in node.scripts.items():
         yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
-    if node.manifest is not None:
-        wanted = SCRIPT_PORTS.get(node.manifest.cls)
-        for port, text, _ in node.ports:
-            if port.name == wanted and remapped_key(text, port.name) is None:
-                yield port.name, text, node.id != "Script"
+    for bound in node.bindings:
+        if bound.port.role in SCRIPT_ROLES and bound.key is None:
+            yield bound.name, bound.text, bound.port.role is PortRole.CONDITION
 
 
 def _decision(

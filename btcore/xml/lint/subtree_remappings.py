@@ -2,21 +2,17 @@
 
 from collections.abc import Mapping
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, USELESS_REMAPPING
-from btcore.engine.node import TreeNode
 from btcore.errors import ScriptError
-from btcore.nodes.blackboard_actions import SetBlackboard, UnsetBlackboard
-from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.lint.advice import LintReporter, node_label
-from btcore.xml.lint.dry_run import SCRIPT_PORTS, uses_whole_blackboard
+from btcore.xml.lint.dry_run import uses_whole_blackboard
 from btcore.xml.lint.script_analysis import find_name_uses
 from btcore.xml.plan.document_checks import nodes_of
 from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner
 
 _OF_THE_ELEMENT = ("name", "_description")
-_LITERAL_KEYS = (SetBlackboard, UnsetBlackboard, EntryUpdatedDecorator, WasEntryUpdated)
 
 
 class TreeKeys:
@@ -59,14 +55,14 @@ class TreeKeys:
         found: set[str] = set()
         for port, text, _ in node.ports:
             key = remapped_key(text, port.name, self._format)
-            is_script = SCRIPT_PORTS.get(manifest.cls) == port.name
+            is_script = port.role in SCRIPT_ROLES
             if key is not None:
                 if is_script:
                     return None
                 found.add(key)
             elif is_script:
                 found |= self._of_script(text)
-            elif _names_an_entry(manifest.cls, port.name) or (port.writes and self._format == 3):
+            elif port.role in KEY_ROLES or (port.writes and self._format == 3):
                 found.add(text)
         return found
 
@@ -86,11 +82,6 @@ class TreeKeys:
                 return None
             found |= inner - call.remaps.keys() - call.constants.keys()
         return found
-
-
-def _names_an_entry(cls: type[TreeNode], port: str) -> bool:
-    """Whether a bare text in *port* of such a node is a key."""
-    return issubclass(cls, _LITERAL_KEYS) and not (issubclass(cls, SetBlackboard) and port == "value")
 
 
 def check_remaps(

@@ -3,20 +3,10 @@
 from typing import Final
 
 from btcore.diagnostic_codes import SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
-from btcore.nodes.branch import IfThenElse, WhileDoElse
-from btcore.nodes.fallback import ReactiveFallback
-from btcore.nodes.sequence import ReactiveSequence
-from btcore.nodes.try_catch import TryCatch
-from btcore.status import FAILURE, SUCCESS, Status
-from btcore.xml.lint.advice import LintReporter, line_of, node_label
-from btcore.xml.lint.possible_results import (
-    CONTINUE_STATUS,
-    UNKNOWN,
-    PossibleResults,
-    combine_in_order,
-    infer_results,
-    with_conditions,
-)
+from btcore.engine.control import ControlNode, results_in_order
+from btcore.status import FAILURE, SUCCESS, UNKNOWN_RESULTS, PossibleResults, Status
+from btcore.xml.lint.advice import LintReporter, is_stub, line_of, node_label
+from btcore.xml.lint.possible_results import behaviour_of, infer_results, with_conditions
 from btcore.xml.plan.document_checks import nodes_of
 from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner
 from btcore.xml.plan.structure_checks import element_children
@@ -33,7 +23,6 @@ class ResultAnalysis:
     def __init__(self, planner: TreePlanner, bounded: bool) -> None:
         self._planner = planner
         self._bounded = bounded
-        self._format = planner.dialect.format
         self._known: dict[NodePlan, PossibleResults] = {}
 
     def results_of(self, node: NodePlan) -> PossibleResults:
@@ -47,11 +36,11 @@ class ResultAnalysis:
         if node.call is not None:
             inner = self._planner.definitions.by_id.get(node.call.tree) if self._bounded else None
             root = self._planner.plan(inner).root if inner is not None else None
-            return self.results_of(root) if root is not None else UNKNOWN
+            return self.results_of(root) if root is not None else UNKNOWN_RESULTS
         if node.manifest is None or not all_children_known(node):
-            return UNKNOWN
+            return UNKNOWN_RESULTS
         children = [self.results_of(child) for child in node.children]
-        return infer_results(node.manifest.cls, node, children, self._format)
+        return infer_results(node, children)
 
 
 def all_children_known(node: NodePlan) -> bool:
@@ -69,21 +58,23 @@ def check_reach(plan: TreePlan, outlooks: ResultAnalysis, advice: LintReporter) 
             or len(node.children) < 2
         ):
             continue
-        cls = node.manifest.cls
+        cls = behaviour_of(node.manifest.cls)
+        if is_stub(node.manifest) or not issubclass(cls, ControlNode):
+            continue
         children = [outlooks.results_of(child) for child in node.children]
-        if cls in CONTINUE_STATUS:
-            _in_turn(plan, node, children, CONTINUE_STATUS[cls], advice)
-        elif issubclass(cls, TryCatch):
-            _in_turn(plan, node, children[:-1], SUCCESS, advice)
-            if FAILURE not in combine_in_order(children[:-1], SUCCESS).results and not _catches_halts(node):
+        going = cls.continue_on
+        if going is not None:
+            tried = children if cls.handler_port is None else children[:-1]
+            _in_turn(plan, node, tried, going, advice)
+            never_fails = FAILURE not in results_in_order(tried, going).results
+            if cls.handler_port is not None and never_fails and not _is_written(node, cls.handler_port):
                 _unreached(plan, node.children[-1], "what it is to catch never fails", advice)
-        elif issubclass(cls, (IfThenElse, WhileDoElse)):
-            for chosen, branch in zip((SUCCESS, FAILURE), node.children[1:], strict=False):
-                if chosen not in children[0].results:
-                    why = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
-                    _unreached(plan, branch, why, advice)
-        if issubclass(cls, (ReactiveSequence, ReactiveFallback)):
-            _one_at_a_time(plan, node, children, CONTINUE_STATUS[cls], advice)
+            if cls.runs_one_child:
+                _one_at_a_time(plan, node, children, going, advice)
+        for chosen, branch in zip(cls.branch_results, node.children[1:], strict=False):
+            if chosen not in children[0].results:
+                why = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
+                _unreached(plan, branch, why, advice)
 
 
 def _in_turn(
@@ -110,8 +101,8 @@ def _unreached(plan: TreePlan, node: NodePlan, why: str, advice: LintReporter) -
     )
 
 
-def _catches_halts(node: NodePlan) -> bool:
-    return any(port.name == "catch_on_halt" and is_written for port, _, is_written in node.ports)
+def _is_written(node: NodePlan, port: str) -> bool:
+    return any(bound.name == port and bound.is_explicit for bound in node.bindings)
 
 
 def _one_at_a_time(

@@ -3,16 +3,11 @@
 from collections.abc import Collection, Sequence
 
 from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
 from btcore.suggestions import nearest_name
 from btcore.xml.lint.advice import LintReporter, line_of, node_label
-from btcore.xml.lint.dry_run import (
-    SCRIPT_PORTS,
-    AccessKind,
-    DryRun,
-    EntryUse,
-    has_writer,
-)
+from btcore.xml.lint.dry_run import AccessKind, DryRun, EntryUse, has_writer
 
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 MAX_COMPARISONS = 20_000
@@ -78,8 +73,7 @@ def _wanted_at_load(uses: Sequence[EntryUse], advice: LintReporter, of_root: boo
     It is compiled when the tree is made, and so must be there by then.
     """
     for use in uses:
-        manifest = use.node.manifest
-        if use.port is None or manifest is None or SCRIPT_PORTS.get(manifest.cls) != use.attribute:
+        if use.port is None or use.port.role not in SCRIPT_ROLES:
             continue
         label = node_label(use.node)
         said = f"{label} takes its script from {{{use.key}}}, which is empty when the tree is made"

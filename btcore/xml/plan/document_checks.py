@@ -3,7 +3,7 @@
 import sys
 from typing import NamedTuple
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import SCRIPT_SYNTAX, TOO_LARGE
 from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
@@ -137,12 +137,11 @@ def check_scripts(plan: TreePlan, registry: Registry, faults: DiagnosticCollecto
     document = plan.definition.document
     for node in nodes_of(plan):
         texts = dict(node.scripts)
-        if node.id in ("Script", "ScriptCondition", "Precondition"):
-            texts.update(
-                (port.name, text)
-                for port, text, _ in node.ports
-                if port.name in ("code", "if") and remapped_key(text, port.name) is None
-            )
+        texts.update(
+            (bound.name, bound.text)
+            for bound in node.bindings
+            if bound.port.role in SCRIPT_ROLES and bound.key is None
+        )
         for key, text in texts.items():
             try:
                 compile_script(text, registry.types.enums)

@@ -172,10 +172,11 @@ class StructureChecker:
                     WRONG_CHILD_COUNT, f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint
                 )
         elif kind is NodeType.CONTROL:
-            least = 2 if node == "TryCatch" else 1
+            manifest = self._palette.manifests.get(node)
+            least = 1 if manifest is None else max(manifest.cls.child_count_at_load[0], 1)
             if found < least:
                 said = f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
-                hint = "the last child is the handler" if least > 1 else ""
+                hint = manifest.cls.child_roles if manifest is not None and least > 1 else ""
                 self._error(WRONG_CHILD_COUNT, said, element, hint=hint)
             elif node == "ReactiveSequence":
                 self._one_asynchronous(children)

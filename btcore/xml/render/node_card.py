@@ -26,36 +26,22 @@ _MONO: Final = 0.602  # the advance of most monospaced faces, in em
 _NARROW: Final = frozenset("ijlftrI.,:;'|!()[] ")
 _WIDE: Final = frozenset("mwMWQO@%—→")
 
-_SCRIPT_PORTS: Final = {("Script", "code"), ("ScriptCondition", "code"), ("Precondition", "if")}
-
-# Strokes around (0, 0), within a radius of 7. The first family that an ID begins with counts.
+# Strokes around (0, 0), within a radius of 7, by the symbol that the node's class declares.
 _GLYPHS: Final = {
-    "Sequence": "M-6 0H5M1-4.2L5.4 0L1 4.2",
-    "AsyncSequence": "M-6 0H5M1-4.2L5.4 0L1 4.2",
-    "ReactiveSequence": "M-6 0H5M1-4.2L5.4 0L1 4.2",
-    "Fallback": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
-    "AsyncFallback": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
-    "ReactiveFallback": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
-    "Parallel": "M-6-3.2H4.4M1.8-5.8L4.8-3.2L1.8-.6M-6 3.2H4.4M1.8.6L4.8 3.2L1.8 5.8",
-    "Switch": "M-6 0H-1.5L4.5-4.6M-1.5 0L4.5 4.6M-1.5 0H5",
-    "IfThenElse": "M-6 0H-1.5L4.5-4.4M-1.5 0L4.5 4.4",
-    "WhileDoElse": "M-6 0H-1.5L4.5-4.4M-1.5 0L4.5 4.4",
-    "TryCatch": "M-5.5-3.5H1Q4.5-3.5 4.5 0T1 3.5H-4.5M-1.8.8L-4.8 3.5L-1.8 6.2",
-    "Inverter": "M-5-2H5V3.5",
-    "Repeat": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
-    "Retry": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
-    "Loop": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
-    "KeepRunning": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
-    "Timeout": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
-    "Delay": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
-    "Sleep": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
-    "ForceSuccess": "M-4.8.2L-1.4 3.6L4.8-3.6",
-    "AlwaysSuccess": "M-4.8.2L-1.4 3.6L4.8-3.6",
-    "ForceFailure": "M-4-4L4 4M4-4L-4 4",
-    "AlwaysFailure": "M-4-4L4 4M4-4L-4 4",
-    "Script": "M-2-5C-4.6-5-2.6 0-5 0C-2.6 0-4.6 5-2 5M2-5C4.6-5 2.6 0 5 0C2.6 0 4.6 5 2 5",
-    "SetBlackboard": "M0-5.5V1.6M-3.2-1.4L0 1.8L3.2-1.4M-5 5.2H5",
-    "SubTree": "M0-5.4V-.6M-4.4 5V-.6H4.4V5",
+    "→": "M-6 0H5M1-4.2L5.4 0L1 4.2",
+    "?": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
+    "⇉": "M-6-3.2H4.4M1.8-5.8L4.8-3.2L1.8-.6M-6 3.2H4.4M1.8.6L4.8 3.2L1.8 5.8",
+    "⎇": "M-6 0H-1.5L4.5-4.4M-1.5 0L4.5 4.4",
+    "⋔": "M-6 0H-1.5L4.5-4.6M-1.5 0L4.5 4.6M-1.5 0H5",
+    "↩": "M-5.5-3.5H1Q4.5-3.5 4.5 0T1 3.5H-4.5M-1.8.8L-4.8 3.5L-1.8 6.2",
+    "¬": "M-5-2H5V3.5",
+    "↺": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
+    "◷": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
+    "⊤": "M-4.8.2L-1.4 3.6L4.8-3.6",
+    "⊥": "M-4-4L4 4M4-4L-4 4",
+    "§": "M-2-5C-4.6-5-2.6 0-5 0C-2.6 0-4.6 5-2 5M2-5C4.6-5 2.6 0 5 0C2.6 0 4.6 5 2 5",
+    "↓": "M0-5.5V1.6M-3.2-1.4L0 1.8L3.2-1.4M-5 5.2H5",
+    "▣": "M0-5.4V-.6M-4.4 5V-.6H4.4V5",
 }
 _OF_TYPE: Final = {
     NodeType.CONTROL: "M-5 0h.1M0 0h.1M5 0h.1",
@@ -98,7 +84,7 @@ def card_of(node: DiagramNode) -> Card:
     number_room = text_width(number, 9) + 14
     head = 46.0 if second else 36.0
     lines = [
-        _script_line(name, text) if (node.id, name) in _SCRIPT_PORTS else _port_line(name, text, direction)
+        _script_line(name, text) if direction == "script" else _port_line(name, text, direction)
         for name, text, direction in node.ports
     ]
     lines += [_script_line(name, text) for name, text in node.scripts.items()]
@@ -145,11 +131,8 @@ def _hover(node: DiagramNode) -> str:
 
 def _badge(node: DiagramNode, middle: float) -> str:
     kind = FAMILY_COLOURS[node.type][0]
-    glyph = next(
-        (_GLYPHS[family] for family in sorted(_GLYPHS, key=len, reverse=True) if node.id.startswith(family)),
-        _OF_TYPE.get(node.type, "M-2 0h.1M2 0h.1"),
-    )
-    ring = '<circle class="ring" r="8.6"/>' if node.id.startswith("Reactive") else ""
+    glyph = _GLYPHS.get(node.symbol[-1:]) or _OF_TYPE.get(node.type, "M-2 0h.1M2 0h.1")
+    ring = '<circle class="ring" r="8.6"/>' if len(node.symbol) > 1 else ""
     scale = ' transform="scale(.8)"' if ring else ""
     at = f"translate({_MARGIN + _BADGE:g} {middle:g})"
     disc = f'<circle class="badge {kind}" r="{_BADGE:g}"/>{ring}'

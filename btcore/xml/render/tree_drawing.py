@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.engine.node import TreeNode
 from btcore.status import NodeType
 from btcore.tree.tree import Tree
@@ -16,8 +16,9 @@ class DiagramNode:
     """One node with what is below it.
 
     *uid* is its number in a run, *ports* are (name, text, direction) as ``("goal", "{g}", "input")``,
-    those that are written; *scripts* are ``_skipIf`` and the like; *tree* is the ID of the tree that a
-    SubTree node calls, whose root is its only child.
+    those that are written, with "script" for the direction of a script; *symbol* is the class's; *scripts*
+    are ``_skipIf`` and the like; *tree* is the ID of the tree that a SubTree node calls, whose root is its
+    only child.
     """
 
     uid: int
@@ -28,6 +29,7 @@ class DiagramNode:
     scripts: Mapping[str, str]
     about: str = ""
     tree: str = ""
+    symbol: str = ""
     children: list["DiagramNode"] = field(default_factory=list)
 
 
@@ -42,12 +44,13 @@ def diagram_of_tree(tree: Tree) -> DiagramNode:
         texts = {name: port.text for name, port in config.outputs.items()}
         texts.update((name, port.text) for name, port in config.inputs.items())
         ports = [
-            (name, texts[name], port.direction.value)
+            (name, texts[name], _direction(port))
             for name, port in declared.items()
             if name in texts and texts[name] != port.default
         ]
         sketch = DiagramNode(node.uid, node.id, node.name, node.type, ports, config.scripts)
-        sketch.about = manifest.description if manifest is not None else ""
+        if manifest is not None:
+            sketch.about, sketch.symbol = manifest.description, manifest.cls.node_symbol
         if node.type is NodeType.SUBTREE:
             sketch.tree = trees[node.path]
             sketch.ports = [(name, text, "") for name, text in config.attributes.items() if name[:1] != "_"]
@@ -61,6 +64,10 @@ def diagram_of_document(examined: DocumentAnalysis) -> DiagramNode:
     """The main tree of an *examined* document without errors, numbered as in a run of it."""
     assert examined.main is not None, "a document without a main tree has errors"
     return _Numbering(examined.planner).of_tree(examined.main.id)
+
+
+def _direction(port: Port) -> str:
+    return "script" if port.role in SCRIPT_ROLES else port.direction.value
 
 
 class _Numbering:
@@ -79,17 +86,20 @@ class _Numbering:
     def _of(self, plan: NodePlan) -> DiagramNode:
         self._uid += 1
         call = plan.call
-        about = plan.manifest.description if plan.manifest is not None else ""
+        about, symbol = "", ""
+        if plan.manifest is not None:
+            about, symbol = plan.manifest.description, plan.manifest.cls.node_symbol
         if call is not None:
             ports = [(name, text, "") for name, text in call.written.items()]
             name = plan.name or call.tree
             sketch = DiagramNode(
-                self._uid, plan.id, name, NodeType.SUBTREE, ports, plan.scripts, about, call.tree
+                self._uid, plan.id, name, NodeType.SUBTREE, ports, plan.scripts, about, call.tree, symbol
             )
             sketch.children = [self.of_tree(call.tree)]
             return sketch
         kind = plan.manifest.type if plan.manifest is not None else NodeType.UNDEFINED
-        ports = [(port.name, text, port.direction.value) for port, text, written in plan.ports if written]
+        ports = [(port.name, text, _direction(port)) for port, text, written in plan.ports if written]
         sketch = DiagramNode(self._uid, plan.id, plan.name or plan.id, kind, ports, plan.scripts, about)
+        sketch.symbol = symbol
         sketch.children = [self._of(child) for child in plan.children]
         return sketch

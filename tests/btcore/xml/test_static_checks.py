@@ -122,7 +122,7 @@ def test_nothing_is_certain_of_a_node_that_was_replaced(check: Check, palette: R
         (children("WhileDoElse", "<BatteryOk/>"),
          "<WhileDoElse> has 1 child; it needs 2 or 3: a condition, and one or two branches"),
         (children("Switch2", "<BatteryOk/>", "<BatteryOk/>").replace("<Switch2>", '<Switch2 variable="1">'),
-         "<Switch2> has 2 children; it needs 3: one for each of its 2 cases, and a default"),
+         "<Switch2> has 2 children; it needs 3: one for each case, and a default"),
         (children("ParallelAll", "<BatteryOk/>").replace("<ParallelAll>", '<ParallelAll max_failures="2">'),
          "<ParallelAll> has 1 child, which can never give 2 failures"),
         (children("Parallel", "<BatteryOk/>").replace("<Parallel>", '<Parallel success_count="3">'),
