@@ -40,6 +40,11 @@ class TreeContext:
         """Whether an event loop runs the tree, so that leaves may await what asyncio offers."""
         return self.on_wake is not None
 
+    @property
+    def is_woken(self) -> bool:
+        """Whether a wake-up has come that no tick has served."""
+        return self._woken
+
     def wake_up(self) -> None:
         """Ask for a tick as soon as possible. Any thread may."""
         self._woken = True

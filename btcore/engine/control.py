@@ -73,7 +73,10 @@ def results_in_order(
 def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> PossibleResults:
     """What a node of *cls* may result in, if nothing but its declared results is known."""
     may_run = any(child.may_run for child in children)
-    return PossibleResults(cls.may_return, cls.may_return if may_run else NO_RESULT, may_run)
+    ends = cls.may_return
+    if not cls.skips_alone and not any(SKIPPED in child.results for child in children):
+        ends -= {SKIPPED}
+    return PossibleResults(ends, ends if may_run else NO_RESULT, may_run)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

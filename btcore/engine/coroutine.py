@@ -5,7 +5,7 @@ await what asyncio offers too: it is RUNNING until that is done, and the tree is
 """
 
 from collections.abc import Generator
-from typing import Any
+from typing import Any, ClassVar
 
 from mypy_extensions import mypyc_attr
 
@@ -38,6 +38,8 @@ def sleep(seconds: float) -> Pause:
 @mypyc_attr(allow_interpreted_subclasses=True)
 class CoroutineAction(StatefulAction):
     """A leaf whose body is a generator or a coroutine, resumed once a tick."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = None
 
     _body: Any = None
     _until: int = 0

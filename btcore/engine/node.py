@@ -68,6 +68,8 @@ class TreeNode:
     Saved and restored, together with statuses, blackboard and clock, they determine the tree's future. None =
     the node cannot be saved while it is RUNNING.
     """
+    skips_alone: ClassVar[bool] = True
+    """Whether a tick may give SKIPPED although no child did."""
     child_count: ClassVar[tuple[int, int | None]] = (0, 0)
     """The least and the greatest number of children that the node can be ticked with; None = no limit."""
     child_count_at_load: ClassVar[tuple[int, int | None]] = (0, 0)

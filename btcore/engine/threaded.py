@@ -1,7 +1,7 @@
 """An action whose work blocks: it runs in a thread of its own, and the tree goes on."""
 
 import threading
-from typing import Any
+from typing import Any, ClassVar
 
 from mypy_extensions import mypyc_attr
 
@@ -18,6 +18,8 @@ class ThreadedAction(StatefulAction):
     or raises what it raised. A halt sets :attr:`halt_requested` and waits for it to return: look at
     it often, or sleep by :meth:`pause`.
     """
+
+    state_fields: ClassVar[tuple[str, ...] | None] = None
 
     _worker: Any = None
     _asked: Any = None

@@ -9,6 +9,7 @@ from btcore.engine.control import ControlNode, DecoratorNode
 from btcore.engine.node import execute_tick
 from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.nodes.blackboard_actions import SetBlackboard
+from btcore.nodes.branch import BranchNode
 from btcore.nodes.ordered_control import OrderedNode
 from btcore.nodes.parallel import threshold
 from btcore.nodes.repeat import Repeat, RetryUntilSuccessful
@@ -58,6 +59,7 @@ class Parallel3(ControlNode):
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Parallel"
     node_symbol: ClassVar[str] = "⇉"
+    skips_alone: ClassVar[bool] = False
     state_fields: ClassVar[tuple[str, ...] | None] = ("_completed",)
 
     _completed: set[int]
@@ -126,7 +128,7 @@ class Parallel3(ControlNode):
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class WhileDoElse3(ControlNode):
+class WhileDoElse3(BranchNode):
     """Ticks the condition on every tick, and the second child while it succeeds, the third while it fails.
 
     It has exactly three children.
@@ -134,7 +136,6 @@ class WhileDoElse3(ControlNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "WhileDoElse"
-    node_symbol: ClassVar[str] = "⎇"
     child_count: ClassVar[tuple[int, int | None]] = (3, 3)
     child_roles: ClassVar[str] = "a condition, and two branches"
 

@@ -37,6 +37,7 @@ class Parallel(ControlNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "⇉"
+    skips_alone: ClassVar[bool] = False
     batch_class: ClassVar[str] = "btcore.batch.parallel:Parallel"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_completed", "_successes", "_failures")
 
@@ -126,6 +127,7 @@ class ParallelAll(ControlNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "⇉"
+    skips_alone: ClassVar[bool] = False
     batch_class: ClassVar[str] = "btcore.batch.parallel:ParallelAll"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_completed", "_failures")
 

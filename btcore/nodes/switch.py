@@ -63,6 +63,7 @@ class SwitchNode(ControlNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
     node_symbol: ClassVar[str] = "⋔"
+    skips_alone: ClassVar[bool] = False
     state_fields: ClassVar[tuple[str, ...] | None] = ("_running",)
     child_roles: ClassVar[str] = "one for each case, and a default"
 

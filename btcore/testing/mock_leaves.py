@@ -6,7 +6,7 @@ Outcomes("RRS", "F").drive(tree, ticks=6)
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from btcore.engine.leaf import Condition, StatefulAction
 from btcore.engine.node import TreeNode
@@ -91,6 +91,8 @@ def _letter(letter: str) -> Status:
 class MockAction(StatefulAction):
     """An action that does what the tree's :class:`Outcomes` say; without any it succeeds."""
 
+    state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes", "left")
+
     def __init__(self) -> None:
         self.outcomes = Outcomes("S")
         self.left = ""
@@ -108,6 +110,8 @@ class MockAction(StatefulAction):
 
 class MockCondition(Condition):
     """A condition that gives the last letter of an entry of the tree's :class:`Outcomes`."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes",)
 
     def __init__(self) -> None:
         self.outcomes = Outcomes("S")

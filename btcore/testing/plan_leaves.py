@@ -4,6 +4,8 @@ They are the leaves of the recorded conformance cases, and serve any test of a t
 leaves aren't there. The letters: R running, S success, F failure, K skipped; X raises.
 """
 
+from typing import ClassVar
+
 from btcore.blackboard.ports import Direction, Port
 from btcore.engine.leaf import Condition, StatefulAction, SyncAction
 from btcore.engine.signature import In
@@ -53,6 +55,8 @@ class PlanAction(StatefulAction):
     The last letter of a segment repeats. Notes ``start``, ``running`` and ``halted``.
     """
 
+    state_fields: ClassVar[tuple[str, ...] | None] = ("starts", "segment", "calls")
+
     plan: In[str]
 
     def __init__(self, journal: CallLog) -> None:
@@ -100,6 +104,8 @@ class _Ticks:
 class PlanCondition(Condition):
     """Gives the letters of `plan`, one a tick, cyclic. Notes ``tick``."""
 
+    state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
+
     plan: In[str]
 
     def __init__(self, journal: CallLog) -> None:
@@ -114,6 +120,8 @@ class PlanCondition(Condition):
 
 class PlanSync(SyncAction):
     """Gives the letters of `plan`, one a tick, cyclic. Notes ``tick``."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 
     plan: In[str]
 

@@ -29,11 +29,11 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name
 from btcore.testing.mock_leaves import Outcomes, with_mock_leaves
 from btcore.testing.tree_generator import (
-    GENERATED_TAGS,
     SCRIPT_KEYS,
     Element,
     TreeGenerator,
     TreeOptions,
+    builtin_manifests,
     cached_integers,
     element_to_xml,
 )
@@ -200,12 +200,13 @@ _BY_TYPE: Final[Mapping[Any, SearchStrategy[Any]]] = {
 def _own_nodes(nodes: Collection[str] | None, registry: Registry | None, format: int) -> dict[str, Manifest]:
     """The manifests of those of *nodes* that aren't btcore's."""
     own = {}
+    drawn = {**builtin_manifests(4), **builtin_manifests(3)}
     for tag in nodes if nodes is not None else ():
-        if tag in GENERATED_TAGS:
+        if tag in drawn:
             continue
         manifest = registry.get(tag, format) if registry is not None else None
         if manifest is None or manifest.distribution == "btcore":
-            known = [*GENERATED_TAGS, *(one.id for one in registry or () if one.distribution != "btcore")]
+            known = [*drawn, *(one.id for one in registry or () if one.distribution != "btcore")]
             guess = nearest_name(tag, known)
             hint = f"did you mean '{guess}'?" if guess else "give the registry that has it: registry=nodes"
             raise InvalidArgument(f"random trees can't have <{tag}>; {hint}")

@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from hypothesis.errors import InvalidArgument
 from hypothesis.strategies import DrawFn, SearchStrategy
 
-from btcore.blackboard.ports import Port
-from btcore.registry.manifest import Manifest
-from btcore.status import NodeType
+from btcore.blackboard.ports import Port, PortRole
+from btcore.engine.control import ControlNode
+from btcore.registry.manifest import Manifest, takes_children
+from btcore.registry.registry import Registry
+from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, PossibleResults
 from btcore.values import (
     BOOL,
     DOUBLE,
@@ -28,28 +30,18 @@ from btcore.values import (
     ValueType,
 )
 
-ORDERED: Final = ("Sequence", "Fallback", "AsyncSequence", "AsyncFallback", "SequenceWithMemory")
-ORDERED_3: Final = ("Sequence", "Fallback", "SequenceStar")
-REACTIVE: Final = ("ReactiveSequence", "ReactiveFallback")
-UNARY: Final = ("Inverter", "ForceSuccess", "ForceFailure", "KeepRunningUntilFailure")
-COUNTED: Final = {"Repeat": "num_cycles", "RetryUntilSuccessful": "num_attempts"}
-TIMED: Final = {"Delay": "delay_msec", "Timeout": "msec"}
-PARALLEL: Final = ("Parallel", "ParallelAll")
-BRANCHES: Final = ("IfThenElse", "WhileDoElse")
-FIXED: Final = ("AlwaysSuccess", "AlwaysFailure")
 INSTANT: Final = ("PlanCondition", "Ask")
 """Planned leaves that are done within a tick, and so may decide in a branch."""
-GENERATED_TAGS: Final = frozenset(
-    {*ORDERED, *ORDERED_3, *REACTIVE, *UNARY, *COUNTED, *TIMED, *PARALLEL, *BRANCHES, *FIXED}
-    | {"RunOnce", "Precondition", "TryCatch", "Script", "ScriptCondition", "Sleep"}
-)
-"""The nodes of btcore that random trees may have."""
 SCRIPT_KEYS: Final = ("a", "b", "c")
 """The entries of the root's blackboard that random scripts use; all begin as 0."""
 
 _EITHER: Final = st.booleans()
 _QUESTIONS: Final = ("@a == 0", "@a > @b", "@b != @c", "@c < 2 && @a >= 0", "true", "false")
 _STATEMENTS: Final = ("@a := 1", "@a := @a + 1", "@b = @c + 1", "@c = @a == 0 ? 2 : 0", "@b := 0; @c := @b")
+_SCRIPTS: Final = {PortRole.SCRIPT: _STATEMENTS, PortRole.CONDITION: _QUESTIONS}
+_NUMBERS: Final = {PortRole.DURATION: 40, PortRole.REPETITIONS: 3}  # at most; milliseconds, turns
+_THRESHOLDS: Final = (PortRole.SUCCESSES, PortRole.FAILURES)
+_DRAWN_ROLES: Final = frozenset({*_SCRIPTS, *_NUMBERS, *_THRESHOLDS})
 _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
     BOOL: st.sampled_from(["false", "true"]),
     INT: st.integers(-3, 100).map(str),
@@ -60,6 +52,38 @@ _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
     STRING: st.text("abc xyz", min_size=1, max_size=5),
     NODE_STATUS: st.sampled_from(["SUCCESS", "FAILURE"]),
 }
+
+
+@cache
+def builtin_manifests(format: int) -> Mapping[str, Manifest]:
+    """The built-in nodes that random trees of *format* may have, by ID, the plainest first.
+
+    They are those that need no resource and no text other than a number, a script or a truth value.
+    """
+    found = [
+        manifest
+        for manifest in Registry.standard().manifests_of(format).values()
+        if manifest.type is not NodeType.SUBTREE
+        and not manifest.parameters
+        and all(port.default is not None or port.role in _DRAWN_ROLES for port in manifest.ports.values())
+    ]
+    found.sort(key=lambda manifest: (len(manifest.ports), len(manifest.id)))
+    return {manifest.id: manifest for manifest in found}
+
+
+def _roles(manifest: Manifest) -> set[PortRole]:
+    return {port.role for port in manifest.ports.values()}
+
+
+def _may_skip(manifest: Manifest) -> bool:
+    """Whether a node may be SKIPPED even if its child never is."""
+    child = PossibleResults(frozenset({SUCCESS, FAILURE}), frozenset({SUCCESS, FAILURE}), True)
+    defaults = {
+        port.name: port.type.from_text(port.default)
+        for port in manifest.ports.values()
+        if port.default is not None
+    }
+    return SKIPPED in manifest.cls.possible_results([child], defaults).results
 
 
 class Element(NamedTuple):
@@ -90,13 +114,16 @@ class TreeOptions:
     own: Mapping[str, Manifest] = field(default_factory=dict)
     texts: Mapping[str, Mapping[str, SearchStrategy[str]]] = field(default_factory=dict)
 
-    def allowed(self, *tags: str) -> list[str]:
-        """Those of *tags* that may occur."""
-        return [tag for tag in tags if self.tags is None or tag in self.tags]
-
-    def of_own(self, *types: NodeType) -> list[str]:
-        """The tags that aren't btcore's, of nodes of *types*."""
-        return [tag for tag, manifest in self.own.items() if manifest.type in types]
+    def may_occur(self, manifest: Manifest) -> bool:
+        """Whether the built-in node of *manifest* may occur."""
+        if self.tags is not None:
+            return manifest.id in self.tags
+        roles = _roles(manifest)
+        if PortRole.DURATION in roles:
+            return self.timed
+        if not takes_children(manifest):
+            return self.scripts and bool(roles & _SCRIPTS.keys())
+        return self.skipped or not _may_skip(manifest)
 
 
 class TreeGenerator:
@@ -107,26 +134,21 @@ class TreeGenerator:
         self.wishes = wishes
         self.budget = budget
         self.trees = callable_trees
-        four = wishes.format == 4
-        chosen, allowed, own = wishes.tags is not None, wishes.allowed, wishes.of_own
-        timed = allowed(*TIMED) if wishes.timed or chosen else []
-        once = ["RunOnce"] if wishes.skipped or chosen else []
-        gates = ["Precondition", *once] if four else []
-        extra = allowed(*FIXED) if chosen else []
-        if four and (wishes.scripts or chosen):
-            extra += allowed("Script", "ScriptCondition")
-        if four and (wishes.timed or chosen):
-            extra += allowed("Sleep")
-        leaves = [*extra, *own(NodeType.ACTION, NodeType.CONDITION)]
-        planned = list(wishes.planned) if not chosen or not leaves else []
+        builtin = builtin_manifests(wishes.format)
+        self.manifests = {id: one for id, one in builtin.items() if wishes.may_occur(one)} | dict(wishes.own)
+        leaves = [id for id, one in self.manifests.items() if not takes_children(one)]
+        planned = list(wishes.planned) if wishes.tags is None or not leaves else []
         self.leaves = [*planned, *leaves, *(["SubTree"] if callable_trees else [])]
-        self.decorators = [*allowed(*UNARY, *COUNTED, *gates), *timed, *own(NodeType.DECORATOR)]
-        ordered = ORDERED if four else ORDERED_3
-        parallel = PARALLEL if four else PARALLEL[:1]
-        self.controls = [*allowed(*ordered, *REACTIVE, *parallel), *own(NodeType.CONTROL)]
-        self.try_catch = allowed("TryCatch") if four else []
         self.instant = [tag for tag in planned if tag in INSTANT]
-        self.branches = allowed(*BRANCHES) if self.instant else []
+        self.decorators = [id for id, one in self.manifests.items() if one.type is NodeType.DECORATOR]
+        self.controls: list[str] = []
+        self.branches: list[str] = []
+        for id, manifest in self.manifests.items():
+            cls = manifest.cls
+            if issubclass(cls, ControlNode) and cls.branch_results:
+                self.branches += [id] if self.instant else []
+            elif manifest.type is NodeType.CONTROL:
+                self.controls.append(id)
 
     def pick(self, tags: Collection[str]) -> str:
         """One of *tags*."""
@@ -140,14 +162,23 @@ class TreeGenerator:
         kinds: list[Callable[[int], Element]] = []
         if room >= 1:
             kinds += [self.decorator] * bool(self.decorators)
-            kinds += [self.control] * bool(self.controls)
+            kinds += [self.control] * bool(self.controls_of(1))
         if room >= 3:
-            kinds += [self.control] * bool(self.controls)
+            kinds += [self.control] * bool(self.controls_of(1))
             kinds += [self.branch] * bool(self.branches)
         if not (top and kinds):
             kinds.insert(0, self.leaf)
         kind = kinds[self.draw(cached_integers(0, len(kinds) - 1))]
         return self.guarded(kind(depth))
+
+    def controls_of(self, count: int) -> list[str]:
+        """The control nodes that can have *count* children."""
+        found = []
+        for id in self.controls:
+            least, most = self.manifests[id].cls.child_count
+            if least <= count and (most is None or count <= most):
+                found.append(id)
+        return found
 
     def leaf(self, depth: int) -> Element:
         """A node without children."""
@@ -169,10 +200,10 @@ class TreeGenerator:
         children = [self.element(depth=depth + 1)]
         while self.budget > 0 and len(children) < 4 and self.draw(_EITHER):
             children.append(self.element(depth=depth + 1))
-        tag = self.pick([*self.controls, *(self.try_catch if len(children) > 1 else ())])
+        tag = self.pick(self.controls_of(len(children)))
         if tag == "ReactiveSequence":
             # The format allows one asynchronous child there.
-            other = (self.wishes.allowed("Sequence") or ["ReactiveSequence"])[0]
+            other = "Sequence" if "Sequence" in self.manifests else tag
             children = [one._replace(tag=other) if one.tag == "AsyncSequence" else one for one in children]
         return Element(tag, self.ports(tag, len(children)), children)
 
@@ -183,9 +214,9 @@ class TreeGenerator:
         asked = self.pick(self.instant)
         plan = self.wishes.planned[asked]
         ports = {} if plan is None else {"plan": self.draw(_never_skipped(plan))}
-        exactly = tag == "WhileDoElse" and self.wishes.format == 3
-        count = 2 if exactly else self.draw(cached_integers(1, 2))
-        below = [self.element(depth=depth + 1) for _ in range(count) if exactly or self.budget > 0]
+        least = self.manifests[tag].cls.child_count[0] - 1
+        count = self.draw(cached_integers(least, 2))
+        below = [self.element(depth=depth + 1) for done in range(count) if done < least or self.budget > 0]
         return Element(tag, {}, [Element(asked, ports, []), *below])
 
     def guarded(self, element: Element) -> Element:
@@ -203,39 +234,28 @@ class TreeGenerator:
 
     def ports(self, tag: str, count: int) -> dict[str, str]:
         """The ports of a node that has *count* children."""
-        numbers = {
-            **dict.fromkeys(COUNTED, (0, 3)),
-            **dict.fromkeys([*TIMED, "Sleep"], (0, 40)),
-        }
-        if tag in numbers:
-            key = {**COUNTED, **TIMED, "Sleep": "msec"}[tag]
-            return {key: str(self.draw(cached_integers(*numbers[tag])))}
-        truth = {"RunOnce": "then_skip", "TryCatch": "catch_on_halt", "Precondition": "if"}
-        if tag in truth:
-            return {truth[tag]: self.pick(["true", "false"])}
-        if tag == "Parallel":
-            word, least = ("count", -1) if self.wishes.format == 4 else ("threshold", 1)
-            return {
-                f"success_{word}": str(self.draw(cached_integers(least, count))),
-                f"failure_{word}": str(self.draw(cached_integers(1, count))),
-            }
-        if tag == "ParallelAll":
-            return {"max_failures": str(self.draw(cached_integers(0, count)))}
-        if tag in ("Script", "ScriptCondition"):
-            return {"code": self.pick(_STATEMENTS if tag == "Script" else _QUESTIONS)}
-        if tag not in self.wishes.own:
-            return {}
-        return {
-            port.name: self.draw(self.text(tag, port))
-            for port in self.wishes.own[tag].ports.values()
-            if port.default is None or port.name in self.wishes.texts.get(tag, {})
-        }
+        texts: dict[str, str] = {}
+        for port in self.manifests[tag].ports.values():
+            given = self.wishes.texts.get(tag, {}).get(port.name)
+            if given is not None:
+                texts[port.name] = self.draw(given)
+            elif port.role in _NUMBERS:
+                texts[port.name] = str(self.draw(cached_integers(0, _NUMBERS[port.role])))
+            elif port.role in _THRESHOLDS:
+                # Format 3 has no 0, and its −1 is tried by the recorded cases.
+                least = -1 if port.role is PortRole.SUCCESSES and self.wishes.format == 4 else 1
+                texts[port.name] = str(self.draw(cached_integers(least, count)))
+            elif port.role in _SCRIPTS:
+                scripted = self.wishes.scripts or count == 0
+                texts[port.name] = self.pick(_SCRIPTS[port.role] if scripted else ("true", "false"))
+            elif port.type is BOOL and tag not in self.wishes.own:
+                texts[port.name] = self.pick(["true", "false"])
+            elif port.default is None:
+                texts[port.name] = self.draw(self.text(tag, port))
+        return texts
 
     def text(self, tag: str, port: Port) -> SearchStrategy[str]:
         """What *port* of a node that isn't btcore's may say."""
-        given = self.wishes.texts.get(tag, {}).get(port.name)
-        if given is not None:
-            return given
         if not port.reads:
             return st.just("{" + port.name + "}")
         if port.type not in _TEXTS:

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 import btcore
 from btcore import (
+    ControlNode,
     NodeType,
     SimClock,
     Status,
@@ -19,40 +20,20 @@ from btcore.testing import (
     outcomes,
     trees,
 )
-from btcore.testing.tree_generator import (
-    BRANCHES,
-    COUNTED,
-    ORDERED,
-    ORDERED_3,
-    PARALLEL,
-    REACTIVE,
-    TIMED,
-    UNARY,
-)
+from btcore.testing.tree_generator import builtin_manifests
 from btcore.xml.render.tree_xml import tree_to_xml
 
 DONE = (Status.SUCCESS, Status.FAILURE)
 LEAVES = (NodeType.ACTION, NodeType.CONDITION)
-CLEAN = {
-    *ORDERED,
-    *ORDERED_3,
-    *REACTIVE,
-    *UNARY,
-    *COUNTED,
-    *TIMED,
-    *PARALLEL,
-    *BRANCHES,
-    "TryCatch",
-    "Precondition",
-}
-CLEAN -= {"IfThenElse", "SequenceWithMemory", "SequenceStar"}
+INNER = {id for format in (3, 4) for id, one in builtin_manifests(format).items() if one.type not in LEAVES}
+CLEAN = INNER - {"IfThenElse", "RunOnce", "SequenceWithMemory", "SequenceStar"}
 
 everything = trees(max_nodes=30, timed=True, subtrees=2, conditions=True, scripts=True)
 with_reactive = trees(
     timed=True,
     subtrees=2,
     conditions=True,
-    nodes=[*REACTIVE, *ORDERED, *PARALLEL, *UNARY, *COUNTED, *TIMED, *BRANCHES, "RunOnce", "TryCatch"],
+    nodes=INNER,
 )
 format_3 = trees(max_nodes=30, timed=True, subtrees=2, format=3)
 
@@ -110,7 +91,7 @@ def test_where_nothing_keeps_a_place_or_skips_every_node_is_idle_after_completio
 def test_a_reactive_node_never_leaves_two_of_its_children_running(
     tree: Tree, plan: Outcomes, ticks: int
 ) -> None:
-    reactive = [node for node in tree if node.id in REACTIVE]
+    reactive = [node for node in tree if isinstance(node, ControlNode) and node.runs_one_child]
     assume(reactive)
     plan.attach(tree)
     for _ in range(ticks):

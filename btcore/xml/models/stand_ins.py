@@ -1,7 +1,7 @@
 """Stand-ins for nodes whose code isn't here: they have the ports of a model, and do as a plan says."""
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import ClassVar, Final
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
@@ -47,6 +47,8 @@ def _status(node: TreeNode, letter: str) -> Status:
 class StubAction(StatefulAction):
     """Succeeds at once, or does as its plan says."""
 
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_segment", "_starts", "_calls")
+
     def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
         self._segments = plans.plan_for(self).split("|")
         self._starts = 0
@@ -70,6 +72,8 @@ class StubAction(StatefulAction):
 class StubCondition(Condition):
     """Succeeds, or does as its plan says."""
 
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_ticks",)
+
     def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
         self._plan = plans.plan_for(self)
         self._ticks = 0
@@ -83,6 +87,8 @@ class StubCondition(Condition):
 
 class StubControl(SequenceNode):
     """Ticks its children as a Sequence does."""
+
+    node_symbol: ClassVar[str] = ""
 
 
 class StubDecorator(DecoratorNode):

@@ -39,7 +39,7 @@ def test_the_tree_is_drawn_with_signs_names_ids_numbers_and_ports(cli: Cli, file
         "    ├── ▣ hello  SubTree  2  who={guest}\n"
         "    │   └── ◷ bow  Sleep  3  msec=200\n"
         "    └── ¬ Inverter  4\n"
-        "        └── ▪ AlwaysFailure  5  _skipIf=late\n"
+        "        └── ⊥ AlwaysFailure  5  _skipIf=late\n"
     )
 
 

@@ -1,0 +1,138 @@
+"""The state of a tree between two ticks, to be saved and restored into another tree of the same XML.
+
+A restored tree has the future of the saved one. The state consists of the statuses, what the classes of the
+nodes declare in :attr:`~btcore.engine.node.TreeNode.state_fields`, the blackboards, and the wake-ups that the
+tree waits for. The clock, the resources and the observers belong to the caller: restore into a tree whose
+clock shows the same time.
+"""
+
+import copy
+from typing import NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.engine.node import TreeNode
+from btcore.errors import BtcoreError, NodeError
+from btcore.status import RUNNING, Status
+from btcore.tree.tree import Tree
+from btcore.values import ValueType
+
+
+class SavedEntry(NamedTuple):
+    """An entry without its value."""
+
+    declared: ValueType
+    inferred: bool
+    sequence_id: int
+    stamp: int
+
+
+class SavedState(NamedTuple):
+    """What :func:`save_state` has taken from a tree.
+
+    *nodes* are the paths and IDs. *values* holds the state fields of each node, then the value of each entry,
+    in one list, so that an object that several of them share is copied once. *boards* has the index of the
+    entry of each key.
+    """
+
+    nodes: list[tuple[str, str]]
+    statuses: list[Status]
+    values: list[object]
+    entries: list[SavedEntry]
+    boards: list[dict[str, int]]
+    deadlines: dict[int, int]
+    is_woken: bool
+    ticks: int
+    status: Status
+
+
+def state_fields_of(cls: type[TreeNode]) -> list[str]:
+    """The attributes that *cls* and its base classes declare as state, sorted."""
+    found: set[str] = set()
+    for base in cls.__mro__:
+        found.update(vars(base).get("state_fields") or ())
+    return sorted(found)
+
+
+def save_state(tree: Tree) -> SavedState:
+    """Return a copy of the state of *tree*, which must not be in a tick.
+
+    Raises:
+        NodeError: A node is RUNNING that no other tree can continue, such as a coroutine.
+        TypeError: A value cannot be copied.
+    """
+    values: list[object] = []
+    for node in tree.nodes:
+        if type(node).state_fields is None and node._status is RUNNING:
+            raise NodeError(f"the state of '{node.path}' <{node.id}> cannot be saved while it is RUNNING")
+        values.append({name: getattr(node, name) for name in state_fields_of(type(node))})
+    boards: list[dict[str, int]] = []
+    entries: list[SavedEntry] = []
+    indices: dict[int, int] = {}
+    for board in _blackboards(tree):
+        keys: dict[str, int] = {}
+        for key, entry in board.local_entries().items():
+            # Scopes of format 3 share the entries of remapped keys.
+            if id(entry) not in indices:
+                indices[id(entry)] = len(entries)
+                entries.append(SavedEntry(entry.declared, entry.inferred, entry.sequence_id, entry.stamp))
+                values.append(entry.value)
+            keys[key] = indices[id(entry)]
+        boards.append(keys)
+    return SavedState(
+        _names(tree),
+        [node._status for node in tree.nodes],
+        copy.deepcopy(values),
+        entries,
+        boards,
+        dict(tree.context.deadlines),
+        tree.context.is_woken,
+        tree.ticks,
+        tree.status,
+    )
+
+
+def restore_state(tree: Tree, saved: SavedState) -> None:
+    """Give *tree*, loaded from the same XML, the state *saved*. Observers are not notified.
+
+    Raises BtcoreError if *tree* has other nodes.
+    """
+    boards = _blackboards(tree)
+    if _names(tree) != saved.nodes or len(boards) != len(saved.boards):
+        raise BtcoreError(f"the saved state is of another tree than '{tree.id}'")
+    values = copy.deepcopy(saved.values)
+    for node, status, fields in zip(tree.nodes, saved.statuses, values, strict=False):
+        node._status = status
+        assert isinstance(fields, dict)
+        for name, value in fields.items():
+            setattr(node, name, value)
+    entries = []
+    for description, value in zip(saved.entries, values[len(saved.nodes) :], strict=True):
+        entry = Entry(description.declared, description.inferred)
+        entry.value, entry.sequence_id, entry.stamp = value, description.sequence_id, description.stamp
+        entries.append(entry)
+    for board, keys in zip(boards, saved.boards, strict=True):
+        held = board.local_entries()
+        held.clear()
+        held.update((key, entries[index]) for key, index in keys.items())
+    tree.context.deadlines.clear()
+    tree.context.take_wake_up()
+    tree.context.deadlines.update(saved.deadlines)
+    if saved.is_woken:
+        tree.context.wake_up()
+    tree.ticks = saved.ticks
+    tree.status = saved.status
+
+
+def _names(tree: Tree) -> list[tuple[str, str]]:
+    return [(node.path, node.id) for node in tree.nodes]
+
+
+def _blackboards(tree: Tree) -> list[Blackboard]:
+    """The scopes of *tree*, each once, and those around the main tree's."""
+    found: dict[int, Blackboard] = {}
+    for subtree in tree.subtrees:
+        board: Blackboard | None = subtree.blackboard
+        while board is not None:
+            found.setdefault(id(board), board)
+            board = board.parent
+    return list(found.values())

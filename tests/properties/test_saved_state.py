@@ -1,0 +1,297 @@
+"""The state that nodes declare is all that they remember: a restored tree has the future of the saved one."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from btcore import (
+    Blackboard,
+    BtcoreError,
+    NodeError,
+    NodeExecutionError,
+    Registry,
+    SimClock,
+    Status,
+    Tree,
+    TreeNode,
+    action,
+    loads,
+    running,
+)
+from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.clock import NS_PER_MS
+from btcore.nodes.builtin_nodes import BUILTIN_NODES
+from btcore.nodes.manual_selector import Prompt
+from btcore.testing import xml_documents
+from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.plan_leaves import CallLog
+from btcore.testing.tree_generator import SCRIPT_KEYS, builtin_manifests
+from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
+
+NODES = conformance_registry()
+# What the engine keeps in a node; saved_state saves the status.
+ENGINE_OWNED = {"_status", "_configs"}
+
+# The nodes that random trees do not have, since they need certain texts or entries.
+OTHER_NODES = {
+    4: """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+        <Script code="turn = turn + 1; a = turn > 2 ? 0 : turn"/>
+        <SetBlackboard value="{turn}" output_key="copy"/>
+        <ParallelAll max_failures="-1">
+          <LoopInt queue="3;1;2" value="{i}"><PlanAction plan="RS|S"/></LoopInt>
+          <LoopDouble queue="{doubles}" value="{d}"><PlanAction plan="S|RRS"/></LoopDouble>
+          <LoopString queue="{shared}" value="{s}"><PlanAction plan="RS"/></LoopString>
+          <LoopBool queue="true;false" if_empty="FAILURE"><PlanAction plan="S|RS"/></LoopBool>
+          <SkipUnlessUpdated entry="{often}"><PlanAction plan="RRS"/></SkipUnlessUpdated>
+          <WaitValueUpdate entry="{a}"><PlanAction plan="RS"/></WaitValueUpdate>
+          <WasEntryUpdated entry="often"/>
+          <Switch2 variable="{word}" case_1="1" case_2="2">
+            <PlanAction plan="RRS"/><PlanAction plan="RF"/><PlanAction plan="RRRS"/>
+          </Switch2>
+          <Switch3 variable="{word}" case_1="1" case_2="2" case_3="0">
+            <PlanAction plan="RRS"/><PlanAction plan="RF"/><PlanAction plan="RRRS"/><PlanSync plan="S"/>
+          </Switch3>
+          <Sequence>
+            <PlanAction plan="RRRRS"/><Script code="often := turn"/><UnsetBlackboard key="often"/>
+            <PlanAction plan="RS"/><Script code="often := turn"/>
+          </Sequence>
+        </ParallelAll></Sequence></BehaviorTree></root>""",
+    3: """<root main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence>
+        <SetBlackboard value="{turn}" output_key="copy"/>
+        <Parallel success_threshold="5" failure_threshold="4">
+          <ManualSelector repeat_last_selection="true">
+            <PlanAction plan="RS"/><PlanSync plan="F"/>
+          </ManualSelector>
+          <Switch2 variable="{word}" case_1="1" case_2="2">
+            <PlanAction plan="RRS"/><PlanAction plan="RF"/><PlanAction plan="RRRS"/>
+          </Switch2>
+          <BlackboardCheckInt value_A="{turn}" value_B="2">
+            <PlanAction plan="RRS"/>
+          </BlackboardCheckInt>
+          <BlackboardCheckDouble value_A="{turn}" value_B="2.0">
+            <PlanAction plan="RRS"/>
+          </BlackboardCheckDouble>
+          <BlackboardCheckString value_A="{text}" value_B="x">
+            <PlanAction plan="RRS"/>
+          </BlackboardCheckString>
+          <BlackboardCheckBool value_A="{once}" value_B="true">
+            <PlanAction plan="RRS"/>
+          </BlackboardCheckBool>
+          <SubTreePlus ID="Inner" number="{turn}"/>
+        </Parallel></Sequence></BehaviorTree>
+      <BehaviorTree ID="Inner"><Sequence>
+        <Inc in="{number}" out="{number}"/><PlanAction plan="RRS|RF"/>
+      </Sequence></BehaviorTree></root>""",
+}
+
+
+class ByTime(Prompt):
+    """Chooses another option every 10 ms."""
+
+    def __init__(self, clock: SimClock) -> None:
+        self.clock = clock
+
+    def choose(self, question: str, options: list[str]) -> int:
+        return self.clock.now() // (10 * NS_PER_MS) % len(options)
+
+
+def loaded(text: str, format: int, now: int = 0) -> Tree:
+    """A new tree on a simulated clock that shows *now* (ns)."""
+    clock = SimClock(now)
+    board = Blackboard(clock=clock) if format == 4 else LegacyBlackboard(clock=clock)
+    queue = deque(["x", "y", "z"])
+    values: dict[str, Any] = {"turn": 0, "doubles": [0.5, 1.5], "shared": queue, "alias": queue, "once": True}
+    for key, value in {
+        **dict.fromkeys(SCRIPT_KEYS, 0),
+        **values,
+        "text": "x",
+        "word": "0",
+        "often": 0,
+    }.items():
+        board[key] = value
+    resources = [CallLog(), ByTime(clock)]
+    return loads(text, nodes=NODES, resources=resources, blackboard=board, clock=clock, format=format)
+
+
+def ticked(tree: Tree) -> object:
+    """The result of a tick, or what it raised."""
+    try:
+        return tree.tick_exactly_once()
+    except NodeExecutionError as error:
+        return str(error)
+
+
+def visible(tree: Tree) -> list[object]:
+    """What the world sees of *tree*."""
+    scopes = [
+        {
+            key: (entry.value, entry.declared.name, entry.sequence_id, entry.stamp)
+            for key, entry in entries.items()
+        }
+        for entries in (subtree.blackboard.local_entries() for subtree in tree.subtrees)
+    ]
+    context = tree.context
+    return [
+        [node.status for node in tree],
+        scopes,
+        context.deadlines,
+        context.is_woken,
+        tree.ticks,
+        tree.status,
+    ]
+
+
+def advance(tree: Tree, milliseconds: int) -> None:
+    """Let time pass, and somebody write an entry; negative = halt the tree instead."""
+    tree.blackboard["word"] = str(tree.ticks % 3)
+    if milliseconds < 0:
+        tree.halt()
+    else:
+        tree.sleep(milliseconds / 1000)
+
+
+def assert_same_future(text: str, format: int, before: list[int], after: list[int]) -> None:
+    """Save a tree after the steps *before*, restore it, and take the steps *after* with both trees."""
+    original = loaded(text, format)
+    for step in before:
+        ticked(original)
+        advance(original, step)
+    saved = save_state(original)
+    copies = []
+    for _ in range(2):
+        restored = loaded(text, format, original.clock.now())
+        restore_state(restored, saved)
+        assert visible(restored) == visible(original)
+        copies.append(restored)
+    # One after the other, so that what the trees still share would show.
+    futures = [list(future(tree, after)) for tree in (original, *copies)]
+    assert futures[1] == futures[0]
+    assert futures[2] == futures[0]
+
+
+def future(tree: Tree, steps: list[int]) -> Iterator[str]:
+    for step in steps:
+        yield repr((ticked(tree), visible(tree)))
+        advance(tree, step)
+
+
+milliseconds = st.one_of(st.integers(0, 30), st.just(-1))
+steps = st.lists(milliseconds, max_size=8)
+
+
+@given(
+    st.one_of(
+        xml_documents(timed=True, subtrees=2, conditions=True, scripts=True).map(lambda text: (text, 4)),
+        xml_documents(timed=True, subtrees=2, format=3).map(lambda text: (text, 3)),
+    ),
+    steps,
+    st.lists(milliseconds, min_size=1, max_size=8),
+)
+def test_a_restored_random_tree_does_what_the_saved_one_does(
+    document: tuple[str, int], before: list[int], after: list[int]
+) -> None:
+    assert_same_future(*document, before, after)
+
+
+@pytest.mark.parametrize("format", [3, 4])
+@pytest.mark.parametrize("count", range(12))
+def test_a_restored_tree_of_the_other_nodes_does_what_the_saved_one_does(format: int, count: int) -> None:
+    assert_same_future(OTHER_NODES[format], format, [10] * count, [10] * 12)
+    assert_same_future(OTHER_NODES[format], format, [10] * count + [-1], [10] * 12)
+
+
+# --- what changes is declared
+
+
+def attributes(node: TreeNode) -> dict[str, str]:
+    """The attributes of *node* and what they hold, as texts; also those of a compiled class."""
+    names = set(getattr(node, "__dict__", ()))
+    for cls in type(node).__mro__:
+        names |= vars(cls).get("__annotations__", {}).keys()
+    return {name: shown(getattr(node, name)) for name in names if hasattr(node, name)}
+
+
+def shown(value: object) -> str:
+    """*value* as a text, in which a node is itself, whatever its status."""
+    if isinstance(value, list):
+        return str([shown(one) for one in value])
+    return value.path if isinstance(value, TreeNode) else repr(value)
+
+
+def changed_attributes(tree: Tree, steps: list[int]) -> set[tuple[type, str]]:
+    """The attributes that change while *tree* takes *steps*."""
+    found = set()
+    for step in steps:
+        before = [attributes(node) for node in tree]
+        ticked(tree)
+        advance(tree, step)
+        for node, held in zip(tree, before, strict=True):
+            now = attributes(node)
+            found |= {(type(node), name) for name in now if now[name] != held.get(name)}
+    return found
+
+
+def is_declared(cls: type[TreeNode], name: str) -> bool:
+    return name in state_fields_of(cls) or name in ENGINE_OWNED
+
+
+@given(
+    xml_documents(timed=True, subtrees=2, conditions=True, scripts=True),
+    st.lists(milliseconds, min_size=1, max_size=8),
+)
+def test_every_attribute_that_ticks_change_is_declared_as_state(text: str, steps: list[int]) -> None:
+    for cls, name in changed_attributes(loaded(text, 4), steps):
+        assert is_declared(cls, name), f"{cls.__name__}.{name}"
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_every_attribute_of_the_other_nodes_that_ticks_change_is_declared_as_state(format: int) -> None:
+    changed = changed_attributes(loaded(OTHER_NODES[format], format), [10] * 12 + [-1] + [10] * 5)
+    assert {(cls.__name__, name) for cls, name in changed if not is_declared(cls, name)} == set()
+    # What is declared and never changes here would be declared in vain, or not tried.
+    declared = {
+        (type(node), name)
+        for node in loaded(OTHER_NODES[format], format)
+        if BUILTIN_NODES[format].get(node.id) is type(node) and node.id not in builtin_manifests(format)
+        for name in state_fields_of(type(node))
+    }
+    assert {(cls.__name__, name) for cls, name in declared - changed} == set()
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_these_tests_try_every_built_in_node_that_has_a_state(format: int) -> None:
+    tried = {node.id for node in loaded(OTHER_NODES[format], format)} | builtin_manifests(format).keys()
+    # Of the five Switches one stands for all: they differ in the number of cases.
+    alike = {"Switch2": {"Switch3", "Switch4", "Switch5", "Switch6"}}
+    tried |= {other for id in tried for other in alike.get(id, ())}
+    assert {id for id, cls in BUILTIN_NODES[format].items() if state_fields_of(cls)} - tried == set()
+
+
+# --- what cannot be saved or restored
+
+
+def test_the_state_of_another_tree_is_refused() -> None:
+    text = '<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess name="{}"/></BehaviorTree></root>'
+    saved = save_state(loads(text.format("one")))
+    with pytest.raises(BtcoreError, match="the saved state is of another tree than 'T'"):
+        restore_state(loads(text.format("two")), saved)
+
+
+def test_a_coroutine_can_be_saved_only_while_it_does_not_run() -> None:
+    @action
+    async def twice() -> bool:
+        await running()
+        return True
+
+    text = '<root BTCPP_format="4"><BehaviorTree ID="T"><Twice name="n"/></BehaviorTree></root>'
+    nodes = Registry.standard()
+    nodes.add(twice)
+    tree = loads(text, nodes=nodes)
+    assert isinstance(save_state(tree), SavedState)
+    assert tree.tick_exactly_once() is Status.RUNNING
+    with pytest.raises(NodeError, match="the state of 'n' <Twice> cannot be saved while it is RUNNING"):
+        save_state(tree)
