@@ -35,14 +35,37 @@ NODES = conformance_registry()
 # What the engine keeps in a node; saved_state saves the status.
 ENGINE_OWNED = {"_status", "_configs"}
 
+COMMON_NODES = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+    <Script code="turn = turn + 1; a = turn"/>
+    <ParallelAll max_failures="-1">
+      <IfThenElse><PlanCondition plan="SF"/><PlanAction plan="RRS"/><PlanAction plan="RF"/></IfThenElse>
+      <Sequence><PlanSync plan="K"/><PlanAction plan="RRK"/></Sequence>
+      <Parallel success_count="2" failure_count="2">
+        <PlanAction plan="RS"/><PlanAction plan="RRF"/><PlanAction plan="RRRRS"/>
+      </Parallel>
+      <Parallel success_count="2" failure_count="2">
+        <PlanAction plan="RF"/><PlanAction plan="RRS"/><PlanAction plan="RRRRF"/>
+      </Parallel>
+      <ParallelAll max_failures="1"><PlanAction plan="RF"/><PlanAction plan="RRRS"/></ParallelAll>
+      <RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF|F|RS|F|RF|F"/></RetryUntilSuccessful>
+      <RunOnce then_skip="false"><PlanAction plan="RF|RS"/></RunOnce>
+      <Precondition if="a &gt; 0"><PlanAction plan="RRRS"/></Precondition>
+      <Timeout msec="35"><PlanAction plan="RRRRRRS"/></Timeout>
+      <Delay delay_msec="25"><PlanAction plan="RS"/></Delay>
+      <Sleep msec="25"/>
+      <TryCatch><PlanSync plan="S"/><PlanAction plan="RRS"/><PlanSync plan="S"/></TryCatch>
+      <TryCatch><PlanSync plan="K"/><PlanAction plan="RRK"/><PlanSync plan="S"/></TryCatch>
+      <TryCatch><PlanAction plan="RF"/><PlanAction plan="RRS"/></TryCatch>
+      <Sequence><PlanAction plan="RS"/><Script code="a = 0"/></Sequence>
+    </ParallelAll></Sequence></BehaviorTree></root>"""
 # The nodes that random trees do not have, since they need certain texts or entries.
 OTHER_NODES = {
     4: """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
         <Script code="turn = turn + 1; a = turn > 2 ? 0 : turn"/>
         <SetBlackboard value="{turn}" output_key="copy"/>
         <ParallelAll max_failures="-1">
-          <WasEntryUpdated entry="often" _onSuccess="updates = updates + 1"/>
-          <SkipUnlessUpdated entry="often"><Script code="updates = updates + 10"/></SkipUnlessUpdated>
+          <WasEntryUpdated entry="doubles" _onSuccess="updates = updates + 1"/>
+          <SkipUnlessUpdated entry="doubles"><Script code="updates = updates + 10"/></SkipUnlessUpdated>
           <AlwaysSuccess/>
         </ParallelAll>
         <ParallelAll max_failures="-1">
@@ -199,11 +222,15 @@ def test_a_restored_random_tree_does_what_the_saved_one_does(
     assert_same_future(*document, before, after, raising=True)
 
 
-@pytest.mark.parametrize("format", [3, 4])
 @pytest.mark.parametrize("count", range(12))
-def test_a_restored_tree_of_the_other_nodes_does_what_the_saved_one_does(format: int, count: int) -> None:
-    assert_same_future(OTHER_NODES[format], format, [10] * count, [10] * 12)
-    assert_same_future(OTHER_NODES[format], format, [10] * count + [-1], [10] * 12)
+@pytest.mark.parametrize(
+    ("text", "format"),
+    [(COMMON_NODES, 4), (OTHER_NODES[4], 4), (OTHER_NODES[3], 3)],
+    ids=["common", "4", "3"],
+)
+def test_a_restored_tree_does_what_the_saved_one_does(text: str, format: int, count: int) -> None:
+    assert_same_future(text, format, [10] * count, [10] * 12)
+    assert_same_future(text, format, [10] * count + [-1], [10] * 12)
 
 
 # --- what changes is declared
