@@ -31,8 +31,9 @@ class Registry:
 
     def __init__(self) -> None:
         self.types = TypeRegistry()
-        self._shared: dict[str, Manifest] = {}
-        self._of_format: dict[int, dict[str, Manifest]] = {3: {}, 4: {}}
+        # A built-in node that nothing has used yet is kept as its class: making its manifest takes time.
+        self._shared: dict[str, Manifest | type[TreeNode]] = {}
+        self._of_format: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
         self.substitutions: dict[str, SubstitutionRule] = {}
         self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
@@ -47,8 +48,7 @@ class Registry:
             for ID, node in nodes.items():
                 common = BUILTIN_NODES[7 - format].get(ID) is node
                 table = made._shared if common else made._of_format[format]
-                if ID not in table:
-                    table[ID] = class_manifest(ID, node, made.types, {}, "btcore")
+                table[ID] = node
         made._libraries.append("btcore")
         return made
 
@@ -66,7 +66,8 @@ class Registry:
 
     def manifests_of(self, format: int = 4) -> Mapping[str, Manifest]:
         """Every node that a tree of *format* (3 or 4) may use, by ID, sorted."""
-        return dict(sorted({**self._shared, **self._of_format[format]}.items()))
+        ids = sorted({*self._shared, *self._of_format[format]})
+        return {ID: manifest for ID in ids if (manifest := self.get(ID, format)) is not None}
 
     @property
     def manifests(self) -> Mapping[str, Manifest]:
@@ -75,7 +76,14 @@ class Registry:
 
     def get(self, ID: str, format: int = 4) -> Manifest | None:
         """The node *ID* as a tree of *format* knows it."""
-        return self._of_format[format].get(ID) or self._shared.get(ID)
+        for table in (self._of_format[format], self._shared):
+            entry = table.get(ID)
+            if isinstance(entry, Manifest):
+                return entry
+            if entry is not None:
+                made = table[ID] = class_manifest(ID, entry, self.types, {}, "btcore")
+                return made
+        return None
 
     @property
     def libraries(self) -> list[str]:

@@ -76,8 +76,9 @@ def test_without_rerun_it_says_how_to_get_it():
         "before = importlib.util.find_spec\n"
         "importlib.util.find_spec = lambda name, *more: None if name == 'rerun' else before(name, *more)\n"
         "sys.meta_path.insert(0, Hidden())\n"
-        "from btcore_monitor.commands.monitor import monitor\n"
-        "monitor(['--no-view', '--save', 'x.rrd'])\n"
+        "import runpy\n"
+        "sys.argv = ['monitor', '--no-view', '--save', 'x.rrd']\n"
+        "runpy.run_module('btcore_monitor', run_name='__main__')\n"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment()
