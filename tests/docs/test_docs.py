@@ -222,7 +222,7 @@ def test_every_page_is_in_the_index_and_the_readme_points_to_it() -> None:
     assert "(docs/README.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def unknown(page: str, name: str = "page.md") -> list[str]:
+def unknown(page: str, name: str = "") -> list[str]:
     """The blocks of *page* that neither run nor say that they don't, by line."""
     found = []
     for block in blocks(page):

@@ -1,0 +1,63 @@
+"""Every Markdown file that the code or the documentation names exists in the repository."""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+URL = re.compile(r"https?://\S+")
+REFERENCE = re.compile(r"[\w./-]*[\w-]\.md\b")
+FILE_TYPES = {".cfg", ".in", ".json", ".md", ".py", ".toml", ".ts", ".xml", ".yaml", ".yml", ""}
+# Folders of generated or installed files. Hidden folders are excluded, too, except those of the CI.
+EXCLUDED = {"__pycache__", "build", "dist", "node_modules", "out"}
+HIDDEN = {".ci", ".github"}
+
+
+def text_files() -> Iterator[Path]:
+    """Return the repository's text files."""
+    for folder, subfolders, names in os.walk(ROOT):
+        subfolders[:] = [
+            name
+            for name in subfolders
+            if name in HIDDEN or not (name in EXCLUDED or name.startswith(".") or name.endswith(".egg-info"))
+        ]
+        yield from (Path(folder, name) for name in names if Path(name).suffix in FILE_TYPES)
+
+
+def missing_references(text: str, folder: Path) -> list[str]:
+    """Return line and name of each reference in *text* to a Markdown file that does not exist.
+
+    A reference is relative to *folder*, to the repository or to docs/. Web addresses are ignored.
+    """
+    return [
+        f"{number}: {name}"
+        for number, line in enumerate(text.splitlines(), 1)
+        for name in REFERENCE.findall(URL.sub("", line))
+        if not any((start / name).is_file() for start in (folder, ROOT, ROOT / "docs"))
+    ]
+
+
+def test_markdown_references_resolve() -> None:
+    missing = [
+        f"{path.relative_to(ROOT)}:{reference}"
+        for path in sorted(text_files())
+        for reference in missing_references(path.read_text(encoding="utf-8", errors="replace"), path.parent)
+    ]
+    assert missing == []
+
+
+def test_missing_references_are_found() -> None:
+    # The name is assembled at run time, because the test above reads this file, too.
+    absent = "absent" + ".md"
+    text = (
+        f"See docs/errors.md, errors.md#e101, *.md and docs/*.md.\nSee `docs/{absent}`, [a page]({absent}).\n"
+    )
+    assert missing_references(text, ROOT / "btcore") == [f"2: docs/{absent}", f"2: {absent}"]
+    assert missing_references(f"https://example.org/{absent}\n", ROOT) == []
+
+
+def test_references_may_be_relative_to_the_file() -> None:
+    page = "vff" + ".md"
+    assert missing_references(f"{page}\n../book/{page}\n", ROOT / "docs" / "book") == []
+    assert missing_references(f"{page}\n", ROOT / "docs") == [f"1: {page}"]
