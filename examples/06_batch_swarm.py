@@ -42,7 +42,7 @@ draw = np.random.default_rng(seed=1)
 food = draw.normal([[9.0, 3.0]], 2.0, (5000, 2)) * draw.choice([-1.0, 1.0], (5000, 1))
 begin = {"at": draw.normal(0.0, 1.0, (5000, 2)), "food": food, "battery": draw.uniform(0.2, 1.0, 5000)}
 begin |= {"loaded": 0, "charging": 0, "trips": 0}
-swarm = BatchTree.loads(TREE, agents=5000, nodes=[GoTo], blackboard=begin, clock=SimClock())
+swarm = BatchTree.loads(TREE, agents=5000, leaves=[GoTo], blackboard=begin, clock=SimClock())
 ways = []
 for _ in range(600):  # a minute at 10 Hz
     swarm.tick()

@@ -6,7 +6,7 @@ from btcore.batch import BatchTree, Floats, Mask
 @batch.condition
 def battery_ok(level: In[Floats], minimum: In[Floats] = 0.2) -> Bools: ...
 
-swarm = BatchTree.load("forage.xml", agents=10_000, nodes=[battery_ok, …])
+swarm = BatchTree.load("forage.xml", agents=10_000, leaves=[battery_ok, …])
 statuses = swarm.tick()
 """
 

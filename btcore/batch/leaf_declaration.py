@@ -183,15 +183,17 @@ def _marked(function: F | None, plan: type[TreeNode], ID: str | None) -> F | Cal
 def read_declarations(things: Any, types: TypeRegistry) -> list[LeafDeclaration]:
     """What each of *things* declares. Raises RegistrationError, also for two of one ID."""
     if isinstance(things, Registry):
-        raise RegistrationError("nodes=[…] are the leaves of the batch; a Registry is given as registry=…")
+        raise RegistrationError("leaves=[…] are the leaves of the batch; a Registry is given as nodes=…")
     if inspect.isclass(things) or not isinstance(things, Iterable):
-        raise RegistrationError(f"nodes=[…] is a list of leaves, not {things!r}")
+        raise RegistrationError(f"leaves=[…] is a list of leaves, not {things!r}")
     found: dict[str, LeafDeclaration] = {}
     for thing in things:
         leaf = read_declaration(thing, types)
         known = found.setdefault(leaf.id, leaf)
         if known is not leaf:
-            raise RegistrationError(f"nodes=[…] has two leaves <{leaf.id}>: {known.origin} and {leaf.origin}")
+            raise RegistrationError(
+                f"leaves=[…] has two leaves <{leaf.id}>: {known.origin} and {leaf.origin}"
+            )
     return list(found.values())
 
 

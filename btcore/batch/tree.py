@@ -91,9 +91,9 @@ class BatchTree:
         cls,
         path: str | PathLike[str],
         agents: int,
-        nodes: Sequence[Any] = (),
+        leaves: Sequence[Any] = (),
         *,
-        registry: Registry | None = None,
+        nodes: Registry | None = None,
         resources: Sequence[object] = (),
         tree: str | None = None,
         blackboard: Mapping[str, Any] | None = None,
@@ -101,15 +101,15 @@ class BatchTree:
     ) -> "BatchTree":
         """The tree in the XML file *path*, for *agents* agents.
 
-        - *nodes*: the leaves that it may use.
-        - *registry*: types and enums of one's own; a leaf in *nodes* takes the place of an ordinary one.
+        - *leaves*: the leaves of the batch that the tree may use.
+        - *nodes*: the registry, for types and enums of your own. A leaf in *leaves* replaces an ordinary one.
         - *blackboard*: what the main tree's entries hold at the beginning: an array of shape (agents,) or
           (agents, …), or one value for all.
         - *clock*: default the system's. *tree*, *resources* as :func:`btcore.load`.
 
         Raises TreeError with every fault, each with file and line.
         """
-        leaves, known, board = _prepared(nodes, registry, blackboard, clock)
+        leaves, known, board = _prepared(leaves, nodes, blackboard, clock)
         plan = load(path, nodes=known, tree=tree, blackboard=board, clock=clock)
         return cls(plan, agents, leaves, resources)._filled(blackboard)
 
@@ -118,16 +118,16 @@ class BatchTree:
         cls,
         text: str,
         agents: int,
-        nodes: Sequence[Any] = (),
+        leaves: Sequence[Any] = (),
         *,
-        registry: Registry | None = None,
+        nodes: Registry | None = None,
         resources: Sequence[object] = (),
         tree: str | None = None,
         blackboard: Mapping[str, Any] | None = None,
         clock: Clock | None = None,
     ) -> "BatchTree":
         """The tree in the XML *text*; as :meth:`load`."""
-        leaves, known, board = _prepared(nodes, registry, blackboard, clock)
+        leaves, known, board = _prepared(leaves, nodes, blackboard, clock)
         plan = loads(text, nodes=known, tree=tree, blackboard=board, clock=clock)
         return cls(plan, agents, leaves, resources)._filled(blackboard)
 

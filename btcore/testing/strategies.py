@@ -90,8 +90,8 @@ def xml_documents(
     subtrees: int = 0,
     conditions: bool = False,
     scripts: bool = False,
-    nodes: Collection[str] | None = None,
-    registry: Registry | None = None,
+    tags: Collection[str] | None = None,
+    nodes: Registry | None = None,
     ports: PortTexts | None = None,
 ) -> str:
     """Documents with *max_nodes* nodes and *max_depth* levels at most, as XML text.
@@ -102,9 +102,9 @@ def xml_documents(
     or, without *own_plans*, Act and Ask, which follow an :class:`Outcomes` (load them with
     :func:`with_mock_leaves`).
 
-    *nodes* are the tags that may occur, by default all control nodes and decorators that take any child.
-    Those of *registry* get a text for each port without a default, drawn from *ports* (by tag and port) or
-    by the port's type; if any is a leaf, only such leaves occur. *timed* adds Delay, Timeout and Sleep;
+    *tags* are those that may occur, by default all control nodes and decorators that take any child.
+    Those of the registry *nodes* get a text for each port without a default, drawn from *ports* (by tag and
+    port) or by the port's type; if any is a leaf, only such leaves occur. *timed* adds Delay, Timeout and Sleep;
     *scripts* adds Script and ScriptCondition and *conditions* the likes of ``_skipIf`` (both format 4), on
     the entries a, b and c of the root's blackboard, which must be there as numbers; *subtrees* is how many
     other trees there may be. *skipped* and *raising* are as in :func:`action_plans`. No loop is endless, but
@@ -120,8 +120,8 @@ def xml_documents(
         conditions=conditions and format == 4,
         scripts=scripts and format == 4,
         max_depth=max_depth,
-        tags=nodes,
-        own=_own_nodes(nodes, registry, format),
+        tags=tags,
+        own=_own_nodes(tags, nodes, format),
         texts=ports or {},
     )
     left = draw(cached_integers(1, max_nodes))
@@ -145,12 +145,12 @@ def trees(
     subtrees: int = 0,
     conditions: bool = False,
     scripts: bool = False,
-    nodes: Collection[str] | None = None,
-    registry: Registry | None = None,
+    tags: Collection[str] | None = None,
+    nodes: Registry | None = None,
     ports: PortTexts | None = None,
 ) -> SearchStrategy[Tree]:
     """Trees on a simulated clock whose leaves follow an :class:`Outcomes`; see :func:`xml_documents`."""
-    known = with_mock_leaves(registry if registry is not None else Registry.standard())
+    known = with_mock_leaves(nodes if nodes is not None else Registry.standard())
 
     def load(text: str) -> Tree:
         clock = SimClock()
@@ -169,8 +169,8 @@ def trees(
         subtrees=subtrees,
         conditions=conditions,
         scripts=scripts,
-        nodes=nodes,
-        registry=known,
+        tags=tags,
+        nodes=known,
         ports=ports,
     ).map(load)
 
@@ -197,18 +197,18 @@ _BY_TYPE: Final[Mapping[Any, SearchStrategy[Any]]] = {
 }
 
 
-def _own_nodes(nodes: Collection[str] | None, registry: Registry | None, format: int) -> dict[str, Manifest]:
-    """The manifests of those of *nodes* that aren't btcore's."""
+def _own_nodes(tags: Collection[str] | None, nodes: Registry | None, format: int) -> dict[str, Manifest]:
+    """Return the manifests of those of *tags* that are not built in."""
     own = {}
     drawn = {**builtin_manifests(4), **builtin_manifests(3)}
-    for tag in nodes if nodes is not None else ():
+    for tag in tags if tags is not None else ():
         if tag in drawn:
             continue
-        manifest = registry.get(tag, format) if registry is not None else None
+        manifest = nodes.get(tag, format) if nodes is not None else None
         if manifest is None or manifest.distribution == "btcore":
-            known = [*drawn, *(one.id for one in registry or () if one.distribution != "btcore")]
+            known = [*drawn, *(one.id for one in nodes or () if one.distribution != "btcore")]
             guess = nearest_name(tag, known)
-            hint = f"did you mean '{guess}'?" if guess else "give the registry that has it: registry=nodes"
+            hint = f"did you mean '{guess}'?" if guess else "give the registry that has it: nodes=registry"
             raise InvalidArgument(f"random trees can't have <{tag}>; {hint}")
         own[tag] = manifest
     return own

@@ -161,7 +161,7 @@ def difference(case: Case, agents: int) -> str | None:
         case["xml"],
         agents,
         LEAVES,
-        registry=NODES,
+        nodes=NODES,
         resources=[journals, TickedPlan()],
         tree=case.get("tree"),
         blackboard=case.get("bb", {}),

@@ -33,7 +33,7 @@ with_reactive = trees(
     timed=True,
     subtrees=2,
     conditions=True,
-    nodes=INNER,
+    tags=INNER,
 )
 format_3 = trees(max_nodes=30, timed=True, subtrees=2, format=3)
 
@@ -70,8 +70,8 @@ def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(
 
 @given(
     st.one_of(
-        trees(skipped=False, nodes=CLEAN, subtrees=2, conditions=True),
-        trees(nodes=CLEAN, subtrees=2, format=3),
+        trees(skipped=False, tags=CLEAN, subtrees=2, conditions=True),
+        trees(tags=CLEAN, subtrees=2, format=3),
     ),
     outcomes(),
     st.integers(1, 10),

@@ -409,7 +409,7 @@ def assigning(n: InOut[Floats]) -> bool:
     ("nodes", "said"),
     [
         (above, "a list of leaves, not <function above"),
-        (Registry.standard(), "a Registry is given as registry=…"),
+        (Registry.standard(), "a Registry is given as nodes=…"),
         ([above, above], "two leaves <Above>"),
         ([for_one], "for_one is a leaf for one agent"),
         ([assigning], r"parameter 'n' of assigning can't be assigned: mark it Put\[…\]"),

@@ -98,13 +98,13 @@ def test_a_tree_keeps_to_its_size_and_depth(text: str) -> None:
 
 
 @RELAXED
-@given(xml_documents(nodes=["Sequence", "Inverter", "AlwaysSuccess"]))
+@given(xml_documents(tags=["Sequence", "Inverter", "AlwaysSuccess"]))
 def test_only_chosen_nodes_occur(text: str) -> None:
     assert tags(text) <= {"Sequence", "Inverter", "AlwaysSuccess"}
 
 
 @RELAXED
-@given(xml_documents(nodes=["Fallback", "Sequence"]))
+@given(xml_documents(tags=["Fallback", "Sequence"]))
 def test_where_no_leaf_is_chosen_leaves_are_planned(text: str) -> None:
     assert tags(text) <= {"Fallback", "Sequence", "PlanAction", "PlanCondition", "PlanSync"}
 
@@ -207,7 +207,7 @@ OWN = own()
 
 
 @RELAXED
-@given(trees(registry=OWN, nodes=["Guarded", "Last", "Grab", "Sequence"]), outcomes())
+@given(trees(nodes=OWN, tags=["Guarded", "Last", "Grab", "Sequence"]), outcomes())
 def test_nodes_of_ones_own_get_texts_for_their_ports(tree: Tree, plan: Outcomes) -> None:
     plan.drive(tree, ticks=2)
     assert {node.id for node in tree} <= {"Guarded", "Last", "Grab", "Sequence"}
@@ -218,8 +218,8 @@ def test_nodes_of_ones_own_get_texts_for_their_ports(tree: Tree, plan: Outcomes)
 @RELAXED
 @given(
     trees(
-        registry=OWN,
-        nodes=["Held", "Guarded"],
+        nodes=OWN,
+        tags=["Held", "Guarded"],
         ports={"Held": {"where": st.just("1+2j")}, "Guarded": {"mode": st.sampled_from(["hard", "soft"])}},
     )
 )
@@ -229,7 +229,7 @@ def test_texts_for_ports_may_be_given(tree: Tree) -> None:
 
 def test_a_port_of_unknown_type_needs_a_text() -> None:
     with pytest.raises(InvalidArgument, match="the port 'where' of <Held>"):
-        find(xml_documents(registry=OWN, nodes=["Held"]), lambda _: True)
+        find(xml_documents(nodes=OWN, tags=["Held"]), lambda _: True)
 
 
 @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ def test_a_port_of_unknown_type_needs_a_text() -> None:
 )
 def test_a_tag_that_nobody_can_grow_is_refused(tag: str, said: str) -> None:
     with pytest.raises(InvalidArgument, match=said):
-        find(xml_documents(registry=OWN, nodes=[tag]), lambda _: True)
+        find(xml_documents(nodes=OWN, tags=[tag]), lambda _: True)
 
 
 # --- plans and blackboards

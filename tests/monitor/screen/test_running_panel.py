@@ -10,6 +10,7 @@ from btcore_monitor.events import (
     Ticked,
     TreeSeen,
 )
+from btcore_scene import MovingScene
 
 SECOND = 10**9
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
@@ -28,7 +29,7 @@ def told(recorded, tmp_path):
     def said(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
         tree = ObservedTree("a" * 32, "Main", NODES, {"": "Main"})
         events = [TreeSeen(tree, 0, 0, {node.uid: IDLE for node in NODES})]
-        events += [SceneMoving(0, 0, {"notes": notes or {}})]
+        events += [SceneMoving(0, 0, MovingScene(notes=notes or {}))]
         stands, number = {node.uid: IDLE for node in NODES}, 0
         for second, changes in ticks.items():
             t = second * SECOND
