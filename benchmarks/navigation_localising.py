@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
-from btcore_robot.navigation.likelihood import LikelihoodField, distances
+from btcore_robot.navigation.likelihood import LikelihoodField, obstacle_distances
 from btcore_robot.navigation.motion_model import sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.particles import best_cluster, cloud, resampled
+from btcore_robot.navigation.particles import best_cluster, resample, sample_particles
 from btcore_robot.navigation.relocalisation import HEADINGS_A_STEP
 from btcore_robot.robot import Pose2D
 from btcore_sim.map_rasteriser import rasterise
@@ -46,7 +46,7 @@ class NaiveField:
 
     def __init__(self, field_map: OccupancyMap) -> None:
         self._map = field_map
-        self._z = distances(field_map, 2.0)
+        self._z = obstacle_distances(field_map, 2.0)
 
     def weights(self, particles: Floats, points: Floats) -> Floats:
         """1 + Σ pz³, shape ``(n,)``."""
@@ -87,7 +87,7 @@ def update(field: LikelihoodField | NaiveField, particles: Floats, points: Float
     weights /= weights.sum()
     best_cluster(ahead, weights)
     count = len(particles)
-    return resampled(ahead, weights, random, err=0.05, z=0.99, least=min(500, count), most=count)
+    return resample(ahead, weights, random, err=0.05, z=0.99, least=min(500, count), most=count)
 
 
 def processor_time(work: Callable[[], object]) -> float:
@@ -115,7 +115,7 @@ def main() -> None:
     report = Report("navigation_localising", question, given.pairs)
     for count in given.particles[: 1 if given.quick else None]:
         spread = np.diag([0.3, 0.3, 0.2]) ** 2
-        particles = cloud(POSE, spread, count, np.random.default_rng(0))
+        particles = sample_particles(POSE, spread, count, np.random.default_rng(0))
         same = np.isclose(field.weights(particles, points), naive.weights(particles, points), rtol=1e-3)
         assert same.mean() > 0.95, "both weigh the particles alike, but for beams on a cell's edge"
         measured = []
@@ -136,7 +136,7 @@ def main() -> None:
     dense = ends(field_map, 2 * given.beams)
     for what, work in (
         ("how well a scan fits", lambda: faces.fit(POSE, points)),
-        ("a pose by matching", lambda: faces.match(POSE, dense, EYE, trust=(0.05, 0.05))),
+        ("a pose by matching", lambda: faces.match(POSE, dense, EYE, deviation=(0.05, 0.05))),
         (
             f"{HEADINGS_A_STEP} of {HEADINGS} headings of a search",
             lambda: GlobalSearch(space, points).advance(HEADINGS_A_STEP),

@@ -20,7 +20,7 @@ class ClearanceMap:
 
     def __init__(self, map: OccupancyMap) -> None:
         self.map = map
-        self._taken: NDArray[np.bool_] = ~map.free | map.kept_out()
+        self._taken: NDArray[np.bool_] = ~map.free | map.keepout_mask()
         self._measure()
 
     @classmethod

@@ -11,7 +11,7 @@ import numpy as np
 from cached_runs import RESULTS, Case, Result, failure_messages, run, sources
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.likelihood import distances
+from btcore_robot.navigation.likelihood import obstacle_distances
 from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
@@ -29,7 +29,7 @@ def away(one: OccupancyMap, cells: NDArray[np.bool_], other: OccupancyMap) -> ND
     found = other.indices(places)
     on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
     distance = np.full(len(places), np.inf)
-    distance[on] = distances(other)[found[on, 0], found[on, 1]]
+    distance[on] = obstacle_distances(other)[found[on, 0], found[on, 1]]
     return distance
 
 

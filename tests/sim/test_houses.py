@@ -158,7 +158,7 @@ def test_what_the_laser_looks_under_is_kept_out_of(house: Scene):
     map = rasterise(house)
     tops = [thing for thing in house.things if thing.name.endswith("_top")]
     assert len(tops) >= 2
-    kept = map.kept_out()
+    kept = map.keepout_mask()
     for top in tops:
         assert not top.meets(LASER_HEIGHT)
         assert kept[map.cell(*top.position[:2])]

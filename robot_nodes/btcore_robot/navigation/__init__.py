@@ -1,1 +1,1 @@
-"""Navigation: from a laser, odometry and a map to a velocity, as periodic tasks on the robot's schedule."""
+"""Navigation with laser, odometry and map, as periodic tasks on the robot's schedule."""

@@ -1,7 +1,7 @@
-"""Actions: work that takes a while, asked for by a goal and watched by a handle, in ROS 2's words.
+"""Actions in the sense of ROS 2: long-running work that a client requests by a goal and watches by a handle.
 
-A server is a task on the robot's schedule. A goal that is sent is accepted at the server's next step; a new
-one takes the place of the old (pre-emption); what has ended is seen by whoever looks at the handle.
+A server is a task on the robot's schedule. It accepts a goal at its next step; a new goal replaces the old
+goal (pre-emption). There are no callbacks: clients poll the handle for feedback, status and result.
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ ENDED = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED
 
 
 @dataclass(frozen=True, slots=True)
-class Result(Generic[Value]):
-    """How an action ended: *code* 0 or one of Nav2's error codes, *message* for a person, and a value."""
+class ActionResult(Generic[Value]):
+    """The result of an action: *code* (0 or one of Nav2's error codes), *message* for people, *value*."""
 
     code: int = 0
     message: str = ""
@@ -38,49 +38,57 @@ class Result(Generic[Value]):
 
 
 class GoalHandle(Generic[Goal, Feedback, Value]):
-    """One goal that was sent. Its server writes it; whoever sent it reads it, and may `cancel`."""
+    """One goal that was sent. The server writes it; the client reads it and may `cancel` the goal."""
 
     def __init__(self, goal: Goal) -> None:
         self.goal = goal
         self.status = GoalStatus.UNKNOWN
         self.feedback: Feedback | None = None
-        self.result: Result[Value] | None = None
-        self.cancel_asked = False
+        self.result: ActionResult[Value] | None = None
+        self.cancel_requested = False
 
     @property
     def done(self) -> bool:
-        """Whether it has ended, one way or another."""
+        """Whether the goal has ended, with any outcome."""
         return self.status in ENDED
 
     def cancel(self) -> None:
-        """Ask the server to end this goal; an ended one stays as it is."""
+        """Request the server to end this goal. A goal that has ended keeps its status."""
         if not self.done:
-            self.cancel_asked = True
+            self.cancel_requested = True
             if self.status in (GoalStatus.ACCEPTED, GoalStatus.EXECUTING):
                 self.status = GoalStatus.CANCELING
 
     def succeed(self, value: Value | None = None) -> None:
-        """End it well."""
-        self._end(GoalStatus.SUCCEEDED, Result(value=value))
+        """End the goal as SUCCEEDED, with *value* as its result."""
+        self._end(GoalStatus.SUCCEEDED, ActionResult(value=value))
 
     def abort(self, code: int, message: str, value: Value | None = None) -> None:
-        """End it badly, with one of Nav2's error codes and a sentence."""
-        self._end(GoalStatus.ABORTED, Result(code, message, value))
+        """End the goal as ABORTED.
+
+        Args:
+            code: one of Nav2's error codes.
+            message: the reason, as a sentence for people.
+            value: a partial result.
+
+        """
+        self._end(GoalStatus.ABORTED, ActionResult(code, message, value))
 
     def canceled(self, message: str = "the goal was cancelled") -> None:
-        """End it because somebody asked for that, or because a newer goal took its place."""
-        self._end(GoalStatus.CANCELED, Result(0, message))
+        """End the goal as CANCELED: the client cancelled it, or a newer goal replaced it."""
+        self._end(GoalStatus.CANCELED, ActionResult(0, message))
 
-    def _end(self, status: GoalStatus, result: Result[Value]) -> None:
+    def _end(self, status: GoalStatus, result: ActionResult[Value]) -> None:
         if not self.done:
             self.status = status
             self.result = result
 
 
 class ActionServer(Generic[Goal, Feedback, Value]):
-    """Serves one goal at a time. A subclass says what `start`, `work` and `stop` mean.
+    """A server of one goal at a time; subclasses implement `start`, `work` and `stop`.
 
-    `step` belongs on the schedule. What raises in a subclass is a bug, not a failed goal: abort the handle.
+    `step` is a task for the schedule. An exception in a subclass is a programming error, not a failed goal: a
+    subclass calls the handle's `abort` for goals that fail.
     """
 
     name = "action"
@@ -90,7 +98,7 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         self.current: GoalHandle[Goal, Feedback, Value] | None = None
 
     def send_goal(self, goal: Goal) -> GoalHandle[Goal, Feedback, Value]:
-        """Ask for *goal*. An older one that runs or waits for its turn ends as CANCELED at the next step."""
+        """Send *goal* and return its handle. A running or waiting goal becomes CANCELED at the next step."""
         if self._next is not None:
             self._next.canceled("a newer goal took its place")
         self._next = GoalHandle(goal)
@@ -98,30 +106,31 @@ class ActionServer(Generic[Goal, Feedback, Value]):
 
     @property
     def busy(self) -> bool:
-        """Whether there is a goal that has not ended, accepted or not."""
+        """Whether a goal has not ended, whether it is accepted or not."""
         return self._next is not None or (self.current is not None and not self.current.done)
 
     def step(self, now: int) -> None:
-        """One period at *now* (ns): cancel, accept, work."""
+        """Run one period at *now* (ns): first cancel, then accept, then work."""
         current = self.current
-        if current is not None and not current.done and current.cancel_asked:
+        if current is not None and not current.done and current.cancel_requested:
             self.stop(current, now)
             current.canceled()
-        coming, self._next = self._next, None
-        if coming is not None:
-            self._accept(coming, now)
+        new, self._next = self._next, None
+        if new is not None:
+            self._accept(new, now)
         current = self.current
         if current is not None and not current.done:
             self.work(current, now)
 
-    def _accept(self, coming: GoalHandle[Goal, Feedback, Value], now: int) -> None:
-        if coming.cancel_asked:
-            coming.canceled()
+    def _accept(self, new: GoalHandle[Goal, Feedback, Value], now: int) -> None:
+        if new.cancel_requested:
+            new.canceled()
             return
         previous = self.current if self.current is not None and not self.current.done else None
-        self.current = coming
-        coming.status = GoalStatus.EXECUTING
-        self.start(coming, now, previous)
+        self.current = new
+        new.status = GoalStatus.EXECUTING
+        self.start(new, now, previous)
+        # Only now, so that `start` still sees the previous goal as running.
         if previous is not None:
             previous.canceled("a newer goal took its place")
 
@@ -131,11 +140,32 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         now: int,
         previous: GoalHandle[Goal, Feedback, Value] | None,
     ) -> None:
-        """A goal was accepted; *previous* is one that still ran, and is pre-empted without a `stop`."""
+        """Begin an accepted goal.
+
+        Args:
+            handle: the handle of the new goal.
+            now: the time (ns).
+            previous: the handle of a goal that is still running; it is pre-empted without a call of `stop`.
+
+        """
 
     def work(self, handle: GoalHandle[Goal, Feedback, Value], now: int) -> None:
-        """One period of work on the goal; called right after `start` too, and until the handle has ended."""
+        """Work on the goal for one period.
+
+        The first call follows `start` in the same step; calls go on until the handle has ended.
+
+        Args:
+            handle: the handle of the running goal.
+            now: the time (ns).
+
+        """
         raise NotImplementedError
 
     def stop(self, handle: GoalHandle[Goal, Feedback, Value], now: int) -> None:
-        """The goal is about to end because somebody cancelled it."""
+        """Stop the work on a goal that is cancelled; its handle becomes CANCELED right after this call.
+
+        Args:
+            handle: the handle of the cancelled goal.
+            now: the time (ns).
+
+        """

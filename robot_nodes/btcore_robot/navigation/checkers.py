@@ -1,4 +1,4 @@
-"""When a drive is at its goal, and when it is stuck: Nav2's SimpleGoalChecker and PoseProgressChecker."""
+"""Checks for reaching the goal and for being stuck: Nav2's SimpleGoalChecker and PoseProgressChecker."""
 
 import math
 
@@ -7,9 +7,10 @@ from btcore_robot.robot import NS_PER_S, Pose2D
 
 
 class GoalChecker:
-    """Whether a pose is at the goal: within *xy* (m) and *yaw* (rad).
+    """A check whether a pose is at the goal, within *xy* (m) and *yaw* (rad).
 
-    *stateful*: once the place was reached, only the heading still counts, until `reset`.
+    With *stateful*, a position that was reached once stays reached until `reset`; only the heading is checked
+    from then on.
     """
 
     def __init__(self, xy: float, yaw: float, stateful: bool = True) -> None:
@@ -19,50 +20,50 @@ class GoalChecker:
         self._arrived = False
 
     def reset(self) -> None:
-        """Forget that the place was reached: there is another goal."""
+        """Forget that the position was reached, for a new goal."""
         self._arrived = False
 
-    def arrived(self, pose: Pose2D, goal: Pose2D) -> bool:
-        """Whether the place is reached, whatever the heading."""
-        there = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
-        self._arrived = there or (self._stateful and self._arrived)
+    def is_position_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
+        """Return whether *pose* is at the position of *goal*, with any heading."""
+        close = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
+        self._arrived = close or (self._stateful and self._arrived)
         return self._arrived
 
-    def reached(self, pose: Pose2D, goal: Pose2D) -> bool:
-        """Whether place and heading are reached."""
-        return self.arrived(pose, goal) and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
+    def is_goal_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
+        """Return whether *pose* has the position and the heading of *goal*."""
+        return self.is_position_reached(pose, goal) and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
 
 
 class ProgressChecker:
-    """Whether a robot has come *radius* (m) or turned *angle* (rad) within the last *allowance* (s).
+    """A check whether a robot moved *radius* (m) or turned *angle* (rad) within the last *allowance* (s).
 
-    Time in which it stands because it has to doesn't count: tell of it by `pause`.
+    Exclude the time in which the robot has to stand by calling `pause`.
     """
 
     def __init__(self, radius: float, angle: float, allowance: float) -> None:
         self._radius = radius
         self._angle = angle
         self._allowance = round(allowance * NS_PER_S)
-        self._mark: Pose2D | None = None
+        self._reference: Pose2D | None = None
         self._since = 0
 
     def reset(self) -> None:
-        """Begin anew at the next check."""
-        self._mark = None
+        """Start again at the next check."""
+        self._reference = None
 
     def pause(self, nanoseconds: int) -> None:
-        """Don't count the last *nanoseconds*."""
+        """Exclude the last *nanoseconds* from the time without progress."""
         self._since += nanoseconds
 
     def check(self, pose: Pose2D, now: int) -> bool:
-        """Whether there is progress, the robot being at *pose* at *now* (ns)."""
-        mark = self._mark
+        """Return whether a robot that is at *pose* at *now* (ns) makes progress."""
+        reference = self._reference
         if (
-            mark is None
-            or math.hypot(pose.x - mark.x, pose.y - mark.y) > self._radius
-            or abs(wrap_angle(pose.yaw - mark.yaw)) > self._angle
+            reference is None
+            or math.hypot(pose.x - reference.x, pose.y - reference.y) > self._radius
+            or abs(wrap_angle(pose.yaw - reference.yaw)) > self._angle
         ):
-            self._mark = pose
+            self._reference = pose
             self._since = now
             return True
         return now - self._since <= self._allowance

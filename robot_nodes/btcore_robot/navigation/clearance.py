@@ -1,4 +1,4 @@
-"""How far it is to the nearest obstacle, by the newest scan and by what a costmap remembers beside it."""
+"""Distances to the nearest obstacle, from the newest scan and from the obstacles that a costmap remembers."""
 
 import math
 
@@ -11,30 +11,37 @@ from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.robot import LaserScan, Pose2D
 from btcore_robot.transforms import ExtrapolationError, TransformTree
 
-_THREE = np.ones((1, 3), dtype=np.uint8)
-_GONE = 0.05  # m by which a ray must pass what the costmap remembers before that is taken for gone
+_THREE_RAYS = np.ones((1, 3), dtype=np.uint8)
+_GONE = 0.05  # m by which a ray must pass a remembered obstacle before the obstacle counts as gone
 
 
 class ClearanceGrid:
-    """A grid of distances (m) about the robot, in the frame of the costmap.
+    """A grid of distances (m) to obstacles around the robot, in the frame of the costmap.
 
-    Scans are smoothed before they count. What the costmap has marked and the scan sees through is left out;
-    keep-outs and what the laser can't see stay.
+    Scans are smoothed first. An obstacle of the costmap through which the scan sees is ignored; keep-outs and
+    obstacles outside the laser's view are kept.
     """
 
     def __init__(self, size: float = 4.0, resolution: float = 0.025) -> None:
         self.resolution = resolution
-        """The side (m) of a cell."""
+        """The side length (m) of a cell."""
         self._side = round(size / resolution)
         self.origin = (0.0, 0.0)
-        """The lower-left corner (m)."""
+        """The lower-left corner (x, y in m)."""
         self.distances: NDArray[np.float32] = np.zeros((self._side, self._side), dtype=np.float32)
-        """How far (m) each cell's middle is from the nearest obstacle's, row 0 with the lowest y."""
+        """The distance (m) from each cell's centre to the nearest occupied cell's; row 0 has the lowest y."""
         self.stamp: int | None = None
-        """When the scan was taken (ns) that this is made of."""
+        """The stamp (ns) of the scan from which the grid was made."""
 
     def update(self, scan: LaserScan, laser: Pose2D, costmap: LocalCostmap) -> None:
-        """See *scan*, taken with the laser at *laser* in the costmap's frame."""
+        """Compute the grid again.
+
+        Args:
+            scan: the newest scan.
+            laser: the laser's pose in the costmap's frame when it took the scan.
+            costmap: the source of the frame and of remembered obstacles.
+
+        """
         half = self._side * self.resolution / 2
         self.origin = (laser.x - half, laser.y - half)
         ranges = smooth_scan(scan).ranges
@@ -50,19 +57,25 @@ class ClearanceGrid:
         self.distances = np.minimum(distances * self.resolution, half, dtype=np.float32)
         self.stamp = scan.stamp
 
-    def at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
-        """The distances (m) at points of the costmap's frame, in their shape; 0 off the grid."""
+    def distances_at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return the distances (m) at points of the costmap's frame, in their shape; 0 off the grid.
+
+        Args:
+            x: the x coordinates (m).
+            y: the y coordinates (m), of the same shape.
+
+        """
         cols = ((x - self.origin[0]) / self.resolution).astype(np.intp)
         rows = ((y - self.origin[1]) / self.resolution).astype(np.intp)
         outside = (cols < 0) | (cols >= self._side) | (rows < 0) | (rows >= self._side)
         if not outside.any():
-            found: NDArray[np.float32] = self.distances[rows, cols]
-            return found
-        found = self.distances[np.where(outside, 0, rows), np.where(outside, 0, cols)]
-        return np.where(outside, np.float32(0.0), found)
+            distances: NDArray[np.float32] = self.distances[rows, cols]
+            return distances
+        distances = self.distances[np.where(outside, 0, rows), np.where(outside, 0, cols)]
+        return np.where(outside, np.float32(0.0), distances)
 
-    def here(self, x: float, y: float) -> float:
-        """The distance (m) at one point; 0 off the grid."""
+    def distance_at(self, x: float, y: float) -> float:
+        """Return the distance (m) at the point *x*, *y* (m); 0 off the grid."""
         col = math.floor((x - self.origin[0]) / self.resolution)
         row = math.floor((y - self.origin[1]) / self.resolution)
         if 0 <= col < self._side and 0 <= row < self._side:
@@ -78,9 +91,9 @@ class ClearanceGrid:
     def _remembered(
         self, scan: LaserScan, ranges: NDArray[np.float32], laser: Pose2D, costmap: LocalCostmap
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The points (m) of the costmap's lethal cells that the scan doesn't see through, four a cell.
+        """Return points (m) of the costmap's lethal cells through which the scan doesn't see, four a cell.
 
-        The scan's *ranges* are smoothed: of what is marked, a lone reading that was too short is gone soon.
+        *ranges* are the smoothed readings, so that the mark of a single short reading disappears soon.
         """
         rows, cols = np.nonzero(costmap.costs == LETHAL)
         x = costmap.origin[0] + (cols + 0.5) * costmap.resolution
@@ -89,11 +102,13 @@ class ClearanceGrid:
         bearings = np.arctan2(north, east) - (laser.yaw + scan.angle_min)
         rays = np.rint((bearings % (2 * math.pi)) / scan.angle_increment).astype(np.intp)
         in_view = rays < len(ranges)
-        through = cv2.erode(ranges[None, :], _THREE, borderType=cv2.BORDER_REPLICATE)[0]
+        # The least of three neighbouring rays, so that a single ray past an edge doesn't clear a cell.
+        through = cv2.erode(ranges[None, :], _THREE_RAYS, borderType=cv2.BORDER_REPLICATE)[0]
         gone = in_view & (through[np.where(in_view, rays, 0)] > np.hypot(east, north) + _GONE)
-        # Keep-outs are no obstacles that a laser could see through.
+        # A keep-out is no obstacle, so that a ray that passes it proves nothing.
         kept = ~gone | (costmap.obstacles.values[rows, cols] != LETHAL)
         x, y = x[kept], y[kept]
+        # The costmap's cells are twice as wide as those of this grid: four points mark the whole cell.
         quarter = costmap.resolution / 4
         return (
             np.concatenate((x - quarter, x - quarter, x + quarter, x + quarter)),
@@ -102,9 +117,19 @@ class ClearanceGrid:
 
 
 def laser_pose(tree: TransformTree, frame: str, scan: LaserScan) -> Pose2D:
-    """Where the laser was in *frame* when it took *scan*, or is now if that isn't known any more or yet.
+    """Return the laser's pose in *frame* when it took *scan*, else its newest pose.
 
-    Raises TransformError where *tree* doesn't know the laser's place at all.
+    Args:
+        tree: the transforms.
+        frame: the target frame.
+        scan: the scan, with the laser's frame and the stamp.
+
+    Returns:
+        The pose at the scan's stamp, or the newest pose if the transforms of that moment are gone or pending.
+
+    Raises:
+        TransformError: *tree* has no transform between the two frames.
+
     """
     try:
         return tree.lookup(frame, scan.frame, scan.stamp).to_pose()

@@ -1,8 +1,9 @@
-"""FollowPath: drives the robot along a path, round what stands in its way, or stops before it.
+"""FollowPath: the controller that drives a robot along a path, and around obstacles on it or to a stop.
 
-The law is a pure pursuit whose speed is regulated: by the curvature of its arc, by how much free way that arc
-has in the newest scan, by how near obstacles are beside it, and by the way left. What blocks the path is
-passed by a detour, searched anew as long as it blocks. Collisions are judged by the distance to obstacles.
+The control law is a regulated pure pursuit: the speed depends on the curvature of the arc, on the free length
+of the arc in the newest scan, on the clearance beside it, and on the remaining distance. The robot passes an
+obstacle on the path by a detour, which is searched again while the obstacle stays. Collision checks compare
+the distance to obstacles with a radius.
 """
 
 import math
@@ -16,41 +17,42 @@ from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.navigation.checkers import GoalChecker, ProgressChecker
 from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose
 from btcore_robot.navigation.costmap import LocalCostmap
-from btcore_robot.navigation.detour import detour
+from btcore_robot.navigation.detour import find_detour
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import ControllerParameters
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.pure_pursuit import Carrot, PurePursuit
-from btcore_robot.navigation.velocity_smoother import Limits, VelocitySmoother
+from btcore_robot.navigation.velocity_smoother import VelocityLimits, VelocitySmoother
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 
-RADIUS = 0.30
-"""How far (m) the robot's middle stays from obstacles: the hull's 0.27 m and something for errors."""
+MIN_CLEARANCE = 0.30
+"""The distance (m) that the robot's centre keeps from obstacles: the hull's radius (0.27 m) and a margin."""
 
-_ROOMY = 0.45  # m of clearance from which on speed isn't cut
-_CREEP = 0.4  # share of the full speed right beside an obstacle
-_STEP = 0.05  # m between the places of an arc or a path that are judged
-_LOOK = 1.3  # m of the path that must be free, or a detour is looked for
-_RETURN = 3.0  # m of the path on which a detour may come back to it, as far as is seen
-_BLOCKED = 0.26  # m of clearance under which a path counts as blocked: planners leave RADIUS, maps err
-_THIN = 2  # of so many places on the path one is looked at for an end of a detour
-_BEYOND = 0.3  # m past what blocks the path at which a detour comes back to it
-_OFF = 0.3  # m beside the path from which on the way back to it is searched, too
-_SPARE = 0.02  # m that a detour keeps more than it has to
-_MARGIN = 0.08  # m before the nearest place an arc may lead to at which the robot stops
-_STUCK = 0.05, 0.15, 1.5  # m or rad within s; under that a way is searched though the path looks free
-_ON = 0.6  # m along the path to which the way is searched then
-_AGAIN = NS_PER_S // 3  # ns between two searches for a detour
-_ALIGNED = 0.15  # rad: turning on the spot ends here
-_STANDS = 0.02  # m/s under which a speed isn't worth driving
-_CALM = 0.7  # share of the turning acceleration that turns on the spot are planned with
+_FULL_SPEED_CLEARANCE = 0.45  # m of clearance from which the speed isn't reduced
+_MIN_SPEED_SHARE = 0.4  # share of the full speed right beside an obstacle
+_STEP = 0.05  # m between the checked points of an arc or a path
+_LOOK_AHEAD = 1.3  # m of the path that must be free; otherwise a detour is searched
+_RETURN_REACH = 3.0  # m of the path on which a detour may end: the range of the clearance grid
+_BLOCKED = 0.26  # m: a path with less clearance is blocked; smaller than MIN_CLEARANCE, to tolerate map error
+_THIN = 2  # every second point of the path is a possible end of a detour
+_BEYOND = 0.3  # m behind the obstacle at which a detour returns to the path
+_MAX_OFF_PATH = 0.3  # m beside the path; farther away, a way back to the path is searched too
+_SPARE = 0.02  # m of clearance that a detour keeps in addition
+_MARGIN = 0.08  # m that the robot stops before the last free point of an arc
+_STUCK = 0.05, 0.15, 1.5  # m, rad, s: with less progress a way is searched though the path looks free
+_UNSTICK_REACH = 0.6  # m along the path: the nearest end of that way
+_SEARCH_INTERVAL = NS_PER_S // 3  # ns between two searches for a detour
+_ALIGNED = 0.15  # rad: a turn on the spot ends at this error
+_MIN_SPEED = 0.02  # m/s: a lower speed counts as standing
+_TURN_SHARE = 0.7  # share of the turning acceleration with which turns on the spot are planned
+_MAX_DETOUR_CARROT = 0.4  # m: a detour bends more than a path
 
 
 @dataclass(frozen=True, slots=True)
-class FollowGoal:
-    """A *path* to drive along, to its end. The ids name Nav2's plug-ins; there is one of each here."""
+class FollowPathGoal:
+    """A *path* to follow to its end. The ids name Nav2's plug-ins; there is a single plug-in of each kind."""
 
     path: NavPath
     controller_id: str = ""
@@ -60,10 +62,11 @@ class FollowGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class FollowFeedback:
-    """The way left (m), the *speed* asked for (m/s), and how well the robot keeps to the path.
+class FollowPathFeedback:
+    """The remaining distance (m), the commanded *speed* (m/s) and the errors of position and heading.
 
-    *position_error* (m) is + to the left of the path, - to its right; *heading_error* (rad) the same.
+    *position_error* (m) and *heading_error* (rad) are positive to the left of the path, negative to its
+    right.
     """
 
     distance_to_goal: float = 0.0
@@ -72,10 +75,10 @@ class FollowFeedback:
     heading_error: float = 0.0
 
 
-class ControllerServer(ActionServer[FollowGoal, FollowFeedback, None]):
-    """Serves FollowGoals; `step` belongs on the schedule at ``controller_frequency``, ``Phase.CONTROLLER``.
+class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
+    """The server of `FollowPathGoal`; `step` is a task at ``controller_frequency``, ``Phase.CONTROLLER``.
 
-    While *hold* says so, or the newest scan is too old, the robot stands and nothing fails.
+    While *hold* returns True, or the newest scan is too old, the robot stands and the goal doesn't fail.
     """
 
     name = "follow_path"
@@ -90,79 +93,84 @@ class ControllerServer(ActionServer[FollowGoal, FollowFeedback, None]):
         hold: Callable[[], bool] | None = None,
     ) -> None:
         super().__init__()
-        self.parameters = figures = parameters or ControllerParameters()
-        self.period = 1.0 / figures.controller_frequency
-        """The seconds between two steps."""
+        self.parameters = parameters = parameters or ControllerParameters()
+        self.period = 1.0 / parameters.controller_frequency
+        """The time (s) between two steps."""
         self.clearance = ClearanceGrid()
-        """How far obstacles are, by the newest scan; for whoever draws it."""
+        """The distances to obstacles in the newest scan; public for displays."""
         self._robot = robot
         self._tree = tree
         self._costmap = local_costmap
         self._hold = hold
-        self._throttle = VelocitySmoother(
+        self._smoother = VelocitySmoother(
             robot,
-            Limits(
-                v=figures.max_vel_x,
-                w=figures.max_vel_theta,
-                v_up=figures.acc_lim_x,
-                v_down=abs(figures.decel_lim_x),
-                w_up=figures.acc_lim_theta,
-                w_down=abs(figures.decel_lim_theta),
+            VelocityLimits(
+                v=parameters.max_vel_x,
+                w=parameters.max_vel_theta,
+                v_up=parameters.acc_lim_x,
+                v_down=abs(parameters.decel_lim_x),
+                w_up=parameters.acc_lim_theta,
+                w_down=abs(parameters.decel_lim_theta),
             ).within(robot.base),
         )
-        self._goals = GoalChecker(figures.xy_goal_tolerance, figures.yaw_goal_tolerance, figures.stateful)
-        self._progress = ProgressChecker(
-            figures.required_movement_radius,
-            figures.required_movement_angle,
-            figures.movement_time_allowance,
+        self._goals = GoalChecker(
+            parameters.xy_goal_tolerance, parameters.yaw_goal_tolerance, parameters.stateful
         )
-        self._creeps = ProgressChecker(*_STUCK)
+        self._progress = ProgressChecker(
+            parameters.required_movement_radius,
+            parameters.required_movement_angle,
+            parameters.movement_time_allowance,
+        )
+        self._motion_check = ProgressChecker(*_STUCK)
         self._pursuit: PurePursuit | None = None
-        self._round: PurePursuit | None = None
-        self._keep = 0.0
-        self._searched = 0
-        self._judged: int | None = None
-        self._turning = 0.0
-        self._able = 0
+        self._detour: PurePursuit | None = None
+        self._detour_kept_until = 0.0
+        self._searched_at = 0
+        self._checked_stamp: int | None = None
+        self._turn_direction = 0.0
+        self._could_move_at = 0
         self._last = 0
 
     def step(self, now: int) -> None:
-        """One period; a robot that has nothing left to do comes to rest."""
+        """Run one period; without a goal the robot comes to rest."""
         super().step(now)
         if not self.busy:
-            self._throttle.ease(now, self.period)
+            self._smoother.slow_to_stop(now, self.period)
 
     def start(
         self,
-        handle: GoalHandle[FollowGoal, FollowFeedback, None],
+        handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None],
         now: int,
-        previous: GoalHandle[FollowGoal, FollowFeedback, None] | None,
+        previous: GoalHandle[FollowPathGoal, FollowPathFeedback, None] | None,
     ) -> None:
-        """Take the path; with a *previous* goal the robot drives on and what was checked counts on."""
+        """Begin to follow the path.
+
+        After a *previous* goal the robot drives on, and the checkers keep their state.
+        """
         path = handle.goal.path
         if not len(path) or not np.isfinite(path.poses).all():
             handle.abort(
                 Nav2ErrorCode.INVALID_PATH, "the path has no poses" if not len(path) else _NOT_FINITE
             )
             if previous is not None:
-                self._throttle.halt(now)
+                self._smoother.halt(now)
             return
         old = previous.goal.path if previous is not None else None
         self._pursuit = PurePursuit(path.points)
         if old is None:
-            self._throttle.wake(now)
+            self._smoother.resume(now)
             self._progress.reset()
-            self._creeps.reset()
-            self._able = self._last = now
-            self._turning = 0.0
+            self._motion_check.reset()
+            self._could_move_at = self._last = now
+            self._turn_direction = 0.0
         if old is None or old.frame != path.frame or old.goal != path.goal:
             self._goals.reset()
-        self._round = None
-        self._judged = None
+        self._detour = None
+        self._checked_stamp = None
 
-    def work(self, handle: GoalHandle[FollowGoal, FollowFeedback, None], now: int) -> None:
-        """Drive on for one period."""
-        passed, self._last = now - self._last, now
+    def work(self, handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None], now: int) -> None:
+        """Follow the path for one period."""
+        elapsed, self._last = now - self._last, now
         path, pursuit = handle.goal.path, self._pursuit
         goal = path.goal
         assert pursuit is not None
@@ -170,174 +178,187 @@ class ControllerServer(ActionServer[FollowGoal, FollowFeedback, None]):
         try:
             frame = self._costmap.frame
             to_path = Transform() if path.frame == frame else self._tree.lookup(path.frame, frame)
-            self._see(now)
-        except TransformError as fault:
-            self._fail(handle, now, Nav2ErrorCode.FOLLOW_PATH_TF_ERROR, str(fault))
+            self._update_clearance(now)
+        except TransformError as error:
+            self._fail(handle, now, Nav2ErrorCode.FOLLOW_PATH_TF_ERROR, str(error))
             return
         odometry = self._robot.odometry().pose
-        pose = _moved(to_path, odometry)
+        pose = _transform_pose(to_path, odometry)
         pursuit.locate(pose)
         turned = 0.0 if pursuit.heading is None else wrap_angle(pose.yaw - pursuit.heading)
-        handle.feedback = FollowFeedback(pursuit.left, self._throttle.v, pursuit.aside, turned)
-        if self._blind(now) or (self._hold is not None and self._hold()):
-            self._progress.pause(passed)
-            self._creeps.pause(passed)
-            self._able += passed
-            self._throttle.ask(0.0, 0.0, now, self.period)
+        handle.feedback = FollowPathFeedback(
+            pursuit.remaining, self._smoother.v, pursuit.cross_track_error, turned
+        )
+        if self._is_blind(now) or (self._hold is not None and self._hold()):
+            self._progress.pause(elapsed)
+            self._motion_check.pause(elapsed)
+            self._could_move_at += elapsed
+            self._smoother.send_command(0.0, 0.0, now, self.period)
             return
-        if self._goals.reached(pose, goal):
+        if self._goals.is_goal_reached(pose, goal):
             handle.succeed()
-            self._throttle.ask(0.0, 0.0, now, self.period)
+            self._smoother.send_command(0.0, 0.0, now, self.period)
             return
         if not self._progress.check(pose, now):
             seconds = self.parameters.movement_time_allowance
             handle.abort(
                 Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, f"the robot has made no progress for {seconds:g} s"
             )
-            self._throttle.ask(0.0, 0.0, now, self.period)
+            self._smoother.send_command(0.0, 0.0, now, self.period)
             return
-        if self._goals.arrived(pose, goal):
-            self._able = now
+        if self._goals.is_position_reached(pose, goal):
+            self._could_move_at = now
             self._turn(wrap_angle(goal.yaw - pose.yaw), now)
             return
-        self._keep_round(pursuit, to_path, odometry, now)
+        self._update_detour(pursuit, to_path, odometry, now)
         if self._drive(pursuit, pose, odometry, now):
-            self._able = now
+            self._could_move_at = now
         else:
             self._fail(
                 handle,
                 now,
                 Nav2ErrorCode.NO_VALID_CONTROL,
-                "there is no way on that keeps clear of obstacles",
+                "no way along the path keeps clear of obstacles",
             )
 
-    def stop(self, handle: GoalHandle[FollowGoal, FollowFeedback, None], now: int) -> None:
-        """Brake; `step` goes on braking until the robot stands."""
-        self._throttle.ask(0.0, 0.0, now, self.period)
+    def stop(self, handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None], now: int) -> None:
+        """Brake; later steps brake further until the robot stands."""
+        self._smoother.send_command(0.0, 0.0, now, self.period)
 
-    def _see(self, now: int) -> None:
+    def _update_clearance(self, now: int) -> None:
         scan = self._robot.scan()
         if scan is not None and scan.stamp != self.clearance.stamp:
             laser = laser_pose(self._tree, self._costmap.frame, scan)
             self.clearance.update(scan, laser, self._costmap)
 
-    def _blind(self, now: int) -> bool:
+    def _is_blind(self, now: int) -> bool:
         stamp = self.clearance.stamp
         return stamp is None or now - stamp > self.parameters.scan_timeout * NS_PER_S
 
     def _fail(
         self,
-        handle: GoalHandle[FollowGoal, FollowFeedback, None],
+        handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None],
         now: int,
         code: Nav2ErrorCode,
         message: str,
     ) -> None:
-        """Stand, and give up when there has been no way to move for longer than is tolerated."""
-        self._throttle.ask(0.0, 0.0, now, self.period)
+        """Stop the robot; abort the goal once the robot couldn't move for longer than the tolerance."""
+        self._smoother.send_command(0.0, 0.0, now, self.period)
         tolerance = self.parameters.failure_tolerance
         if tolerance == 0.0:
             handle.abort(code, message)
-        elif tolerance > 0.0 and now - self._able > tolerance * NS_PER_S:
+        elif tolerance > 0.0 and now - self._could_move_at > tolerance * NS_PER_S:
             if code is Nav2ErrorCode.NO_VALID_CONTROL:
                 code = Nav2ErrorCode.PATIENCE_EXCEEDED
             handle.abort(code, f"{message}, for {tolerance:g} s")
 
-    def _keep_round(self, pursuit: PurePursuit, to_path: Transform, odometry: Pose2D, now: int) -> None:
-        """Look once a scan whether the way is blocked; begin, keep, renew or end a detour."""
-        if self._judged == self.clearance.stamp:
+    def _update_detour(self, pursuit: PurePursuit, to_path: Transform, odometry: Pose2D, now: int) -> None:
+        """Check once per scan whether the path is blocked; begin, keep, renew or end a detour."""
+        if self._checked_stamp == self.clearance.stamp:
             return
-        self._judged = self.clearance.stamp
-        ahead = _carried(to_path.inverse(), pursuit.ahead(_RETURN, _STEP))
-        room = self.clearance.at(ahead[:, 0], ahead[:, 1])
-        blocked = np.flatnonzero(room[: int(_LOOK / _STEP)] < _BLOCKED)
-        stuck = not self._creeps.check(odometry, now)
-        if self._round is not None:
-            self._round.locate(odometry)
-        kept = self._round is not None and (self._round.passed or 0.0) < self._keep
-        if not len(blocked) and pursuit.off < _OFF and not stuck and not kept:
-            self._round = None
+        self._checked_stamp = self.clearance.stamp
+        ahead = _transform_points(to_path.inverse(), pursuit.ahead(_RETURN_REACH, _STEP))
+        room = self.clearance.distances_at(ahead[:, 0], ahead[:, 1])
+        blocked = np.flatnonzero(room[: int(_LOOK_AHEAD / _STEP)] < _BLOCKED)
+        stuck = not self._motion_check.check(odometry, now)
+        if self._detour is not None:
+            self._detour.locate(odometry)
+        kept = self._detour is not None and (self._detour.travelled or 0.0) < self._detour_kept_until
+        if not len(blocked) and pursuit.cross_track_distance < _MAX_OFF_PATH and not stuck and not kept:
+            self._detour = None
             return
-        if self._round is not None and not stuck:
-            way = self._round.ahead(_LOOK, _STEP)
-            free = self.clearance.at(way[:, 0], way[:, 1])
-            if self._round.off < _OFF and (free >= min(_BLOCKED, float(free[0]) - _SPARE)).all():
+        if self._detour is not None and not stuck:
+            way = self._detour.ahead(_LOOK_AHEAD, _STEP)
+            free = self.clearance.distances_at(way[:, 0], way[:, 1])
+            near = self._detour.cross_track_distance < _MAX_OFF_PATH
+            if near and (free >= min(_BLOCKED, float(free[0]) - _SPARE)).all():
                 return
-        if now - self._searched < _AGAIN:
+        if now - self._searched_at < _SEARCH_INTERVAL:
             return
-        self._searched = now
-        past = int(blocked[-1]) if len(blocked) else min(int(_ON / _STEP), len(ahead) - 1) if stuck else 0
-        returns = _returns(room, past)
-        last = None if self._round is None else self._round.ahead(math.inf, _STEP)
-        found = detour(self.clearance, odometry, ahead[returns], RADIUS + _SPARE, last) if returns else None
-        if found is None:
-            self._round = None
+        self._searched_at = now
+        past = min(int(_UNSTICK_REACH / _STEP), len(ahead) - 1) if stuck else 0
+        returns = _returns(room, int(blocked[-1]) if len(blocked) else past)
+        last = None if self._detour is None else self._detour.ahead(math.inf, _STEP)
+        result = None
+        if returns:
+            result = find_detour(self.clearance, odometry, ahead[returns], MIN_CLEARANCE + _SPARE, last)
+        if result is None:
+            self._detour = None
             return
-        chosen, way = found
+        chosen, way = result
         length = float(np.hypot(*np.diff(way, axis=0).T).sum())
-        self._round = PurePursuit(np.concatenate((way, ahead[returns[chosen] :])))
-        self._keep = 0.0 if len(blocked) else length
+        self._detour = PurePursuit(np.concatenate((way, ahead[returns[chosen] :])))
+        # A way out of a stuck position is driven to its end, though the path may look free at once.
+        self._detour_kept_until = 0.0 if len(blocked) else length
 
     def _drive(self, pursuit: PurePursuit, pose: Pose2D, odometry: Pose2D, now: int) -> bool:
-        """Ask for the velocity towards the carrot; whether there is any way to move."""
-        figures = self.parameters
-        here = self.clearance.here(odometry.x, odometry.y)
-        reach = min(max(here, figures.min_lookahead_dist), figures.lookahead_dist)
-        if self._round is not None:
-            self._round.locate(odometry)
-            carrot = self._round.carrot(odometry, min(reach, 0.4))
+        """Command the velocity towards the carrot; return False if the robot can't move."""
+        parameters = self.parameters
+        here = self.clearance.distance_at(odometry.x, odometry.y)
+        reach = min(max(here, parameters.min_lookahead_dist), parameters.lookahead_dist)
+        if self._detour is not None:
+            self._detour.locate(odometry)
+            carrot = self._detour.carrot(odometry, min(reach, _MAX_DETOUR_CARROT))
         else:
             carrot = pursuit.carrot(pose, reach)
-        free = self._free(carrot, odometry, here)
-        speed = min(figures.max_vel_x * free[1], (free[0] - _MARGIN) / figures.time_to_collision)
-        ahead = abs(carrot.angle)
-        sharp = _ALIGNED if self._turning or speed < _STANDS else figures.rotate_to_heading_min_angle
-        if ahead > sharp:
+        free, share = self._free(carrot, odometry, here)
+        speed = min(parameters.max_vel_x * share, (free - _MARGIN) / parameters.time_to_collision)
+        # A turn that has begun goes on until the robot is aligned, so that turns and drives don't alternate.
+        driving = self._turn_direction == 0.0 and speed >= _MIN_SPEED
+        if abs(carrot.angle) > (parameters.rotate_to_heading_min_angle if driving else _ALIGNED):
             self._turn(carrot.angle, now)
             return True
-        self._turning = 0.0
-        if speed < _STANDS:
+        self._turn_direction = 0.0
+        if speed < _MIN_SPEED:
             return False
-        left = pursuit.left if self._round is None else math.inf
-        if left < figures.approach_velocity_scaling_dist:
-            share = left / figures.approach_velocity_scaling_dist
-            speed = min(speed, max(figures.max_vel_x * share, figures.min_approach_linear_velocity))
+        remaining = pursuit.remaining if self._detour is None else math.inf
+        if remaining < parameters.approach_velocity_scaling_dist:
+            share = remaining / parameters.approach_velocity_scaling_dist
+            speed = min(speed, max(parameters.max_vel_x * share, parameters.min_approach_linear_velocity))
         curvature = carrot.curvature
-        if abs(curvature) * speed > figures.max_vel_theta:
-            speed = figures.max_vel_theta / abs(curvature)
-        turn = curvature * self._throttle.speed(speed, self.period)
-        self._throttle.ask(speed, turn, now, self.period)
+        if abs(curvature) * speed > parameters.max_vel_theta:
+            speed = parameters.max_vel_theta / abs(curvature)
+        # The base reaches this speed within the period; turning in proportion keeps it on the arc.
+        turn = curvature * self._smoother.reachable_speed(speed, self.period)
+        self._smoother.send_command(speed, turn, now, self.period)
         return True
 
     def _free(self, carrot: Carrot, odometry: Pose2D, here: float) -> tuple[float, float]:
-        """How far (m) the arc to the carrot is free, and the share of the speed that its tightness allows."""
+        """Return the free length (m) of the arc to the carrot, and the share of the speed (0 … 1)."""
         curvature = carrot.curvature
         along = np.arange(1, 13) * _STEP
         turned = odometry.yaw + curvature * along / 2
         chord = along * np.sinc(curvature * along / (2 * math.pi))
-        room = self.clearance.at(odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned))
-        # Whoever is too near already may move, but not nearer still.
-        tight = room < min(RADIUS, here - 0.01)
+        room = self.clearance.distances_at(
+            odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
+        )
+        # A robot that is too near an obstacle already may move, but not nearer.
+        tight = room < min(MIN_CLEARANCE, here - 0.01)
         free = float(along[int(tight.argmax())]) - _STEP if tight.any() else math.inf
         narrowest = float(room[:6].min())
-        share = _CREEP + (1 - _CREEP) * (narrowest - RADIUS) / (_ROOMY - RADIUS)
-        return free, min(max(share, _CREEP), 1.0)
+        share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * (narrowest - MIN_CLEARANCE) / (
+            _FULL_SPEED_CLEARANCE - MIN_CLEARANCE
+        )
+        return free, min(max(share, _MIN_SPEED_SHARE), 1.0)
 
     def _turn(self, angle: float, now: int) -> None:
-        """Turn on the spot by *angle* (rad), slowing down in time; round turns keep their direction."""
-        if self._turning and abs(angle) > 2.5:
-            angle = math.copysign(angle, self._turning)
-        self._turning = math.copysign(1.0, angle)
-        limits = self._throttle.limits
-        rate = math.sqrt(2 * _CALM * limits.w_down * abs(angle))
-        self._throttle.ask(0.0, math.copysign(max(rate, 0.05), angle), now, self.period)
+        """Turn on the spot by *angle* (rad), slowing down in time."""
+        # Near half a turn the sign of the angle flips with noise: keep the direction.
+        if self._turn_direction and abs(angle) > 2.5:
+            angle = math.copysign(angle, self._turn_direction)
+        self._turn_direction = math.copysign(1.0, angle)
+        limits = self._smoother.limits
+        rate = math.sqrt(2 * _TURN_SHARE * limits.w_down * abs(angle))
+        self._smoother.send_command(0.0, math.copysign(max(rate, 0.05), angle), now, self.period)
 
 
 def _returns(room: NDArray[np.float32], past: int) -> list[int]:
-    """The places of a path, the nearest first, at which a detour round what blocks it up to *past* may end.
+    """Return the indices of points of a path, the nearest first, at which a detour may end.
 
-    *room* is the clearance at each place. A bit further on is better where there is room all the way.
+    *room* is the clearance at each point; the path is blocked up to the index *past*.
     """
-    free = room >= RADIUS + _SPARE
+    free = room >= MIN_CLEARANCE + _SPARE
+    # A little farther along the path is better where the path is free all the way.
     beyond = int(_BEYOND / _STEP)
     places = np.flatnonzero(free[past:])[::_THIN] + past
     chosen = [min(place + beyond, len(free) - 1) for place in places.tolist()]
@@ -348,8 +369,8 @@ def _returns(room: NDArray[np.float32], past: int) -> list[int]:
 _NOT_FINITE = "a pose of the path is not finite"
 
 
-def _moved(transform: Transform, pose: Pose2D) -> Pose2D:
-    """*pose* in the frame that *transform*, one on the floor, leads to."""
+def _transform_pose(transform: Transform, pose: Pose2D) -> Pose2D:
+    """Return *pose* in the target frame of *transform*, which is a transform on the floor."""
     turn = transform.yaw
     cos, sin = math.cos(turn), math.sin(turn)
     x, y, _ = transform.position
@@ -357,8 +378,8 @@ def _moved(transform: Transform, pose: Pose2D) -> Pose2D:
     return Pose2D(x + cos * pose.x - sin * pose.y, y + sin * pose.x + cos * pose.y, yaw)
 
 
-def _carried(transform: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """*points* (m, shape ``(n, 2)``) in the frame that *transform*, one on the floor, leads to."""
+def _transform_points(transform: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return *points* (m, shape ``(n, 2)``) in the target frame of *transform*, a transform on the floor."""
     yaw = transform.yaw
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y, _ = transform.position

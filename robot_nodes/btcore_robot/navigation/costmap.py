@@ -1,10 +1,10 @@
-"""Costmaps: what each cell of the floor costs a robot that drives over it, by Nav2's numbers.
+"""Costmaps: the cost of driving over each cell of the floor, with Nav2's cost values.
 
-A cost is 0 where it is free, 1–252 near an obstacle, 253 (INSCRIBED) where the robot's middle can't be
-without touching one, 254 (LETHAL) where the obstacle is, 255 (UNKNOWN) where nobody has looked.
-`GlobalCostmap` knows the map, `LocalCostmap` moves with the robot and knows what it sees; both put the
-laser's obstacles, the keep-out rectangles and the inflation on top. Observations wait until `update`, and of
-several by one sensor the newest counts. Arrays are changed in place: whoever keeps one copies it.
+A cost is 0 in a free cell, 1–252 near an obstacle, 253 (INSCRIBED) where the robot's centre can't be without
+a collision, 254 (LETHAL) in an obstacle, and 255 (UNKNOWN) in a cell that was never observed. `GlobalCostmap`
+covers the map; `LocalCostmap` moves with the robot and holds only what the laser sees. Both add the laser's
+obstacles, the keep-out rectangles and the inflation. Observations wait until `update`; the newest scan of
+each sensor counts. Arrays are changed in place: copy an array to keep it.
 """
 
 import math
@@ -18,9 +18,9 @@ from btcore_robot.navigation.costmap_layers import (
     LETHAL,
     UNKNOWN,
     GridWindow,
-    Inflation,
+    InflationLayer,
     ObstacleLayer,
-    around,
+    bounding_window,
     draw_keepouts,
     static_costs,
 )
@@ -35,12 +35,13 @@ _NOWHERE = GridWindow(0, 0, 0, 0)
 class Costmap(Grid):
     """Costs on a grid.
 
-    *costs* is uint8 of shape ``(height, width)``, row 0 with the lowest y; *resolution* (m) is a cell's
-    side, *origin* (m) the lower-left corner in *frame*. What is off the grid is LETHAL. *version* counts
-    the changes. *floor*, of the same shape, holds costs that no later cost is under, where that is known.
+    *costs* is uint8 of shape ``(height, width)``, row 0 with the lowest y; *resolution* (m) is the side
+    length of a cell, *origin* (m) the lower-left corner in *frame*. Points off the grid are LETHAL. *version*
+    counts the changes.
     """
 
     lower_bound: NDArray[np.uint8] | None = None
+    """Costs of the same shape below which no later cost falls; None if unknown."""
 
     def __init__(
         self, costs: NDArray[np.uint8], resolution: float, origin: tuple[float, float], frame: str = "map"
@@ -52,19 +53,19 @@ class Costmap(Grid):
         self.version = 0
 
     def inside(self, x: float, y: float) -> bool:
-        """Whether the point *x*, *y* (m) is on the grid."""
+        """Return whether the point *x*, *y* (m) is on the grid."""
         row, col = self.cell(x, y)
         return 0 <= row < len(self.costs) and 0 <= col < len(self.costs[0])
 
     def cost(self, x: float, y: float) -> int:
-        """The cost at the point *x*, *y* (m); LETHAL off the grid."""
+        """Return the cost at the point *x*, *y* (m); LETHAL off the grid."""
         row, col = self.cell(x, y)
         if 0 <= row < len(self.costs) and 0 <= col < len(self.costs[0]):
             return int(self.costs[row, col])
         return LETHAL
 
     def costs_at(self, points: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """The costs at *points* (m, shape ``(…, 2)``), shape ``(…)``; LETHAL off the grid."""
+        """Return the costs at *points* (m, shape ``(…, 2)``), shape ``(…)``; LETHAL off the grid."""
         height, width = self.costs.shape
         rows = np.floor((points[..., 1] - self.origin[1]) / self.resolution).astype(np.intp)
         cols = np.floor((points[..., 0] - self.origin[0]) / self.resolution).astype(np.intp)
@@ -76,7 +77,7 @@ class Costmap(Grid):
         return costs
 
     def square(self, pose: Pose2D, side: float) -> GridWindow:
-        """The cells that a square of *side* (m) about *pose* touches, along the axes."""
+        """Return the window of cells that a square of *side* (m) around *pose* touches, along the axes."""
         low = self.cell(pose.x - side / 2, pose.y - side / 2)
         high = self.cell(pose.x + side / 2, pose.y + side / 2)
         height, width = self.costs.shape
@@ -85,74 +86,75 @@ class Costmap(Grid):
 
 
 class LayeredCostmap(Costmap):
-    """A costmap whose obstacles come from scans: what the global and the local one have in common."""
+    """A costmap whose obstacles come from scans: the base of the global and the local costmap."""
 
     def __init__(
         self,
         shape: tuple[int, int],
         origin: tuple[float, float],
         frame: str,
-        inflation: Inflation,
+        inflation: InflationLayer,
         obstacles: ObstacleLayer,
     ) -> None:
         super().__init__(np.zeros(shape, dtype=np.uint8), inflation.resolution, origin, frame)
         self.inflation = inflation
         self.obstacles = obstacles
         self.stamp = 0
-        """When it was updated last (ns)."""
-        self._waiting: dict[str, tuple[LaserScan, Pose2D]] = {}
+        """The time (ns) of the last update."""
+        self._pending: dict[str, tuple[LaserScan, Pose2D]] = {}
 
     def observe(self, scan: LaserScan, laser_pose: Pose2D) -> None:
-        """See *scan*, taken with the laser at *laser_pose* in this costmap's frame, at the next update."""
-        self._waiting[scan.frame] = (scan, laser_pose)
+        """Keep *scan* for the next update; *laser_pose* is the laser's pose in this costmap's frame."""
+        self._pending[scan.frame] = (scan, laser_pose)
 
     def clear(self) -> None:
-        """Forget every obstacle that was seen; the map's own and the keep-outs stay."""
+        """Remove all observed obstacles; those of the map and the keep-outs stay."""
         self.obstacles.forget()
-        self._waiting.clear()
+        self._pending.clear()
         self._refresh(self._everywhere())
 
     def clear_around(self, pose: Pose2D, side: float) -> None:
-        """Forget the obstacles seen in the square of *side* (m) about *pose* in this costmap's frame."""
+        """Remove the obstacles observed in the square of *side* (m) around *pose* in this costmap's frame."""
         window = self.square(pose, side)
         self.obstacles.forget(window)
         self._refresh(window)
 
     def clear_except(self, pose: Pose2D, side: float) -> None:
-        """Forget the obstacles seen outside the square of *side* (m) about *pose* in this costmap's frame."""
+        """Remove the obstacles observed outside the square of *side* (m) around *pose* in this frame."""
         self.obstacles.forget(self.square(pose, side), outside=True)
         self._refresh(self._everywhere())
 
     def _everywhere(self) -> GridWindow:
         return GridWindow(0, 0, *self.costs.shape)
 
-    def _see(self) -> None:
-        for scan, laser in self._waiting.values():
-            self.obstacles.see(scan, laser, self.origin)
-        self._waiting.clear()
+    def _take_observations(self) -> None:
+        for scan, laser in self._pending.values():
+            self.obstacles.update_from_scan(scan, laser, self.origin)
+        self._pending.clear()
 
     def _base(self, window: GridWindow) -> NDArray[np.uint8]:
-        """The costs in *window* before inflation."""
+        """Return the costs in *window* before inflation."""
         raise NotImplementedError
 
     def _refresh(self, changed: GridWindow) -> None:
-        """Inflate anew wherever *changed* cells can be felt."""
+        """Compute the costs again wherever the inflation of *changed* cells reaches."""
         if changed.empty:
             return
         shape = (len(self.costs), len(self.costs[0]))
-        felt = changed.grown(self.inflation.cells, shape)
-        seen = felt.grown(self.inflation.cells, shape)
-        self.costs[felt.slices] = self.inflation.inflated(self._base(seen))[seen.of(felt)]
+        affected = changed.grown(self.inflation.cells, shape)
+        # Obstacles up to an inflation radius outside the affected cells contribute to their costs.
+        needed = affected.grown(self.inflation.cells, shape)
+        self.costs[affected.slices] = self.inflation.inflate(self._base(needed))[needed.of(affected)]
         self.version += 1
 
 
 class GlobalCostmap(LayeredCostmap):
-    """The whole map, in its frame, with what was seen since.
+    """A costmap of the whole map, in its frame, with the obstacles observed since.
 
-    *radius* (m) is the robot's, *inflation_radius* (m) and *scaling* (1/m) those of `Inflation`; readings
-    mark up to *obstacle_max_range* (m) and clear up to *raytrace_range*. Unknown cells of the map stay
-    UNKNOWN until a ray crosses them, unless *track_unknown* is off. `lower_bound` has the costs of the map's
-    occupied cells and the keep-outs.
+    *radius* (m) is the robot's; *inflation_radius* (m) and *scaling* (1/m) are those of `InflationLayer`.
+    Readings mark up to *obstacle_max_range* (m) and clear up to *raytrace_range* (m). Unknown cells of the
+    map stay UNKNOWN until a ray crosses them, unless *track_unknown* is off. `lower_bound` has the costs of
+    the map's occupied cells and the keep-outs.
     """
 
     def __init__(
@@ -176,43 +178,49 @@ class GlobalCostmap(LayeredCostmap):
             max_range=obstacle_max_range,
             raytrace_range=raytrace_range,
         )
-        inflation = Inflation(radius, inflation_radius, scaling, map.resolution)
+        inflation = InflationLayer(radius, inflation_radius, scaling, map.resolution)
         super().__init__(shape, map.origin, "map", inflation, obstacles)
         self.map = map
         self._static = static_costs(map, track_unknown=track_unknown)
-        self.lower_bound = inflation.inflated(np.where(self._static == LETHAL, LETHAL, FREE).astype(np.uint8))
+        self.lower_bound = inflation.inflate(np.where(self._static == LETHAL, LETHAL, FREE).astype(np.uint8))
         self._refresh(self._everywhere())
 
     def update(self, now: int, robot_pose: Pose2D | None = None) -> None:
-        """Take in what was observed; with a *robot_pose*, nothing is seen where the robot itself stands.
+        """Take over the observations; only windows with changes are computed again.
 
-        Costs nothing to speak of when nothing has changed.
+        Args:
+            now: the time (ns).
+            robot_pose: the robot's pose in the map; the cells under the robot become FREE.
+
         """
         self.stamp = now
-        windows = [self.obstacles.reachable(laser, self.origin) for _, laser in self._waiting.values()]
+        windows = [self.obstacles.reachable(laser, self.origin) for _, laser in self._pending.values()]
         if robot_pose is not None:
             windows.append(self.square(robot_pose, 2 * self.inflation.radius + self.resolution))
         windows = [window for window in windows if not window.empty]
+        # Most scans of a known place change nothing: comparing is cheaper than inflating.
         before = [self.obstacles.values[window.slices].copy() for window in windows]
-        self._see()
+        self._take_observations()
         if robot_pose is not None:
             self.obstacles.free_disc(robot_pose, self.inflation.radius, self.origin)
         for window, old in zip(windows, before, strict=True):
-            self._refresh(around(self.obstacles.values[window.slices] != old, window))
+            self._refresh(bounding_window(self.obstacles.values[window.slices] != old, window))
 
     def _base(self, window: GridWindow) -> NDArray[np.uint8]:
         static = self._static[window.slices]
         seen = self.obstacles.values[window.slices]
+        # UNKNOWN is the highest number, but must not hide what the map or the laser knows of a cell.
         highest = np.maximum(static, np.where(seen == UNKNOWN, FREE, seen))
         base: NDArray[np.uint8] = np.where((static == UNKNOWN) & (seen != UNKNOWN), seen, highest)
         return base
 
 
 class LocalCostmap(LayeredCostmap):
-    """A square of *size* (m) about the robot, in the frame ``odom``, with what is seen in it.
+    """A costmap of a square of *size* (m) around the robot, in the frame ``odom``, with observed obstacles.
 
-    What nobody has looked at is FREE. *keepout* are rectangles of the frame map, which are where the newest
-    *map_to_odom* says; before the first they are nowhere. The other figures are those of `GlobalCostmap`.
+    Cells without an observation are FREE. *keepout* are rectangles of the frame map; they are drawn at the
+    newest pose of the map that `update` has received, and not before the first. The other parameters are
+    those of `GlobalCostmap`.
     """
 
     def __init__(
@@ -238,27 +246,31 @@ class LocalCostmap(LayeredCostmap):
             max_range=obstacle_max_range,
             raytrace_range=raytrace_range,
         )
-        inflation = Inflation(radius, inflation_radius, scaling, resolution)
+        inflation = InflationLayer(radius, inflation_radius, scaling, resolution)
         super().__init__((side, side), (0.0, 0.0), frame, inflation, obstacles)
         self._corner = (0, 0)
         self._keepout = keepout
         self._map_in_frame: Pose2D | None = None
-        self._go_to(Pose2D(0.0, 0.0, 0.0))
+        self._center_on(Pose2D(0.0, 0.0, 0.0))
 
     def update(self, now: int, robot_pose: Pose2D, map_pose: Pose2D | None = None) -> None:
-        """Move the middle to *robot_pose* in this costmap's frame, and take in what was observed.
+        """Move the costmap with the robot and take over the observations.
 
-        *map_pose* is where the frame map is in this costmap's frame, for the keep-outs.
+        Args:
+            now: the time (ns).
+            robot_pose: the robot's pose in this costmap's frame, the new centre.
+            map_pose: the pose of the frame map in this costmap's frame, for the keep-outs.
+
         """
         self.stamp = now
         if map_pose is not None:
             self._map_in_frame = map_pose
-        self._go_to(robot_pose)
-        self._see()
+        self._center_on(robot_pose)
+        self._take_observations()
         self.obstacles.free_disc(robot_pose, self.inflation.radius, self.origin)
         self._refresh(self._everywhere())
 
-    def _go_to(self, pose: Pose2D) -> None:
+    def _center_on(self, pose: Pose2D) -> None:
         half = len(self.costs) // 2
         corner = (
             math.floor(pose.y / self.resolution) - half,
@@ -272,6 +284,7 @@ class LocalCostmap(LayeredCostmap):
     def _base(self, window: GridWindow) -> NDArray[np.uint8]:
         if not self._keepout or self._map_in_frame is None:
             return self.obstacles.values[window.slices]
+        # Drawn on a copy: `map_pose` changes with each correction of the localiser.
         base = self.obstacles.values.copy()
         draw_keepouts(base, self.resolution, self.origin, self._keepout, self._map_in_frame)
         return base[window.slices]

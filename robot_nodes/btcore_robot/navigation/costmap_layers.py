@@ -1,4 +1,4 @@
-"""What a costmap is made of: windows of a grid, the map's cells, obstacles that a laser sees, inflation."""
+"""The layers of a costmap: the map's cells, the laser's obstacles and the inflation; windows of a grid."""
 
 import math
 from typing import NamedTuple
@@ -12,12 +12,12 @@ from btcore_robot.robot import LaserScan, Pose2D
 
 FREE, INSCRIBED, LETHAL, UNKNOWN = 0, 253, 254, 255
 
-_SHIFT = 4  # binary places of the coordinates that lines are drawn with
-_PART = 1 << _SHIFT
+_SHIFT = 4  # fractional bits of the coordinates with which OpenCV draws lines and polygons
+_FIXED_POINT = 1 << _SHIFT
 
 
 class GridWindow(NamedTuple):
-    """Rows and columns of a grid, from the low ones up to but without the high ones."""
+    """Rows and columns of a grid, the low numbers included and the high numbers excluded."""
 
     low_row: int
     low_col: int
@@ -26,16 +26,16 @@ class GridWindow(NamedTuple):
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """What indexes an array."""
+        """The index of this window in an array."""
         return slice(self.low_row, self.high_row), slice(self.low_col, self.high_col)
 
     @property
     def empty(self) -> bool:
-        """Whether it holds no cell."""
+        """Whether the window holds no cell."""
         return self.low_row >= self.high_row or self.low_col >= self.high_col
 
     def grown(self, cells: int, shape: tuple[int, int]) -> "GridWindow":
-        """The same with *cells* more on every side, cut to a grid of *shape*."""
+        """Return this window with *cells* more on every side, cut to a grid of *shape*."""
         return GridWindow(
             max(0, self.low_row - cells),
             max(0, self.low_col - cells),
@@ -44,15 +44,15 @@ class GridWindow(NamedTuple):
         )
 
     def of(self, inner: "GridWindow") -> tuple[slice, slice]:
-        """What indexes *inner* in an array that is this window."""
+        """Return the index of the window *inner* in an array that covers this window."""
         return (
             slice(inner.low_row - self.low_row, inner.high_row - self.low_row),
             slice(inner.low_col - self.low_col, inner.high_col - self.low_col),
         )
 
 
-def around(mask: NDArray[np.bool_], window: GridWindow) -> GridWindow:
-    """The smallest window about the true cells of *mask*, which is *window* of a grid."""
+def bounding_window(mask: NDArray[np.bool_], window: GridWindow) -> GridWindow:
+    """Return the smallest window of a grid that contains the true cells of *mask*, which covers *window*."""
     rows = np.flatnonzero(mask.any(axis=1))
     if not len(rows):
         return GridWindow(0, 0, 0, 0)
@@ -64,11 +64,11 @@ def around(mask: NDArray[np.bool_], window: GridWindow) -> GridWindow:
 
 
 def static_costs(map: OccupancyMap, *, track_unknown: bool = True) -> NDArray[np.uint8]:
-    """The costs of the map's own cells, its keep-outs LETHAL; what is not surely occupied is FREE."""
+    """Return the costs of the map's cells; keep-outs are LETHAL, cells with a likelihood below 100 FREE."""
     costs = np.full(map.cells.shape, FREE, dtype=np.uint8)
     if track_unknown:
         costs[map.unknown] = UNKNOWN
-    costs[map.occupied | map.kept_out()] = LETHAL
+    costs[map.occupied | map.keepout_mask()] = LETHAL
     return costs
 
 
@@ -79,21 +79,30 @@ def draw_keepouts(
     keepout: tuple[Rectangle, ...],
     frame: Pose2D,
 ) -> None:
-    """Make the rectangles *keepout* of the frame map LETHAL in a grid whose frame sees the map at *frame*."""
+    """Make keep-out rectangles LETHAL in a grid.
+
+    Args:
+        costs: the grid's costs, changed in place.
+        resolution: the side length (m) of a cell.
+        origin: the lower-left corner (m) of the grid.
+        keepout: the rectangles, in the frame map.
+        frame: the pose of the frame map in the grid's frame.
+
+    """
     cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
     for xmin, ymin, xmax, ymax in keepout:
         corners = np.array([(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)])
         x = frame.x + cos * corners[:, 0] - sin * corners[:, 1]
         y = frame.y + sin * corners[:, 0] + cos * corners[:, 1]
         pixels = np.stack(((x - origin[0]) / resolution - 0.5, (y - origin[1]) / resolution - 0.5), axis=1)
-        cv2.fillConvexPoly(costs, np.rint(pixels * _PART).astype(np.int32), LETHAL, cv2.LINE_8, _SHIFT)
+        cv2.fillConvexPoly(costs, np.rint(pixels * _FIXED_POINT).astype(np.int32), LETHAL, cv2.LINE_8, _SHIFT)
 
 
-class Inflation:
-    """Costs about lethal cells by Nav2's formula, for cells of *resolution* (m).
+class InflationLayer:
+    """Costs around lethal cells by Nav2's formula, for cells of *resolution* (m).
 
-    At a distance d (m) between the middles of cells: 254 at d = 0, 253 where d ≤ *radius*, beyond that
-    ⌊252·exp(-*scaling*·(d - *radius*))⌋, and 0 where d > *inflation_radius*.
+    At a distance d (m) between the centres of cells, the cost is 254 for d = 0, 253 for d ≤ *radius*, beyond
+    that ⌊252·exp(-*scaling*·(d - *radius*))⌋, and 0 for d > *inflation_radius*.
     """
 
     def __init__(self, radius: float, inflation_radius: float, scaling: float, resolution: float) -> None:
@@ -101,78 +110,87 @@ class Inflation:
         self.inflation_radius = inflation_radius
         self.scaling = scaling
         self.resolution = resolution
-        # A radius that is a number of cells reaches them: 6 · 0.05 is a hair more than 0.3.
+        # Rounding must not cut a radius of whole cells: 0.3 / 0.05 is slightly less than 6.
         reach = max(inflation_radius, radius) / resolution + 1e-9
         self.cells = math.floor(reach)
-        """How many cells far an obstacle's cost reaches."""
+        """The reach of an obstacle's costs, in cells."""
+        # Squared distances between cells are whole numbers, so that a table holds the costs of all of them.
         squares = np.arange((self.cells + 1) ** 2 + 1)
         self._by_square = np.array(
-            [self.cost(math.sqrt(one) * resolution) for one in squares], dtype=np.uint8
+            [self.cost(math.sqrt(square) * resolution) for square in squares], dtype=np.uint8
         )
         self._by_square[-1] = FREE
 
     def cost(self, distance: float) -> int:
-        """The cost at *distance* (m) from the nearest lethal cell."""
-        hair = 1e-9
+        """Return the cost at *distance* (m) from the nearest lethal cell."""
+        epsilon = 1e-9
         if distance == 0:
             return LETHAL
-        if distance <= self.radius + hair:
+        if distance <= self.radius + epsilon:
             return INSCRIBED
-        if distance > self.inflation_radius + hair:
+        if distance > self.inflation_radius + epsilon:
             return FREE
-        return math.floor((INSCRIBED - 1) * math.exp(-self.scaling * (distance - self.radius)) + hair)
+        return math.floor((INSCRIBED - 1) * math.exp(-self.scaling * (distance - self.radius)) + epsilon)
 
-    def inflated(self, base: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """*base* with costs about its LETHAL cells; over UNKNOWN only those from INSCRIBED up count."""
+    def inflate(self, base: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return *base* with costs around its LETHAL cells; only INSCRIBED and LETHAL replace UNKNOWN."""
         open_cells = (base != LETHAL).astype(np.uint8)
         distance = cv2.distanceTransform(open_cells, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        # Squares of distances in cells are whole numbers; float32 carries them well enough to round.
+        # float32 is accurate enough to round the squares to whole numbers.
         squares = np.minimum(distance, self.cells + 1.0)
         squares *= squares
         squares += 0.5
         around_obstacles = self._by_square[squares.astype(np.intp)]
         costs: NDArray[np.uint8] = np.maximum(base, around_obstacles)
-        blind = (base == UNKNOWN) & (around_obstacles >= INSCRIBED)
-        costs[blind] = around_obstacles[blind]
+        replaced = (base == UNKNOWN) & (around_obstacles >= INSCRIBED)
+        costs[replaced] = around_obstacles[replaced]
         return costs
 
 
 class ObstacleLayer:
-    """What a planar laser has seen: LETHAL where something was hit, FREE where a ray went through since.
+    """The observations of a planar laser: LETHAL in cells with a hit, FREE in cells that rays crossed since.
 
-    *untouched* (FREE, or UNKNOWN to let the map speak) is where no ray has been. A finite reading from
-    *min_range* (m) up marks its end point if that is within *max_range*. Every ray frees what it crosses
-    up to *raytrace_range*: a finite one up to the cell before its end point, one without an echo (+inf) all
-    the way. A reading that is too near (-inf) or broken (NaN) says nothing.
+    Cells that no ray has reached have *default_value* (FREE, or UNKNOWN where the map's value counts). A
+    finite reading of at least *min_range* (m) marks its end point if that is within *max_range* (m). Every
+    ray frees the cells that it crosses, up to *raytrace_range* (m): a finite reading up to the cell before
+    its end point, a reading without an echo (+inf) over the whole range. Readings that are too near (-inf) or
+    invalid (NaN) are ignored.
     """
 
     def __init__(
         self,
         shape: tuple[int, int],
         resolution: float,
-        untouched: int,
+        default_value: int,
         *,
         min_range: float = 0.0,
         max_range: float = 2.5,
         raytrace_range: float = 3.0,
     ) -> None:
-        self.untouched = untouched
-        self.values = np.full(shape, untouched, dtype=np.uint8)
+        self.default_value = default_value
+        self.values = np.full(shape, default_value, dtype=np.uint8)
         self.resolution = resolution
         self.min_range = min_range
         self.max_range = max_range
         self.raytrace_range = raytrace_range
 
-    def see(self, scan: LaserScan, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
-        """Clear and mark by *scan*, taken at *laser* in the frame of the grid with the corner *origin* (m).
+    def update_from_scan(self, scan: LaserScan, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
+        """Clear and mark cells by a scan.
 
-        Gives the window in which anything may have changed.
+        Args:
+            scan: the scan.
+            laser: the laser's pose in the grid's frame.
+            origin: the lower-left corner (m) of the grid.
+
+        Returns:
+            The window in which cells may have changed.
+
         """
         ranges = scan.ranges.astype(np.float64)
         nearest = max(self.min_range, scan.range_min)
         echo = np.isfinite(ranges) & (ranges >= nearest) & (ranges < scan.range_max)
         silent = (ranges == np.inf) | (np.isfinite(ranges) & (ranges >= scan.range_max))
-        # In pixels: the middle of the first cell is 0, 0.
+        # In pixels, as OpenCV counts them: the centre of the first cell is 0, 0.
         x = (laser.x - origin[0]) / self.resolution - 0.5
         y = (laser.y - origin[1]) / self.resolution - 0.5
         angles = scan.angles() + laser.yaw
@@ -182,6 +200,7 @@ class ObstacleLayer:
         free = np.zeros(len(ranges))
         free[echo] = np.minimum(hits - 1.0, reach)
         free[silent] = reach
+        # First clear, then mark: a ray must not erase the end point of its neighbour.
         self._clear(x, y, cos, sin, free)
         near = hits <= self.max_range / self.resolution
         rows = np.floor(y + 0.5 + sin[echo][near] * hits[near]).astype(np.intp)
@@ -192,7 +211,7 @@ class ObstacleLayer:
         return self.reachable(laser, origin)
 
     def reachable(self, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
-        """The window that a scan taken at *laser* can change."""
+        """Return the window that a scan taken at *laser* can change; *origin* (m) is the grid's corner."""
         far = math.ceil(max(self.max_range, self.raytrace_range) / self.resolution) + 2
         row = math.floor((laser.y - origin[1]) / self.resolution)
         col = math.floor((laser.x - origin[0]) / self.resolution)
@@ -203,7 +222,17 @@ class ObstacleLayer:
         return GridWindow(0, 0, 0, 0) if window.empty else window
 
     def free_disc(self, place: Pose2D, radius: float, origin: tuple[float, float]) -> GridWindow:
-        """Free the cells whose middles are within *radius* (m) of *place*, where the robot itself stands."""
+        """Free the cells under the robot.
+
+        Args:
+            place: the robot's pose in the grid's frame.
+            radius: the distance (m) of a cell's centre from *place* within which the cell becomes FREE.
+            origin: the lower-left corner (m) of the grid.
+
+        Returns:
+            The window in which cells may have changed.
+
+        """
         x = (place.x - origin[0]) / self.resolution - 0.5
         y = (place.y - origin[1]) / self.resolution - 0.5
         reach = radius / self.resolution
@@ -222,20 +251,20 @@ class ObstacleLayer:
         return window
 
     def forget(self, window: GridWindow | None = None, *, outside: bool = False) -> None:
-        """Make cells untouched again: all, those of *window*, or those *outside* it."""
+        """Reset cells to the default value: all cells, those of *window*, or those *outside* it."""
         if window is None:
-            self.values.fill(self.untouched)
+            self.values.fill(self.default_value)
         elif outside:
             kept = self.values[window.slices].copy()
-            self.values.fill(self.untouched)
+            self.values.fill(self.default_value)
             self.values[window.slices] = kept
         else:
-            self.values[window.slices] = self.untouched
+            self.values[window.slices] = self.default_value
 
     def shift(self, rows: int, cols: int) -> None:
-        """Move the grid by *rows* and *cols* over the floor: what leaves it is forgotten."""
+        """Move the grid by *rows* and *cols* over the floor; cells that leave the grid are lost."""
         height, width = self.values.shape
-        moved = np.full((height, width), self.untouched, dtype=np.uint8)
+        moved = np.full((height, width), self.default_value, dtype=np.uint8)
         if abs(rows) < height and abs(cols) < width:
             old = GridWindow(max(0, rows), max(0, cols), min(height, height + rows), min(width, width + cols))
             new = GridWindow(
@@ -252,11 +281,11 @@ class ObstacleLayer:
         sin: NDArray[np.float64],
         free: NDArray[np.float64],
     ) -> None:
-        shown = free > 0
-        lines = np.empty((int(np.count_nonzero(shown)), 2, 2))
+        crossing = free > 0
+        lines = np.empty((int(np.count_nonzero(crossing)), 2, 2))
         lines[:, 0] = (x, y)
-        lines[:, 1, 0] = x + cos[shown] * free[shown]
-        lines[:, 1, 1] = y + sin[shown] * free[shown]
+        lines[:, 1, 0] = x + cos[crossing] * free[crossing]
+        lines[:, 1, 1] = y + sin[crossing] * free[crossing]
         if len(lines):
-            fixed = np.rint(lines * _PART).astype(np.int32)
+            fixed = np.rint(lines * _FIXED_POINT).astype(np.int32)
             cv2.polylines(self.values, list(fixed), False, FREE, 1, cv2.LINE_8, _SHIFT)

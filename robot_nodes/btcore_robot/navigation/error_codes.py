@@ -1,4 +1,4 @@
-"""The numbers by which Nav2's servers say why a goal failed, for trees written for Nav2."""
+"""The error codes with which Nav2's servers report why a goal failed, for trees written for Nav2."""
 
 from enum import IntEnum
 from typing import Final
@@ -7,8 +7,8 @@ from typing import Final
 class Nav2ErrorCode(IntEnum):
     """Nav2's error codes (``nav2_msgs/action/*.action`` of its branch main).
 
-    A name that several actions use (UNKNOWN, TF_ERROR, TIMEOUT, COLLISION_AHEAD …) has the action in front;
-    for ComputePathThroughPoses, which repeats the names of ComputePathToPose, that is ``THROUGH_``.
+    A name that several actions share (UNKNOWN, TF_ERROR, TIMEOUT, COLLISION_AHEAD …) has the action's name as
+    prefix. ComputePathThroughPoses repeats the names of ComputePathToPose; its prefix is ``THROUGH_``.
     """
 
     NONE = 0
@@ -87,7 +87,7 @@ CONTROLLER_RECOVERY_HELPS: Final = frozenset(
         Nav2ErrorCode.NO_VALID_CONTROL,
     }
 )
-"""What clearing the local costmap may cure: Nav2's WouldAControllerRecoveryHelp."""
+"""Errors that clearing the local costmap may resolve: Nav2's WouldAControllerRecoveryHelp."""
 
 PLANNER_RECOVERY_HELPS: Final = frozenset(
     {
@@ -99,7 +99,7 @@ PLANNER_RECOVERY_HELPS: Final = frozenset(
         Nav2ErrorCode.THROUGH_NO_VALID_PATH,
     }
 )
-"""What clearing the global costmap may cure: Nav2's WouldAPlannerRecoveryHelp."""
+"""Errors that clearing the global costmap may resolve: Nav2's WouldAPlannerRecoveryHelp."""
 
 SMOOTHER_RECOVERY_HELPS: Final = frozenset(
     {
@@ -109,4 +109,4 @@ SMOOTHER_RECOVERY_HELPS: Final = frozenset(
         Nav2ErrorCode.FAILED_TO_SMOOTH_PATH,
     }
 )
-"""What another try of the smoother may cure: Nav2's WouldASmootherRecoveryHelp."""
+"""Errors that another attempt of the smoother may resolve: Nav2's WouldASmootherRecoveryHelp."""

@@ -1,4 +1,4 @@
-"""Where on the whole map a scan may have been taken: every free place, every heading, a slice at a time."""
+"""A search of the whole map for the pose of a scan: all free places, and a few headings at a time."""
 
 import math
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.likelihood import distances
+from btcore_robot.navigation.likelihood import obstacle_distances
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
@@ -14,40 +14,40 @@ from btcore_robot.robot import Pose2D
 Floats = NDArray[np.float64]
 
 SPACING = 0.1
-"""How far (m) the places that are tried lie apart, or the map's resolution if that is coarser."""
+"""The distance (m) between the places that are tried, or the map's resolution if that is coarser."""
 HEADINGS = 120
-"""How many headings are tried at each place: every 3 degrees."""
+"""The number of headings that are tried at each place: every 3 degrees."""
 SECTORS = 12
-"""Of the headings within a sector of 30 degrees the best one is kept for each place."""
+"""For each place, the best heading of every sector of 30 degrees is kept."""
 BLUR = 0.2
-"""How far (m, one deviation) off a wall a beam may end: half of SPACING, and 3 degrees at 4 m."""
+"""The standard deviation (m) of a beam's end from a wall: half of SPACING, and 3 degrees at 4 m."""
 CLEARANCE = 0.25
-"""No robot's centre is nearer (m) to what is mapped."""
+"""The robot's centre is never nearer (m) to an occupied cell."""
 APART = 0.5
-"""Two places nearer (m) than this, with headings less than a sector apart, are one."""
+"""Two places nearer (m) than this, with headings less than a sector apart, count as the same."""
 
-_FULL = 255  # what a beam scores that ends on a wall; a hundred beams fit into 16 bits
+_FULL = 255  # the score of a beam that ends on a wall; the sum of a hundred beams fits into 16 bits
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A pose, and the share (0 … 1) of a perfect score that its beams have."""
+    """A pose, and its score as a share (0 … 1) of a perfect score."""
 
     pose: Pose2D
     score: float
 
 
 class SearchSpace:
-    """What of a map is the same for every search. Built once, as the images are large."""
+    """The data of a map that all searches share. Built once, as the images are large."""
 
     def __init__(self, field_map: OccupancyMap) -> None:
         self.stride = max(1, round(SPACING / field_map.resolution))
         self.resolution = field_map.resolution
         self.origin = field_map.origin
-        distance = distances(field_map, 10.0 * BLUR)
+        distance = obstacle_distances(field_map, 10.0 * BLUR)
         image = np.rint(_FULL * np.exp(-((distance / BLUR) ** 2) / 2.0)).astype(np.uint16)
-        # A beam's end, seen from every stride-th cell, falls on every stride-th cell: one small image for
-        # each remainder makes all of them neighbours in memory.
+        # Seen from every stride-th cell, a beam's end falls on every stride-th cell: with a small image for
+        # each remainder, all of these cells are neighbours in memory.
         step = self.stride
         rows, columns = (math.ceil(length / step) for length in field_map.cells.shape)
         padded = np.zeros((rows * step, columns * step), dtype=np.uint16)
@@ -61,7 +61,7 @@ class SearchSpace:
         self.room = room[::step, ::step]
 
     def place(self, row: int, column: int) -> tuple[float, float]:
-        """The x and y (m) of a place that is tried."""
+        """Return the x and y (m) of the place in *row* and *column* of the search grid."""
         return (
             self.origin[0] + (column * self.stride + 0.5) * self.resolution,
             self.origin[1] + (row * self.stride + 0.5) * self.resolution,
@@ -69,9 +69,9 @@ class SearchSpace:
 
 
 class GlobalSearch:
-    """One search for *points*, where beams end in the robot's frame (m; shape ``(k, 2)``).
+    """A search for the pose of a scan whose beams end at *points* in the robot's frame (m; shape ``(k, 2)``).
 
-    `advance` does a slice of the work until it says that all is done; then `candidates` has the best places.
+    Call `advance` until it returns True; then `candidates` returns the best places.
     """
 
     def __init__(self, space: SearchSpace, points: Floats) -> None:
@@ -82,7 +82,7 @@ class GlobalSearch:
         self._heading = np.zeros((SECTORS, *space.room.shape), dtype=np.uint8)
 
     def advance(self, headings: int) -> bool:
-        """Try so many *headings* more at every place; whether all have been tried."""
+        """Try the next *headings* at every place; return whether all headings have been tried."""
         for number in range(self._next, min(HEADINGS, self._next + headings)):
             score = self._scores(2.0 * math.pi * number / HEADINGS)
             sector = number * SECTORS // HEADINGS
@@ -112,11 +112,11 @@ class GlobalSearch:
         return total
 
     def candidates(self, most: int) -> list[Candidate]:
-        """The best places, best first, no two of them the same; at most *most*."""
+        """Return at most *most* different places, the best first."""
         best = self._best.copy()
         full = _FULL * max(1, len(self._points))
         radius = max(1, round(APART / (self._space.stride * self._space.resolution)))
-        found = []
+        candidates = []
         for _ in range(most):
             place = int(np.argmax(best))
             sector, row, column = (int(i) for i in np.unravel_index(place, best.shape))
@@ -124,11 +124,11 @@ class GlobalSearch:
             if score == 0:
                 break
             yaw = wrap_angle(math.tau * int(self._heading[sector, row, column]) / HEADINGS)
-            found.append(Candidate(Pose2D(*self._space.place(row, column), yaw), score / full))
+            candidates.append(Candidate(Pose2D(*self._space.place(row, column), yaw), score / full))
             around = (
                 slice(max(0, row - radius), row + radius + 1),
                 slice(max(0, column - radius), column + radius + 1),
             )
             for near in (sector - 1, sector, sector + 1):
                 best[(near % SECTORS, *around)] = 0
-        return found
+        return candidates

@@ -1,8 +1,8 @@
-"""The cheapest way over a grid, from cell to cell in eight directions.
+"""The search for the cheapest path over a grid, from cell to cell in eight directions.
 
-A step costs its length in cells times the mean of the two cells' costs. The search is Dijkstra's, by
-scikit-image. `Bounds` tells it where no cheapest way can lead, so that a way is found again, from a little
-further on and around what was seen meanwhile, in a tenth of the time; it stays the cheapest.
+A step costs its length in cells times the mean of the two cells' costs. The search is scikit-image's
+Dijkstra. `CostBounds` excludes cells that no cheapest path can cross. A new search to the same goal, from a
+start farther along and with new obstacles, then takes a tenth of the time and still finds the cheapest path.
 """
 
 import math
@@ -16,110 +16,122 @@ from skimage.graph import MCP_Geometric
 from btcore_robot.navigation.costmap_layers import INSCRIBED, UNKNOWN
 
 Cell = tuple[int, int]
-"""A row and a column."""
+"""The row and the column of a cell."""
 
-WALL: Final = -1.0
-"""The cost of a cell that no way leads through."""
+IMPASSABLE: Final = -1.0
+"""The cost of a cell that no path may cross; scikit-image's MCP takes negative costs for impassable."""
 
-NEUTRAL: Final = 50.0
-"""What a free cell costs (NavFn's COST_NEUTRAL), so that a long way round has its price."""
-FACTOR: Final = 0.8
-"""What a costmap's costs are weighed with (NavFn's COST_FACTOR)."""
+COST_NEUTRAL: Final = 50.0
+"""The cost of a free cell (NavFn's COST_NEUTRAL), so that a long way around an obstacle has a price."""
+COST_FACTOR: Final = 0.8
+"""The factor on a costmap's costs (NavFn's COST_FACTOR)."""
 
-_SLACKS: Final = (1.02, 1.1, 1.3)
-_ASTRAY: Final = 1.3
-"""A start over which the way is that much longer is not ahead: bounds from there are worth their time."""
-_NEARBY: Final = 40 * NEUTRAL
-_ROUNDING: Final = 1e-5  # of the bounds, which are float32
+_SLACKS: Final = (1.02, 1.1, 1.3)  # times the least possible price: the searched area grows with each attempt
+_OFF_COURSE: Final = 1.3
+"""A start is off course if the path over it is dearer by this factor: then new bounds are worth the time."""
+_NEARBY: Final = 40 * COST_NEUTRAL  # price that is allowed in addition
+_ROUNDING: Final = 1e-5  # relative error of the bounds, which are float32
 
 
 def _prices(unknown: float) -> NDArray[np.float64]:
-    prices = NEUTRAL + FACTOR * np.arange(256, dtype=np.float64)
-    prices[INSCRIBED:] = WALL
+    prices = COST_NEUTRAL + COST_FACTOR * np.arange(256, dtype=np.float64)
+    prices[INSCRIBED:] = IMPASSABLE
     prices[UNKNOWN] = unknown
     return prices
 
 
-_WITH_UNKNOWN: Final = _prices(NEUTRAL + FACTOR * INSCRIBED)
-_WITHOUT_UNKNOWN: Final = _prices(WALL)
+_WITH_UNKNOWN: Final = _prices(COST_NEUTRAL + COST_FACTOR * INSCRIBED)
+_WITHOUT_UNKNOWN: Final = _prices(IMPASSABLE)
 
 
 def grid_costs(costs: NDArray[np.uint8], *, allow_unknown: bool = True) -> NDArray[np.float64]:
-    """What being in the cells of a costmap costs, as in NavFn: 50 + 0.8·cost, a WALL from INSCRIBED up.
+    """Return the prices of a costmap's cells as in NavFn: 50 + 0.8·cost, IMPASSABLE from INSCRIBED up.
 
-    Unknown cells cost as much as INSCRIBED ones would, or are a WALL.
+    Args:
+        costs: the costs of the costmap.
+        allow_unknown: whether UNKNOWN cells get the price of cost 253; otherwise they are IMPASSABLE.
+
     """
     return (_WITH_UNKNOWN if allow_unknown else _WITHOUT_UNKNOWN)[costs]
 
 
-def connected(costs: NDArray[np.float64], start: Cell) -> NDArray[np.bool_]:
-    """Which cells can be reached from *start*, which is no WALL."""
+def reachable_cells(costs: NDArray[np.float64], start: Cell) -> NDArray[np.bool_]:
+    """Return the mask of cells that can be reached from *start*, which must be passable."""
     _, labels = cv2.connectedComponents((costs >= 0).astype(np.uint8), connectivity=8)
-    reached: NDArray[np.bool_] = labels == labels[start]
-    return reached
+    mask: NDArray[np.bool_] = labels == labels[start]
+    return mask
 
 
-class Bounds:
-    """What a way to *goal* costs at least, whatever may be seen later.
+class CostBounds:
+    """Lower bounds for the price of paths to *goal*, whatever obstacles appear later.
 
-    *floor* holds costs that no later cost is under; *start* is a cell that later starts lie ahead of. From
-    any cell it costs at least ``to_goal`` to the goal and, from s, ``|from_start - from_start[s]|`` to it
-    (triangle inequality), so a way over cells where the sum is above a known price is not the cheapest.
-    A start from somewhere else makes it measure anew from there.
+    *lower_costs* are costs below which no later cost falls; *start* is a cell that later starts lie ahead of.
+    From any cell, a path to the goal costs at least ``to_goal``; from a start s, a path to any cell costs at
+    least ``|from_start - from_start[s]|`` (triangle inequality). Where the sum is above a known price, no
+    cheapest path leads. For a start that is off course, the bounds are computed again.
     """
 
-    def __init__(self, floor: NDArray[np.float64], start: Cell, goal: Cell) -> None:
-        self._floor = floor
-        self._to_goal = _field(floor, goal)
+    def __init__(self, lower_costs: NDArray[np.float64], start: Cell, goal: Cell) -> None:
+        self._lower_costs = lower_costs
+        self._to_goal = _field(lower_costs, goal)
         self._depart(start)
 
     def least(self, start: Cell) -> tuple[float, NDArray[np.float32]]:
-        """What ways from *start* cost at least: any at all, and for each cell those that cross it."""
-        way = float(self._from_start[start] + self._to_goal[start])
-        if not (math.isfinite(way) and way <= self._detour):
+        """Return lower bounds for paths from *start*: of any path, and for each cell of the paths over it."""
+        price = float(self._from_start[start] + self._to_goal[start])
+        if not (math.isfinite(price) and price <= self._max_price):
             self._depart(start)
         across = np.abs(self._from_start - self._from_start[start])
         across += self._to_goal
         return float(self._to_goal[start]), across
 
     def _depart(self, start: Cell) -> None:
-        self._from_start = _field(self._floor, start)
-        self._detour = float(self._to_goal[start]) * _ASTRAY + _NEARBY
+        self._from_start = _field(self._lower_costs, start)
+        self._max_price = float(self._to_goal[start]) * _OFF_COURSE + _NEARBY
 
 
 def find_cheapest_path(
-    costs: NDArray[np.float64], start: Cell, goal: Cell, bounds: Bounds | None = None
+    costs: NDArray[np.float64], start: Cell, goal: Cell, bounds: CostBounds | None = None
 ) -> list[Cell] | None:
-    """The cells of a cheapest way from *start* to *goal*, both among them; None where there is none.
+    """Find a cheapest path.
 
-    *costs* are those of `grid_costs`; *bounds* hold for them, and know of a way.
+    Args:
+        costs: the prices of `grid_costs`.
+        start: the first cell.
+        goal: the last cell.
+        bounds: lower bounds that hold for *costs* and the goal, if known.
+
+    Returns:
+        The cells of the path, with *start* and *goal*; None if there is no path.
+
     """
     if bounds is not None:
         least, across = bounds.least(start)
         across[costs < 0] = np.inf
         for slack in _SLACKS:
             price = least * slack
-            found = _within(costs, start, goal, across <= price * (1 + _ROUNDING))
-            # A way that is cheaper than the price lies within, so the cheapest of all does.
-            if found is not None and found[1] <= price:
-                return found[0]
-    found = _search(costs, start, goal)
-    return found[0] if found is not None else None
+            result = _within(costs, start, goal, across <= price * (1 + _ROUNDING))
+            # Every path that is not dearer than the price lies within the mask, so also the cheapest path.
+            if result is not None and result[1] <= price:
+                return result[0]
+    result = _search(costs, start, goal)
+    return result[0] if result is not None else None
 
 
 def _within(
     costs: NDArray[np.float64], start: Cell, goal: Cell, kept: NDArray[np.bool_]
 ) -> tuple[list[Cell], float] | None:
+    """Return the cheapest path over the cells *kept*, with its price."""
     if not (kept[start] and kept[goal]):
         return None
     rows, cols = np.flatnonzero(kept.any(axis=1)), np.flatnonzero(kept.any(axis=0))
     row, col = int(rows[0]), int(cols[0])
     box = slice(row, int(rows[-1]) + 1), slice(col, int(cols[-1]) + 1)
-    part = np.where(kept[box], costs[box], WALL)
-    found = _search(part, (start[0] - row, start[1] - col), (goal[0] - row, goal[1] - col))
-    if found is None:
+    part = np.where(kept[box], costs[box], IMPASSABLE)
+    result = _search(part, (start[0] - row, start[1] - col), (goal[0] - row, goal[1] - col))
+    if result is None:
         return None
-    return [(one[0] + row, one[1] + col) for one in found[0]], found[1]
+    return [(cell[0] + row, cell[1] + col) for cell in result[0]], result[1]
 
 
 def _search(costs: NDArray[np.float64], start: Cell, goal: Cell) -> tuple[list[Cell], float] | None:

@@ -1,4 +1,4 @@
-"""The likelihood field: how well the end points of laser beams fall on what the map calls occupied."""
+"""The likelihood field: how well the end points of laser beams match the occupied cells of the map."""
 
 import math
 
@@ -12,35 +12,43 @@ from btcore_robot.robot import LaserScan
 FloatImage = NDArray[np.float32]
 
 
-def distances(field_map: OccupancyMap, cap: float = math.inf) -> FloatImage:
-    """How far (m) each cell's middle is from that of the nearest occupied cell, at most *cap*."""
+def obstacle_distances(field_map: OccupancyMap, cap: float = math.inf) -> FloatImage:
+    """Return the distance (m) from each cell's centre to the nearest occupied cell's, at most *cap* (m)."""
     free = np.where(field_map.occupied, 0, 255).astype(np.uint8)
-    if free.all():
+    if free.all():  # distanceTransform needs at least one zero pixel
         return np.full(free.shape, cap, dtype=np.float32)
-    found: FloatImage = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float32)
-    found *= np.float32(field_map.resolution)
-    return np.minimum(found, np.float32(cap))
+    image: FloatImage = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float32)
+    image *= np.float32(field_map.resolution)
+    return np.minimum(image, np.float32(cap))
 
 
-def beams(scan: LaserScan, most: int, least_range: float, greatest_range: float) -> NDArray[np.float64]:
-    """Where beams end in the laser's frame (m), shape ``(k, 2)``: each of every ``(n - 1) // (most - 1)``th.
+def beam_endpoints(
+    scan: LaserScan, most: int, least_range: float, greatest_range: float
+) -> NDArray[np.float64]:
+    """Return the ends of every ``(n - 1) // (most - 1)``-th beam in the laser's frame (m), shape ``(k, 2)``.
 
-    Left out are beams without an echo (±inf, NaN), under *least_range* and from *greatest_range* on.
+    Args:
+        scan: the scan, with n beams. Beams without an echo (±inf, NaN) are left out.
+        most: the number of beams to aim at.
+        least_range: beams shorter than this range (m) are left out.
+        greatest_range: beams from this range (m) on are left out.
+
     """
     step = max(1, (len(scan.ranges) - 1) // max(1, most - 1))
     ranges = scan.ranges[::step].astype(np.float64)
-    # A comparison with NaN is False.
+    # A comparison with NaN is False, so that NaN is left out too.
     seen = np.flatnonzero((ranges >= least_range) & (ranges < greatest_range))
     angles = scan.angle_min + scan.angle_increment * step * seen
     return np.stack((np.cos(angles), np.sin(angles)), axis=1) * ranges[seen, None]
 
 
 class LikelihoodField:
-    """What a beam adds to a particle's weight, looked up by where it ends.
+    """The contribution of a beam to a particle's weight, as a table over the beam's end point.
 
-    ``pz = z_hit · exp(-z²/2σ²) + z_rand / range_max`` with z (m) from the end point to the nearest occupied
-    cell, at most *max_distance*, which is also z off the map. A weight is ``1 + Σ pz³`` over the beams: the
-    cube sum of nav2_amcl, not a product. The image of pz³ has a margin of one cell for all that is beyond it.
+    ``pz = z_hit · exp(-z²/2σ²) + z_rand / range_max``, with the distance z (m) from the end point to the
+    nearest occupied cell, at most *max_distance*, which is also z off the map. A weight is ``1 + Σ pz³`` over
+    the beams: the sum of cubes of nav2_amcl, not a product. The image of pz³ has a margin of one cell for all
+    points beyond the map.
     """
 
     def __init__(
@@ -53,7 +61,9 @@ class LikelihoodField:
         max_distance: float = 2.0,
         range_max: float = 25.0,
     ) -> None:
-        z = np.pad(distances(field_map, max_distance), 1, constant_values=max_distance).astype(np.float64)
+        z = np.pad(obstacle_distances(field_map, max_distance), 1, constant_values=max_distance).astype(
+            np.float64
+        )
         pz = z_hit * np.exp(-(z**2) / (2.0 * sigma_hit**2)) + z_rand / range_max
         self._image = (pz**3).astype(np.float32).ravel()
         self._width = np.int32(z.shape[1])
@@ -62,11 +72,14 @@ class LikelihoodField:
         self._origin = field_map.origin
 
     def weights(self, particles: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``1 + Σ pz³`` of each of *particles* (x, y, yaw; ``(n, 3)``), shape ``(n,)``.
+        """Return ``1 + Σ pz³`` for each particle, shape ``(n,)``.
 
-        *points* are the beams' ends in the robot's frame (m), shape ``(k, 2)``. A sine and a cosine are taken
-        for each particle, not for each beam.
+        Args:
+            particles: the poses (x, y, yaw), shape ``(n, 3)``.
+            points: the beams' ends in the robot's frame (m), shape ``(k, 2)``.
+
         """
+        # This runs for every beam of every particle: float32, in place, sine and cosine once per particle.
         ends = (points * self._scale).astype(np.float32).T
         cos = np.cos(particles[:, 2]).astype(np.float32)[:, None]
         sin = np.sin(particles[:, 2]).astype(np.float32)[:, None]

@@ -1,4 +1,4 @@
-"""The localiser: adaptive Monte Carlo localisation by Nav2's rules, which notices when it is wrong."""
+"""The localiser: adaptive Monte Carlo localisation as in Nav2, with validation and relocalisation."""
 
 import math
 
@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import SearchSpace
-from btcore_robot.navigation.likelihood import LikelihoodField, beams
+from btcore_robot.navigation.likelihood import LikelihoodField, beam_endpoints
 from btcore_robot.navigation.motion_model import sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import AmclParameters
-from btcore_robot.navigation.particles import Cluster, best_cluster, cloud, resampled
-from btcore_robot.navigation.pose_validation import FITS, PoseValidator, contradicted
+from btcore_robot.navigation.particles import Cluster, best_cluster, resample, sample_particles
+from btcore_robot.navigation.pose_validation import FITS, PoseValidator, contradicts_pose
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.navigation.relocalisation import Relocaliser
 from btcore_robot.rigid_transform import Transform, wrap_angle
@@ -20,43 +20,44 @@ from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStam
 from btcore_robot.transforms import TransformError, TransformTree
 
 INITIAL_DEVIATION = (0.5, 0.5, 0.26)
-"""How sure (m, m, rad; one deviation) a given pose is taken to be (nav2_amcl)."""
+"""The standard deviation (m, m, rad) of a settings pose (nav2_amcl's default)."""
 FOUND_DEVIATION = (0.15, 0.15, 0.1)
-"""The same for a pose that was searched and found."""
+"""The standard deviation (m, m, rad) of a pose that was found by relocalisation."""
 FEWEST_BEAMS = 10
-"""From fewer beams than that nothing is concluded."""
+"""Scans with fewer valid beams are ignored."""
 CARRIED_DEVIATION = (0.05, 0.05)
-"""How far off (m, rad; one deviation) odometry is from one update to the next, with a few percent of slip."""
+"""The standard deviation (m, rad) of odometry between two updates, with a few percent of slip."""
 CARRIED_SCALES = (0.5, 0.3, 0.2, 0.15, 0.1, 0.1)
-"""The scales (m) for matching from there: narrow, so that who stands before a wall doesn't pull it."""
+"""The scales (m) for matching from odometry: narrow, so that people before a wall don't pull the pose."""
 CLUSTER_AHEAD = 0.1
-"""By how much the cluster has to explain a scan better than odometry for its pose to be taken instead."""
+"""The lead of the score by which the cluster's pose replaces the pose by odometry."""
 BETTER_BY = 0.2
-"""By how much another place has to explain a scan better than the present one for the robot to be lost."""
+"""The lead of the score by which another pose proves that the robot is lost."""
 BEARABLE = 0.3
-"""The least score of a present pose that is kept when no other place explains the scan better."""
+"""The least score of the present pose that is kept when no other pose explains the scan better."""
 SETTLED_FOR = 5 * NS_PER_S
-"""After a doubt was dismissed it is not raised again for so long (ns), unless the fit was good in between."""
+"""The time (ns) without a new doubt after a doubt was dismissed, unless the fit was good in between."""
 
 
 class Localiser:
-    """Where the robot is on a map, by its laser and odometry. `step` belongs on the schedule.
+    """The robot's pose on a map, estimated from laser and odometry. `step` is a task for the schedule.
 
-    The particles are Nav2's: differential motion model, likelihood field with its cube sum, an update after
-    each ``update_min_d`` or ``update_min_a``, KLD sampling with systematic resampling. Their heaviest cluster
-    is good to a few cells; so the pose that is told is carried on by odometry from update to update and
-    fitted to the faces of what is mapped. Where it is contradicted, the cluster takes its place.
+    The particle filter is that of nav2_amcl: differential motion model, likelihood field with the sum of
+    cubes, an update after each ``update_min_d`` or ``update_min_a``, KLD sampling with systematic resampling.
+    The heaviest cluster of particles is accurate to a few cells. For a better estimate, odometry carries the
+    pose from update to update, and a match with the surfaces of the map corrects it. If the scan contradicts
+    this pose, the cluster's pose replaces it.
 
-    Each scan is also held against the pose. When too few beams end on what is mapped the pose is in doubt:
-    the whole map is searched, and if another place explains the scan better the robot is `lost`. Then it is
-    `searching` until one place has stood the test of several views. Whoever drives the robot has to stop it
-    while `confident` is False, and, while `searching`, to turn it on the spot (at 0.5 rad/s, say), as rooms
-    that look alike on one side differ on the other; once `confident` is True again it may go on. `pose` gives
-    the last belief meanwhile, which may be wrong. People and things that are not on the map raise a doubt at
-    most, which is settled within a second.
+    Each scan is also compared with the pose. If too few beams end on occupied cells, the pose is doubtful:
+    the whole map is searched, and if another pose explains the scan better, the robot is `lost`. Then it is
+    `searching` until a single pose has passed the comparison with several scans. The navigation must stop the
+    robot while `confident` is False. While `searching`, it must turn the robot on the spot (for instance at
+    0.5 rad/s), because rooms that look alike on one side differ on the other side. The robot may drive on
+    once `confident` is True again. Until then, `pose` returns the last estimate, which may be wrong. People
+    and things that are not on the map cause at most a doubt, which is dismissed within a second.
 
-    It tells *tree* where ``odom`` is in ``map`` with each scan, as of the scan's stamp; that counts for
-    ``transform_tolerance`` longer.
+    Each scan sets the transform from ``odom`` to ``map`` in *tree*, with the scan's stamp; the transform is
+    valid for ``transform_tolerance`` longer.
     """
 
     def __init__(
@@ -68,39 +69,39 @@ class Localiser:
         parameters: AmclParameters | None = None,
     ) -> None:
         self.parameters = AmclParameters() if parameters is None else parameters
-        given = self.parameters
+        settings = self.parameters
         self._robot = robot
         self._tree = tree
         self._random = random
-        self._least_range = max(robot.laser.range_min, given.laser_min_range)
-        self._most_range = min(robot.laser.range_max, given.laser_max_range)
+        self._least_range = max(robot.laser.range_min, settings.laser_min_range)
+        self._most_range = min(robot.laser.range_max, settings.laser_max_range)
         self._field = LikelihoodField(
             field_map,
-            sigma_hit=given.sigma_hit,
-            z_hit=given.z_hit,
-            z_rand=given.z_rand,
-            max_distance=given.laser_likelihood_max_dist,
+            sigma_hit=settings.sigma_hit,
+            z_hit=settings.z_hit,
+            z_rand=settings.z_rand,
+            max_distance=settings.laser_likelihood_max_dist,
             range_max=self._most_range,
         )
-        self._faces = SignedDistanceField(field_map)
+        self._surfaces = SignedDistanceField(field_map)
         self._visibility = RayCaster(field_map, self._most_range)
-        self._doubt = PoseValidator(self._faces, self._visibility)
-        self._relocation = Relocaliser(SearchSpace(field_map), self._faces, self._visibility)
-        self._alphas = (given.alpha1, given.alpha2, given.alpha3, given.alpha4)
+        self._validator = PoseValidator(self._surfaces, self._visibility)
+        self._relocaliser = Relocaliser(SearchSpace(field_map), self._surfaces, self._visibility)
+        self._alphas = (settings.alpha1, settings.alpha2, settings.alpha3, settings.alpha4)
         self._free = np.argwhere(field_map.free)
         self._map = field_map
         self.map_to_odom = Transform()
-        """Where ``odom`` is in ``map``."""
+        """The pose of ``odom`` in ``map``."""
         self.particles: NDArray[np.float64] = np.zeros((0, 3))
-        """x, y (m) and yaw (rad) of every particle in the map, shape ``(n, 3)``."""
+        """The x, y (m) and yaw (rad) of every particle in the map, shape ``(n, 3)``."""
         self.weights: NDArray[np.float64] = np.zeros(0)
-        """Their weights, shape ``(n,)``; the sum is 1."""
+        """The particles' weights, shape ``(n,)``; the sum is 1."""
         self.covariance: NDArray[np.float64] = np.zeros((3, 3))
-        """Of x, y and yaw over the heaviest cluster of particles."""
+        """The covariance of x, y and yaw over the heaviest cluster of particles."""
         self.stamp = 0
-        """The stamp (ns) of the last scan that was looked at."""
+        """The stamp (ns) of the last scan that was processed."""
         self.lost = False
-        """Whether the robot is known to be somewhere else than it was taken to be."""
+        """Whether the estimated pose is known to be wrong."""
         self.searching = False
         """Whether the whole map is being searched: the robot has to turn on the spot."""
         self._doubting = False
@@ -108,39 +109,45 @@ class Localiser:
         self._updated_at: Pose2D | None = None
         self._updates = 0
         self._confirmed = False
-        if given.set_initial_pose:
-            self.set_pose(Pose2D(given.initial_pose_x, given.initial_pose_y, given.initial_pose_yaw))
+        if settings.set_initial_pose:
+            self.set_pose(Pose2D(settings.initial_pose_x, settings.initial_pose_y, settings.initial_pose_yaw))
         else:
-            self.global_localisation()
+            self.reinitialise_global_localisation()
 
     @property
     def confident(self) -> bool:
-        """Whether the pose may be driven by: neither lost nor searching, nor in doubt."""
+        """Whether the robot may drive by the pose: it is not lost, searching or in doubt."""
         return not (self.lost or self.searching or self._doubting)
 
     @property
-    def contradicted(self) -> bool:
-        """Whether the last scans speak against the pose, though perhaps no other place is better."""
-        return self._doubt.contradicted
+    def is_contradicted(self) -> bool:
+        """Whether the last scans contradict the pose, even if no other pose is known to be better."""
+        return self._validator.is_contradicted
 
     @property
     def fit(self) -> float:
-        """The share (0 … 1) of the beams that end on what is mapped, over the last scans."""
-        return self._doubt.fit
+        """The share (0 … 1) of the beams that end on occupied cells, over the last scans."""
+        return self._validator.fit
 
     def pose(self) -> Pose2D:
-        """Where ``base_footprint`` is in ``map`` now, by the last belief and the newest odometry."""
+        """Return the pose of ``base_footprint`` in ``map`` by the last estimate and the newest odometry."""
         return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()
 
     def set_pose(self, pose: Pose2D, covariance: NDArray[np.float64] | None = None) -> None:
-        """The robot is at *pose* in the map now, with *covariance* (x, y, yaw; ``(3, 3)``)."""
+        """Set the robot's present pose.
+
+        Args:
+            pose: the pose in the map.
+            covariance: its covariance (x, y, yaw; shape ``(3, 3)``); INITIAL_DEVIATION by default.
+
+        """
         spread = np.diag(np.square(INITIAL_DEVIATION)) if covariance is None else covariance
         self._settle(pose, self._robot.odometry().pose, spread)
 
-    def global_localisation(self) -> None:
-        """Forget the pose, and search the whole map for it."""
+    def reinitialise_global_localisation(self) -> None:
+        """Discard the pose, and search the whole map for it (nav2_amcl's service)."""
         self._begin_search()
-        self._relocation.restart()
+        self._relocaliser.restart()
         count = self.parameters.max_particles
         chosen = self._free[self._random.integers(len(self._free), size=count)]
         self.particles = np.empty((count, 3))
@@ -149,7 +156,7 @@ class Localiser:
         self.weights = np.full(count, 1.0 / count)
 
     def step(self, now: int) -> None:
-        """Look at the newest scan, if it is a new one, as soon as its frames are known."""
+        """Process the newest scan if it is new and its transforms are available."""
         scan = self._robot.scan()
         if scan is None or scan.stamp == self.stamp:
             return
@@ -160,84 +167,88 @@ class Localiser:
         except TransformError:
             return
         self.stamp = scan.stamp
-        eye = (laser.position[0], laser.position[1])
-        points = laser.apply(beams(scan, names.max_beams, self._least_range, self._most_range))
+        laser_xy = (laser.position[0], laser.position[1])
+        points = laser.apply(beam_endpoints(scan, names.max_beams, self._least_range, self._most_range))
         if len(points) >= FEWEST_BEAMS:
             if self.searching:
-                self._search(points, eye, odometry)
+                self._search(points, laser_xy, odometry)
             else:
-                self._watch(scan, points, eye, odometry)
+                self._watch(scan, points, laser_xy, odometry)
                 self._track(scan, points, laser, odometry)
         self._publish()
 
-    def _believed(self, odometry: Pose2D) -> Pose2D:
+    def _estimate(self, odometry: Pose2D) -> Pose2D:
         return (self.map_to_odom * Transform.from_pose(odometry)).to_pose()
 
-    def _believe(self, pose: Pose2D, odometry: Pose2D) -> None:
+    def _set_estimate(self, pose: Pose2D, odometry: Pose2D) -> None:
         self.map_to_odom = Transform.from_pose(pose) * Transform.from_pose(odometry).inverse()
 
     def _settle(self, pose: Pose2D, odometry: Pose2D, covariance: NDArray[np.float64]) -> None:
-        """Be sure of *pose*, at *odometry*."""
+        """Take *pose*, which holds at *odometry*, as certain, and end every search and doubt."""
         count = self.parameters.max_particles
-        self.particles = cloud(pose, covariance, count, self._random)
+        self.particles = sample_particles(pose, covariance, count, self._random)
         self.weights = np.full(count, 1.0 / count)
         self.covariance = covariance
-        self._believe(pose, odometry)
+        self._set_estimate(pose, odometry)
         self._updated_at = None
         self._updates = 0
         self._confirmed = False
-        self._doubt.forget()
-        self._relocation.restart()
+        self._validator.reset()
+        self._relocaliser.restart()
         self._dismissed = None
         self.lost = self.searching = self._doubting = False
 
     def _begin_search(self) -> None:
         self.searching, self._doubting = True, False
-        self._doubt.forget()
+        self._validator.reset()
 
-    def _search(self, points: NDArray[np.float64], eye: tuple[float, float], odometry: Pose2D) -> None:
-        found = self._relocation.see(points, eye, odometry, self.stamp)
-        if found is not None:
-            self._settle(found, odometry, np.diag(np.square(FOUND_DEVIATION)))
-        elif self._relocation.places:
-            self._show_places()
+    def _search(self, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D) -> None:
+        pose = self._relocaliser.process_scan(points, laser_xy, odometry, self.stamp)
+        if pose is not None:
+            self._settle(pose, odometry, np.diag(np.square(FOUND_DEVIATION)))
+        elif self._relocaliser.hypotheses:
+            self._show_hypotheses()
 
-    def _show_places(self) -> None:
-        """Let the particles stand for the places where the robot may be."""
-        places = self._relocation.places
-        each = max(1, self.parameters.min_particles // len(places))
+    def _show_hypotheses(self) -> None:
+        """Spread the particles over the hypotheses; only displays use them while the robot searches."""
+        hypotheses = self._relocaliser.hypotheses
+        each = max(1, self.parameters.min_particles // len(hypotheses))
         spread = np.diag(np.square(FOUND_DEVIATION))
-        self.particles = np.concatenate([cloud(one.pose, spread, each, self._random) for one in places])
-        self.weights = np.repeat([max(one.score, 0.01) for one in places], each)
+        self.particles = np.concatenate(
+            [sample_particles(hypothesis.pose, spread, each, self._random) for hypothesis in hypotheses]
+        )
+        self.weights = np.repeat([max(hypothesis.score, 0.01) for hypothesis in hypotheses], each)
         self.weights /= self.weights.sum()
 
     def _watch(
-        self, scan: LaserScan, points: NDArray[np.float64], eye: tuple[float, float], odometry: Pose2D
+        self, scan: LaserScan, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D
     ) -> None:
-        """Hold the scan against the pose; raise a doubt, settle it, or be lost."""
-        raised = self._doubt.is_pose_doubtful(scan, points, eye, odometry, self._believed(odometry))
+        """Compare the scan with the pose: begin a doubt, or examine a doubt that has begun."""
+        doubtful = self._validator.is_pose_doubtful(
+            scan, points, laser_xy, odometry, self._estimate(odometry)
+        )
         if self._dismissed is not None:
             recent = self.stamp - self._dismissed < SETTLED_FOR
-            if recent and self._doubt.fit < FITS and not self._doubt.jumped:
+            if recent and self._validator.fit < FITS and not self._validator.scan_jumped:
                 return
             self._dismissed = None
-        if raised or self._doubting:
+        if doubtful or self._doubting:
             self._doubting = True
-            self._relocation.see(points, eye, odometry, self.stamp)
-            if self._relocation.places:
-                self._judge(eye)
+            self._relocaliser.process_scan(points, laser_xy, odometry, self.stamp)
+            if self._relocaliser.hypotheses:
+                self._judge(laser_xy)
 
-    def _judge(self, eye: tuple[float, float]) -> None:
-        """The map was searched because of a doubt: is another place better than the one believed in?"""
-        best = self._relocation.best
+    def _judge(self, laser_xy: tuple[float, float]) -> None:
+        """Decide a doubt after the search of the map: dismiss it, or treat the robot as lost."""
+        best = self._relocaliser.best
         assert best is not None
-        present = self._relocation.consider(self._believed(self._relocation.odometry), eye)
+        present = self._relocaliser.add_hypothesis(self._estimate(self._relocaliser.odometry), laser_xy)
         if best.near(present):
-            self._believe(best.pose, self._relocation.odometry)
+            self._set_estimate(best.pose, self._relocaliser.odometry)
             present = best
         if present.score >= best.score - BETTER_BY and present.score >= BEARABLE:
-            self._relocation.restart()
-            self._doubt.forget()
+            self._relocaliser.restart()
+            self._validator.reset()
             self._doubting, self._dismissed = False, self.stamp
         else:
             self.lost = True
@@ -247,14 +258,14 @@ class Localiser:
         self, scan: LaserScan, points: NDArray[np.float64], laser: Transform, odometry: Pose2D
     ) -> None:
         """Move and weigh the particles when the robot has moved enough, and correct the pose."""
-        given, last = self.parameters, self._updated_at
+        settings, last = self.parameters, self._updated_at
         if self.searching or self._doubting:
             return
         if last is not None:
             if not (
-                abs(odometry.x - last.x) > given.update_min_d
-                or abs(odometry.y - last.y) > given.update_min_d
-                or abs(wrap_angle(odometry.yaw - last.yaw)) > given.update_min_a
+                abs(odometry.x - last.x) > settings.update_min_d
+                or abs(odometry.y - last.y) > settings.update_min_d
+                or abs(wrap_angle(odometry.yaw - last.yaw)) > settings.update_min_a
             ):
                 return
             self.particles = sample_motion_model(self.particles, last, odometry, self._alphas, self._random)
@@ -264,58 +275,64 @@ class Localiser:
         cluster = best_cluster(self.particles, self.weights)
         self.covariance = cluster.covariance
         self._updates += 1
-        if self._updates % given.resample_interval == 0:
+        if self._updates % settings.resample_interval == 0:
             self._resample()
-        dense = laser.apply(beams(scan, 2 * given.max_beams, self._least_range, self._most_range))
-        eye = (laser.position[0], laser.position[1])
-        self._believe(self._corrected(dense, eye, odometry, cluster), odometry)
+        # The match uses twice the beams: unlike the particles it runs for a single pose.
+        dense = laser.apply(beam_endpoints(scan, 2 * settings.max_beams, self._least_range, self._most_range))
+        laser_xy = (laser.position[0], laser.position[1])
+        self._set_estimate(self._corrected(dense, laser_xy, odometry, cluster), odometry)
 
     def _resample(self) -> None:
-        given = self.parameters
-        self.particles = resampled(
+        settings = self.parameters
+        self.particles = resample(
             self.particles,
             self.weights,
             self._random,
-            err=given.pf_err,
-            z=given.pf_z,
-            least=given.min_particles,
-            most=given.max_particles,
+            err=settings.pf_err,
+            z=settings.pf_z,
+            least=settings.min_particles,
+            most=settings.max_particles,
         )
         self.weights = np.full(len(self.particles), 1.0 / len(self.particles))
 
     def _corrected(
-        self, points: NDArray[np.float64], eye: tuple[float, float], odometry: Pose2D, cluster: Cluster
+        self, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D, cluster: Cluster
     ) -> Pose2D:
-        """The pose by odometry since the last update, moved to where the beams end on faces.
+        """Return the pose by odometry since the last update, corrected by a match with the surfaces.
 
-        The cluster takes its place when that is contradicted, or has yet to be confirmed, and it fits better.
+        The cluster's pose replaces it if it fits better and the match is contradicted or was never confirmed.
         """
-        believed, open_points = self._believed(odometry), points
-        if self._confirmed and self._faces.fit(believed, points) < FITS:
-            open_points = points[self._visibility.unhindered(believed, eye, points)]
-        carried = self._faces.match(
-            believed, open_points, eye, trust=CARRIED_DEVIATION, scales=CARRIED_SCALES
+        estimate, open_points = self._estimate(odometry), points
+        # People in the way would pull the match: leave out the beams that they shorten.
+        if self._confirmed and self._surfaces.fit(estimate, points) < FITS:
+            open_points = points[self._visibility.unobstructed_beams(estimate, laser_xy, points)]
+        carried = self._surfaces.match(
+            estimate, open_points, laser_xy, deviation=CARRIED_DEVIATION, scales=CARRIED_SCALES
         )
         if carried.share >= FITS:
             self._confirmed = True
             return carried.pose
         if self._confirmed:
-            present = self._visibility.agreement([carried.pose], eye, points[::2])[0]
-            if not contradicted(present):
+            present = self._visibility.agreement([carried.pose], laser_xy, points[::2])[0]
+            if not contradicts_pose(present):
                 return carried.pose
         deviation = np.sqrt(np.diag(cluster.covariance))
-        trust = (max(0.1, float(deviation[:2].max())), max(0.05, float(deviation[2])))
-        other = self._faces.match(cluster.pose, points, eye, trust=trust)
-        views = self._visibility.agreement([carried.pose, other.pose], eye, points[::2])
+        prior = (max(0.1, float(deviation[:2].max())), max(0.05, float(deviation[2])))
+        other = self._surfaces.match(cluster.pose, points, laser_xy, deviation=prior)
+        views = self._visibility.agreement([carried.pose, other.pose], laser_xy, points[::2])
         return other.pose if views[1].score > views[0].score + CLUSTER_AHEAD else carried.pose
 
     def _publish(self) -> None:
         if not self.parameters.tf_broadcast:
             return
-        names, placed = self.parameters, self.map_to_odom
+        names, transform = self.parameters, self.map_to_odom
         self._tree.set(
             TransformStamped(
-                names.odom_frame_id, names.global_frame_id, placed.position, placed.quaternion, self.stamp
+                names.odom_frame_id,
+                names.global_frame_id,
+                transform.position,
+                transform.quaternion,
+                self.stamp,
             ),
             holds=int(names.transform_tolerance * NS_PER_S),
         )

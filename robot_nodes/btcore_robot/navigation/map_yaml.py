@@ -1,4 +1,4 @@
-"""YAML files of maps, read key by key, so that each mistake is told with its file and line."""
+"""YAML files of maps, read key by key, so that each error message has a file and a line."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -12,71 +12,91 @@ from btcore_robot.field_reader import FieldReader, did_you_mean
 
 
 class MapError(RobotError):
-    """A map can't be read, written or made; the text says where, why and what to do."""
+    """A map can't be read, written or created; the message has the place, the reason and a remedy."""
 
 
-class Entries(FieldReader):
-    """The keys and values of one YAML file, each with its line."""
+class YamlEntries(FieldReader):
+    """The keys and values of a YAML file, with their lines."""
 
     def __init__(self, path: Path, values: dict[str, Any], lines: dict[str, int]) -> None:
         super().__init__(values)
         self._path = path
         self._lines = lines
 
-    def known(self, keys: Sequence[str]) -> None:
-        """Refuse a key that is a slip of one of *keys*; map_server ignores keys that it doesn't know."""
+    def check_keys(self, keys: Sequence[str]) -> None:
+        """Check for misspelt keys. Other unknown keys are ignored, as in map_server.
+
+        Raises:
+            MapError: a key resembles a missing key of *keys*.
+
+        """
         for key in self._fields:
-            if key not in keys and (meant := did_you_mean(key, [one for one in keys if not self.has(one)])):
-                raise self.mistake(key, f"is no key of a map: {meant}keys are {', '.join(keys)}")
+            if key not in keys and (hint := did_you_mean(key, [name for name in keys if not self.has(name)])):
+                raise self.mistake(key, f"is not a key of a map: {hint}the keys are {', '.join(keys)}")
 
     def flag(self, key: str, default: bool) -> bool:
-        """A truth: 0, 1, true or false."""
+        """Return the truth value (0, 1, true or false) at *key*.
+
+        Raises:
+            MapError: the value is another.
+
+        """
         value = self._field(key, default)
         if value not in (0, 1):
             raise self._unexpected(key, value, "0 or 1")
         return bool(value)
 
     def mistake(self, key: str, what: str) -> MapError:
-        """A mistake at *key*, with its address."""
+        """Return the error *what* at *key*, with file and line."""
         line = self._lines.get(key)
         return MapError(f"{self._path}{f':{line}' if line else ''}: '{key}' {what}")
 
     def parse_number(self, value: object) -> float | None:
-        """Return *value* as a float; YAML 1.1 takes 1e-2 for a text."""
+        """Return *value* as a float, or None. PyYAML (YAML 1.1) reads 1e-2 as a text."""
         if isinstance(value, str):
             with suppress(ValueError):
                 value = float(value)
         return super().parse_number(value)
 
 
-def read_entries(path: Path, what: str) -> Entries:
-    """The keys and values of the YAML file at *path*, which holds *what* (``a map``); raises `MapError`."""
+def read_entries(path: Path, content: str) -> YamlEntries:
+    """Read a YAML file.
+
+    Args:
+        path: the file.
+        content: what the file holds, for error messages (``a map``).
+
+    Raises:
+        MapError: the file can't be read, or isn't a YAML file of keys and values.
+
+    """
     try:
         loader = yaml.SafeLoader(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise MapError(f"{path}: there is no such file") from None
-    except OSError as fault:
-        raise MapError(f"{path}: the file can't be read: {fault.strerror}") from None
+    except OSError as error:
+        raise MapError(f"{path}: the file can't be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise MapError(f"{path}: this is no text; {what} is a YAML file, which names its image") from None
-    except yaml.reader.ReaderError as fault:
-        raise MapError(f"{path}: this is not YAML: {fault.reason}") from None
+        raise MapError(f"{path}: not a text file; expected a YAML file of {content}, not an image") from None
+    except yaml.reader.ReaderError as error:
+        raise MapError(f"{path}: not valid YAML: {error.reason}") from None
     values: dict[str, Any] = {}
     lines: dict[str, int] = {}
     try:
         node = loader.get_single_node()
         if not isinstance(node, yaml.MappingNode):
-            raise MapError(f"{path}: {what} is a list of 'key: value' lines, and this is something else")
+            raise MapError(f"{path}: expected 'key: value' lines of {content}")
+        # `safe_load` would return the values without the lines of their keys.
         for key_node, value_node in node.value:
             key = str(loader.construct_object(key_node, deep=True))
             values[key] = loader.construct_object(value_node, deep=True)
             lines[key] = key_node.start_mark.line + 1
-    except yaml.MarkedYAMLError as fault:
-        mark = fault.problem_mark
-        where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
-        raise MapError(f"{where}: this is not YAML: {fault.problem}") from None
-    except yaml.reader.ReaderError as fault:
-        raise MapError(f"{path}: this is not YAML: {fault.reason}") from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
+        raise MapError(f"{place}: not valid YAML: {error.problem}") from None
+    except yaml.reader.ReaderError as error:
+        raise MapError(f"{path}: not valid YAML: {error.reason}") from None
     finally:
         loader.dispose()
-    return Entries(path, values, lines)
+    return YamlEntries(path, values, lines)

@@ -1,4 +1,4 @@
-"""How a differential base may have moved when its odometry says that it did so and so."""
+"""The motion model: samples of the motion of a differential base, given the odometry."""
 
 import math
 
@@ -12,8 +12,8 @@ _STANDS = 0.01
 """A move shorter than this (m) has no direction: it is a turn on the spot (nav2_amcl)."""
 
 
-def decomposed(before: Pose2D, after: Pose2D) -> tuple[float, float, float]:
-    """The way between two poses as a turn (rad), a straight line (m) and another turn (rad)."""
+def decompose_motion(before: Pose2D, after: Pose2D) -> tuple[float, float, float]:
+    """Return the motion between two poses as a turn (rad), a straight line (m) and another turn (rad)."""
     dx, dy = after.x - before.x, after.y - before.y
     straight = math.hypot(dx, dy)
     first = 0.0 if straight < _STANDS else wrap_angle(math.atan2(dy, dx) - before.yaw)
@@ -27,13 +27,24 @@ def sample_motion_model(
     alphas: tuple[float, float, float, float],
     random: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """*particles* (x, y, yaw; shape ``(n, 3)``) after *before* became *after*, each with its own noise.
+    """Move each particle by the odometry with its own noise.
 
-    Thrun, Burgard, Fox: Probabilistic Robotics, table 5.6, in nav2_amcl's form: a turn counts as its distance
-    from 0 or π, whichever is nearer, so that driving backwards is as certain as driving forwards.
-    *alphas* are α1 (turn by turn), α2 (turn by way), α3 (way by way) and α4 (way by turn).
+    Source: Thrun, Burgard, Fox: Probabilistic Robotics, table 5.6, in nav2_amcl's form: a turn counts as its
+    distance from 0 or π, whichever is nearer, so that driving backward is as certain as driving forward.
+
+    Args:
+        particles: the poses (x, y, yaw), shape ``(n, 3)``.
+        before: the odometry's pose at the last update.
+        after: the odometry's pose now.
+        alphas: α1 (noise of turns by turns), α2 (of turns by distance), α3 (of distance by distance) and α4
+            (of distance by turns).
+        random: the source of the noise.
+
+    Returns:
+        The moved particles, shape ``(n, 3)``.
+
     """
-    turn, way, turn_after = decomposed(before, after)
+    turn, way, turn_after = decompose_motion(before, after)
     a1, a2, a3, a4 = alphas
     folded = min(abs(turn), abs(wrap_angle(turn - math.pi)))
     folded_after = min(abs(turn_after), abs(wrap_angle(turn_after - math.pi)))

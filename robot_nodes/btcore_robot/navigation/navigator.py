@@ -1,4 +1,4 @@
-"""Going to a place: a behaviour tree of Nav2's nodes, run for every goal (Nav2's ``bt_navigator``)."""
+"""The navigator: runs a behavior tree of Nav2's nodes for every goal, like Nav2's ``bt_navigator``."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -18,16 +18,16 @@ from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
 
 NAV2_PLUGIN = "nav2_"
-"""How the names of Nav2's own plug-ins begin, whose nodes are here."""
+"""The prefix of Nav2's own plug-ins, whose nodes are built in."""
 
-_ELSEWHERE = "the robot has come to where it takes the goal to be, but sees what can't be seen from there"
+_ELSEWHERE = "the robot reached the goal by its estimated pose, but its scans contradict that pose"
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class NavigateGoal:
-    """Where to go: through *goals* (map) to the last of them, by the tree in the file *behavior_tree*."""
+    """A drive through *goals* (map) to the last goal, by the tree in the file *behavior_tree*."""
 
     goals: tuple[Pose2D, ...]
     behavior_tree: str = ""
@@ -35,7 +35,7 @@ class NavigateGoal:
 
 @dataclass(frozen=True, slots=True)
 class NavigateFeedback:
-    """How far it is: *navigation_time* in s, *distance_remaining* in m along the path."""
+    """The progress: *navigation_time* in s, *distance_remaining* in m along the path."""
 
     current_pose: Pose2D | None
     navigation_time: float
@@ -48,15 +48,25 @@ NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
 
 
 class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
-    """Serves ``navigate_to_pose``, or with *through* ``navigate_through_poses``.
+    """The server of ``navigate_to_pose``, or with *through* of ``navigate_through_poses``.
 
-    The goal stands on the tree's blackboard as ``goal`` (``goals``). A new goal for the same tree is put
-    there without a halt, and the tree sees that it is another; a cancelled one halts the tree. While *hold*
-    says so, a goal waits, until *hopeless* has a reason for one that began then (ns). No goal succeeds while
-    what is seen speaks against the robot's place. The trees are made of Nav2's nodes and those of *plugins*,
-    which may ask for the `Servers` and the `Robot`.
+    The tree finds the goal on its blackboard as ``goal`` (or ``goals``). A new goal for the running tree
+    replaces this entry without a halt, and the tree's nodes notice the change; a cancelled goal halts the
+    tree. While the scans contradict the robot's pose, no goal succeeds.
 
-    Raises RegistrationError where one of *plugins* can't be used.
+    Args:
+        servers: the servers of the robot; the nodes get them and the `Robot` as resources.
+        default_tree: the file of the tree for goals that name no other file.
+        through: whether goals have several poses.
+        plugins: libraries with further nodes for the trees.
+        on_end: a function that is called with the outcome of every goal.
+        hold: a function that returns whether goals have to wait.
+        give_up_reason: a function of the time (ns) at which a waiting goal began. A returned reason that is
+            not empty aborts the goal.
+
+    Raises:
+        RegistrationError: a library of *plugins* can't be used.
+
     """
 
     def __init__(
@@ -66,9 +76,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         *,
         through: bool = False,
         plugins: Iterable[str] = (),
-        ended: Callable[[GoalOutcome], None] | None = None,
+        on_end: Callable[[GoalOutcome], None] | None = None,
         hold: Callable[[], bool] | None = None,
-        hopeless: Callable[[int], str] | None = None,
+        give_up_reason: Callable[[int], str] | None = None,
     ) -> None:
         super().__init__()
         self.name = "navigate_through_poses" if through else "navigate_to_pose"
@@ -76,53 +86,55 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self.default_tree = default_tree
         self.through = through
         self.tree: Tree | None = None
-        """The tree of the goal that was accepted last."""
-        self._nodes = _palette(plugins)
-        self._ended = ended
+        """The tree of the last accepted goal."""
+        self._nodes = _create_registry(plugins)
+        self._on_end = on_end
         self._hold = hold
-        self._hopeless = hopeless
+        self._give_up_reason = give_up_reason
         self._trees: dict[Path, Tree] = {}
         self._began = 0
-        self._earlier: list[object] = []
+        self._earlier_goals: list[object] = []
 
     def start(self, handle: NavigateHandle, now: int, previous: NavigateHandle | None) -> None:
-        """Put the goal on the blackboard of its tree."""
+        """Write the goal to the blackboard of its tree."""
         if not handle.goal.goals:
-            self._end(handle, Nav2ErrorCode.GOAL_REJECTED, "there is no goal to go to", now)
+            self._end(handle, Nav2ErrorCode.GOAL_REJECTED, "the list of goals is empty", now)
             return
         if previous is not None:
-            self._tell(previous, now, GoalStatus.CANCELED)
+            self._report_outcome(previous, now, GoalStatus.CANCELED)
         self._began = now
-        self._earlier = [server.current for server in self._workers()]
+        self._earlier_goals = [server.current for server in self._action_servers()]
         before = self.tree
         try:
-            tree = self._tree_of(handle.goal.behavior_tree)
-        except (BtcoreError, OSError) as fault:
+            tree = self._load_tree(handle.goal.behavior_tree)
+        except (BtcoreError, OSError) as error:
             self._halt()
-            self._end(handle, Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE, str(fault), now)
+            self._end(handle, Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE, str(error), now)
             return
         board = tree.blackboard
-        # A tree that recovers has stopped already, and would only see the new goal when it is done with that.
-        drives = previous is not None and before is tree and not self._recovers()
-        if before is not None and not drives:
+        # A tree in a recovery has stopped driving, and would notice the new goal only after the recovery.
+        continues = previous is not None and before is tree and not self._is_recovering()
+        if before is not None and not continues:
             before.halt()
-        if not drives:
+        if not continues:
             board["path"] = empty_path(now)
         self.tree = tree
         if self.through:
             board["goals"] = list(handle.goal.goals)
-            board["waypoint_statuses"] = [WaypointStatus(*one[::-1]) for one in enumerate(handle.goal.goals)]
+            board["waypoint_statuses"] = [
+                WaypointStatus(*item[::-1]) for item in enumerate(handle.goal.goals)
+            ]
         else:
             board["goal"] = handle.goal.goals[-1]
         board[RECOVERIES] = 0
 
     def work(self, handle: NavigateHandle, now: int) -> None:
-        """Tick the tree."""
+        """Tick the tree; end the goal when the tree ends."""
         tree = self.tree
         if tree is None:
             return
         if self._hold is not None and self._hold():
-            reason = self._hopeless(self._began) if self._hopeless is not None else ""
+            reason = self._give_up_reason(self._began) if self._give_up_reason is not None else ""
             if reason:
                 self._halt()
                 self._end(handle, Nav2ErrorCode.NAVIGATE_TF_ERROR, reason, now)
@@ -134,23 +146,23 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._end(handle, Nav2ErrorCode.NAVIGATE_UNKNOWN, str(error), now)
             return
         handle.feedback = self._feedback(tree, now)
-        if status is Status.SUCCESS and self.servers.localiser.contradicted:
+        if status is Status.SUCCESS and self.servers.localiser.is_contradicted:
             self._end(handle, Nav2ErrorCode.NAVIGATE_TF_ERROR, _ELSEWHERE, now)
         elif status is Status.SUCCESS:
             handle.succeed()
-            self._tell(handle, now)
+            self._report_outcome(handle, now)
         elif status is not Status.RUNNING:
             tree.halt()
-            code, message = self._reason()
+            code, message = self._failure_reason()
             self._end(handle, code, message, now)
 
     def stop(self, handle: NavigateHandle, now: int) -> None:
-        """Halt the tree, which cancels what its nodes have asked for."""
+        """Halt the tree, which cancels the goals that its nodes have sent."""
         self._halt()
-        self._tell(handle, now, GoalStatus.CANCELED)
+        self._report_outcome(handle, now, GoalStatus.CANCELED)
 
-    def start_over(self) -> None:
-        """Begin anew with the goal that there is: halt the tree, forget its path."""
+    def restart_goal(self) -> None:
+        """Start again with the present goal: halt the tree and discard its path."""
         if self.tree is not None and self.current is not None and not self.current.done:
             self.tree.halt()
             self.tree.blackboard["path"] = empty_path(self.servers.now())
@@ -159,25 +171,26 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         if self.tree is not None:
             self.tree.halt()
 
-    def _workers(self) -> tuple[ActionServer[Any, Any, Any], ...]:
+    def _action_servers(self) -> tuple[ActionServer[Any, Any, Any], ...]:
         servers = self.servers
-        return servers.compute_path, servers.follow_path, *self._recovering()
+        return servers.compute_path, servers.follow_path, *self._recovery_servers()
 
-    def _recovering(self) -> tuple[ActionServer[Any, Any, Any], ...]:
+    def _recovery_servers(self) -> tuple[ActionServer[Any, Any, Any], ...]:
         servers = self.servers
         return servers.spin, servers.back_up, servers.drive_on_heading, servers.wait
 
-    def _recovers(self) -> bool:
-        return any(server.busy for server in self._recovering())
+    def _is_recovering(self) -> bool:
+        return any(server.busy for server in self._recovery_servers())
 
-    def _tree_of(self, file: str) -> Tree:
+    def _load_tree(self, file: str) -> Tree:
         path = tree_file(file, self.default_tree)
         if path not in self._trees:
             servers, robot = self.servers, self.servers.robot
-            made = btcore.load(path, nodes=self._nodes, resources=[servers, robot], clock=robot.clock)
-            for node in made.find(BtActionNode):
-                node.level = logging.INFO  # another try may follow, and what ends the goal is in its result
-            self._trees[path] = made
+            tree = btcore.load(path, nodes=self._nodes, resources=[servers, robot], clock=robot.clock)
+            for node in tree.find(BtActionNode):
+                # No warning for a failure that a retry may resolve; the final reason is in the goal's result.
+                node.level = logging.INFO
+            self._trees[path] = tree
         return self._trees[path]
 
     def _feedback(self, tree: Tree, now: int) -> NavigateFeedback:
@@ -192,40 +205,47 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             len(goals) if isinstance(goals, list) else 0,
         )
 
-    def _reason(self) -> tuple[int, str]:
-        """Why the tree failed: what the first server says whose last goal was aborted since it began."""
-        for server, earlier in zip(self._workers(), self._earlier, strict=True):
+    def _failure_reason(self) -> tuple[int, str]:
+        """Return code and message of the first server whose last goal since the start was aborted."""
+        for server, earlier in zip(self._action_servers(), self._earlier_goals, strict=True):
             current = server.current
             if current is None or current is earlier or current.status is not GoalStatus.ABORTED:
                 continue
             if current.result is not None:
                 return current.result.code, current.result.message
-        return int(Nav2ErrorCode.NAVIGATE_UNKNOWN), "its behaviour tree failed"
+        return int(Nav2ErrorCode.NAVIGATE_UNKNOWN), "the behavior tree failed"
 
     def _end(self, handle: NavigateHandle, code: int, message: str, now: int) -> None:
-        handle.abort(int(code), f"{_named(code)}: {message}" if code else message)
-        self._tell(handle, now)
+        handle.abort(int(code), f"{_code_name(code)}: {message}" if code else message)
+        self._report_outcome(handle, now)
 
-    def _tell(self, handle: NavigateHandle, now: int, status: GoalStatus | None = None) -> None:
-        if self._ended is not None and handle.goal.goals:
-            known = status if status is not None else handle.status
-            self._ended(GoalOutcome(handle.goal.goals[-1], known.name, now))
+    def _report_outcome(self, handle: NavigateHandle, now: int, status: GoalStatus | None = None) -> None:
+        if self._on_end is not None and handle.goal.goals:
+            final = status if status is not None else handle.status
+            self._on_end(GoalOutcome(handle.goal.goals[-1], final.name, now))
 
 
-def tree_file(named: str, default: Path) -> Path:
-    """The file *named*, or the one of that name beside the *default*, which also stands for no name.
+def tree_file(name: str, default: Path) -> Path:
+    """Return the file of a tree.
 
-    So Nav2's own paths, such as ``/opt/ros/…/navigate_w_replanning_time.xml``, mean the trees that are here.
+    Paths of Nav2's own trees, such as ``/opt/ros/…/navigate_w_replanning_time.xml``, stand for the trees
+    here.
+
+    Args:
+        name: the path from a goal or from the parameters. If no such file exists, a file of the same name in
+            the folder of *default* is used.
+        default: the file for an empty name.
+
     """
-    if not named:
+    if not name:
         return default
-    path = Path(named)
+    path = Path(name)
     beside = default.parent / (path.name if path.suffix else f"{path.name}.xml")
     return beside if not path.is_file() and beside.is_file() else path
 
 
-def _palette(plugins: Iterable[str]) -> Registry:
-    """Nav2's nodes, and those of *plugins*."""
+def _create_registry(plugins: Iterable[str]) -> Registry:
+    """Return a registry of the standard nodes, Nav2's nodes and those of *plugins*."""
     nodes = Registry.standard()
     nav2_nodes.register(nodes)
     for plugin in plugins:
@@ -234,7 +254,7 @@ def _palette(plugins: Iterable[str]) -> Registry:
     return nodes
 
 
-def _named(code: int) -> str:
+def _code_name(code: int) -> str:
     try:
         return Nav2ErrorCode(code).name
     except ValueError:
@@ -242,5 +262,5 @@ def _named(code: int) -> str:
 
 
 def _entry(tree: Tree, key: str) -> object:
-    found = tree.blackboard.find(key)
-    return None if found is None else found.value
+    entry = tree.blackboard.find(key)
+    return None if entry is None else entry.value

@@ -1,6 +1,6 @@
-"""Maps of what is occupied, free and unknown, and their files as ROS 2's map_server has them.
+"""Occupancy maps and their files in the format of ROS 2's map_server.
 
-A map is a YAML file that names an image and says how to read it::
+A map is a YAML file with the name of an image and the rules for reading it::
 
     image: house.pgm
     resolution: 0.05            # m a pixel
@@ -10,8 +10,9 @@ A map is a YAML file that names an image and says how to read it::
     free_thresh: 0.25
     mode: trinary               # or scale, or raw
 
-Row 0 of the image is the highest y, row 0 of `OccupancyMap.cells` the lowest. Places that a robot has to
-keep out of (a table top that its laser looks under) are rectangles in ``house.keepout.yaml`` beside it::
+Row 0 of the image has the highest y, row 0 of `OccupancyMap.cells` the lowest. Areas that a robot must not
+enter, such as a table under whose top the laser looks, are rectangles in ``house.keepout.yaml`` beside the
+map::
 
     keepout: [[xmin, ymin, xmax, ymax], …]
 """
@@ -24,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.map_yaml import Entries, MapError, read_entries
+from btcore_robot.navigation.map_yaml import MapError, YamlEntries, read_entries
 
 __all__ = ["Grid", "MapError", "OccupancyMap", "Rectangle", "load_map", "save_map"]
 
@@ -32,12 +33,12 @@ Rectangle = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax (m) in the frame map."""
 
 OCCUPIED_THRESHOLD = 0.65
-"""At least this dark (0 white, 1 black) is occupied; what map_saver writes and map_server takes."""
+"""Pixels at least this dark (0 white, 1 black) are occupied: the value of map_saver and map_server."""
 FREE_THRESHOLD = 0.25
-"""At most this dark is free; what map_saver writes."""
+"""Pixels at most this dark are free: the value that map_saver writes."""
 
 _WHITE, _BLACK = 254, 0
-# map_saver's 205 is only 0.196 dark, which is free under the threshold that it writes beside it.
+# map_saver's 205 is only 0.196 dark: with the threshold that map_saver writes, such a pixel would be free.
 _GREY = 128
 _RAW_UNKNOWN = 255
 _MODES = ("trinary", "scale", "raw")
@@ -52,14 +53,14 @@ class Grid:
     origin: tuple[float, float]
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """The row and column of the point *x*, *y* (m), counted on beyond the edges."""
+        """Return the row and column of the point *x*, *y* (m); beyond the edges the numbers go on."""
         return (
             math.floor((y - self.origin[1]) / self.resolution),
             math.floor((x - self.origin[0]) / self.resolution),
         )
 
     def center(self, row: int, col: int) -> tuple[float, float]:
-        """The x and y (m) of a cell's middle."""
+        """Return the x and y (m) of a cell's centre."""
         return (
             self.origin[0] + (col + 0.5) * self.resolution,
             self.origin[1] + (row + 0.5) * self.resolution,
@@ -68,11 +69,14 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OccupancyMap(Grid):
-    """What is where on a floor, in square cells.
+    """A floor in square cells.
 
-    *cells* is int8 of shape ``(height, width)``: 0 free, 100 occupied, between them a likelihood in percent,
-    -1 unknown; row 0 has the lowest y. *resolution* (m) is a cell's side, *origin* (m) the lower-left corner
-    of the first cell in the frame map, *keepout* where to stay out of whatever the cells say.
+    *cells* is int8 of shape ``(height, width)``: 0 is free, 100 occupied, a value between them a likelihood
+    in percent, and -1 unknown; row 0 has the lowest y. *resolution* (m) is the side length of a cell,
+    *origin* (m) the lower-left corner of the first cell in the frame map. The robot must stay out of the
+    rectangles *keepout*, whatever the cells are.
+
+    Raises MapError if the cells are not two-dimensional or the resolution is not a positive number.
     """
 
     cells: NDArray[np.int8]
@@ -82,62 +86,62 @@ class OccupancyMap(Grid):
 
     def __post_init__(self) -> None:
         if self.cells.ndim != 2 or self.cells.size == 0:
-            raise MapError(f"a map has rows and columns, and these cells have the shape {self.cells.shape}")
+            raise MapError(f"a map needs rows and columns, but these cells have the shape {self.cells.shape}")
         if not (math.isfinite(self.resolution) and self.resolution > 0):
-            raise MapError(f"a cell's side is a length over 0 m, and this one is {self.resolution}")
+            raise MapError(f"the side of a cell must be greater than 0 m, not {self.resolution}")
 
     @property
     def height(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
         return len(self.cells)
 
     @property
     def width(self) -> int:
-        """How many columns there are."""
+        """The number of columns."""
         return len(self.cells[0])
 
     @property
     def bounds(self) -> Rectangle:
-        """The outer edges (m) in the frame map."""
+        """The map's outer edges (m) in the frame map."""
         x, y = self.origin
         return x, y, x + self.width * self.resolution, y + self.height * self.resolution
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
-        """Which cells are surely occupied (100), shape ``(height, width)``."""
+        """The mask of cells that are certainly occupied (100), shape ``(height, width)``."""
         mask: NDArray[np.bool_] = self.cells == 100
         return mask
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Which cells are surely free (0), shape ``(height, width)``."""
+        """The mask of cells that are certainly free (0), shape ``(height, width)``."""
         mask: NDArray[np.bool_] = self.cells == 0
         return mask
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
-        """Of which cells nothing is known (-1), shape ``(height, width)``."""
+        """The mask of unknown cells (-1), shape ``(height, width)``."""
         mask: NDArray[np.bool_] = self.cells == -1
         return mask
 
     def inside(self, x: float, y: float) -> bool:
-        """Whether the point *x*, *y* (m) is on the map."""
+        """Return whether the point *x*, *y* (m) is on the map."""
         row, col = self.cell(x, y)
         return 0 <= row < self.height and 0 <= col < self.width
 
     def indices(self, points: NDArray[np.floating]) -> NDArray[np.intp]:
-        """The row and column of each of *points* (m), both of shape ``(n, 2)``, counted on past the edges."""
+        """Return rows and columns of *points* (m), both of shape ``(n, 2)``; beyond the edges they go on."""
         places = np.floor((points - np.asarray(self.origin)) / self.resolution)
         cells: NDArray[np.intp] = places[:, ::-1].astype(np.intp)
         return cells
 
     def centers(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.float64]:
-        """The x and y (m) of the middles of cells, shape ``(n, 2)``."""
+        """Return the x and y (m) of the centres of the cells at *rows* and *cols*, shape ``(n, 2)``."""
         places = np.stack((cols, rows), axis=1) + 0.5
         return np.asarray(self.origin) + places * self.resolution
 
-    def kept_out(self) -> NDArray[np.bool_]:
-        """Which cells the keep-out rectangles touch, shape ``(height, width)``."""
+    def keepout_mask(self) -> NDArray[np.bool_]:
+        """Return the mask of cells that the keep-out rectangles touch, shape ``(height, width)``."""
         mask = np.zeros(self.cells.shape, dtype=np.bool_)
         for xmin, ymin, xmax, ymax in self.keepout:
             low_row, low_col = self.cell(xmin, ymin)
@@ -148,24 +152,27 @@ class OccupancyMap(Grid):
 
 
 def _ceiling(cells: float) -> int:
-    # An edge drawn on the grid stays on it: 0.3 / 0.05 is a hair more than 6.
+    # Rounding must not move an edge off the grid: (0.1 + 0.2) / 0.05 is slightly more than 6.
     return math.ceil(cells - 1e-9)
 
 
 def load_map(path: Path) -> OccupancyMap:
-    """The map in the YAML file at *path*, by map_server's rules, with the keep-outs beside it.
+    """Return the map in the YAML file at *path*, by map_server's rules, with the keep-outs beside the file.
 
-    Raises `MapError`, a sentence with file and line.
+    Raises:
+        MapError: a file can't be read or is invalid; the message has the file and the line.
+
     """
     entries = read_entries(path, "a map")
-    entries.known(_KEYS)
+    entries.check_keys(_KEYS)
     resolution = entries.number("resolution")
     if not resolution > 0:
-        raise entries.mistake("resolution", f"is {resolution:g}, and a pixel's side is a length over 0 m")
+        raise entries.mistake("resolution", f"must be greater than 0 m, not {resolution:g}")
     origin = entries.numbers("origin", (2, 3))
     if len(origin) == 3 and origin[2] != 0:
         raise entries.mistake(
-            "origin", f"turns the map by {origin[2]:g} rad, and maps lie along the axes here: turn the image"
+            "origin",
+            f"rotates the map by {origin[2]:g} rad, which is not supported: rotate the image instead",
         )
     mode = entries.text("mode", "trinary", among=_MODES)
     negate = entries.flag("negate", False)
@@ -174,7 +181,7 @@ def load_map(path: Path) -> OccupancyMap:
     if mode != "raw" and not 0 <= free < occupied <= 1:
         raise entries.mistake(
             "free_thresh" if entries.has("free_thresh") else "occupied_thresh",
-            f"has to fit: 0 ≤ free_thresh ({free:g}) < occupied_thresh ({occupied:g}) ≤ 1",
+            f"must satisfy 0 ≤ free_thresh ({free:g}) < occupied_thresh ({occupied:g}) ≤ 1",
         )
     pixels, opaque = _read_image(entries, path)
     if mode == "raw":
@@ -188,10 +195,18 @@ def load_map(path: Path) -> OccupancyMap:
 
 
 def save_map(map: OccupancyMap, path: Path) -> None:
-    """Write *map* as the YAML file *path*, a PGM image beside it, and its keep-outs if it has any.
+    """Write a map as a YAML file, a PGM image beside it, and a file of keep-outs if it has any.
 
-    Its cells come back as they are: likelihoods between free and occupied make it a map of mode raw.
-    Raises `MapError` when a file can't be written.
+    `load_map` restores the same cells: a map with likelihoods between free and occupied is written in mode
+    raw.
+
+    Args:
+        map: the map.
+        path: the YAML file.
+
+    Raises:
+        MapError: a file can't be written.
+
     """
     cells = np.flipud(map.cells)
     if np.isin(cells, (-1, 0, 100)).all():
@@ -200,30 +215,30 @@ def save_map(map: OccupancyMap, path: Path) -> None:
     else:
         mode = "raw"
         image = np.where((cells >= 0) & (cells <= 100), cells, _RAW_UNKNOWN).astype(np.uint8)
-    picture = path.with_suffix(".pgm")
-    written = {
-        picture: b"P5\n%d %d\n255\n" % (map.width, map.height) + image.tobytes(),
+    image_file = path.with_suffix(".pgm")
+    contents = {
+        image_file: b"P5\n%d %d\n255\n" % (map.width, map.height) + image.tobytes(),
         path: (
-            f'image: "{picture.name}"\nmode: {mode}\nresolution: {map.resolution!r}\n'
+            f'image: "{image_file.name}"\nmode: {mode}\nresolution: {map.resolution!r}\n'
             f"origin: [{map.origin[0]!r}, {map.origin[1]!r}, 0]\nnegate: 0\n"
             f"occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
         ).encode(),
     }
     beside = keepout_path(path)
     if map.keepout:
-        lines = [f"  - [{', '.join(repr(float(edge)) for edge in one)}]\n" for one in map.keepout]
-        written[beside] = ("keepout: # xmin, ymin, xmax, ymax (m)\n" + "".join(lines)).encode()
+        lines = [f"  - [{', '.join(repr(float(edge)) for edge in rectangle)}]\n" for rectangle in map.keepout]
+        contents[beside] = ("keepout: # xmin, ymin, xmax, ymax (m)\n" + "".join(lines)).encode()
     try:
         if not map.keepout:
             beside.unlink(missing_ok=True)
-        for file, content in written.items():
+        for file, content in contents.items():
             file.write_bytes(content)
-    except OSError as fault:
-        raise MapError(f"{fault.filename}: the map can't be written there: {fault.strerror}") from None
+    except OSError as error:
+        raise MapError(f"{error.filename}: can't write the map: {error.strerror}") from None
 
 
 def keepout_path(path: Path) -> Path:
-    """Where the keep-outs of the map at *path* are."""
+    """Return the path of the keep-outs of the map at *path*."""
     return path.with_name(f"{path.stem}.keepout.yaml")
 
 
@@ -236,26 +251,24 @@ def _occupancy(dark: NDArray[np.float64], occupied: float, free: float, *, scale
     return cells
 
 
-def _read_image(entries: Entries, path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _read_image(entries: YamlEntries, path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     name = entries.text("image")
     file = path.parent / name
     try:
         content = np.frombuffer(file.read_bytes(), dtype=np.uint8)
     except FileNotFoundError:
-        raise entries.mistake("image", f"is '{name}', and there is no file {file}") from None
-    except OSError as fault:
-        raise entries.mistake("image", f"is '{name}', which can't be read: {fault.strerror}") from None
+        raise entries.mistake("image", f"is '{name}', but there is no file {file}") from None
+    except OSError as error:
+        raise entries.mistake("image", f"is '{name}', which can't be read: {error.strerror}") from None
     try:
         image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except cv2.error:
         image = None
     if image is None:
-        raise entries.mistake(
-            "image", f"is '{name}', which is no image that can be read: a PGM or a PNG is expected"
-        )
+        raise entries.mistake("image", f"is '{name}', which is not a readable image: use a PGM or PNG file")
     pixels = np.atleast_3d(image).astype(np.float64)
     if image.dtype == np.uint16:
-        pixels /= 257.0
+        pixels /= 257.0  # 65535 becomes 255
     channels = pixels.shape[2]
     opaque = pixels[:, :, channels - 1] == 255 if channels in (2, 4) else np.ones(pixels.shape[:2], np.bool_)
     colors = channels - 1 if channels in (2, 4) else channels
@@ -267,13 +280,13 @@ def _load_keepout(path: Path) -> tuple[Rectangle, ...]:
     if not path.exists():
         return ()
     entries = read_entries(path, "keep-outs")
-    entries.known(("keepout",))
+    entries.check_keys(("keepout",))
     rectangles = entries.rows("keepout", 4)
     for xmin, ymin, xmax, ymax in rectangles:
         if not (xmin < xmax and ymin < ymax):
             raise entries.mistake(
                 "keepout",
-                f"has the rectangle [{xmin:g}, {ymin:g}, {xmax:g}, {ymax:g}], and one goes from its lowest "
-                "x and y to its highest: [xmin, ymin, xmax, ymax]",
+                f"has the rectangle [{xmin:g}, {ymin:g}, {xmax:g}, {ymax:g}], but the order is "
+                "[xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax",
             )
-    return tuple((one[0], one[1], one[2], one[3]) for one in rectangles)
+    return tuple((edges[0], edges[1], edges[2], edges[3]) for edges in rectangles)

@@ -1,4 +1,4 @@
-"""Parameter files of ROS 2, read key by key: which server is told what, and on which line."""
+"""Parameter files of ROS 2, read key by key: the settings of each server, with their lines."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from btcore_robot.errors import RobotError
 
 MARKER = "ros__parameters"
 EVERY_SERVER = "**"
-"""The name of a server that stands for all of them."""
+"""The wildcard name for all servers."""
 
 
 class ParameterError(RobotError):
-    """A parameter file can't be used; the text says where and why, a line for each mistake."""
+    """A parameter file can't be used; the message has a line with place and reason for each mistake."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One value of a file: its full *name* as the file nests it, the *value*, and the *line* it stands on."""
+    """A value of a file: the full *name* with the names of outer keys, the *value* and its *line*."""
 
     name: str
     value: object
@@ -27,81 +27,82 @@ class Setting:
 
 
 Settings = dict[str, Setting]
-"""Settings of one server by their name within it, with dots between nested maps' keys."""
+"""The settings of a server by their names within the server; dots join the keys of nested maps."""
 
 
 def read_settings(path: Path) -> dict[str, Settings]:
-    """What the file at *path* tells each server, by the server's name without its namespace.
+    """Return the settings in the file at *path*, by the servers' names without their namespaces.
 
-    Both ``amcl: ros__parameters: …`` and, where no such marker is, ``amcl: …`` are read; namespaces are
-    nested maps or slashes. A server's settings from several places are joined, the later ones win.
+    Both ``amcl: ros__parameters: …`` and, in files without this marker, ``amcl: …`` are accepted; namespaces
+    are nested maps or slashes. Settings of the same server from several places are joined; later settings
+    win.
 
     Raises:
-        ParameterError: the file can't be read, or isn't YAML of that form.
+        ParameterError: the file can't be read, or isn't YAML of this form.
 
     """
     try:
         text = path.read_text(encoding="utf-8")
         root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except OSError as fault:
-        raise ParameterError(f"{path} can't be read: {fault.strerror}") from None
+    except OSError as error:
+        raise ParameterError(f"{path} can't be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ParameterError(f"{path} is not a text file in UTF-8") from None
-    except yaml.MarkedYAMLError as fault:
-        line = fault.problem_mark.line + 1 if fault.problem_mark else 1
-        raise ParameterError(f"{path}, line {line}: this is no YAML: {fault.problem}") from None
-    except yaml.YAMLError as fault:
-        raise ParameterError(f"{path} is no YAML: {fault}") from None
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise ParameterError(f"{path}, line {line}: not valid YAML: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise ParameterError(f"{path} is not valid YAML: {error}") from None
     servers: dict[str, Settings] = {}
     if root is None:
         return servers
     if not isinstance(root, yaml.MappingNode):
-        raise ParameterError(
-            f"{path}, line 1: a parameter file has a server's name and below it its parameters"
-        )
+        raise ParameterError(f"{path}, line 1: expected names of servers with parameters below them")
     reader = yaml.SafeLoader("")
     try:
         for name, node in _servers(root, ""):
             if not isinstance(node, yaml.MappingNode):
                 line = node.start_mark.line + 1
-                raise ParameterError(f"{path}, line {line}: {name} has no parameters but a bare value")
+                raise ParameterError(
+                    f"{path}, line {line}: {name} must have parameters below it, not a single value"
+                )
             settings = servers.setdefault(name, {})
             for setting_name, leaf in _leaves(node, ""):
                 value = reader.construct_object(leaf, deep=True)
                 line = leaf.start_mark.line + 1
                 settings[setting_name] = Setting(f"{name}.{setting_name}", value, line)
-    except yaml.MarkedYAMLError as fault:
-        line = fault.problem_mark.line + 1 if fault.problem_mark else 1
-        raise ParameterError(f"{path}, line {line}: {fault.problem}") from None
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise ParameterError(f"{path}, line {line}: {error.problem}") from None
     finally:
         reader.dispose()
     return servers
 
 
 def _servers(node: yaml.MappingNode, name: str) -> Iterator[tuple[str, yaml.Node]]:
-    """The name of every server below *node*, which is called *name*, with the node of its parameters."""
-    for key, below in node.value:
+    """Yield the name of every server below *node*, whose key is *name*, with the node of its parameters."""
+    for key, child in node.value:
         word = str(key.value)
         if word == MARKER:
-            yield name or EVERY_SERVER, below
+            yield name or EVERY_SERVER, child
             continue
         inner = word.rstrip("/").rsplit("/", 1)[-1]
-        if isinstance(below, yaml.MappingNode) and _has_marker(below):
-            yield from _servers(below, inner)
+        if isinstance(child, yaml.MappingNode) and _has_marker(child):
+            yield from _servers(child, inner)
         elif not name:
-            yield inner, below
+            yield inner, child
 
 
 def _has_marker(node: yaml.Node) -> bool:
     return isinstance(node, yaml.MappingNode) and any(
-        key.value == MARKER or _has_marker(below) for key, below in node.value
+        key.value == MARKER or _has_marker(child) for key, child in node.value
     )
 
 
-def _leaves(node: yaml.MappingNode, before: str) -> Iterator[tuple[str, yaml.Node]]:
-    for key, below in node.value:
-        name = f"{before}{key.value}"
-        if isinstance(below, yaml.MappingNode) and below.value:
-            yield from _leaves(below, f"{name}.")
+def _leaves(node: yaml.MappingNode, prefix: str) -> Iterator[tuple[str, yaml.Node]]:
+    for key, child in node.value:
+        name = f"{prefix}{key.value}"
+        if isinstance(child, yaml.MappingNode) and child.value:
+            yield from _leaves(child, f"{name}.")
         else:
-            yield name, below
+            yield name, child

@@ -1,4 +1,4 @@
-"""Which setting of a file means which field of a server's parameters, and whether its value will do."""
+"""The mapping of a file's settings to the fields of a server's parameters, and the check of their values."""
 
 from collections.abc import Iterator
 from dataclasses import Field, fields, replace
@@ -8,10 +8,10 @@ from typing import Any, Final, TypeVar
 
 from btcore_robot.navigation.parameter_files import Setting, Settings
 
-SPELLINGS: Final = "spellings"
-"""The key of a field's metadata under which its other names in parameter files stand."""
-LOW: Final = "low"
-"""The key of a field's metadata for the least value that makes sense."""
+ALIASES: Final = "aliases"
+"""The metadata key of a field's other names in parameter files."""
+MINIMUM: Final = "minimum"
+"""The metadata key of a field's least valid value."""
 
 _PLUGINS: Final = (
     "FollowPath",
@@ -25,10 +25,10 @@ _PLUGINS: Final = (
     "inflation_layer",
     "scan",
 )
-_NEAR: Final = 0.84  # how alike (difflib's ratio) a key must be to one that is known to be taken for a slip
+_TYPO_RATIO: Final = 0.84  # similarity (difflib's ratio) to a known key from which a key counts as misspelt
 _SILENT: Final = frozenset({"plugin", "enabled", "use_sim_time"})
 _LISTS: Final = ("plugins", "filters", "observation_sources")
-_LISTING: Final = ("_plugin", "_plugins")  # how keys end whose values are ids
+_LIST_ENDINGS: Final = ("_plugin", "_plugins")  # endings of keys whose values are ids
 _NAV2: Final = frozenset(
     [
         *(
@@ -45,83 +45,86 @@ _NAV2: Final = frozenset(
         *("min_x_velocity_threshold", "max_obstacle_height", "footprint_topic", "transform_tolerance", "z"),
     ]
 )
-"""Keys of Nav2 that are no slip of a known one, however like it they look."""
+"""Keys of Nav2 that are not misspelt, however much they resemble a known key."""
 
 _WORDS: Final = {
     "float": "a number",
     "int": "a whole number",
     "bool": "true or false",
-    "str": "a text",
-    "tuple[str, ...]": "a list of texts",
+    "str": "a string",
+    "tuple[str, ...]": "a list of strings",
 }
 
 Parameters = TypeVar("Parameters")
 
 
 class ParameterOverlay:
-    """Lays the settings of one server over its parameters *plain*, and notes what doesn't fit."""
+    """An overlay of a file's settings over the default parameters of a server, with a list of problems."""
 
-    def __init__(self, path: Path, plain: Any) -> None:
+    def __init__(self, path: Path, defaults: Any) -> None:
         self._path = path
-        self._plain = plain
+        self._defaults = defaults
         self._fields: dict[str, Field[Any]] = {}
-        for one in fields(plain):
-            for name in (one.name, *one.metadata.get(SPELLINGS, ())):
-                self._fields[name] = one
-        self.mistakes: list[str] = []
-        """A sentence for each value that won't do."""
-        self.slips: list[str] = []
-        """A sentence for each key that was probably meant to be another."""
+        for field in fields(defaults):
+            for name in (field.name, *field.metadata.get(ALIASES, ())):
+                self._fields[name] = field
+        self.errors: list[str] = []
+        """A sentence for each invalid value."""
+        self.typo_warnings: list[str] = []
+        """A sentence for each key that is probably misspelt."""
         self.unknown: dict[str, object] = {}
-        """What no field is for, by full name."""
+        """Settings without a field, by full name."""
 
     def apply(self, settings: Settings) -> Any:
-        """The parameters with *settings* over them; of several plug-ins the first one listed counts."""
+        """Return the parameters with *settings* over them; of several plug-ins, the first listed counts."""
         ranks = {name: rank for rank, name in enumerate(_ids(settings))}
         chosen: dict[str, tuple[int, object]] = {}
         for name, setting in settings.items():
             key, rank = _bare(name, ranks)
-            one = self._fields.get(key)
-            if one is None:
-                self._miss(key, setting)
+            field = self._fields.get(key)
+            if field is None:
+                self._add_unknown(key, setting)
                 continue
-            value = self._value(one, setting)
-            if value is not None and (one.name not in chosen or rank < chosen[one.name][0]):
-                chosen[one.name] = rank, value
-        return replace(self._plain, **{name: value for name, (_, value) in chosen.items()})
+            value = self._value(field, setting)
+            if value is not None and (field.name not in chosen or rank < chosen[field.name][0]):
+                chosen[field.name] = rank, value
+        return replace(self._defaults, **{name: value for name, (_, value) in chosen.items()})
 
-    def _miss(self, key: str, setting: Setting) -> None:
+    def _add_unknown(self, key: str, setting: Setting) -> None:
         last = key.rsplit(".", 1)[-1]
-        if last in _SILENT or last in _LISTS or last.endswith(_LISTING):
+        if last in _SILENT or last in _LISTS or last.endswith(_LIST_ENDINGS):
             return
         self.unknown[setting.name] = setting.value
-        near = get_close_matches(key, self._fields, n=1, cutoff=_NEAR)
+        near = get_close_matches(key, self._fields, n=1, cutoff=_TYPO_RATIO)
         if near and last not in _NAV2:
-            self.slips.append(
+            self.typo_warnings.append(
                 f"{self._path}, line {setting.line}: {setting.name} has no effect; did you mean {near[0]}?"
             )
 
-    def _value(self, one: Field[Any], setting: Setting) -> object:
-        kind = one.type if isinstance(one.type, str) else getattr(one.type, "__name__", str(one.type))
+    def _value(self, field: Field[Any], setting: Setting) -> object:
+        """Return the value of *setting* as the field's type, or None after adding an error."""
+        # A type is a text in modules that postpone the evaluation of annotations.
+        kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
         kind = "tuple[str, ...]" if kind.startswith("tuple") else kind
         value = _read(kind, setting.value)
         place = f"{self._path}, line {setting.line}: {setting.name}"
         if value is None:
-            self.mistakes.append(f"{place} is {setting.value!r}, and {_WORDS[kind]} is expected")
+            self.errors.append(f"{place} must be {_WORDS[kind]}, not {setting.value!r}")
             return None
-        low = one.metadata.get(LOW)
-        if low is not None and isinstance(value, int | float) and not value >= low:
-            self.mistakes.append(f"{place} is {setting.value!r}, and {low:g} is the least that makes sense")
+        minimum = field.metadata.get(MINIMUM)
+        # `not >=` instead of `<`, to reject NaN too.
+        if minimum is not None and isinstance(value, int | float) and not value >= minimum:
+            self.errors.append(f"{place} must be at least {minimum:g}, not {setting.value!r}")
             return None
         return value
 
 
 def _read(kind: str, value: object) -> object:
-    """*value* as the type that *kind* names, or None. YAML 1.1 takes 1e-3 for a text; ROS and we don't."""
+    """Return *value* as the type *kind*, or None for another type."""
     if kind == "bool":
         return value if isinstance(value, bool) else None
     if kind == "tuple[str, ...]":
-        texts = isinstance(value, list) and all(isinstance(one, str) for one in value)
+        texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
         return tuple(value) if texts and isinstance(value, list) else None
     if isinstance(value, bool):
         return None
@@ -129,6 +132,7 @@ def _read(kind: str, value: object) -> object:
         return value if isinstance(value, int) else None
     if kind == "str":
         return value if isinstance(value, str) else None
+    # PyYAML (YAML 1.1) reads 1e-3 as a text; ROS reads a number.
     if isinstance(value, str) and value[:1] in "+-.0123456789" and "e" in value.lower():
         try:
             return float(value)
@@ -138,17 +142,17 @@ def _read(kind: str, value: object) -> object:
 
 
 def _ids(settings: Settings) -> Iterator[str]:
-    """The ids of a server's plug-ins and sensors, those that the file lists first."""
+    """Yield the ids of a server's plug-ins and sensors: first those that the file lists."""
     for name, setting in settings.items():
         last = name.rsplit(".", 1)[-1]
-        if last in _LISTS or last.endswith(_LISTING):
+        if last in _LISTS or last.endswith(_LIST_ENDINGS):
             listed = setting.value if isinstance(setting.value, list) else str(setting.value).split()
-            yield from (str(one) for one in listed)
+            yield from (str(item) for item in listed)
     yield from _PLUGINS
 
 
 def _bare(name: str, ranks: dict[str, int]) -> tuple[str, int]:
-    """*name* without the ids of plug-ins in front, and the rank of the first of them (-1 for none)."""
+    """Return *name* without the leading ids of plug-ins, and the greatest rank of these ids (-1 for none)."""
     rank = -1
     first, dot, rest = name.partition(".")
     while dot and first in ranks:

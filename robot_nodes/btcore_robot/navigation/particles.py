@@ -1,4 +1,4 @@
-"""A cloud of particles: how many it needs, which survive, and what the largest cluster of them says."""
+"""The particles of the localiser: their number, their resampling and their heaviest cluster."""
 
 import math
 from dataclasses import dataclass
@@ -14,38 +14,46 @@ from btcore_robot.robot import Pose2D
 Floats = NDArray[np.float64]
 
 BIN_LENGTH = 0.5
-"""The side (m) of a bin of the histogram that KLD sampling counts (nav2_amcl)."""
+"""The side length (m) of a bin of the histogram for KLD sampling (nav2_amcl)."""
 BIN_TURN = math.radians(10.0)
-"""Its extent in yaw (rad)."""
+"""The extent of a bin in yaw (rad)."""
 
 _TURNS = round(2.0 * math.pi / BIN_TURN)
-_ROOM = 1 << 14  # bins along x and y on either side of 0: ±8 km
+_MAX_BINS = 1 << 14  # bins along x and y on either side of 0: ±8 km
 _TOUCHING = np.ones((3, 3, 3), dtype=np.int8)
 
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Particles that touch one another: weighted mean, *covariance* (x, y, yaw), share of the weight."""
+    """A cluster of particles: mean *pose*, *covariance* (x, y, yaw) and share of the total *weight*."""
 
     pose: Pose2D
     covariance: Floats
     weight: float
 
 
-def sample_size(bins: int, err: float, z: float, least: int, most: int) -> int:
-    """How many particles KLD sampling asks for when *bins* of the histogram are occupied (Fox 2003).
+def kld_sample_size(bins: int, err: float, z: float, least: int, most: int) -> int:
+    """Return the number of particles by KLD sampling (Fox 2003).
 
-    With the quantile *z* as it is in nav2_amcl, the divergence of the sample from the true distribution stays
-    below *err*. One bin tells nothing: then it is *most*.
+    With this number, the divergence of the sample from the true distribution stays below *err*. A single bin
+    gives no information; the result is *most*.
+
+    Args:
+        bins: the number of occupied bins of the histogram.
+        err: the greatest divergence.
+        z: the quantile, used as in nav2_amcl.
+        least: the least number of particles.
+        most: the greatest number of particles.
+
     """
     if bins <= 1:
         return most
     spread = 2.0 / (9.0 * (bins - 1))
-    wanted = math.ceil((bins - 1) / (2.0 * err) * (1.0 - spread + math.sqrt(spread) * z) ** 3)
-    return max(least, min(most, wanted))
+    size = math.ceil((bins - 1) / (2.0 * err) * (1.0 - spread + math.sqrt(spread) * z) ** 3)
+    return max(least, min(most, size))
 
 
-def resampled(
+def resample(
     particles: Floats,
     weights: Floats,
     random: np.random.Generator,
@@ -55,46 +63,60 @@ def resampled(
     least: int,
     most: int,
 ) -> Floats:
-    """As many particles as KLD sampling asks for, each drawn by its weight (systematic resampling).
+    """Draw particles by their weights (systematic resampling), in a number given by KLD sampling.
 
-    *weights* sum to 1. A sample of *most* is drawn first, in random order, and read until it is as long as
-    its occupied bins ask for; then one of that length is drawn.
+    First *most* particles are drawn and read in random order, until as many are read as their occupied bins
+    require. Then a sample of this size is drawn.
+
+    Args:
+        particles: the poses (x, y, yaw), shape ``(n, 3)``.
+        weights: their weights, shape ``(n,)``, with the sum 1.
+        random: the source of random numbers.
+        err: the greatest divergence, as for `kld_sample_size`.
+        z: the quantile, as for `kld_sample_size`.
+        least: the least number of particles.
+        most: the greatest number of particles.
+
     """
     drawn = _systematic(weights, most, random)
     order = random.permutation(most)
     keys = _bins(particles)[drawn[order]]
-    # The size asked for changes only where a bin is seen for the first time.
+    # The required size changes only where a bin is occupied for the first time.
     first = np.sort(np.unique(keys, return_index=True)[1]).tolist()
     size = most
     for occupied, (start, end) in enumerate(pairwise([*first, most]), 1):
-        wanted = sample_size(occupied, err, z, least, most)
-        if wanted <= end:
-            size = max(wanted, start + 1)
+        required = kld_sample_size(occupied, err, z, least, most)
+        if required <= end:
+            size = max(required, start + 1)
             break
     return particles[_systematic(weights, size, random)]
 
 
 def _systematic(weights: Floats, count: int, random: np.random.Generator) -> NDArray[np.intp]:
-    """*count* indices, each as often as its weight says, rounded up or down."""
+    """Return *count* indices, each as often as its weight times *count*, rounded up or down."""
     sums = np.cumsum(weights)
     places = (random.random() + np.arange(count)) * (sums[-1] / count)
-    found: NDArray[np.intp] = np.searchsorted(sums, places, side="right")
-    return np.minimum(found, len(weights) - 1)
+    indices: NDArray[np.intp] = np.searchsorted(sums, places, side="right")
+    return np.minimum(indices, len(weights) - 1)
 
 
 def _bins(particles: Floats) -> NDArray[np.int64]:
-    """The number of each particle's bin."""
-    across = np.floor(particles[:, 0] / BIN_LENGTH).astype(np.int64) + _ROOM
-    along = np.floor(particles[:, 1] / BIN_LENGTH).astype(np.int64) + _ROOM
+    """Return the number of each particle's bin."""
+    across = np.floor(particles[:, 0] / BIN_LENGTH).astype(np.int64) + _MAX_BINS
+    along = np.floor(particles[:, 1] / BIN_LENGTH).astype(np.int64) + _MAX_BINS
     turn = np.floor(particles[:, 2] / BIN_TURN).astype(np.int64) % _TURNS
-    return (across * (2 * _ROOM) + along) * _TURNS + turn
+    return (across * (2 * _MAX_BINS) + along) * _TURNS + turn
 
 
 def best_cluster(particles: Floats, weights: Floats) -> Cluster:
-    """The heaviest cluster: particles whose bins touch, corners included.
+    """Return the heaviest cluster of particles whose bins touch at sides or corners.
 
-    Turns are counted from the cloud's mean heading, so that a cluster is cut, if at all, at its back.
+    Args:
+        particles: the poses (x, y, yaw), shape ``(n, 3)``.
+        weights: their weights, shape ``(n,)``.
+
     """
+    # Headings relative to their mean: the cut at ±π is then opposite to most particles.
     mean = math.atan2(weights @ np.sin(particles[:, 2]), weights @ np.cos(particles[:, 2]))
     turns = wrap_angles(particles[:, 2] - mean)
     cells = np.empty((3, len(particles)), dtype=np.int64)
@@ -106,10 +128,8 @@ def best_cluster(particles: Floats, weights: Floats) -> Cluster:
     where = (cells[0], cells[1], cells[2])
     box[where] = 1
     labels, _ = ndimage.label(box, structure=_TOUCHING)
-    mine = labels[where]
-    sums = np.bincount(mine, weights=weights)
-    chosen = int(np.argmax(sums))
-    inside = mine == chosen
+    clusters = labels[where]
+    inside = clusters == int(np.argmax(np.bincount(clusters, weights=weights)))
     return _summary(particles[inside], turns[inside], weights[inside], mean)
 
 
@@ -123,8 +143,17 @@ def _summary(particles: Floats, turns: Floats, weights: Floats, heading: float) 
     return Cluster(Pose2D(float(middle[0]), float(middle[1]), yaw), (off * share) @ off.T, total)
 
 
-def cloud(pose: Pose2D, covariance: Floats, count: int, random: np.random.Generator) -> Floats:
-    """*count* particles about *pose* with *covariance* (x, y, yaw)."""
+def sample_particles(pose: Pose2D, covariance: Floats, count: int, random: np.random.Generator) -> Floats:
+    """Draw particles from a normal distribution.
+
+    Args:
+        pose: the mean.
+        covariance: the covariance of x, y and yaw, shape ``(3, 3)``.
+        count: the number of particles.
+        random: the source of random numbers.
+
+    """
+    # The diagonal makes a covariance of zeros positive definite.
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(3))
     spread: Floats = random.standard_normal((count, 3)) @ root.T
     spread += (pose.x, pose.y, pose.yaw)

@@ -1,10 +1,11 @@
-"""Ways over a grid made straight and round, without touching what they go around.
+"""The smoothing of a path over a grid, without touching the obstacles that the path goes around.
 
-Of a way's cells at most forty are kept as knots, and the cheapest chain of straight lines between knots is
-found, each line priced by the cells under it. That chain is let go like a rubber band on the costs: it
-shortens, slides down their slope and resists bending (an active contour, Kass et al. 1988, its inner forces
-implicit and its outer ones explicit). Points are in cells, row and column, the middle of the first cell at
-0, 0. Prices are as in `btcore_robot.navigation.grid_search`: length times costs.
+At most forty cells of a path are kept as knots. The first step finds the cheapest chain of straight lines
+between knots; the price of a line is that of the cells under it. The second step relaxes this chain like a
+rubber band on the costs: the band shortens, slides down the slope of the costs and resists bending (an active
+contour, Kass et al. 1988, with implicit inner forces and explicit outer forces). Points are in cells (row,
+column); the centre of the first cell is at 0, 0. Prices are as in `btcore_robot.navigation.grid_search`:
+length times costs.
 """
 
 from collections.abc import Sequence
@@ -15,71 +16,85 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.navigation.costmap_layers import INSCRIBED
-from btcore_robot.navigation.grid_search import FACTOR, NEUTRAL, Cell
+from btcore_robot.navigation.grid_search import COST_FACTOR, COST_NEUTRAL, Cell
 
-DEARER: Final = 1.05
-"""How many times the price of the way that it was made from a smooth one may have."""
+MAX_COST_RATIO: Final = 1.05
+"""The greatest price of a smooth path, as a multiple of the original path's price."""
 
 _KNOTS: Final = 40
 _KNOT_DISTANCE: Final = 6.0
-"""Cells between knots at least."""
+"""The least distance (cells) between knots."""
 _SAMPLE: Final = 2.0
-"""Cells between the places where lines between knots are priced."""
+"""The distance (cells) between the points at which lines between knots are priced."""
 _TOUCH: Final = 1e-9
-"""The part of a step up to which a cell counts as touched only: its corner."""
+"""The share of a step up to which the step only touches a cell at a corner."""
 
 _STIFFNESSES: Final = (10.0, 1.0)
-"""How much bending is resisted, from the most; the next where that is too dear."""
-_ROUNDS: Final = 12
-_PACE: Final = 0.02
-"""Cells that a slope of one cost a cell moves a point in a round."""
+"""The resistance to bending, in order of preference; the next is used if the result is too dear."""
+_ITERATIONS: Final = 12
+_STEP: Final = 0.02
+"""The distance (cells) that a slope of one cost per cell moves a point in an iteration."""
 _BLUR: Final = 1.5
-"""The standard deviation (cells) of the blur without which costs have steps instead of slopes."""
+"""The standard deviation (cells) of the blur; without a blur, costs have steps instead of slopes."""
 _MARGIN: Final = 12
-"""Cells beside a way that the band may see."""
-_HELD: Final = 1e9
-"""The weight of the ends, which stay."""
+"""The width (cells) beside a path in which the band uses the costs."""
+_FIXED_WEIGHT: Final = 1e9
+"""The weight of the end points, which keeps them in place."""
 
 
 def smooth_path(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """*way* (shape ``(n, 2)``), whose ends stay, made smooth: points at most a cell apart.
+    """Smooth a path; its ends stay.
 
-    *costs* is the grid that it was found on, walls below 0. The result is on the grid, in no wall, and costs
-    at most `DEARER` times what *way* does, mostly less; if it can't be had, *way* itself comes back.
+    Args:
+        costs: the grid of the path; impassable cells are negative.
+        way: the path's points (row, column), shape ``(n, 2)``.
+
+    Returns:
+        Points at most a cell apart, on the grid and in no impassable cell. The price is mostly lower than
+        that of *way*, and at most `MAX_COST_RATIO` times as high. If smoothing fails, the result is *way*
+        itself.
+
     """
     if len(way) < 3:
         return way
     limit = float(_step_prices(costs, way).sum())
-    pulled = _spaced(_pulled(costs, way), 1.0)
+    pulled = _resample(_straighten(costs, way), 1.0)
     for stiffness in _STIFFNESSES:
-        relaxed = _spaced(_relaxed(costs, pulled, stiffness), 1.0)
-        if _price(costs, relaxed) <= limit * DEARER:
+        relaxed = _resample(_relax(costs, pulled, stiffness), 1.0)
+        if _price(costs, relaxed) <= limit * MAX_COST_RATIO:
             return relaxed
     return pulled if _price(costs, pulled) <= limit else way
 
 
-def anchored(
+def anchor_path(
     costs: NDArray[np.float64],
     cells: Sequence[Cell],
     first: tuple[float, float],
     last: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """The way over the middles of *cells* that begins at *first*, in the first of them, and ends at *last*.
+    """Return the path over the centres of *cells*, with exact end points.
 
-    From there it leads straight to the next cell's middle, or over its own cell's where a wall's corner is
-    between.
+    An end point is joined straight to the next cell's centre, or over the centre of its own cell if the
+    corner of an impassable cell is in between.
+
+    Args:
+        costs: the grid of the path; impassable cells are negative.
+        cells: the cells of the path.
+        first: the first point (row, column), in the first cell.
+        last: the last point, in the last cell.
+
     """
     way = np.array([first, *cells[1:-1], last], dtype=np.float64)
     if len(cells) > 1:
         for end, middle, at in ((way[-2:], cells[-1], -1), (way[:2], cells[0], 1)):
-            if not np.isfinite(_price(costs, _spaced(end, 1.0))):
+            if not np.isfinite(_price(costs, _resample(end, 1.0))):
                 way = np.insert(way, at, middle, axis=0)
     return way
 
 
-def _pulled(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The cheapest chain of straight lines between points of *way*, from its first to its last."""
-    along = _along(way)
+def _straighten(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the cheapest chain of straight lines between points of *way*, from the first to the last."""
+    along = _distances(way)
     count = int(np.clip(np.ceil(along[-1] / _KNOT_DISTANCE), 1, _KNOTS)) + 1
     picked = np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], count) - 1e-9))
     picked[-1] = len(way) - 1
@@ -89,9 +104,10 @@ def _pulled(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.
     prices[first, second] = _line_prices(costs, knots[first], knots[second])
     steps = np.arange(len(knots) - 1)
     between = np.add.reduceat(_step_prices(costs, way), picked[:-1])
-    # Where a line between neighbours cuts a corner, the way itself has room.
+    # Where a line between neighbouring knots cuts a corner, the original path is free.
     blocked = ~np.isfinite(prices[steps, steps + 1])
     prices[steps, steps + 1] = np.where(blocked, between, prices[steps, steps + 1])
+    # Dynamic programming over the knots in order: the cheapest price to each, and the knot before it.
     best = np.full(len(knots), np.inf)
     best[0] = 0.0
     before = np.zeros(len(knots), dtype=np.intp)
@@ -112,20 +128,20 @@ def _pulled(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.
 def _line_prices(
     costs: NDArray[np.float64], starts: NDArray[np.float64], ends: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """What straight lines cost, infinite through a wall."""
+    """Return the prices of straight lines; infinite through impassable cells."""
     lengths = np.hypot(*(ends - starts).T)
     counts = np.maximum(1, np.ceil(lengths / _SAMPLE)).astype(np.intp)
     offsets = np.concatenate(([0], np.cumsum(counts)[:-1]))
     places = (np.arange(counts.sum()) - np.repeat(offsets, counts) + 0.5) / np.repeat(counts, counts)
     points = np.repeat(starts, counts, axis=0)
     points += places[:, None] * np.repeat(ends - starts, counts, axis=0)
-    prices: NDArray[np.float64] = np.add.reduceat(_under(costs, points), offsets) / counts * lengths
+    prices: NDArray[np.float64] = np.add.reduceat(_costs_under(costs, points), offsets) / counts * lengths
     return prices
 
 
-def _relaxed(costs: NDArray[np.float64], way: NDArray[np.float64], stiffness: float) -> NDArray[np.float64]:
-    """*way*, its points a cell apart, after some rounds as a rubber band."""
-    # Every `btcore` that knows the navigation's nodes would wait for this import; few smooth a way.
+def _relax(costs: NDArray[np.float64], way: NDArray[np.float64], stiffness: float) -> NDArray[np.float64]:
+    """Return *way*, whose points are a cell apart, after some iterations as a rubber band."""
+    # A slow import: every command that loads the navigation's nodes would wait for it.
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
     count = len(way)
@@ -134,26 +150,26 @@ def _relaxed(costs: NDArray[np.float64], way: NDArray[np.float64], stiffness: fl
     low = np.maximum(np.floor(way.min(axis=0)).astype(np.intp) - _MARGIN, 0)
     high = np.floor(way.max(axis=0)).astype(np.intp) + _MARGIN + 2
     part = costs[low[0] : high[0], low[1] : high[1]]
-    height = np.where(part < 0, NEUTRAL + FACTOR * INSCRIBED, part).astype(np.float32)
+    height = np.where(part < 0, COST_NEUTRAL + COST_FACTOR * INSCRIBED, part).astype(np.float32)
     slopes = cv2.GaussianBlur(height, (0, 0), _BLUR)
     factor = cholesky_banded(_inner_forces(count, stiffness))
     points = way
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         rows, cols = np.rint(points - low).astype(np.intp).T
         rows = np.clip(rows, 1, slopes.shape[0] - 2)
         cols = np.clip(cols, 1, slopes.shape[1] - 2)
         up = slopes[rows + 1, cols] - slopes[rows - 1, cols]
         right = slopes[rows, cols + 1] - slopes[rows, cols - 1]
-        wanted = points - _PACE / 2 * np.stack((up, right), axis=1)
-        wanted[[0, -1]] = way[[0, -1]] * (1.0 + _HELD)
-        points = cho_solve_banded((factor, False), wanted)
+        targets = points - _STEP / 2 * np.stack((up, right), axis=1)
+        targets[[0, -1]] = way[[0, -1]] * (1.0 + _FIXED_WEIGHT)
+        points = cho_solve_banded((factor, False), targets)
     points[[0, -1]] = way[[0, -1]]
     return points
 
 
 def _inner_forces(count: int, stiffness: float) -> NDArray[np.float64]:
-    """I + tension·D₁ᵀD₁ + stiffness·D₂ᵀD₂ for *count* points as upper bands, D₁ and D₂ being differences."""
-    tension = NEUTRAL * _PACE
+    """Return I + tension·D₁ᵀD₁ + stiffness·D₂ᵀD₂ (differences D₁, D₂) for *count* points as upper bands."""
+    tension = COST_NEUTRAL * _STEP
     bands = np.zeros((3, count))
     bands[2] = 1.0
     bands[2, :-1] += tension
@@ -165,22 +181,22 @@ def _inner_forces(count: int, stiffness: float) -> NDArray[np.float64]:
     bands[1, 1:-1] -= 2 * stiffness
     bands[1, 2:] -= 2 * stiffness
     bands[0, 2:] += stiffness
-    bands[2, [0, -1]] += _HELD
+    bands[2, [0, -1]] += _FIXED_WEIGHT
     return bands
 
 
-def _spaced(way: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
-    """Points along *way*, *distance* apart or a little less, its ends among them."""
-    along = _along(way)
+def _resample(way: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """Return points along *way*, with its ends, that are *distance* (cells) apart or slightly less."""
+    along = _distances(way)
     places = np.linspace(0.0, along[-1], max(2, int(np.ceil(along[-1] / distance)) + 1))
     return np.stack((np.interp(places, along, way[:, 0]), np.interp(places, along, way[:, 1])), axis=1)
 
 
 def _price(costs: NDArray[np.float64], way: NDArray[np.float64]) -> float:
-    """What *way*, its points at most a cell apart, costs cell by cell; infinite through a wall."""
+    """Return the exact price of *way*, whose points are at most a cell apart; infinite through a wall."""
     starts, steps = way[:-1], np.diff(way, axis=0)
     cells = np.floor(way + 0.5)
-    # A step that short crosses at most one line between rows and one between columns.
+    # Such a short step crosses at most a single line between rows and a single line between columns.
     crossed = cells[1:] != cells[:-1]
     lines = np.maximum(cells[1:], cells[:-1]) - 0.5
     cuts = np.ones((len(steps), 4))
@@ -192,17 +208,17 @@ def _price(costs: NDArray[np.float64], way: NDArray[np.float64]) -> float:
     inside = parts > _TOUCH
     points = starts[:, None] + middles[..., None] * steps[:, None]
     lengths = parts * np.hypot(*steps.T)[:, None]
-    return float((_under(costs, points[inside]) * lengths[inside]).sum())
+    return float((_costs_under(costs, points[inside]) * lengths[inside]).sum())
 
 
 def _step_prices(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
-    cells = _under(costs, way)
+    cells = _costs_under(costs, way)
     prices: NDArray[np.float64] = np.hypot(*np.diff(way, axis=0).T) * (cells[1:] + cells[:-1]) / 2
     return prices
 
 
-def _under(costs: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The costs of the cells under *points*, infinite in walls and off the grid."""
+def _costs_under(costs: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the costs of the cells under *points*; infinite in impassable cells and off the grid."""
     cells = np.floor(points + 0.5).astype(np.intp)
     inside = np.clip(cells, 0, np.array(costs.shape) - 1)
     under: NDArray[np.float64] = costs[inside[:, 0], inside[:, 1]]
@@ -210,5 +226,5 @@ def _under(costs: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[n
     return under
 
 
-def _along(way: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(way: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))

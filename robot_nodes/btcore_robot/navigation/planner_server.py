@@ -1,4 +1,4 @@
-"""The planner as an action: Nav2's ``compute_path_to_pose`` and ``compute_path_through_poses``."""
+"""The planner as an action server: Nav2's ``compute_path_to_pose`` and ``compute_path_through_poses``."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,24 +6,24 @@ from itertools import pairwise
 
 from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.path import NavPath, joined
+from btcore_robot.navigation.path import NavPath, join_paths
 from btcore_robot.navigation.planner import Planner, PlannerError
 from btcore_robot.robot import Pose2D
 
 PLANNER_ID = "GridBased"
-"""The one plug-in, by the name that the book's and Nav2's files give it."""
+"""The name of the only plug-in, as in the book's and Nav2's files."""
 
 POSE_WITHIN = 1_000_000_000
-"""How long (ns) a goal waits for the robot to know where it is; it begins without."""
+"""The time (ns) for which a goal waits for a known pose of the robot: at its start the pose is unknown."""
 
 _THROUGH = int(Nav2ErrorCode.THROUGH_UNKNOWN) - int(Nav2ErrorCode.COMPUTE_PATH_UNKNOWN)
 
 
 @dataclass(frozen=True, slots=True)
-class PathGoal:
-    """A path through *goals* (map), from *start*, or from where the robot is.
+class ComputePathGoal:
+    """A request for a path through *goals* (map) from *start*, or from the robot's pose.
 
-    *through* says that the goals were asked for as several, which has error numbers of its own.
+    *through* stands for a request of ComputePathThroughPoses, which has error codes of its own.
     """
 
     goals: tuple[Pose2D, ...]
@@ -32,8 +32,8 @@ class PathGoal:
     through: bool = False
 
 
-class PlannerServer(ActionServer[PathGoal, None, NavPath]):
-    """Plans within one step, once *pose* tells where the robot is; it is None while nobody knows."""
+class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
+    """The server of `ComputePathGoal`. It plans within a step, once *pose* returns a pose instead of None."""
 
     name = "compute_path"
 
@@ -41,49 +41,47 @@ class PlannerServer(ActionServer[PathGoal, None, NavPath]):
         super().__init__()
         self.planner = planner
         self.pose = pose
-        self.newest: NavPath | None = None
-        """The last path that was found, for whoever draws it."""
+        self.latest_path: NavPath | None = None
+        """The last path that was found; public for displays."""
         self._accepted = 0
 
     def start(
         self,
-        handle: GoalHandle[PathGoal, None, NavPath],
+        handle: GoalHandle[ComputePathGoal, None, NavPath],
         now: int,
-        previous: GoalHandle[PathGoal, None, NavPath] | None,
+        previous: GoalHandle[ComputePathGoal, None, NavPath] | None,
     ) -> None:
-        """Note the time."""
+        """Remember the time of acceptance."""
         self._accepted = now
 
-    def work(self, handle: GoalHandle[PathGoal, None, NavPath], now: int) -> None:
-        """Plan."""
+    def work(self, handle: GoalHandle[ComputePathGoal, None, NavPath], now: int) -> None:
+        """Plan, or wait for the robot's pose."""
         goal = handle.goal
         offset = _THROUGH if goal.through else 0
         if not goal.goals:
-            handle.abort(int(Nav2ErrorCode.NO_VIAPOINTS_GIVEN), "there is no goal to plan to")
+            handle.abort(int(Nav2ErrorCode.NO_VIAPOINTS_GIVEN), "the list of goals is empty")
             return
         if goal.planner_id not in ("", PLANNER_ID):
             code = int(Nav2ErrorCode.INVALID_PLANNER) + offset
-            handle.abort(code, f"there is no planner '{goal.planner_id}': there is {PLANNER_ID}")
+            handle.abort(code, f"unknown planner '{goal.planner_id}': use {PLANNER_ID}")
             return
         start = goal.start if goal.start is not None else self.pose()
         if start is None:
             if now - self._accepted <= POSE_WITHIN:
                 return
-            handle.abort(
-                int(Nav2ErrorCode.COMPUTE_PATH_TF_ERROR) + offset, "the robot doesn't know where it is"
-            )
+            handle.abort(int(Nav2ErrorCode.COMPUTE_PATH_TF_ERROR) + offset, "the robot's pose is unknown")
             return
         try:
             if goal.through:
                 path = self.planner.plan_through([start, *goal.goals], now)
             else:
                 path = self._plan(start, goal.goals, now)
-        except PlannerError as fault:
-            handle.abort(int(fault.code), str(fault))
+        except PlannerError as error:
+            handle.abort(int(error.code), str(error))
             return
-        self.newest = path
+        self.latest_path = path
         handle.succeed(path)
 
     def _plan(self, start: Pose2D, goals: tuple[Pose2D, ...], now: int) -> NavPath:
         legs = [self.planner.plan(*leg, now) for leg in pairwise((start, *goals))]
-        return legs[0] if len(legs) == 1 else joined(legs, now)
+        return legs[0] if len(legs) == 1 else join_paths(legs, now)

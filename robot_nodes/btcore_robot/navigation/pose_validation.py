@@ -1,4 +1,4 @@
-"""Whether a pose can still be believed: what a scan shows against it, and what merely stands in the way."""
+"""Validation of the pose: evidence of a scan against it, as distinct from people and things in the way."""
 
 from collections import deque
 
@@ -6,37 +6,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.navigation.distance_field import SignedDistanceField
-from btcore_robot.navigation.ray_casting import Agreement, RayCaster
+from btcore_robot.navigation.ray_casting import RayCaster, ScanAgreement
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
 
 RECENT = 3
-"""Over how many scans the fit is averaged."""
+"""The number of scans over which the fit is averaged."""
 FITS = 0.8
-"""While this share of the beams ends on what is mapped, nothing speaks against the pose.
+"""While at least this share of the beams ends on occupied cells, the pose is valid.
 
-True poses have 0.75 to 1 without people about; a robot put somewhere else has 0.5 at the very most.
+Measured: 0.75 to 1 at true poses without people around, and at most 0.5 for a robot that was moved elsewhere.
 """
-THROUGH = 0.12
-"""More beams than this share through mapped walls are a contradiction; at a true pose there are 0 to 0.07."""
-MET = 0.2
-"""When a smaller share of beams than this ends on what is mapped, next to nothing speaks for the pose."""
+MAX_THROUGH_SHARE = 0.12
+"""A larger share of beams through walls contradicts the pose; at true poses it is 0 to 0.07."""
+MIN_HIT_SHARE = 0.2
+"""A smaller share of beams on occupied cells contradicts the pose: almost nothing supports it."""
 IN_A_ROW = 2
-"""So many scans in a row have to contradict the pose."""
+"""The number of consecutive scans that have to contradict the pose."""
 JUMPED = 0.5
-"""When a larger share of beams than this changes at once, the robot was put elsewhere. A person who appears
-from nowhere right before the laser changes a quarter."""
+"""If a larger share of beams changes at once, the robot was moved elsewhere. A person who suddenly appears
+right in front of the laser changes a quarter of the beams."""
 JUMPED_BOTH_WAYS, EACH_WAY = 0.35, 0.1
-"""So many are enough when some of them, the second share at least, get longer and as many get shorter."""
+"""The first share is enough if more than the second share gets longer, and more than it gets shorter."""
 
 _BEAMS = 60
-_CHANGED = 0.4  # m; what noise (σ 0.06 m) and a step of 0.03 m don't do
-_NEIGHBOURS = np.arange(-3, 4)  # a beam beside an edge may fall on its other side
-_PAUSE = 500_000_000  # ns; after a longer one a scan isn't compared with the one before
+_CHANGED = 0.4  # m: more than noise (σ 0.06 m) and a step of 0.03 m
+_NEIGHBOURS = np.arange(-3, 4)  # a beam beside an edge may fall on the edge's other side
+_MAX_PAUSE = 500_000_000  # ns: scans that are farther apart are not compared
 
 
-def changed(before: LaserScan, after: LaserScan, turn: float) -> tuple[float, float]:
-    """The shares (0 … 1) of beams that see farther than before, and less far, after a *turn* (rad)."""
+def changed_beam_shares(before: LaserScan, after: LaserScan, turn: float) -> tuple[float, float]:
+    """Return the shares (0 … 1) of beams that became longer and that became shorter between two scans.
+
+    Args:
+        before: the earlier scan.
+        after: the later scan.
+        turn: the robot's turn (rad) between the two scans.
+
+    """
     chosen = np.arange(0, len(after.ranges), max(1, len(after.ranges) // _BEAMS))
     earlier = np.rint(chosen + turn / after.angle_increment).astype(np.intp)[:, None] + _NEIGHBOURS
     known = (earlier[:, 0] >= 0) & (earlier[:, -1] < len(before.ranges))
@@ -51,67 +58,73 @@ def changed(before: LaserScan, after: LaserScan, turn: float) -> tuple[float, fl
 
 
 class PoseValidator:
-    """Holds every scan against the pose that is believed in.
+    """A check of the estimated pose by every scan.
 
-    Somebody in the way makes beams shorter than the map says, and none longer; the rest still fits. So a pose
-    is in doubt when beams go through walls, when next to nothing fits, or when all that is seen changes from
-    one scan to the next.
+    People and things in the way make some beams shorter than on the map, but none longer; the other beams
+    still fit. So a pose is doubtful when beams go through walls, when almost no beam fits, or when most beams
+    change between two scans.
     """
 
-    def __init__(self, faces: SignedDistanceField, visibility: RayCaster) -> None:
-        self._faces = faces
+    def __init__(self, surfaces: SignedDistanceField, visibility: RayCaster) -> None:
+        self._surfaces = surfaces
         self._visibility = visibility
         self._before: tuple[LaserScan, float] | None = None
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
-        """Begin anew, with a pose that is believed."""
+    def reset(self) -> None:
+        """Start again with a pose that is taken as valid."""
         self._fits: deque[float] = deque(maxlen=RECENT)
         self._contradictions = 0
-        self.jumped = False
-        """Whether what is seen changed at once."""
+        self.scan_jumped = False
+        """Whether most beams changed between two scans."""
 
     @property
-    def contradicted(self) -> bool:
-        """Whether the last scans show what can't be seen from the pose, whoever stands in the way."""
+    def is_contradicted(self) -> bool:
+        """Whether the last scans don't fit the pose, even with people and things in the way."""
         return self._contradictions >= IN_A_ROW
 
     @property
     def fit(self) -> float:
-        """The share (0 … 1) of beams that end on what is mapped, over the last scans."""
+        """The share (0 … 1) of beams that end on occupied cells, over the last scans."""
         return sum(self._fits) / len(self._fits) if self._fits else 1.0
 
     def is_pose_doubtful(
         self,
         scan: LaserScan,
         points: NDArray[np.float64],
-        eye: tuple[float, float],
+        laser_xy: tuple[float, float],
         odometry: Pose2D,
-        believed: Pose2D,
+        pose: Pose2D,
     ) -> bool:
-        """Whether *scan* puts the pose *believed* in doubt.
+        """Return whether a scan makes the estimated pose doubtful.
 
-        Its beams end at *points* of the robot's frame (m; ``(k, 2)``), *eye* is the laser; *odometry* is the
-        pose in odom at the scan's stamp.
+        Args:
+            scan: the scan.
+            points: the ends of its beams in the robot's frame (m), shape ``(k, 2)``.
+            laser_xy: the laser's position in the robot's frame (m).
+            odometry: the pose in odom at the scan's stamp.
+            pose: the estimated pose in the map at the scan's stamp.
+
         """
         before, self._before = self._before, (scan, odometry.yaw)
-        if before is not None and scan.stamp - before[0].stamp <= _PAUSE:
+        if before is not None and scan.stamp - before[0].stamp <= _MAX_PAUSE:
             turn = wrap_angle(odometry.yaw - before[1])
-            farther, nearer = changed(before[0], scan, turn)
+            farther, nearer = changed_beam_shares(before[0], scan, turn)
             both_ways = min(farther, nearer) > EACH_WAY
             if farther + nearer > (JUMPED_BOTH_WAYS if both_ways else JUMPED):
-                self.jumped = True
-        self._fits.append(self._faces.fit(believed, points))
+                self.scan_jumped = True
+        self._fits.append(self._surfaces.fit(pose, points))
         if self.fit >= FITS:
             self._contradictions = 0
             return False
-        if contradicted(self._visibility.agreement([believed], eye, points)[0]):
+        # The slower check by ray casting is needed only for a bad fit.
+        if contradicts_pose(self._visibility.agreement([pose], laser_xy, points)[0]):
             self._contradictions += 1
         else:
             self._contradictions = 0
-        return self.jumped or self.contradicted
+        return self.scan_jumped or self.is_contradicted
 
 
-def contradicted(view: Agreement) -> bool:
-    """Whether what a scan shows can't come from people and things in the way."""
-    return view.through > THROUGH or view.met < MET
+def contradicts_pose(view: ScanAgreement) -> bool:
+    """Return whether people and things in the way can't explain the scan."""
+    return view.through_share > MAX_THROUGH_SHARE or view.hit_share < MIN_HIT_SHARE

@@ -1,4 +1,4 @@
-"""Whether a scan can have been taken at a pose: each beam against what the map lets it see."""
+"""Ray casting: a comparison of a scan's beams with the distances that the map allows from a pose."""
 
 import math
 from collections.abc import Sequence
@@ -7,44 +7,46 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.likelihood import distances
+from btcore_robot.navigation.likelihood import obstacle_distances
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 
 Floats = NDArray[np.float64]
 
 WITHIN = 0.25
-"""A beam that ends this close (m) to something mapped has met it."""
+"""A beam that ends this close (m) to an occupied cell has hit it."""
 SHORT, SHORT_A_METRE = 0.25, 0.05
-"""A beam that ends this much (m), and this much more for each metre of its length, before where the map says
-it must end has met somebody who is not on the map: a heading may be off by some 0.05 rad."""
+"""A beam that ends earlier than on the map, by this distance (m) plus this share of its length, has hit
+something that is not on the map. The share tolerates an error of the heading of about 0.05 rad."""
 BEYOND = 0.4
-"""A beam that ends this far (m) behind where the map says it must end has gone through something."""
+"""A beam that ends this far (m) behind the end that the map allows went through an occupied cell."""
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
-    """The shares (0 … 1) of the beams that met what is mapped, and of those that went through it.
+class ScanAgreement:
+    """The agreement of a scan with the map at a pose, as shares (0 … 1) of its beams.
 
-    The rest ended before: somebody stands there who is not on the map, or the pose is wrong. Nobody in the
-    way lets a beam go through a wall: *through* is what tells a lost robot from one in a crowd.
+    *hit_share* is that of beams that end on occupied cells, *through_share* that of beams that went through
+    them. The other beams end earlier: a person or a thing that is not on the map is in the way, or the pose
+    is wrong. Obstacles never let a beam go through a wall, so that *through_share* distinguishes a lost robot
+    from a robot in a crowd.
     """
 
-    met: float
-    through: float
+    hit_share: float
+    through_share: float
 
     @property
     def score(self) -> float:
-        """How well a pose explains a scan: what met, less what went through."""
-        return self.met - self.through
+        """How well the pose explains the scan: the share of hits less the share of beams through walls."""
+        return self.hit_share - self.through_share
 
 
 class RayCaster:
-    """How far one sees on a map from a pose."""
+    """The visible ranges on a map."""
 
     def __init__(self, field_map: OccupancyMap, reach: float = 25.0) -> None:
-        self._distance = np.pad(distances(field_map, reach), 1, constant_values=reach)
-        # Beyond the map nothing is in the way; the next step from there is a whole reach.
+        self._distance = np.pad(obstacle_distances(field_map, reach), 1, constant_values=reach)
+        # Beyond the map nothing is in the way: a ray that gets there takes a step of the full range.
         self._flat = self._distance.ravel()
         self._resolution = field_map.resolution
         self._origin = (
@@ -56,23 +58,30 @@ class RayCaster:
         column = np.clip((x - self._origin[0]) / self._resolution, 0.0, self._distance.shape[1] - 1)
         row = np.clip((y - self._origin[1]) / self._resolution, 0.0, self._distance.shape[0] - 1)
         places = row.astype(np.intp) * self._distance.shape[1] + column.astype(np.intp)
-        found: Floats = self._flat[places].astype(np.float64)
-        return found
+        distances: Floats = self._flat[places].astype(np.float64)
+        return distances
 
-    def seen(self, x: Floats, y: Floats, dx: Floats, dy: Floats, reach: Floats) -> Floats:
-        """How far (m), up to *reach*, rays from points in unit directions go until something occupied.
+    def visible_range(self, x: Floats, y: Floats, dx: Floats, dy: Floats, reach: Floats) -> Floats:
+        """Return the distances (m) from points to the first occupied cell in given directions.
 
-        All of one shape. Each step goes as far as nothing can be (sphere tracing).
+        The method is sphere tracing: each step is as long as the distance to the nearest occupied cell.
+
+        Args:
+            x: the x coordinates (m) of the points.
+            y: the y coordinates (m) of the points.
+            dx: the x components of the unit directions.
+            dy: the y components of the unit directions.
+            reach: the greatest distances (m) of interest; all arrays have the same shape.
+
         """
-        gone = np.zeros_like(x)
         active = np.arange(x.size)
         px, py, ux, uy, limit = (a.ravel() for a in np.broadcast_arrays(x, y, dx, dy, reach))
-        flat = gone.ravel()
+        flat = np.zeros(x.size)
         least = 0.6 * self._resolution
         while len(active):
             length = flat[active]
             clear = self._at(px[active] + length * ux[active], py[active] + length * uy[active])
-            # Distances are from middle to middle: a face may be 0.7 of a cell nearer at either end.
+            # Distances are between cells' centres; at either end a corner may be 0.7 of a cell nearer.
             open_ = clear > 0.5 * self._resolution
             length = length + np.where(open_, np.maximum(clear - 1.4 * self._resolution, least), 0.0)
             done = ~open_ | (length >= limit[active])
@@ -81,40 +90,60 @@ class RayCaster:
         return flat.reshape(x.shape)
 
     def _cast(
-        self, poses: Sequence[Pose2D], eye: tuple[float, float], points: Floats
+        self, poses: Sequence[Pose2D], laser_xy: tuple[float, float], points: Floats
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Each beam from each of *poses* (first axis): its length, how far one sees, x and y of its end."""
+        """Return the beams' lengths, and by pose (first axis) their visible ranges and ends (x, y)."""
         x, y, cos, sin = (
             np.array(column)[:, None]
             for column in zip(*((p.x, p.y, math.cos(p.yaw), math.sin(p.yaw)) for p in poses), strict=True)
         )
-        rays = points - eye
+        rays = points - laser_xy
         lengths = np.hypot(rays[:, 0], rays[:, 1])
         rays = rays / lengths[:, None]
         dx, dy = cos * rays[:, 0] - sin * rays[:, 1], sin * rays[:, 0] + cos * rays[:, 1]
-        from_x = x + cos * eye[0] - sin * eye[1] + np.zeros_like(dx)
-        from_y = y + sin * eye[0] + cos * eye[1] + np.zeros_like(dx)
-        # How much farther one could see is of no interest.
+        from_x = x + cos * laser_xy[0] - sin * laser_xy[1] + np.zeros_like(dx)
+        from_y = y + sin * laser_xy[0] + cos * laser_xy[1] + np.zeros_like(dx)
+        # No ray needs to go farther than the comparison with the beam's length.
         reach = np.broadcast_to(lengths * (1.0 + SHORT_A_METRE) + SHORT, dx.shape)
-        return lengths, self.seen(from_x, from_y, dx, dy, reach), from_x + lengths * dx, from_y + lengths * dy
+        return (
+            lengths,
+            self.visible_range(from_x, from_y, dx, dy, reach),
+            from_x + lengths * dx,
+            from_y + lengths * dy,
+        )
 
-    def unhindered(self, pose: Pose2D, eye: tuple[float, float], points: Floats) -> NDArray[np.bool_]:
-        """Which of the beams go, from *pose*, as far as the map lets them, or farther; shape ``(k,)``."""
-        lengths, seen, _, _ = self._cast([pose], eye, points)
-        mask: NDArray[np.bool_] = seen[0] < lengths * (1.0 + SHORT_A_METRE) + SHORT
+    def unobstructed_beams(
+        self, pose: Pose2D, laser_xy: tuple[float, float], points: Floats
+    ) -> NDArray[np.bool_]:
+        """Return the mask, shape ``(k,)``, of beams that end where the map allows or farther away.
+
+        Args:
+            pose: the robot's pose in the map.
+            laser_xy: the laser's position in the robot's frame (m).
+            points: the ends of the beams in the robot's frame (m), shape ``(k, 2)``.
+
+        """
+        lengths, visible, _, _ = self._cast([pose], laser_xy, points)
+        mask: NDArray[np.bool_] = visible[0] < lengths * (1.0 + SHORT_A_METRE) + SHORT
         return mask
 
-    def agreement(self, poses: Sequence[Pose2D], eye: tuple[float, float], points: Floats) -> list[Agreement]:
-        """How beams that end at *points* agree with the map from each of *poses*.
+    def agreement(
+        self, poses: Sequence[Pose2D], laser_xy: tuple[float, float], points: Floats
+    ) -> list[ScanAgreement]:
+        """Return the agreement of beams with the map for each of several poses.
 
-        *points* ``(k, 2)`` and *eye*, where the laser is, are in the robot's frame (m).
+        Args:
+            poses: the robot's poses in the map.
+            laser_xy: the laser's position in the robot's frame (m).
+            points: the ends of the beams in the robot's frame (m), shape ``(k, 2)``.
+
         """
         if not len(points) or not poses:
-            return [Agreement(0.0, 0.0) for _ in poses]
-        lengths, seen, end_x, end_y = self._cast(poses, eye, points)
-        through = lengths - seen > BEYOND
-        ends = self._at(end_x, end_y)
-        met = (ends <= WITHIN) & ~through
+            return [ScanAgreement(0.0, 0.0) for _ in poses]
+        lengths, visible, end_x, end_y = self._cast(poses, laser_xy, points)
+        through = lengths - visible > BEYOND
+        hits = (self._at(end_x, end_y) <= WITHIN) & ~through
         return [
-            Agreement(float(m), float(t)) for m, t in zip(met.mean(axis=1), through.mean(axis=1), strict=True)
+            ScanAgreement(float(hit), float(passed))
+            for hit, passed in zip(hits.mean(axis=1), through.mean(axis=1), strict=True)
         ]

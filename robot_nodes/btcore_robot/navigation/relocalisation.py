@@ -1,4 +1,4 @@
-"""Finding a lost robot again: places that explain one scan, followed while it turns until one is left."""
+"""Relocalisation of a lost robot: poses that explain a scan, tracked while it turns until one remains."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,155 +15,180 @@ from btcore_robot.robot import Pose2D
 Floats = NDArray[np.float64]
 
 HEADINGS_A_STEP = 24
-"""A fifth of a search: some 15 ms."""
-PLACES = 40
-"""How many places of the search are looked at closely."""
-TURN_A_VIEW, WAY_A_VIEW, TIME_A_VIEW = 0.35, 0.2, 1_000_000_000
-"""A place is looked at again after this turn (rad), or way (m), or time (ns)."""
+"""A fifth of a search: about 15 ms."""
+MAX_HYPOTHESES = 40
+"""The number of the search's candidates that are examined closely."""
+TURN_A_VIEW, DISTANCE_A_VIEW, TIME_A_VIEW = 0.35, 0.2, 1_000_000_000
+"""The hypotheses are scored again after this turn (rad), distance (m) or time (ns)."""
 VIEWS = 4
-"""How often a place has to agree with what is seen before it is believed."""
-ENOUGH = 0.6
-"""The mean score of a place that can be believed: at a true pose it is 0.7 to 1, elsewhere mostly < 0.4."""
-HOPELESS = 0.3
-"""A place that scores so much less than the best one is given up."""
+"""The number of scores that a hypothesis needs before it can be accepted."""
+MIN_SCORE = 0.6
+"""The least mean score of an accepted hypothesis: true poses have 0.7 to 1, others mostly less than 0.4."""
+DISCARD_MARGIN = 0.3
+"""A hypothesis whose score is lower than the best score by more than this is discarded."""
 LOOKED_AROUND = 4.0
-"""After this turn (rad) everything was in view once, with Tiago's 220 degrees and more."""
+"""After this turn (rad), Tiago's laser (220 degrees) has covered all directions."""
 MARGIN, MARGIN_AT_FIRST = 0.15, 0.3
-"""By how much the best place has to be ahead of every other one, after that and before."""
+"""The least lead of the best score over all others: after LOOKED_AROUND, and before."""
 FULL_TURN = 7.0
-"""Who has turned so far (rad) and still can't tell begins anew with another scan."""
-LONGEST = 20_000_000_000
-"""So does who has looked for so long (ns)."""
+"""If no hypothesis is accepted after this turn (rad), the search starts again with another scan."""
+SEARCH_TIMEOUT = 20_000_000_000
+"""After this time (ns), too, the search starts again."""
 SAME_PLACE, SAME_HEADING = 0.75, 0.35
-"""Places nearer than that (m, rad) are told apart by tracking, not by searching."""
+"""Hypotheses nearer than this (m, rad) count as the same: tracking can separate them, the search can't."""
 
 
 @dataclass(slots=True)
 class PoseHypothesis:
-    """A pose in the map where the robot may be, and how well it agreed with each scan since."""
+    """A possible pose of the robot in the map, and its score for each scan since the search."""
 
     pose: Pose2D
     scores: list[float] = field(default_factory=list)
 
     @property
     def score(self) -> float:
-        """The mean of its scores."""
+        """The mean of the scores."""
         return sum(self.scores) / len(self.scores)
 
     def near(self, other: "PoseHypothesis") -> bool:
-        """Whether the two are one place."""
+        """Return whether both hypotheses stand for the same pose."""
         apart = math.hypot(self.pose.x - other.pose.x, self.pose.y - other.pose.y)
         return apart < SAME_PLACE and abs(wrap_angle(self.pose.yaw - other.pose.yaw)) < SAME_HEADING
 
 
 class Relocaliser:
-    """A search over the whole map and what follows from it; give it every scan by `see`."""
+    """A search of the whole map and the tracking of its results; `process_scan` takes every scan."""
 
-    def __init__(self, space: SearchSpace, faces: SignedDistanceField, visibility: RayCaster) -> None:
+    def __init__(self, space: SearchSpace, surfaces: SignedDistanceField, visibility: RayCaster) -> None:
         self._space = space
-        self._faces = faces
+        self._surfaces = surfaces
         self._visibility = visibility
         self._search: GlobalSearch | None = None
         self._points: Floats = np.zeros((0, 2))
         self._odometry = Pose2D(0.0, 0.0, 0.0)
         self._stamp = self._began = 0
         self._turned = 0.0
-        self.places: list[PoseHypothesis] = []
-        """Where the robot may be, the likeliest first; empty until the first search is through."""
+        self.hypotheses: list[PoseHypothesis] = []
+        """The possible poses, the likeliest first; empty until the first search has ended."""
 
     @property
     def best(self) -> PoseHypothesis | None:
-        """The likeliest place, once there is one."""
-        return self.places[0] if self.places else None
+        """The likeliest hypothesis; None before the first search has ended."""
+        return self.hypotheses[0] if self.hypotheses else None
 
     def restart(self) -> None:
-        """Forget what was found, and search with the next scan."""
+        """Remove all hypotheses, and start a search with the next scan."""
         self._search = None
-        self.places = []
+        self.hypotheses = []
 
-    def see(self, points: Floats, eye: tuple[float, float], odometry: Pose2D, stamp: int) -> Pose2D | None:
-        """A scan's beams end at *points* of the robot's frame, *eye* is the laser; where it is, once found.
+    def process_scan(
+        self, points: Floats, laser_xy: tuple[float, float], odometry: Pose2D, stamp: int
+    ) -> Pose2D | None:
+        """Process a scan; return the robot's pose once a hypothesis is accepted.
 
-        *odometry* is the pose in the frame odom at the scan's *stamp* (ns), and so is the answer in map.
+        Args:
+            points: the ends of the scan's beams in the robot's frame (m), shape ``(k, 2)``.
+            laser_xy: the laser's position in the robot's frame (m).
+            odometry: the pose in the frame odom at the scan's stamp.
+            stamp: the scan's stamp (ns).
+
+        Returns:
+            The pose in the frame map at the scan's stamp, or None.
+
         """
-        if self.places:
-            return self._follow(points, eye, odometry, stamp)
+        if self.hypotheses:
+            return self._follow(points, laser_xy, odometry, stamp)
         if self._search is None:
             self._search = GlobalSearch(self._space, points)
             self._points, self._odometry, self._stamp = points, odometry, stamp
         if self._search.advance(HEADINGS_A_STEP):
-            found = self._search.candidates(PLACES)
+            candidates = self._search.candidates(MAX_HYPOTHESES)
             self._search = None
             self._began, self._turned = stamp, 0.0
-            self._look([PoseHypothesis(one.pose) for one in found], self._points, eye, trust=(0.3, 0.15))
+            hypotheses = [PoseHypothesis(candidate.pose) for candidate in candidates]
+            # The poses of the search are coarse: let the match move them far.
+            self._look(hypotheses, self._points, laser_xy, deviation=(0.3, 0.15))
         return None
 
-    def consider(self, pose: Pose2D, eye: tuple[float, float]) -> PoseHypothesis:
-        """Take *pose*, at the moment of the search's scan, for a place too."""
-        place = PoseHypothesis(pose)
-        self._fit([place], self._points, eye, trust=(0.1, 0.05))
-        self._keep([place, *self.places])
-        return place
+    def add_hypothesis(self, pose: Pose2D, laser_xy: tuple[float, float]) -> PoseHypothesis:
+        """Add a hypothesis and return it with its score for the scan of the search.
+
+        Args:
+            pose: the pose in the map at the moment of the search's scan.
+            laser_xy: the laser's position in the robot's frame (m).
+
+        """
+        hypothesis = PoseHypothesis(pose)
+        self._fit([hypothesis], self._points, laser_xy, deviation=(0.1, 0.05))
+        self._keep([hypothesis, *self.hypotheses])
+        return hypothesis
 
     @property
     def odometry(self) -> Pose2D:
-        """The odometry at the moment that `places` stand for."""
+        """The odometry at the moment for which `hypotheses` holds."""
         return self._odometry
 
     def _follow(
-        self, points: Floats, eye: tuple[float, float], odometry: Pose2D, stamp: int
+        self, points: Floats, laser_xy: tuple[float, float], odometry: Pose2D, stamp: int
     ) -> Pose2D | None:
         turn = wrap_angle(odometry.yaw - self._odometry.yaw)
-        way = math.hypot(odometry.x - self._odometry.x, odometry.y - self._odometry.y)
-        if abs(turn) < TURN_A_VIEW and way < WAY_A_VIEW and stamp - self._stamp < TIME_A_VIEW:
+        distance = math.hypot(odometry.x - self._odometry.x, odometry.y - self._odometry.y)
+        if abs(turn) < TURN_A_VIEW and distance < DISTANCE_A_VIEW and stamp - self._stamp < TIME_A_VIEW:
             return None
         step = Transform.from_pose(self._odometry).inverse() * Transform.from_pose(odometry)
-        for place in self.places:
-            place.pose = (Transform.from_pose(place.pose) * step).to_pose()
+        for hypothesis in self.hypotheses:
+            hypothesis.pose = (Transform.from_pose(hypothesis.pose) * step).to_pose()
         self._turned += abs(turn)
         self._odometry, self._stamp = odometry, stamp
-        self._look(self.places, points, eye, trust=(0.15, 0.1))
-        return self._verdict(stamp)
+        self._look(self.hypotheses, points, laser_xy, deviation=(0.15, 0.1))
+        return self._accepted(stamp)
 
     def _look(
         self,
-        places: list[PoseHypothesis],
+        hypotheses: list[PoseHypothesis],
         points: Floats,
-        eye: tuple[float, float],
-        trust: tuple[float, float],
+        laser_xy: tuple[float, float],
+        deviation: tuple[float, float],
     ) -> None:
-        """Fit every place to what is seen, note how well that goes, and keep the ones with hope."""
-        self._fit(places, points, eye, trust)
-        self._keep(places)
+        """Fit every hypothesis to the scan, add its score, and discard hopeless hypotheses."""
+        self._fit(hypotheses, points, laser_xy, deviation)
+        self._keep(hypotheses)
 
     def _fit(
         self,
-        places: list[PoseHypothesis],
+        hypotheses: list[PoseHypothesis],
         points: Floats,
-        eye: tuple[float, float],
-        trust: tuple[float, float],
+        laser_xy: tuple[float, float],
+        deviation: tuple[float, float],
     ) -> None:
-        for place in places:
-            place.pose = self._faces.match(place.pose, points, eye, trust=trust).pose
-        views = self._visibility.agreement([place.pose for place in places], eye, points)
-        for place, view in zip(places, views, strict=True):
-            place.scores.append(view.score)
+        for hypothesis in hypotheses:
+            hypothesis.pose = self._surfaces.match(
+                hypothesis.pose, points, laser_xy, deviation=deviation
+            ).pose
+        views = self._visibility.agreement([hypothesis.pose for hypothesis in hypotheses], laser_xy, points)
+        for hypothesis, view in zip(hypotheses, views, strict=True):
+            hypothesis.scores.append(view.score)
 
-    def _keep(self, places: list[PoseHypothesis]) -> None:
+    def _keep(self, hypotheses: list[PoseHypothesis]) -> None:
         kept: list[PoseHypothesis] = []
-        for place in sorted(places, key=lambda one: -one.score):
-            hopeless = bool(kept) and place.score < kept[0].score - HOPELESS
-            if not hopeless and not any(place.near(other) for other in kept):
-                kept.append(place)
-        self.places = kept
+        for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.score):
+            hopeless = bool(kept) and hypothesis.score < kept[0].score - DISCARD_MARGIN
+            if not hopeless and not any(hypothesis.near(other) for other in kept):
+                kept.append(hypothesis)
+        self.hypotheses = kept
 
-    def _verdict(self, stamp: int) -> Pose2D | None:
-        best = self.places[0]
+    def _accepted(self, stamp: int) -> Pose2D | None:
+        """Return the pose of an accepted hypothesis, or start again if none can be accepted."""
+        best = self.hypotheses[0]
         if len(best.scores) >= VIEWS:
-            ahead = best.score - self.places[1].score if len(self.places) > 1 else 1.0
+            ahead = best.score - self.hypotheses[1].score if len(self.hypotheses) > 1 else 1.0
             margin = MARGIN if self._turned >= LOOKED_AROUND else MARGIN_AT_FIRST
-            if best.score >= ENOUGH and best.scores[-1] >= ENOUGH - 0.1 and ahead >= margin:
+            if best.score >= MIN_SCORE and best.scores[-1] >= MIN_SCORE - 0.1 and ahead >= margin:
                 return best.pose
-            if best.score < ENOUGH - 0.1 or self._turned > FULL_TURN or stamp - self._began > LONGEST:
+            if (
+                best.score < MIN_SCORE - 0.1
+                or self._turned > FULL_TURN
+                or stamp - self._began > SEARCH_TIMEOUT
+            ):
                 self.restart()
         return None

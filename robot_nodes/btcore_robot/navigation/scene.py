@@ -14,7 +14,7 @@ from btcore_robot.navigation.costmap import LayeredCostmap
 from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.servers import MAP, ODOM, Servers
+from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, Servers
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import Pose2D
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
@@ -43,7 +43,7 @@ class NavigationScene:
         self._begin()
         self._shown["map"] = known = self._known_map()
         areas = [
-            Area(name=f"keepout_{index}", frame=MAP, corners=corners)
+            Area(name=f"keepout_{index}", frame=MAP_FRAME, corners=corners)
             for index, corners in enumerate(known.keepout)
         ]
         return StaticScene(grids=[occupancy(known)], areas=areas)
@@ -58,7 +58,9 @@ class NavigationScene:
         poses += self._beliefs()
         placed = self._placed()
         return MovingScene(
-            frames=() if placed is None else [Frame(ODOM, MAP, placed.position, placed.quaternion)],
+            frames=()
+            if placed is None
+            else [Frame(ODOM_FRAME, MAP_FRAME, placed.position, placed.quaternion)],
             grids=self._grids(now),
             poses=poses,
             notes=self._notes(),
@@ -94,7 +96,7 @@ class NavigationScene:
         sort: object = path
         if handle is not None:
             goals = sort = handle.goal.goals
-            path = self._servers.compute_path.newest
+            path = self._servers.compute_path.latest_path
         found = []
         if self._is_new("path", path):
             found.append(pose_rows("path", "path", path.poses if path is not None else _rows(())))
@@ -171,7 +173,7 @@ def pose_rows(
     name: str, kind: Literal["path", "cloud", "goal", "estimate", "odometry"], rows: NDArray[np.float64]
 ) -> Poses:
     """Return *rows* of x, y and yaw in the frame map, of shape ``(n, 3)``, as a message."""
-    return Poses(name=name, kind=kind, frame=MAP, rows=rows.astype("<f4").tobytes())
+    return Poses(name=name, kind=kind, frame=MAP_FRAME, rows=rows.astype("<f4").tobytes())
 
 
 def occupancy(map: OccupancyMap) -> Grid:
@@ -179,7 +181,7 @@ def occupancy(map: OccupancyMap) -> Grid:
     return Grid(
         name="map",
         kind="occupancy",
-        frame=MAP,
+        frame=MAP_FRAME,
         resolution=map.resolution,
         origin=map.origin,
         size=(map.width, map.height),

@@ -1,4 +1,4 @@
-"""What Nav2's tree nodes ask for: the servers of one robot, and what they know."""
+"""The servers of a robot, as a resource for Nav2's tree nodes."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,50 +18,50 @@ from btcore_robot.navigation.planner_server import PlannerServer
 from btcore_robot.robot import Pose2D, Robot
 from btcore_robot.transforms import TransformTree
 
-MAP, ODOM, BASE = "map", "odom", "base_footprint"
-"""The frames of what is known, of what is counted, and of the robot."""
+MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_footprint"
+"""The frames of the map, of odometry, and of the robot."""
 
 
 class PoseSource(Protocol):
-    """Who tells where the robot is in the frame map: a localiser, or who makes the map on the way."""
+    """The source of the robot's pose in the frame map: a localiser, or a mapper that builds the map."""
 
     stamp: int
-    """The stamp (ns) of the last scan that was looked at."""
+    """The stamp (ns) of the last scan that was processed."""
 
     @property
     def confident(self) -> bool:
-        """Whether the pose may be driven by."""
+        """Whether the robot may drive by the pose."""
         ...
 
     @property
-    def contradicted(self) -> bool:
-        """Whether what is seen speaks against the pose, though no other is known to be better."""
+    def is_contradicted(self) -> bool:
+        """Whether the last scans contradict the pose, even if no other pose is known to be better."""
         ...
 
     @property
     def searching(self) -> bool:
-        """Whether the robot has to turn on the spot, to see more."""
+        """Whether the robot has to turn on the spot, for scans in all directions."""
         ...
 
     def pose(self) -> Pose2D | None:
-        """Where ``base_footprint`` is in ``map`` now, by the last belief."""
+        """Return the present pose of ``base_footprint`` in ``map`` by the last estimate; None if unknown."""
         ...
 
     def step(self, now: int) -> None:
-        """Look at the newest scan, at *now* (ns)."""
+        """Process the newest scan at *now* (ns)."""
         ...
 
-    def global_localisation(self) -> None:
-        """Forget the pose, and search for it everywhere."""
+    def reinitialise_global_localisation(self) -> None:
+        """Discard the pose, and search the whole map for it."""
         ...
 
 
 @dataclass(slots=True)
 class Servers:
-    """The servers on one robot's schedule.
+    """The servers on the schedule of a robot.
 
-    *topics* holds the newest message of what ROS has topics for and nothing here has a sensor: a selector's
-    choice, a goal to follow.
+    *topics* holds the newest messages of ROS topics that no sensor here provides: the choice of a selector
+    node, or a goal that moves.
     """
 
     robot: Robot
@@ -78,29 +78,29 @@ class Servers:
     goal_tolerance: float = 0.25
     topics: dict[str, object] = field(default_factory=dict)
     navigators: dict[str, Any] = field(default_factory=dict)
-    """Who serves ``navigate_to_pose`` and ``navigate_through_poses``."""
+    """The servers of ``navigate_to_pose`` and ``navigate_through_poses``."""
 
     def now(self) -> int:
-        """The time (ns)."""
+        """Return the time (ns) on the robot's clock."""
         return self.robot.clock.now()
 
     def pose(self) -> Pose2D | None:
-        """Where the robot takes itself to be, in the frame map."""
+        """Return the robot's estimated pose in the frame map; None if unknown."""
         return self.localiser.pose()
 
     def distance_to(self, place: Pose2D) -> float:
-        """How far (m) the robot is from *place* in the frame map; inf when it doesn't know."""
+        """Return the robot's distance (m) from *place* in the frame map; inf if its pose is unknown."""
         here = self.pose()
         return math.inf if here is None else math.hypot(place.x - here.x, place.y - here.y)
 
     def costmap(self, service: str) -> GlobalCostmap | LocalCostmap:
-        """The costmap that a service name like ``local_costmap/clear_entirely_local_costmap`` means."""
+        """Return the costmap of a service with a name like ``local_costmap/clear_entirely_local_costmap``."""
         return self.local_costmap if "local" in service else self.global_costmap
 
     def remaining(self, path: NavPath) -> float:
-        """How long (m) the way along *path* still is; 0 where the robot doesn't know where it is."""
+        """Return the remaining length (m) of *path*; 0 if the robot's pose is unknown."""
         here = self.pose()
         return path.remaining(here.x, here.y) if here is not None else 0.0
 
 
-Handle = GoalHandle[Any, Any, Any]
+AnyGoalHandle = GoalHandle[Any, Any, Any]

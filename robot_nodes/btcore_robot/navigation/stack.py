@@ -1,4 +1,4 @@
-"""The whole navigation of one robot: every server, wired to the robot's schedule."""
+"""The navigation of a robot: creates all servers and puts them on the robot's schedule."""
 
 import logging
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from btcore_robot.navigation.planner import Planner
 from btcore_robot.navigation.planner_server import PlannerServer
 from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.navigation.scene import NavigationScene
-from btcore_robot.navigation.servers import MAP, ODOM, PoseSource, Servers
+from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, PoseSource, Servers
 from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot
 from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
@@ -37,27 +37,30 @@ TO_POSE = "navigate_to_pose_w_replanning_and_recovery.xml"
 THROUGH_POSES = "navigate_through_poses_w_replanning_and_recovery.xml"
 
 SEARCH_TURN = 0.4
-"""How fast (rad/s) the robot turns on the spot to see more while it doesn't know where it is."""
+"""The rate (rad/s) of the turn on the spot while the localiser searches for the robot's pose."""
 SEARCH_PRIORITY = CMD_VEL + 10
-"""Of that command: whoever is held meanwhile, and asks for standing, must not stop the search."""
+"""The priority of that command: the zero velocity of a server that has to wait must not stop the turn."""
 SEARCH_PATIENCE = 120.0
-"""For how long (s) it does, until the goals that wait for it fail; a new goal makes it look again."""
-LOOKS = 3
-"""So many scans are held against the pose that the robot begins with, before it drives by that."""
+"""The time (s) of the turn after which waiting goals fail; a new goal starts another search."""
+INITIAL_SCANS = 3
+"""The number of scans that validate the initial pose before the robot drives."""
 PLANNER_RATE = 20.0
-"""How often (Hz) the planner looks for a goal to plan to."""
+"""The rate (Hz) of the planner's steps."""
 MS_PER_S = 1000.0
 
-_LOST = "it doesn't know where it is, since what it sees fits several places on the map, or none"
+_LOST = "the robot's pose is unknown: its scans fit several places on the map, or none"
 
 
 class Navigation:
-    """Drives *robot* about on *map*: localisation, costmaps, planning, driving, recoveries, navigators.
+    """The navigation of *robot* on *map*: localisation, costmaps, planning, driving, recoveries, navigators.
 
-    All of it are tasks on the robot's schedule: nothing happens but while somebody waits on its clock. While
-    the localiser isn't sure, the robot is held where it is, and while it searches it turns on the spot; the
-    goals that it was given wait meanwhile, and go on afterwards with a path that is planned anew. Where
-    places look alike, or none is as it should be, the search ends after a time, and so do they.
+    Everything runs as tasks on the robot's schedule, and only while a thread waits on the robot's clock.
+    While the localiser is not confident, the robot stands; while it searches, the robot turns on the spot.
+    Goals wait in this time, and continue with a newly planned path. If the search has no result after a time,
+    because places look alike or the map doesn't fit, the robot stops searching and the waiting goals fail.
+
+    *random* is the source of the localiser's samples; *trees* is the folder in which the default trees are
+    found.
     """
 
     def __init__(
@@ -68,24 +71,24 @@ class Navigation:
         trees: Path,
         parameters: NavigationParameters | None = None,
     ) -> None:
-        # A step takes well under a millisecond: sharing it among threads costs more than it saves.
+        # A step takes much less than a millisecond: distributing it over threads costs more than it saves.
         cv2.setNumThreads(1)
         self.robot = robot
         self.map = map
-        self.parameters = figures = parameters if parameters is not None else NavigationParameters()
+        self.parameters = parameters = parameters or NavigationParameters()
         self.transforms = TransformTree()
         frames = FrameBroadcaster(robot, self.transforms)
         frames.step(robot.clock.now())
         self.localiser = self._make_localiser(random)
         self.global_costmap = self._make_global_costmap()
-        self.local_costmap = _local_costmap(map, figures.local_costmap)
+        self.local_costmap = _local_costmap(map, parameters.local_costmap)
         planner = Planner(
             self.global_costmap,
-            radius=figures.global_costmap.robot_radius,
-            tolerance=figures.planner.tolerance,
-            allow_unknown=figures.planner.allow_unknown,
+            radius=parameters.global_costmap.robot_radius,
+            tolerance=parameters.planner.tolerance,
+            allow_unknown=parameters.planner.allow_unknown,
         )
-        tree, local, behaviours = self.transforms, self.local_costmap, figures.behaviours
+        tree, local, behaviours = self.transforms, self.local_costmap, parameters.behaviours
         self.servers = Servers(
             robot,
             tree,
@@ -93,31 +96,31 @@ class Navigation:
             self.global_costmap,
             local,
             PlannerServer(planner, self.estimate),
-            ControllerServer(robot, tree, local, figures.controller, hold=self.must_wait),
+            ControllerServer(robot, tree, local, parameters.controller, hold=self.must_wait),
             SpinBehaviour(robot, tree, local, behaviours),
             BackUpBehaviour(robot, tree, local, behaviours),
             DriveOnHeadingBehaviour(robot, tree, local, behaviours),
             WaitBehaviour(),
-            figures.navigator.goal_reached_tol,
+            parameters.navigator.goal_reached_tol,
         )
         self._outcomes: list[GoalOutcome] = []
-        named = figures.navigator
+        named = parameters.navigator
         self.navigate_to_pose = Navigator(
             self.servers,
-            _known(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
+            _existing_tree(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
             plugins=named.plugin_lib_names,
-            ended=self._outcomes.append,
+            on_end=self._outcomes.append,
             hold=self.must_wait,
-            hopeless=self.hopeless,
+            give_up_reason=self.give_up_reason,
         )
         self.navigate_through_poses = Navigator(
             self.servers,
-            _known(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES),
+            _existing_tree(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES),
             through=True,
             plugins=named.plugin_lib_names,
-            ended=self._outcomes.append,
+            on_end=self._outcomes.append,
             hold=self.must_wait,
-            hopeless=self.hopeless,
+            give_up_reason=self.give_up_reason,
         )
         self.servers.navigators = {
             "navigate_to_pose": self.navigate_to_pose,
@@ -125,27 +128,27 @@ class Navigation:
             "goal_to": NavigateGoal,
         }
         self._scene = NavigationScene(self.servers)
-        self._scan_seen = {ODOM: -1, MAP: -1}
-        self._looks = 0
-        self._was_sure = self._searched = False
+        self._scan_seen = {ODOM_FRAME: -1, MAP_FRAME: -1}
+        self._processed_scans = 0
+        self._was_confident = self._was_searching = False
         self._search_began = 0
         self._gave_up: int | None = None
         self._wire(frames)
 
     def go_to(self, goal: Pose2D) -> NavigateHandle:
-        """Navigate to *goal* (map); a goal that runs is given up for it."""
+        """Navigate to *goal* (map), which replaces a running goal."""
         return self.navigate_to_pose.send_goal(NavigateGoal((goal,)))
 
     def go_through(self, goals: Sequence[Pose2D]) -> NavigateHandle:
-        """Navigate through *goals* (map) to the last one."""
+        """Navigate through *goals* (map) to the last goal."""
         return self.navigate_through_poses.send_goal(NavigateGoal(tuple(goals)))
 
     def estimate(self) -> Pose2D | None:
-        """Where the robot takes itself to be in the frame map; None while it doesn't know."""
+        """Return the robot's estimated pose in the frame map; None while the pose is unknown."""
         return None if self.must_wait() else self.localiser.pose()
 
     def outcomes(self) -> Sequence[GoalOutcome]:
-        """Every goal that was accepted and has ended, in order; one that a newer one replaced is CANCELED."""
+        """Return the outcomes of accepted goals that have ended, in order; replaced goals are CANCELED."""
         return self._outcomes
 
     def scene_static(self) -> StaticScene:
@@ -157,21 +160,21 @@ class Navigation:
         return self._scene.moving(self.robot.clock.now())
 
     def _make_localiser(self, random: np.random.Generator) -> PoseSource:
-        """Who tells where the robot is."""
+        """Create the source of the robot's pose."""
         return Localiser(self.robot, self.map, self.transforms, random, self.parameters.amcl)
 
     def _make_global_costmap(self) -> GlobalCostmap:
-        """What is planned on."""
-        return GlobalCostmap(self.map, **costmap_figures(self.parameters.global_costmap))
+        """Create the costmap for planning."""
+        return GlobalCostmap(self.map, **costmap_arguments(self.parameters.global_costmap))
 
     def must_wait(self) -> bool:
-        """Whether the robot has to stand because it isn't sure where it is."""
-        return self._looks < LOOKS or not self.localiser.confident
+        """Return whether the robot has to stand because its pose is uncertain."""
+        return self._processed_scans < INITIAL_SCANS or not self.localiser.confident
 
-    def hopeless(self, began: int) -> str:
-        """Why a goal that began then (ns) doesn't wait any longer for the robot to find itself, or nothing.
+    def give_up_reason(self, began: int) -> str:
+        """Return why a goal that began at *began* (ns) stops waiting for the robot's pose, or an empty text.
 
-        A goal that is newer than the last search makes the robot search again.
+        A goal that began after the last search makes the robot search again.
         """
         if self._gave_up is None or began <= self._gave_up:
             return "" if self._gave_up is None else _LOST
@@ -179,57 +182,57 @@ class Navigation:
         return ""
 
     def _wire(self, frames: FrameBroadcaster) -> None:
-        every, figures, servers = self.robot.schedule.every, self.parameters, self.servers
+        every, parameters, servers = self.robot.schedule.every, self.parameters, self.servers
         every(frames.RATE, Phase.TRANSFORMS, frames.step)
         every(self.robot.laser.rate, Phase.LOCALISER, self._localise)
-        every(figures.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
-        every(figures.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
+        every(parameters.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
+        every(parameters.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
         every(PLANNER_RATE, Phase.PLANNER, servers.compute_path.step)
-        every(figures.controller.controller_frequency, Phase.CONTROLLER, servers.follow_path.step)
+        every(parameters.controller.controller_frequency, Phase.CONTROLLER, servers.follow_path.step)
         for behaviour in (servers.spin, servers.back_up, servers.drive_on_heading, servers.wait):
-            every(figures.behaviours.cycle_frequency, Phase.CONTROLLER, behaviour.step)
-        rate = MS_PER_S / figures.navigator.bt_loop_duration
+            every(parameters.behaviours.cycle_frequency, Phase.CONTROLLER, behaviour.step)
+        rate = MS_PER_S / parameters.navigator.bt_loop_duration
         every(rate, Phase.CONTROLLER, self.navigate_to_pose.step)
         every(rate, Phase.CONTROLLER, self.navigate_through_poses.step)
 
     def _localise(self, now: int) -> None:
         before = self.localiser.stamp
         self.localiser.step(now)
-        self._looks += self.localiser.stamp != before
-        sure = not self.must_wait()
+        self._processed_scans += self.localiser.stamp != before
+        confident = not self.must_wait()
         if self.localiser.searching:
-            if not self._searched:
-                log.warning("the robot doesn't know where it is: it stops, and looks around")
+            if not self._was_searching:
+                log.warning("the robot's pose is unknown: the robot stops and looks around")
                 self._search_began = now
             if self._gave_up is None and now - self._search_began > SEARCH_PATIENCE * NS_PER_S:
-                log.warning("the robot gives up looking around: %s", _LOST)
+                log.warning("the robot stops looking around: %s", _LOST)
                 self._gave_up = now
             if self._gave_up is None:
                 self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
         else:
             self._gave_up = None
-        if sure and not self._was_sure:
-            # What was seen from where the robot isn't.
+        if confident and not self._was_confident:
+            # Obstacles that were observed at a wrong pose are at wrong places in the map.
             self.global_costmap.clear()
-        elif self._was_sure and not sure:
-            self.navigate_to_pose.start_over()
-            self.navigate_through_poses.start_over()
-        self._searched = self.localiser.searching
-        self._was_sure = sure
+        elif self._was_confident and not confident:
+            self.navigate_to_pose.restart_goal()
+            self.navigate_through_poses.restart_goal()
+        self._was_searching = self.localiser.searching
+        self._was_confident = confident
 
     def _update_local(self, now: int) -> None:
-        self._observe(self.local_costmap, ODOM)
+        self._observe(self.local_costmap, ODOM_FRAME)
         here = self.robot.odometry().pose
         try:
-            placed = self.transforms.lookup(ODOM, MAP).to_pose()
+            map_pose = self.transforms.lookup(ODOM_FRAME, MAP_FRAME).to_pose()
         except TransformError:
-            placed = None
-        self.local_costmap.update(now, here, placed)
+            map_pose = None
+        self.local_costmap.update(now, here, map_pose)
 
     def _update_global(self, now: int) -> None:
         here = self.estimate()
         if here is not None:
-            self._observe(self.global_costmap, MAP)
+            self._observe(self.global_costmap, MAP_FRAME)
             self.global_costmap.update(now, here)
 
     def _observe(self, costmap: LocalCostmap | GlobalCostmap, frame: str) -> None:
@@ -244,47 +247,53 @@ class Navigation:
         costmap.observe(smooth_scan(scan), laser)
 
 
-def costmap_figures(figures: CostmapParameters) -> dict[str, Any]:
-    """The arguments of a `GlobalCostmap` that *figures* mean."""
+def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
+    """Return the arguments of a `GlobalCostmap` for *parameters*."""
     return {
-        "radius": figures.robot_radius,
-        "inflation_radius": figures.inflation_radius,
-        "scaling": figures.cost_scaling_factor,
-        "obstacle_min_range": figures.obstacle_min_range,
-        "obstacle_max_range": figures.obstacle_max_range,
-        "raytrace_range": figures.raytrace_max_range,
-        "track_unknown": figures.track_unknown_space,
+        "radius": parameters.robot_radius,
+        "inflation_radius": parameters.inflation_radius,
+        "scaling": parameters.cost_scaling_factor,
+        "obstacle_min_range": parameters.obstacle_min_range,
+        "obstacle_max_range": parameters.obstacle_max_range,
+        "raytrace_range": parameters.raytrace_max_range,
+        "track_unknown": parameters.track_unknown_space,
     }
 
 
-def _local_costmap(map: OccupancyMap, figures: CostmapParameters) -> LocalCostmap:
+def _local_costmap(map: OccupancyMap, parameters: CostmapParameters) -> LocalCostmap:
     return LocalCostmap(
-        figures.robot_radius,
-        figures.inflation_radius,
-        figures.cost_scaling_factor,
-        size=figures.width,
-        resolution=figures.resolution,
+        parameters.robot_radius,
+        parameters.inflation_radius,
+        parameters.cost_scaling_factor,
+        size=parameters.width,
+        resolution=parameters.resolution,
         keepout=map.keepout,
-        obstacle_min_range=figures.obstacle_min_range,
-        obstacle_max_range=figures.obstacle_max_range,
-        raytrace_range=figures.raytrace_max_range,
+        obstacle_min_range=parameters.obstacle_min_range,
+        obstacle_max_range=parameters.obstacle_max_range,
+        raytrace_range=parameters.raytrace_max_range,
     )
 
 
-def missing_trees(figures: NavigatorParameters, trees: Path) -> list[str]:
-    """A sentence for each tree that *figures* name and that is nowhere: one of *trees* takes its place."""
+def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:
+    """Return a warning for each tree in *parameters* that doesn't exist, so that a default tree is used.
+
+    Args:
+        parameters: the parameters of the navigator.
+        trees: the folder in which the default trees are found.
+
+    """
     named = (
-        (figures.default_nav_to_pose_bt_xml, TO_POSE),
-        (figures.default_nav_through_poses_bt_xml, THROUGH_POSES),
+        (parameters.default_nav_to_pose_bt_xml, TO_POSE),
+        (parameters.default_nav_through_poses_bt_xml, THROUGH_POSES),
     )
     return [
-        f"there is no tree {name}: {ours} takes its place"
-        for name, ours in named
-        if name and not tree_file(name, trees / TREES / ours).is_file()
+        f"there is no tree {name}: {default} is used instead"
+        for name, default in named
+        if name and not tree_file(name, trees / TREES / default).is_file()
     ]
 
 
-def _known(named: str, default: Path) -> Path:
-    """The file that the parameters name, or ours of that name; the default where there is neither."""
-    file = tree_file(named, default)
+def _existing_tree(name: str, default: Path) -> Path:
+    """Return the tree file for *name*, or the default if it doesn't exist."""
+    file = tree_file(name, default)
     return file if file.is_file() else default

@@ -1,15 +1,15 @@
-"""How fast a server may drive, and velocity commands that keep to it."""
+"""Velocity limits of a server, and velocity commands within them."""
 
 from dataclasses import dataclass
 
 from btcore_robot.robot import NS_PER_S, BaseInfo, Robot, Twist2D
 
-_FORGET = 0.3  # s after which what was asked for last is nothing to go on from
+_COMMAND_LIFETIME = 0.3  # s; after this time the last command is no longer a basis for the next
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """The fastest *v* (m/s) and *w* (rad/s), and how fast each may grow and shrink (m/s², rad/s²)."""
+class VelocityLimits:
+    """The greatest *v* (m/s) and *w* (rad/s), and the accelerations up and down (m/s², rad/s²)."""
 
     v: float
     w: float
@@ -18,9 +18,9 @@ class Limits:
     w_up: float
     w_down: float
 
-    def within(self, base: BaseInfo) -> "Limits":
-        """The same, but no more than *base* can do: it would not follow."""
-        return Limits(
+    def within(self, base: BaseInfo) -> "VelocityLimits":
+        """Return these limits, reduced to those of *base*."""
+        return VelocityLimits(
             min(self.v, base.v_max),
             min(self.w, base.w_max),
             min(self.v_up, base.v_rate),
@@ -31,64 +31,72 @@ class Limits:
 
 
 class VelocitySmoother:
-    """Asks a robot for velocities, each no further from the one before than the limits allow."""
+    """A sender of velocity commands whose changes stay within the limits."""
 
-    def __init__(self, robot: Robot, limits: Limits) -> None:
+    def __init__(self, robot: Robot, limits: VelocityLimits) -> None:
         self._robot = robot
         self.limits = limits
         self.v = 0.0
-        """The speed (m/s) asked for last."""
+        """The last commanded speed (m/s)."""
         self.w = 0.0
-        """The turning rate (rad/s) asked for last."""
+        """The last commanded turning rate (rad/s)."""
         self._stamp: int | None = None
 
-    def wake(self, now: int) -> None:
-        """Begin anew at *now* (ns) from what the robot does, unless the last command is fresh."""
-        if self._stamp is None or now - self._stamp > _FORGET * NS_PER_S:
+    def resume(self, now: int) -> None:
+        """Start at *now* (ns) from the robot's present velocity, unless the last command is recent."""
+        if self._stamp is None or now - self._stamp > _COMMAND_LIFETIME * NS_PER_S:
             twist = self._robot.odometry().twist
-            self.v = _held(twist.v, -self.limits.v, self.limits.v)
-            self.w = _held(twist.w, -self.limits.w, self.limits.w)
+            self.v = _clamp(twist.v, -self.limits.v, self.limits.v)
+            self.w = _clamp(twist.w, -self.limits.w, self.limits.w)
             self._stamp = None
 
-    def speed(self, v: float, seconds: float) -> float:
-        """The speed next to *v* (m/s) that may be asked for *seconds* after the last one."""
+    def reachable_speed(self, v: float, seconds: float) -> float:
+        """Return the speed nearest to *v* (m/s) that is reachable *seconds* after the last command."""
         limits = self.limits
-        return _next(self.v, _held(v, -limits.v, limits.v), limits.v_up * seconds, limits.v_down * seconds)
+        return _next(self.v, _clamp(v, -limits.v, limits.v), limits.v_up * seconds, limits.v_down * seconds)
 
-    def ask(self, v: float, w: float, now: int, period: float) -> None:
-        """Ask for the velocity next to *v*, *w* that may follow the last one, *period* (s) later at most."""
+    def send_command(self, v: float, w: float, now: int, period: float) -> None:
+        """Command the velocity nearest to the target that is reachable since the last command.
+
+        Args:
+            v: the target speed (m/s).
+            w: the target turning rate (rad/s).
+            now: the time (ns).
+            period: the time (s) between two commands, an upper limit for the time since the last command.
+
+        """
         seconds = period if self._stamp is None else min(max((now - self._stamp) / NS_PER_S, 0.0), period)
         limits = self.limits
-        self.v = self.speed(v, seconds)
-        self.w = _next(self.w, _held(w, -limits.w, limits.w), limits.w_up * seconds, limits.w_down * seconds)
+        self.v = self.reachable_speed(v, seconds)
+        self.w = _next(self.w, _clamp(w, -limits.w, limits.w), limits.w_up * seconds, limits.w_down * seconds)
         self._stamp = now
         self._robot.drive(self.v, self.w)
 
-    def ease(self, now: int, period: float) -> None:
-        """Come to rest, step by step, as long as nobody else drives."""
+    def slow_to_stop(self, now: int, period: float) -> None:
+        """Brake step by step, unless another source commands the robot; *now* in ns, *period* in s."""
         if (self.v, self.w) != (0.0, 0.0):
             if self._robot.commanded_velocity() == Twist2D(self.v, self.w):
-                self.ask(0.0, 0.0, now, period)
+                self.send_command(0.0, 0.0, now, period)
             else:
                 self.v = self.w = 0.0
 
     def halt(self, now: int) -> None:
-        """Ask for standing, at once: the base brakes as hard as it can."""
+        """Command a velocity of zero at once; the base brakes as hard as it can."""
         self.v = self.w = 0.0
         self._stamp = now
         self._robot.drive(0.0, 0.0)
 
 
-def _next(last: float, wanted: float, up: float, down: float) -> float:
-    """*wanted*, or what comes nearest to it from *last* if size may grow by *up* and shrink by *down*."""
-    if last < 0.0 or (last == 0.0 and wanted < 0.0):
-        return -_next(-last, -wanted, up, down)
-    if wanted >= last:
-        return min(wanted, last + up)
-    if wanted >= 0.0 or last > down:
-        return max(wanted, last - down)
-    return 0.0
+def _next(last: float, target: float, up: float, down: float) -> float:
+    """Return the value nearest to *target*, in size at most *up* above or *down* below *last*."""
+    if last < 0.0 or (last == 0.0 and target < 0.0):
+        return -_next(-last, -target, up, down)
+    if target >= last:
+        return min(target, last + up)
+    if target >= 0.0 or last > down:
+        return max(target, last - down)
+    return 0.0  # a change of direction passes through standing
 
 
-def _held(value: float, low: float, high: float) -> float:
+def _clamp(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)

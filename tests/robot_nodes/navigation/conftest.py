@@ -16,7 +16,7 @@ from btcore_robot.navigation.behaviours import (
     WaitBehaviour,
 )
 from btcore_robot.navigation.clearance import laser_pose
-from btcore_robot.navigation.controller import ControllerServer, FollowGoal
+from btcore_robot.navigation.controller import ControllerServer, FollowPathGoal
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.parameters import ControllerParameters
 from btcore_robot.navigation.path import NavPath
@@ -275,9 +275,9 @@ def path() -> Callable[..., NavPath]:
 
 
 @pytest.fixture
-def follow() -> Callable[[NavPath], FollowGoal]:
+def follow() -> Callable[[NavPath], FollowPathGoal]:
     """The goal to follow a path."""
-    return FollowGoal
+    return FollowPathGoal
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from btcore_robot.navigation.checkers import GoalChecker, ProgressChecker
 from btcore_robot.navigation.clearance import ClearanceGrid
 from btcore_robot.navigation.costmap import LocalCostmap
-from btcore_robot.navigation.detour import detour
+from btcore_robot.navigation.detour import find_detour
 from btcore_robot.navigation.pure_pursuit import PurePursuit
 from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.robot import LaserScan, Pose2D
@@ -67,9 +67,9 @@ def seen():
 
 def test_clearance_is_the_distance_to_what_the_scan_sees(seen):
     field = seen()
-    assert field.here(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
-    assert field.here(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
-    assert field.at(np.array([0.0, 9.0]), np.array([0.0, 0.0])).tolist() == [
+    assert field.distance_at(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
+    assert field.distance_at(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
+    assert field.distances_at(np.array([0.0, 9.0]), np.array([0.0, 0.0])).tolist() == [
         pytest.approx(1.0, abs=0.03),
         0.0,
     ]
@@ -81,22 +81,22 @@ def test_what_the_costmap_remembers_behind_the_robot_counts_and_what_the_scan_se
         row, col = costmap.cell(x, 0.0)
         costmap.obstacles.values[row, col] = costmap.costs[row, col] = 254
     field = seen(costmap)
-    assert field.here(-0.5, 0.0) < 0.05
-    assert field.here(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
+    assert field.distance_at(-0.5, 0.0) < 0.05
+    assert field.distance_at(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
 
 
 def test_a_keep_out_stays_though_the_laser_sees_through_it(seen):
     costmap = LocalCostmap()
     row, col = costmap.cell(0.5, 0.0)
     costmap.costs[row, col] = 254
-    assert seen(costmap).here(0.5, 0.0) < 0.05
+    assert seen(costmap).distance_at(0.5, 0.0) < 0.05
 
 
 def test_a_carrot_lies_ahead_on_the_path_and_gives_the_arc_through_it():
     pursuit = PurePursuit(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
     pose = Pose2D(0.5, 0.1, 0.0)
     pursuit.locate(pose)
-    assert (pursuit.off, pursuit.left) == (pytest.approx(0.1), pytest.approx(1.5))
+    assert (pursuit.cross_track_distance, pursuit.remaining) == (pytest.approx(0.1), pytest.approx(1.5))
     carrot = pursuit.carrot(pose, 0.4)
     assert carrot.distance == pytest.approx(math.hypot(0.4, 0.1))
     assert carrot.curvature == pytest.approx(2 * -0.1 / (0.4**2 + 0.1**2))
@@ -107,13 +107,13 @@ def test_a_path_that_crosses_itself_is_not_cut_short():
     pursuit = PurePursuit(loop)
     for x in np.arange(0.0, 1.6, 0.1):
         pursuit.locate(Pose2D(float(x), 0.0, 0.0))
-    assert pursuit.passed == pytest.approx(1.5)
+    assert pursuit.travelled == pytest.approx(1.5)
 
 
 def test_a_path_of_one_place_is_at_its_end():
     pursuit = PurePursuit(np.array([(1.0, 0.0)]))
     pursuit.locate(Pose2D(0.0, 0.0, 0.0))
-    assert (pursuit.left, pursuit.off) == (0.0, 1.0)
+    assert (pursuit.remaining, pursuit.cross_track_distance) == (0.0, 1.0)
 
 
 def test_a_detour_keeps_clear_and_an_enclosed_target_has_none(seen):
@@ -121,14 +121,14 @@ def test_a_detour_keeps_clear_and_an_enclosed_target_has_none(seen):
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
     field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
-    found = detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(0.7, 0.0), (1.4, 0.0), (1.6, 0.0)]), 0.32)
+    found = find_detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(0.7, 0.0), (1.4, 0.0), (1.6, 0.0)]), 0.32)
     assert found is not None
     index, way = found
     assert index == 1
     assert np.hypot(way[:, 0] - 0.7, way[:, 1] + 0.05).min() > 0.28
     ring = np.abs(np.hypot(cols - 1.4, rows)) - 0.6
     field.distances = np.abs(ring).astype(np.float32)
-    assert detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
+    assert find_detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
 
 
 def test_a_detour_stays_on_the_side_that_was_taken_last(seen):
@@ -137,11 +137,11 @@ def test_a_detour_stays_on_the_side_that_was_taken_last(seen):
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
     field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
     target = np.array([(1.4, 0.0)])
-    over = detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
+    over = find_detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
     assert over is not None
     field.distances = np.hypot(cols - 0.7, rows - 0.05).astype(np.float32)
-    again = detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32, over[1])
-    anew = detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
+    again = find_detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32, over[1])
+    anew = find_detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
     assert over[1][:, 1].max() > 0.2
     assert again is not None
     assert again[1][:, 1].max() > 0.2
@@ -171,5 +171,5 @@ def test_time_in_which_the_robot_has_to_stand_does_not_count():
 def test_a_place_once_reached_stays_reached_if_the_checker_remembers(stateful, reached):
     checker = GoalChecker(0.25, 0.25, stateful)
     goal = Pose2D(1.0, 0.0, 0.0)
-    assert not checker.reached(Pose2D(0.8, 0.0, 1.0), goal)
-    assert checker.reached(Pose2D(0.7, 0.0, 0.1), goal) is reached
+    assert not checker.is_goal_reached(Pose2D(0.8, 0.0, 1.0), goal)
+    assert checker.is_goal_reached(Pose2D(0.7, 0.0, 0.1), goal) is reached

@@ -16,7 +16,7 @@ from btcore_robot.navigation.costmap import (
     GlobalCostmap,
     LocalCostmap,
 )
-from btcore_robot.navigation.costmap_layers import Inflation
+from btcore_robot.navigation.costmap_layers import InflationLayer
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
@@ -57,7 +57,7 @@ def test_costs_fall_with_the_distance_by_nav2s_formula(distance, cost):
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
     assert costmap.cost(2.025 + distance, 2.025) == cost
     assert costmap.cost(2.025, 2.025 - distance) == cost
-    assert Inflation(0.30, 0.55, 3.0, 0.05).cost(distance) == cost
+    assert InflationLayer(0.30, 0.55, 3.0, 0.05).cost(distance) == cost
 
 
 def test_between_the_axes_the_distance_is_that_between_the_middles():
@@ -78,8 +78,8 @@ def test_between_the_axes_the_distance_is_that_between_the_middles():
     scaling=st.sampled_from([1.0, 3.0, 10.0]),
 )
 def test_inflation_is_the_formula_on_exact_distances(occupied, radius, inflation_radius, scaling):
-    inflation = Inflation(radius, inflation_radius, scaling, 0.05)
-    found = inflation.inflated(np.where(occupied, LETHAL, FREE).astype(np.uint8))
+    inflation = InflationLayer(radius, inflation_radius, scaling, 0.05)
+    found = inflation.inflate(np.where(occupied, LETHAL, FREE).astype(np.uint8))
     if occupied.any():
         squares = np.rint(distance_transform_edt(~occupied) ** 2)
         wanted = np.vectorize(lambda square: inflation.cost(0.05 * math.sqrt(square)))(squares)

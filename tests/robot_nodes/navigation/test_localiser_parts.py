@@ -7,11 +7,11 @@ import pytest
 
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
-from btcore_robot.navigation.likelihood import LikelihoodField, beams, distances
-from btcore_robot.navigation.motion_model import decomposed, sample_motion_model
+from btcore_robot.navigation.likelihood import LikelihoodField, beam_endpoints, obstacle_distances
+from btcore_robot.navigation.motion_model import decompose_motion, sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.particles import best_cluster, cloud, resampled, sample_size
-from btcore_robot.navigation.pose_validation import changed
+from btcore_robot.navigation.particles import best_cluster, kld_sample_size, resample, sample_particles
+from btcore_robot.navigation.pose_validation import changed_beam_shares
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.robot import LaserScan, Pose2D
 
@@ -98,7 +98,7 @@ def test_particles_are_turned_and_shifted_each_by_its_own_pose():
         (random.uniform(1, 9, 50), random.uniform(1, 9, 50), random.uniform(-3, 3, 50))
     )
     ends = random.uniform(-3, 3, (40, 2))
-    z = distances(field_map, 2.0)
+    z = obstacle_distances(field_map, 2.0)
     for particle, weight in zip(particles, field.weights(particles, ends), strict=True):
         x, y, yaw = particle
         world_x = x + math.cos(yaw) * ends[:, 0] - math.sin(yaw) * ends[:, 1]
@@ -113,7 +113,7 @@ def test_particles_are_turned_and_shifted_each_by_its_own_pose():
 def test_beams_are_every_so_manieth_and_only_those_with_an_echo():
     ranges = np.full(666, 2.0)
     ranges[11], ranges[22], ranges[33], ranges[44], ranges[55] = np.inf, -np.inf, np.nan, 0.04, 25.0
-    ends = beams(scan(ranges), 60, 0.05, 25.0)
+    ends = beam_endpoints(scan(ranges), 60, 0.05, 25.0)
     assert len(ends) == 61 - 5  # (666 - 1) // (60 - 1) = 11
     assert np.allclose(np.hypot(*ends.T), 2.0)
     assert np.allclose(np.arctan2(ends[1, 1], ends[1, 0]), 0.66)
@@ -123,9 +123,9 @@ def test_beams_are_every_so_manieth_and_only_those_with_an_echo():
 
 
 def test_a_way_is_a_turn_a_line_and_a_turn():
-    turn, way, after = decomposed(Pose2D(1.0, 1.0, 0.5), Pose2D(1.0, 3.0, 0.0))
+    turn, way, after = decompose_motion(Pose2D(1.0, 1.0, 0.5), Pose2D(1.0, 3.0, 0.0))
     assert (turn, way, after) == pytest.approx((math.pi / 2 - 0.5, 2.0, -math.pi / 2))
-    assert decomposed(Pose2D(0, 0, 0), Pose2D(0.005, 0.005, 0.3))[0] == 0.0
+    assert decompose_motion(Pose2D(0, 0, 0), Pose2D(0.005, 0.005, 0.3))[0] == 0.0
 
 
 @pytest.mark.parametrize("heading", [0.0, math.pi])
@@ -161,29 +161,29 @@ def test_noise_of_a_turn_on_the_spot_is_that_of_the_model():
 
 @pytest.mark.parametrize(("bins", "size"), [(0, 2000), (1, 2000), (2, 500), (100, 1129), (1000, 2000)])
 def test_kld_sampling_asks_for_as_many_particles_as_bins_are_occupied(bins, size):
-    assert sample_size(bins, 0.05, 0.99, 500, 2000) == size
+    assert kld_sample_size(bins, 0.05, 0.99, 500, 2000) == size
 
 
 def test_kld_sampling_is_foxs_formula_between_its_bounds():
     k, err, z = 60, 0.05, 0.99
     spread = 2 / (9 * (k - 1))
     expected = (k - 1) / (2 * err) * (1 - spread + math.sqrt(spread) * z) ** 3
-    assert sample_size(k, err, z, 1, 10_000) == math.ceil(expected)
+    assert kld_sample_size(k, err, z, 1, 10_000) == math.ceil(expected)
 
 
 def test_a_tight_cloud_needs_few_particles_and_a_wide_one_many():
     random = np.random.default_rng(0)
     even = np.full(2000, 1 / 2000)
     figures = {"err": 0.05, "z": 0.99, "least": 500, "most": 2000}
-    tight = cloud(Pose2D(1, 1, 0), np.diag([0.1, 0.1, 0.05]) ** 2, 2000, random)
-    wide = cloud(Pose2D(1, 1, 0), np.diag([3.0, 3.0, 1.0]) ** 2, 2000, random)
-    assert len(resampled(tight, even, random, **figures)) == 500
-    assert len(resampled(wide, even, random, **figures)) == 2000
+    tight = sample_particles(Pose2D(1, 1, 0), np.diag([0.1, 0.1, 0.05]) ** 2, 2000, random)
+    wide = sample_particles(Pose2D(1, 1, 0), np.diag([3.0, 3.0, 1.0]) ** 2, 2000, random)
+    assert len(resample(tight, even, random, **figures)) == 500
+    assert len(resample(wide, even, random, **figures)) == 2000
 
 
 def test_resampling_is_proportional_to_weight():
     particles = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
-    chosen = resampled(
+    chosen = resample(
         particles, np.array([0.25, 0.75]), np.random.default_rng(5), err=0.05, z=0.99, least=400, most=400
     )
     assert abs(int((chosen[:, 0] == 9.0).sum()) - 300) <= 1
@@ -192,8 +192,8 @@ def test_resampling_is_proportional_to_weight():
 def test_the_pose_is_the_mean_of_the_heaviest_cluster_also_across_half_a_turn():
     random = np.random.default_rng(2)
     spread = np.diag([0.1, 0.2, 0.1]) ** 2
-    one = cloud(Pose2D(2.0, 3.0, math.pi), spread, 600, random)
-    other = cloud(Pose2D(7.0, 3.0, 0.0), spread, 400, random)
+    one = sample_particles(Pose2D(2.0, 3.0, math.pi), spread, 600, random)
+    other = sample_particles(Pose2D(7.0, 3.0, 0.0), spread, 400, random)
     best = best_cluster(np.concatenate((one, other)), np.full(1000, 0.001))
     assert (best.pose.x, best.pose.y) == pytest.approx((2.0, 3.0), abs=0.03)
     assert abs(math.remainder(best.pose.yaw - math.pi, 2 * math.pi)) < 0.02
@@ -209,7 +209,7 @@ def test_a_match_brings_a_guess_to_the_pose_to_a_centimetre(off):
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
     points = seen_from(field_map, true)
     guess = Pose2D(true.x + off[0], true.y + off[1], true.yaw + off[2])
-    found = SignedDistanceField(field_map).match(guess, points, EYE, trust=(0.2, 0.1))
+    found = SignedDistanceField(field_map).match(guess, points, EYE, deviation=(0.2, 0.1))
     assert math.hypot(found.pose.x - true.x, found.pose.y - true.y) < 0.02
     assert abs(found.pose.yaw - true.yaw) < 0.01
     assert found.share == 1.0
@@ -220,7 +220,7 @@ def test_who_stands_in_the_way_does_not_pull_a_match():
     points = seen_from(field_map, true)
     points[40:60] *= 0.5
     guess = Pose2D(true.x + 0.05, true.y - 0.05, true.yaw + 0.02)
-    found = SignedDistanceField(field_map).match(guess, points, EYE, trust=(0.05, 0.05))
+    found = SignedDistanceField(field_map).match(guess, points, EYE, deviation=(0.05, 0.05))
     assert math.hypot(found.pose.x - true.x, found.pose.y - true.y) < 0.02
 
 
@@ -230,7 +230,7 @@ def test_along_a_corridor_a_match_leaves_the_place_as_it_was():
     field_map = OccupancyMap(cells, 0.05, (0.0, 0.0))
     points = seen_from(field_map, Pose2D(5.0, 5.0, 0.0), reach=4.0)
     points = points[np.abs(points[:, 1]) > 0.5]
-    found = SignedDistanceField(field_map).match(Pose2D(5.3, 5.08, 0.0), points, EYE, trust=(0.1, 0.1))
+    found = SignedDistanceField(field_map).match(Pose2D(5.3, 5.08, 0.0), points, EYE, deviation=(0.1, 0.1))
     assert found.pose.x == pytest.approx(5.3, abs=0.02)
     assert found.pose.y == pytest.approx(5.0, abs=0.01)
 
@@ -240,22 +240,22 @@ def test_people_make_beams_short_and_a_wrong_pose_lets_them_go_through_walls():
     visibility = RayCaster(field_map)
     points = seen_from(field_map, true)
     right, wrong = visibility.agreement([true, Pose2D(5.5, 8.0, -2.0)], EYE, points)
-    assert (right.met, right.through) == (1.0, 0.0)
-    assert wrong.met < 0.5
-    assert wrong.through > 0.2
+    assert (right.hit_share, right.through_share) == (1.0, 0.0)
+    assert wrong.hit_share < 0.5
+    assert wrong.through_share > 0.2
     points[:60] *= 0.5
     crowded = visibility.agreement([true], EYE, points)[0]
-    assert crowded.met == pytest.approx(0.5, abs=0.05)
-    assert crowded.through == 0.0
-    assert np.array_equal(visibility.unhindered(true, EYE, points), np.arange(120) >= 60)
+    assert crowded.hit_share == pytest.approx(0.5, abs=0.05)
+    assert crowded.through_share == 0.0
+    assert np.array_equal(visibility.unobstructed_beams(true, EYE, points), np.arange(120) >= 60)
 
 
 def test_a_scan_that_turns_with_the_robot_has_not_changed():
     angles = np.arange(666) * 0.0058
     before = scan(3.0 + np.sin(angles), 0.0058)
     turned = scan(3.0 + np.sin(angles + 0.3), 0.0058)
-    assert changed(before, turned, 0.3) == (0.0, 0.0)
-    farther, nearer = changed(before, scan(np.full(666, 9.0), 0.0058), 0.0)
+    assert changed_beam_shares(before, turned, 0.3) == (0.0, 0.0)
+    farther, nearer = changed_beam_shares(before, scan(np.full(666, 9.0), 0.0058), 0.0)
     assert (farther, nearer) == (1.0, 0.0)
 
 

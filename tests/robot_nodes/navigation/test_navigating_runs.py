@@ -59,9 +59,9 @@ def test_goal_or_home_goes_home_and_says_why():
     ("option", "text", "said"),
     [
         ("--map", None, "there is no such file"),
-        ("--map", "image: [", "this is not YAML"),
+        ("--map", "image: [", "not valid YAML"),
         ("--nav-params", None, "No such file"),
-        ("--nav-params", "a: [", "this is no YAML"),
+        ("--nav-params", "a: [", "not valid YAML"),
     ],
 )
 def test_a_file_that_is_no_good_ends_the_run_before_it_begins(tmp_path, option, text, said):
@@ -85,7 +85,7 @@ def test_on_a_map_that_the_robot_is_not_on_it_looks_around_and_drives_nowhere(tm
     save_map(room(0, 100, origin=(20.0, 20.0)), tmp_path / "far.yaml")
     options = ("--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
     said, logged = started("patrolling", *options).communicate()
-    assert "the robot doesn't know where it is" in logged
+    assert "the robot's pose is unknown" in logged
     assert json.loads(said)["robot"]["distance_m"] < 0.02
 
 

@@ -187,14 +187,14 @@ def test_nav2s_own_keys_are_no_slips_of_others(written, key):
 @pytest.mark.parametrize(
     ("value", "sentence"),
     [
-        ("max_beams: many", "line 3: amcl.max_beams is 'many', and a whole number is expected"),
-        ("max_beams: 30.5", "line 3: amcl.max_beams is 30.5, and a whole number is expected"),
-        ("max_beams: true", "line 3: amcl.max_beams is True, and a whole number is expected"),
-        ("max_beams: 1", "line 3: amcl.max_beams is 1, and 2 is the least that makes sense"),
-        ("sigma_hit: .nan", "line 3: amcl.sigma_hit is nan, and 0 is the least that makes sense"),
-        ("sigma_hit: [0.1]", "line 3: amcl.sigma_hit is [0.1], and a number is expected"),
-        ("tf_broadcast: 1", "line 3: amcl.tf_broadcast is 1, and true or false is expected"),
-        ("odom_frame_id: 3", "line 3: amcl.odom_frame_id is 3, and a text is expected"),
+        ("max_beams: many", "line 3: amcl.max_beams must be a whole number, not 'many'"),
+        ("max_beams: 30.5", "line 3: amcl.max_beams must be a whole number, not 30.5"),
+        ("max_beams: true", "line 3: amcl.max_beams must be a whole number, not True"),
+        ("max_beams: 1", "line 3: amcl.max_beams must be at least 2, not 1"),
+        ("sigma_hit: .nan", "line 3: amcl.sigma_hit must be at least 0, not nan"),
+        ("sigma_hit: [0.1]", "line 3: amcl.sigma_hit must be a number, not [0.1]"),
+        ("tf_broadcast: 1", "line 3: amcl.tf_broadcast must be true or false, not 1"),
+        ("odom_frame_id: 3", "line 3: amcl.odom_frame_id must be a string, not 3"),
     ],
 )
 def test_a_value_of_the_wrong_kind_is_a_sentence_with_its_line(written, value, sentence):
@@ -223,9 +223,9 @@ def test_numbers_with_an_exponent_are_numbers(written):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("amcl: [", "this is no YAML"),
-        ("- amcl", "has a server's name and below it its parameters"),
-        ("amcl: 3", "amcl has no parameters but a bare value"),
+        ("amcl: [", "not valid YAML"),
+        ("- amcl", "line 1: expected names of servers with parameters below them"),
+        ("amcl: 3", "line 1: amcl must have parameters below it, not a single value"),
     ],
 )
 def test_a_file_of_another_form_is_a_sentence(written, text, sentence):

@@ -11,10 +11,16 @@ from scipy.sparse.csgraph import dijkstra
 
 from btcore_robot.navigation.costmap import INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.grid_search import WALL, Bounds, connected, find_cheapest_path, grid_costs
+from btcore_robot.navigation.grid_search import (
+    IMPASSABLE,
+    CostBounds,
+    find_cheapest_path,
+    grid_costs,
+    reachable_cells,
+)
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.path_smoothing import DEARER, smooth_path
+from btcore_robot.navigation.path_smoothing import MAX_COST_RATIO, smooth_path
 from btcore_robot.navigation.planner import Planner, PlannerError
 from btcore_robot.robot import LaserScan, Pose2D
 
@@ -115,8 +121,8 @@ def grids(draw: st.DrawFn) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]
 
 def test_cells_cost_what_they_cost_navfn():
     costs = np.array([[0, 1, 100, 252, INSCRIBED, LETHAL, UNKNOWN]], dtype=np.uint8)
-    assert grid_costs(costs)[0] == pytest.approx([50, 50.8, 130, 251.6, WALL, WALL, 252.4])
-    assert grid_costs(costs, allow_unknown=False)[0, -1] == WALL
+    assert grid_costs(costs)[0] == pytest.approx([50, 50.8, 130, 251.6, IMPASSABLE, IMPASSABLE, 252.4])
+    assert grid_costs(costs, allow_unknown=False)[0, -1] == IMPASSABLE
 
 
 @given(grids(), st.booleans())
@@ -125,7 +131,7 @@ def test_no_way_is_cheaper_than_the_one_found(grid, allow_unknown):
     costs = grid_costs(values, allow_unknown=allow_unknown)
     least = least_prices(costs, start)
     found = find_cheapest_path(costs, start, goal)
-    assert np.array_equal(connected(costs, start), np.isfinite(least))
+    assert np.array_equal(reachable_cells(costs, start), np.isfinite(least))
     if math.isinf(least[goal]):
         assert found is None
     else:
@@ -141,7 +147,7 @@ def test_bounds_of_an_emptier_floor_find_as_cheap_a_way(grid, data):
     kept = data.draw(arrays(np.bool_, values.shape, elements=st.booleans(), fill=st.nothing()))
     floor = grid_costs(np.where(kept & (values != UNKNOWN), values, 0).astype(np.uint8))
     costs = grid_costs(values)
-    bounds = Bounds(floor, first, goal)
+    bounds = CostBounds(floor, first, goal)
     cells = st.tuples(*(st.integers(0, side - 1) for side in values.shape))
     for start in data.draw(st.lists(cells, min_size=1, max_size=4)):
         least = least_prices(costs, start)[goal] if costs[start] >= 0 else math.inf
@@ -153,7 +159,7 @@ def test_bounds_of_an_emptier_floor_find_as_cheap_a_way(grid, data):
 
 def test_bounds_of_a_start_from_which_no_way_leads_serve_a_start_with_one():
     floor = grid_costs(np.array([[0, LETHAL, 0, 0, 0]], dtype=np.uint8))
-    bounds = Bounds(floor, (0, 0), (0, 4))
+    bounds = CostBounds(floor, (0, 0), (0, 4))
     assert find_cheapest_path(floor, (0, 2), (0, 4), bounds) == [(0, 2), (0, 3), (0, 4)]
     assert find_cheapest_path(floor, (0, 0), (0, 4), bounds) is None
 
@@ -180,7 +186,7 @@ def test_a_smoothed_way_is_in_no_wall_and_hardly_dearer(grid):
     prices = costs[under[..., 0], under[..., 1]]
     assert (prices < 0).mean() < 0.01  # a corner may be grazed for a tenth of a cell
     grazed = 0.2 * costs.max()  # what a price by samples may miss
-    assert (prices.mean(axis=1) * lengths).sum() <= 1.03 * DEARER * way_price(costs, cells) + grazed
+    assert (prices.mean(axis=1) * lengths).sum() <= 1.03 * MAX_COST_RATIO * way_price(costs, cells) + grazed
 
 
 def test_a_path_over_an_open_floor_is_a_straight_line():
@@ -218,7 +224,7 @@ def test_no_path_comes_nearer_to_an_obstacle_than_the_robot_is_wide(places):
     try:
         path = Planner(costmap).plan(start, goal, 0)
     except PlannerError:
-        reached = connected(grid_costs(costmap.costs), costmap.cell(start.x, start.y))
+        reached = reachable_cells(grid_costs(costmap.costs), costmap.cell(start.x, start.y))
         assert not reached[costmap.cell(goal.x, goal.y)]
         return
     assert costmap.costs_at(dense(path)).max() < INSCRIBED
@@ -259,8 +265,8 @@ def test_planning_again_from_further_on_keeps_to_the_path(rooms):
 def test_the_same_question_has_the_same_answer(rooms):
     planner = Planner(rooms)
     answers = [planner.plan(WEST, EAST, 0) for _ in range(3)]
-    assert all(answers[0].same(one) for one in answers[1:])
-    assert answers[0].same(Planner(rooms).plan(WEST, EAST, 9))
+    assert all(answers[0].has_same_poses(one) for one in answers[1:])
+    assert answers[0].has_same_poses(Planner(rooms).plan(WEST, EAST, 9))
 
 
 def test_an_obstacle_that_was_seen_is_gone_around_and_forgotten_when_cleared():
@@ -280,14 +286,14 @@ def test_an_obstacle_that_was_seen_is_gone_around_and_forgotten_when_cleared():
         assert costmap.costs_at(dense(around)).max() < INSCRIBED
         assert np.hypot(*(around.points - hit).T).min() > 0.3
     costmap.clear()
-    assert planner.plan(WEST, NORTH, 2).same(before)
+    assert planner.plan(WEST, NORTH, 2).has_same_poses(before)
 
 
 def test_unknown_floor_is_driven_over_only_where_nothing_else_leads_and_that_is_allowed():
     bridge = drawn("###########\n" + "#   ??    #\n" * 4 + "###########")
     start, goal = Pose2D(0.5, 0.6, 0.0), Pose2D(1.6, 0.6, 0.0)
     assert Planner(GlobalCostmap(bridge)).plan(start, goal, 0).goal == goal
-    with pytest.raises(PlannerError, match="something closes every way") as fault:
+    with pytest.raises(PlannerError, match="obstacles block every way") as fault:
         Planner(GlobalCostmap(bridge), allow_unknown=False).plan(start, goal, 0)
     assert fault.value.code == Nav2ErrorCode.NO_VALID_PATH
 
@@ -389,7 +395,7 @@ def test_with_a_tolerance_the_nearest_place_that_can_be_reached_is_the_end(rooms
     assert end is not None
     assert end.yaw == 1.5
     assert rooms.cost(end.x, end.y) < INSCRIBED
-    rows, cols = np.nonzero(connected(grid_costs(rooms.costs), rooms.cell(WEST.x, WEST.y)))
+    rows, cols = np.nonzero(reachable_cells(grid_costs(rooms.costs), rooms.cell(WEST.x, WEST.y)))
     nearest = np.hypot((cols + 0.5) * 0.05 - goal.x, (rows + 0.5) * 0.05 - goal.y).min()
     assert math.hypot(end.x - goal.x, end.y - goal.y) == pytest.approx(nearest)
 
@@ -419,7 +425,7 @@ def test_the_rest_of_a_path_is_measured_from_its_nearest_pose():
     assert path.nearest(1.2, 0.3) == 1
     assert path.remaining(1.0, 0.5) == 3.5
     assert path[-1] == Pose2D(2.0, 2.0, 0.0)
-    assert path.same(NavPath(poses.copy(), 99))
-    assert not path.same(NavPath(poses, 0, "odom"))
+    assert path.has_same_poses(NavPath(poses.copy(), 99))
+    assert not path.has_same_poses(NavPath(poses, 0, "odom"))
     assert path == NavPath(poses.copy(), 0)
     assert path not in (NavPath(poses, 99), NavPath(poses[:-1], 0))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.controller import FollowGoal
+from btcore_robot.navigation.controller import FollowPathGoal
 from btcore_robot.navigation.scene import PARTICLES_AT_MOST
 from btcore_robot.navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
@@ -104,7 +104,7 @@ def test_a_path_that_a_tree_drives_along_without_a_navigator_is_told_too(house):
     house.run(1.0)
     servers = house.navigation.servers
     path = servers.compute_path.planner.plan(Pose2D(0.0, 0.0, 0.0), Pose2D(1.0, 0.5, 0.0), 0)
-    servers.follow_path.send_goal(FollowGoal(path))
+    servers.follow_path.send_goal(FollowPathGoal(path))
     told = house.run(1.0)
     (line,) = of(told, "poses", "path")
     assert poses(line)[-1][:2] == pytest.approx([1.0, 0.5])

@@ -173,7 +173,7 @@ def test_where_nothing_fits_the_map_the_search_ends_and_a_new_goal_begins_anothe
     assert home.run(180.0, lambda: handle.done) == pytest.approx(SEARCH_PATIENCE, abs=3.0)
     assert handle.status is GoalStatus.ABORTED
     assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
-    assert "it doesn't know where it is" in handle.result.message
+    assert "the robot's pose is unknown" in handle.result.message
     home.run(2.0)
     assert home.body.ramped_twist() == pytest.approx((0.0, 0.0))
     again = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
@@ -319,7 +319,7 @@ def test_carried_off_the_robot_notices_finds_itself_and_still_gets_there(flat):
     home = flat()
     handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
     home.run(5.0)
-    planned = home.navigation.servers.compute_path.newest
+    planned = home.navigation.servers.compute_path.latest_path
     home.body.teleport(Pose2D(-2.2, -0.5, 2.5))
     noticed = home.run(5.0, lambda: home.navigation.estimate() is None)
     assert noticed < 2.0
@@ -331,7 +331,7 @@ def test_carried_off_the_robot_notices_finds_itself_and_still_gets_there(flat):
     assert math.hypot(estimate.x - true.x, estimate.y - true.y) < 0.3
     home.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.navigation.servers.compute_path.newest is not planned
+    assert home.navigation.servers.compute_path.latest_path is not planned
     assert home.off(2.5, -1.2) < 0.35
 
 
@@ -354,11 +354,11 @@ def test_the_way_of_an_earlier_goal_is_no_way_to_the_same_goal_again(flat):
     home.run(4.0)
     first.cancel()
     home.run(1.0)
-    planned = home.navigation.servers.compute_path.newest
+    planned = home.navigation.servers.compute_path.latest_path
     again = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(1.0)
     assert not again.done
-    assert home.navigation.servers.compute_path.newest is not planned
+    assert home.navigation.servers.compute_path.latest_path is not planned
 
 
 @pytest.mark.parametrize(
@@ -382,7 +382,7 @@ def test_a_goal_waits_until_the_robot_knows_where_it_is(flat, caplog):
     handle = home.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
     home.run(1.0)
     assert home.navigation.estimate() is None
-    assert "doesn't know where it is" in caplog.text
+    assert "the robot's pose is unknown" in caplog.text
     home.run(90.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
     assert home.off(0.0, 0.0) < 0.35

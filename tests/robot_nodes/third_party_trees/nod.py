@@ -8,7 +8,7 @@ from btcore_robot.robot import Robot
 @condition
 def is_path_short(servers: Servers, length: In[float] = 5.0) -> bool:
     """SUCCESS while the way that is left is shorter than *length* (m)."""
-    path = servers.compute_path.newest
+    path = servers.compute_path.latest_path
     return path is not None and servers.remaining(path) < length
 
 

@@ -12,7 +12,7 @@ from btcore_robot.navigation.mapping.mapper import Mapper
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle, save_map
 from btcore_robot.navigation.parameters import NavigationParameters
 from btcore_robot.navigation.servers import PoseSource
-from btcore_robot.navigation.stack import Navigation, costmap_figures
+from btcore_robot.navigation.stack import Navigation, costmap_arguments
 from btcore_robot.robot import Pose2D, Robot
 
 
@@ -109,7 +109,7 @@ class Exploration(Navigation):
         )
 
     def _make_global_costmap(self) -> GlobalCostmap:
-        made = GrowingCostmap(self.map, **costmap_figures(self.parameters.global_costmap))
+        made = GrowingCostmap(self.map, **costmap_arguments(self.parameters.global_costmap))
         made.lower_bound = None
         return made
 

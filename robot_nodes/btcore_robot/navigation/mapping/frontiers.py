@@ -11,7 +11,14 @@ from skimage.graph import MCP_Geometric
 
 from btcore_robot.navigation.costmap import LETHAL, Costmap
 from btcore_robot.navigation.costmap_layers import INSCRIBED
-from btcore_robot.navigation.grid_search import FACTOR, NEUTRAL, WALL, Cell, connected, grid_costs
+from btcore_robot.navigation.grid_search import (
+    COST_FACTOR,
+    COST_NEUTRAL,
+    IMPASSABLE,
+    Cell,
+    grid_costs,
+    reachable_cells,
+)
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 
@@ -51,7 +58,7 @@ class Frontier:
 def frontier_mask(map: OccupancyMap, left_out: Sequence[tuple[float, float]] = ()) -> NDArray[np.bool_]:
     """The free cells of *map* beside unknown ones, but those near the places *left_out* (m)."""
     size = 2 * BEHIND_A_WALL + 1
-    walls = cv2.dilate((map.occupied | map.kept_out()).astype(np.uint8), np.ones((size, size), np.uint8))
+    walls = cv2.dilate((map.occupied | map.keepout_mask()).astype(np.uint8), np.ones((size, size), np.uint8))
     unseen = (map.unknown & (walls == 0)).astype(np.uint8)
     beside = map.free & (cv2.dilate(unseen, np.ones((3, 3), np.uint8)) > 0)
     found = beside.astype(np.uint8)
@@ -84,8 +91,8 @@ def find_frontiers(
     if not worthy or not costmap.inside(here.x, here.y):
         return []
     costs = _open_around(costmap, here, start, radius)
-    reached = connected(costs, start)
-    costs[~reached] = WALL
+    reached = reachable_cells(costs, start)
+    costs[~reached] = IMPASSABLE
     field, _ = MCP_Geometric(costs).find_costs([start])
     from_unknown = cv2.distanceTransform((~map.unknown).astype(np.uint8), cv2.DIST_L2, 5)
     stands_in = reached & (from_unknown * map.resolution >= radius + ASIDE)
@@ -107,7 +114,7 @@ def find_frontiers(
                 map.center(int(place[0]), int(place[1])),
                 Pose2D(x, y, _towards_unknown(map, place, stand)),
                 float(lengths[label]) * map.resolution,
-                float(ways[best]) / NEUTRAL * map.resolution,
+                float(ways[best]) / COST_NEUTRAL * map.resolution,
             )
         )
     return sorted(found, key=lambda one: (one.price, one.place))
@@ -137,8 +144,8 @@ def _open_around(costmap: Costmap, here: Pose2D, start: Cell, radius: float) -> 
     costs = grid_costs(costmap.costs, allow_unknown=False)
     window = costmap.square(here, 2 * radius)
     part = costs[window.slices]
-    part[(part < 0) & (costmap.costs[window.slices] < LETHAL)] = NEUTRAL + FACTOR * INSCRIBED
-    costs[start] = max(costs[start], NEUTRAL)
+    part[(part < 0) & (costmap.costs[window.slices] < LETHAL)] = COST_NEUTRAL + COST_FACTOR * INSCRIBED
+    costs[start] = max(costs[start], COST_NEUTRAL)
     return costs
 
 

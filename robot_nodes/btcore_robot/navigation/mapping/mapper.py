@@ -59,7 +59,7 @@ class Mapper:
     drives by it.
     """
 
-    lost = searching = contradicted = False
+    lost = searching = is_contradicted = False
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class Mapper:
         """Where ``base_footprint`` is in ``map`` now, by the last key scan and the newest odometry."""
         return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()
 
-    def global_localisation(self) -> None:
+    def reinitialise_global_localisation(self) -> None:
         """Nothing: on a map that grows around the robot there is nowhere else to look."""
 
     def map(self) -> OccupancyMap:

@@ -7,7 +7,7 @@ from btcore import Blackboard, In, Out, StatefulAction, Status
 from btcore_robot.navigation.action import ActionServer, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.nodes.port_access import optional_input, write_outputs
-from btcore_robot.navigation.servers import Handle
+from btcore_robot.navigation.servers import AnyGoalHandle
 
 RECOVERIES = "number_recoveries"
 """The entry of the blackboard that counts recoveries; the navigator gives it as feedback."""
@@ -31,7 +31,7 @@ class BtActionNode(StatefulAction):
     reason. A subclass says which `server` and which `goal`.
     """
 
-    handle: Handle | None = None
+    handle: AnyGoalHandle | None = None
     sent = 0
     level = logging.WARNING
     """How its failures are logged."""
@@ -45,10 +45,10 @@ class BtActionNode(StatefulAction):
         """What is asked for."""
         raise NotImplementedError
 
-    def on_completion(self, handle: Handle) -> None:
+    def on_completion(self, handle: AnyGoalHandle) -> None:
         """The goal has ended: write outputs."""
 
-    def on_wait_for_result(self, handle: Handle) -> None:
+    def on_wait_for_result(self, handle: AnyGoalHandle) -> None:
         """The goal has not ended: perhaps send another."""
 
     def on_start(self) -> Status:

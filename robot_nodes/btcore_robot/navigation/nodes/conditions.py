@@ -6,7 +6,7 @@ from typing import Annotated
 
 from btcore import Condition, In, NodeError, Port
 from btcore_robot.leaves.poses import Poses
-from btcore_robot.navigation.controller import FollowFeedback
+from btcore_robot.navigation.controller import FollowPathFeedback
 from btcore_robot.navigation.nodes.nearest_pose import NearestPoseSearch
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
@@ -277,12 +277,12 @@ class IsWithinPathTrackingBounds(Condition):
     max_error_left: Annotated[In[float], "How far (m) to the left of the path it may be."] = 0.5
     max_error_right: Annotated[In[float], "How far (m) to the right of the path it may be."] = 0.5
     max_error_heading: Annotated[In[float], "How far (rad) its heading may be off the path's."] = 3.14
-    tracking_feedback: Annotated[In[FollowFeedback], "What FollowPath tells."] = OPTIONAL
+    tracking_feedback: Annotated[In[FollowPathFeedback], "What FollowPath tells."] = OPTIONAL
 
     def tick(self) -> bool:
         """Compare; without feedback all is well."""
         feedback = optional_input(self, "tracking_feedback")
-        if not isinstance(feedback, FollowFeedback):
+        if not isinstance(feedback, FollowPathFeedback):
             return True
         aside = feedback.position_error
         most = self.max_error_left if aside >= 0.0 else self.max_error_right

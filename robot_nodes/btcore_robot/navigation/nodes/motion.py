@@ -7,7 +7,7 @@ from btcore import In, Out, Port
 from btcore_robot.leaves.poses import Poses
 from btcore_robot.navigation.action import ActionServer
 from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
-from btcore_robot.navigation.controller import FollowFeedback, FollowGoal
+from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
 from btcore_robot.navigation.nodes.action_node import (
     BtActionNode,
     ErrorCode,
@@ -26,7 +26,7 @@ from btcore_robot.navigation.nodes.port_access import (
     write_outputs,
 )
 from btcore_robot.navigation.path import empty_path
-from btcore_robot.navigation.servers import Handle, Servers
+from btcore_robot.navigation.servers import AnyGoalHandle, Servers
 from btcore_robot.robot import Pose2D
 
 Allowance = Annotated[In[float], "How long (s) it may take."]
@@ -52,7 +52,9 @@ class FollowPath(MovingNode):
     goal_checker_id: Annotated[In[str], "The goal checker's plug-in."] = ""
     progress_checker_id: Annotated[In[str], "The progress checker's plug-in."] = ""
     path_handler_id: Annotated[In[str], "The path handler's plug-in."] = ""
-    tracking_feedback: Annotated[Out[FollowFeedback], "How far it is, and how far off the path."] = OPTIONAL
+    tracking_feedback: Annotated[Out[FollowPathFeedback], "How far it is, and how far off the path."] = (
+        OPTIONAL
+    )
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -63,10 +65,10 @@ class FollowPath(MovingNode):
         """The controller."""
         return self.servers.follow_path
 
-    def make_goal(self) -> FollowGoal:
+    def make_goal(self) -> FollowPathGoal:
         """The path and the plug-ins as they are now."""
         path = path_input(self, "path")
-        return FollowGoal(
+        return FollowPathGoal(
             path if path is not None else empty_path(self.now()),
             plugin_input(self, "controller_id"),
             plugin_input(self, "goal_checker_id"),
@@ -74,7 +76,7 @@ class FollowPath(MovingNode):
             plugin_input(self, "path_handler_id"),
         )
 
-    def on_wait_for_result(self, handle: Handle) -> None:
+    def on_wait_for_result(self, handle: AnyGoalHandle) -> None:
         """Tell how it goes; send the goal anew when it is another one."""
         if handle.feedback is not None:
             write_outputs(self, tracking_feedback=handle.feedback)
@@ -85,9 +87,9 @@ class FollowPath(MovingNode):
             self.handle = self.servers.follow_path.send_goal(wanted)
             self.sent = self.now()
 
-    def on_completion(self, handle: Handle) -> None:
+    def on_completion(self, handle: AnyGoalHandle) -> None:
         """There is nothing to track any more."""
-        write_outputs(self, tracking_feedback=FollowFeedback())
+        write_outputs(self, tracking_feedback=FollowPathFeedback())
 
 
 class Recovery(MovingNode):

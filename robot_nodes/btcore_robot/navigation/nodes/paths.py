@@ -18,7 +18,7 @@ from btcore_robot.navigation.nodes.port_access import (
     pose_input,
     write_outputs,
 )
-from btcore_robot.navigation.path import NavPath, empty_path, joined
+from btcore_robot.navigation.path import NavPath, empty_path, join_paths
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
 
@@ -258,5 +258,5 @@ class ConcatenatePaths(SyncAction):
         ]
         if not paths:
             return False
-        write_outputs(self, output_path=joined(paths, self.now()))
+        write_outputs(self, output_path=join_paths(paths, self.now()))
         return True

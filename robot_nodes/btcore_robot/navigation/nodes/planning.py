@@ -22,8 +22,8 @@ from btcore_robot.navigation.nodes.port_access import (
     write_outputs,
 )
 from btcore_robot.navigation.path import NavPath, empty_path
-from btcore_robot.navigation.planner_server import PathGoal
-from btcore_robot.navigation.servers import Handle, Servers
+from btcore_robot.navigation.planner_server import ComputePathGoal
+from btcore_robot.navigation.servers import AnyGoalHandle, Servers
 from btcore_robot.robot import Pose2D
 
 ALL_GOALS = -1
@@ -52,7 +52,7 @@ class PlanningNode(BtActionNode):
         """The planner."""
         return self.servers.compute_path
 
-    def on_completion(self, handle: Handle) -> None:
+    def on_completion(self, handle: AnyGoalHandle) -> None:
         """Write the path, or an empty one."""
         found = handle.result.value if handle.result is not None else None
         if handle.status is GoalStatus.SUCCEEDED and isinstance(found, NavPath):
@@ -78,10 +78,12 @@ class ComputePathToPose(PlanningNode):
     use_start: Annotated[In[bool], "Whether *start* counts; it does unless this says false."] = OPTIONAL
     viapoints: Annotated[In[Poses], "Places to pass on the way."] = OPTIONAL
 
-    def make_goal(self) -> PathGoal:
+    def make_goal(self) -> ComputePathGoal:
         """The goal, after the places on the way."""
         start = pose_input(self, "start") if optional_input(self, "use_start") is not False else None
-        return PathGoal((*poses_input(self, "viapoints"), self.goal), start, plugin_input(self, "planner_id"))
+        return ComputePathGoal(
+            (*poses_input(self, "viapoints"), self.goal), start, plugin_input(self, "planner_id")
+        )
 
 
 class ComputePathThroughPoses(PlanningNode):
@@ -93,9 +95,9 @@ class ComputePathThroughPoses(PlanningNode):
         Out[int], "The last goal that a path which isn't whole reaches; -1 of one that is, and of none."
     ] = OPTIONAL
 
-    def make_goal(self) -> PathGoal:
+    def make_goal(self) -> ComputePathGoal:
         """All goals."""
-        return PathGoal(
+        return ComputePathGoal(
             poses_input(self, "goals"),
             pose_input(self, "start"),
             plugin_input(self, "planner_id"),

@@ -159,7 +159,7 @@ class ReinitializeGlobalLocalization(SyncAction):
 
     def tick(self) -> bool:
         """Ask."""
-        self.servers.localiser.global_localisation()
+        self.servers.localiser.reinitialise_global_localisation()
         return True
 
 

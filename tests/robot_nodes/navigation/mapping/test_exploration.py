@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from btcore_robot.navigation.likelihood import distances
+from btcore_robot.navigation.likelihood import obstacle_distances
 from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
@@ -63,7 +63,7 @@ def within(one: OccupancyMap, other: OccupancyMap, cells: int) -> float:
     found = other.indices(places)
     on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
     away = np.full(len(places), np.inf)
-    away[on] = distances(other)[found[on, 0], found[on, 1]]
+    away[on] = obstacle_distances(other)[found[on, 0], found[on, 1]]
     return float(np.mean(away <= cells * other.resolution + 1e-3))
 
 

@@ -47,7 +47,7 @@ class Surveyed:
     def step(self, now: int) -> None:
         """There is nothing to find out."""
 
-    def global_localisation(self) -> None:
+    def reinitialise_global_localisation(self) -> None:
         self.searches += 1
 
 

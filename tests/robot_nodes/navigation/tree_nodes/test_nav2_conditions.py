@@ -3,7 +3,7 @@
 import pytest
 
 from btcore import NodeExecutionError
-from btcore_robot.navigation.controller import FollowFeedback
+from btcore_robot.navigation.controller import FollowPathFeedback
 from btcore_robot.robot import BatteryState, Odometry, Pose2D, Twist2D
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
@@ -199,7 +199,7 @@ def test_are_poses_near(bench, x, letter):
 def test_within_tracking_bounds_to_the_left_to_the_right_and_in_heading(bench, aside, turned, letter):
     tree = bench.tree(
         '<IsWithinPathTrackingBounds max_error_left="0.3" max_error_heading="1" tracking_feedback="{how}"/>',
-        how=FollowFeedback(1.0, 0.3, aside, turned),
+        how=FollowPathFeedback(1.0, 0.3, aside, turned),
     )
     assert bench.letters(tree, 1) == letter
 
