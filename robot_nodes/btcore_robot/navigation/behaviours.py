@@ -165,8 +165,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
             handle.succeed()
         elif 0.0 < goal.time_allowance < elapsed:
             handle.abort(
-                self._codes.timeout,
-                f"{self.name} took longer than its time allowance of {goal.time_allowance:g} s",
+                self._codes.timeout, f"{self.name} exceeded its time allowance of {goal.time_allowance:g} s"
             )
         else:
             self._move(handle, remaining, odometry, now)

@@ -329,16 +329,14 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         along = np.arange(1, 13) * _STEP
         turned = odometry.yaw + curvature * along / 2
         chord = along * np.sinc(curvature * along / (2 * math.pi))
-        room = self.clearance.distances_at(
-            odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
-        )
+        x, y = odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
+        room = self.clearance.distances_at(x, y)
         # A robot that is too near an obstacle already may move, but not nearer.
         tight = room < min(MIN_CLEARANCE, here - 0.01)
         free = float(along[int(tight.argmax())]) - _STEP if tight.any() else math.inf
         narrowest = float(room[:6].min())
-        share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * (narrowest - MIN_CLEARANCE) / (
-            _FULL_SPEED_CLEARANCE - MIN_CLEARANCE
-        )
+        width = (narrowest - MIN_CLEARANCE) / (_FULL_SPEED_CLEARANCE - MIN_CLEARANCE)
+        share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * width
         return free, min(max(share, _MIN_SPEED_SHARE), 1.0)
 
     def _turn(self, angle: float, now: int) -> None:

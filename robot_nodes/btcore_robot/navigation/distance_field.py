@@ -78,7 +78,7 @@ class SignedDistanceField:
         self,
         guess: Pose2D,
         points: Floats,
-        laser_xy: tuple[float, float],
+        laser: tuple[float, float],
         *,
         deviation: tuple[float, float],
         scales: tuple[float, ...] = (0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1, 0.1),
@@ -90,7 +90,7 @@ class SignedDistanceField:
         Args:
             guess: the robot's pose to start from.
             points: the ends of the beams in the robot's frame (m, shape ``(k, 2)``).
-            laser_xy: the laser's position in the robot's frame (m). Surfaces that face away from it don't
+            laser: the laser's position in the robot's frame (m). Surfaces that face away from it don't
                 count.
             deviation: the standard deviation (m, rad) of the guess. It keeps the guess in directions that the
                 beams don't determine, such as the position along a corridor.
@@ -98,17 +98,15 @@ class SignedDistanceField:
 
         """
         x, y, yaw = guess.x, guess.y, guess.yaw
-        prior = (
-            np.array((1.0 / deviation[0] ** 2, 1.0 / deviation[0] ** 2, 1.0 / deviation[1] ** 2))
-            * BEAM_DEVIATION**2
-        )
+        position, heading = 1.0 / deviation[0] ** 2, 1.0 / deviation[1] ** 2
+        prior = np.array((position, position, heading)) * BEAM_DEVIATION**2
         start = np.array((x, y, yaw))
         for scale in scales:
             cos, sin = math.cos(yaw), math.sin(yaw)
             ahead = cos * points[:, 0] - sin * points[:, 1]
             aside = sin * points[:, 0] + cos * points[:, 1]
             distance, along_x, along_y = self.at(x + ahead, y + aside)
-            laser_x, laser_y = cos * laser_xy[0] - sin * laser_xy[1], sin * laser_xy[0] + cos * laser_xy[1]
+            laser_x, laser_y = cos * laser[0] - sin * laser[1], sin * laser[0] + cos * laser[1]
             # A surface that faces away from the laser lies behind another surface.
             seen = along_x * (ahead - laser_x) + along_y * (aside - laser_y) <= 0.0
             slopes = np.stack((along_x, along_y, along_y * ahead - along_x * aside))

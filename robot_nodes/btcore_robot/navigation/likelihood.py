@@ -61,9 +61,8 @@ class LikelihoodField:
         max_distance: float = 2.0,
         range_max: float = 25.0,
     ) -> None:
-        z = np.pad(obstacle_distances(field_map, max_distance), 1, constant_values=max_distance).astype(
-            np.float64
-        )
+        distances = obstacle_distances(field_map, max_distance).astype(np.float64)
+        z = np.pad(distances, 1, constant_values=max_distance)
         pz = z_hit * np.exp(-(z**2) / (2.0 * sigma_hit**2)) + z_rand / range_max
         self._image = (pz**3).astype(np.float32).ravel()
         self._width = np.int32(z.shape[1])

@@ -214,9 +214,8 @@ class Localiser:
         hypotheses = self._relocaliser.hypotheses
         each = max(1, self.parameters.min_particles // len(hypotheses))
         spread = np.diag(np.square(FOUND_DEVIATION))
-        self.particles = np.concatenate(
-            [sample_particles(hypothesis.pose, spread, each, self._random) for hypothesis in hypotheses]
-        )
+        samples = [sample_particles(hypothesis.pose, spread, each, self._random) for hypothesis in hypotheses]
+        self.particles = np.concatenate(samples)
         self.weights = np.repeat([max(hypothesis.score, 0.01) for hypothesis in hypotheses], each)
         self.weights /= self.weights.sum()
 
@@ -224,9 +223,8 @@ class Localiser:
         self, scan: LaserScan, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D
     ) -> None:
         """Compare the scan with the pose: begin a doubt, or examine a doubt that has begun."""
-        doubtful = self._validator.is_pose_doubtful(
-            scan, points, laser_xy, odometry, self._estimate(odometry)
-        )
+        estimate = self._estimate(odometry)
+        doubtful = self._validator.is_pose_doubtful(scan, points, laser_xy, odometry, estimate)
         if self._dismissed is not None:
             recent = self.stamp - self._dismissed < SETTLED_FOR
             if recent and self._validator.fit < FITS and not self._validator.scan_jumped:
@@ -325,14 +323,10 @@ class Localiser:
     def _publish(self) -> None:
         if not self.parameters.tf_broadcast:
             return
-        names, transform = self.parameters, self.map_to_odom
+        names, pose = self.parameters, self.map_to_odom
         self._tree.set(
             TransformStamped(
-                names.odom_frame_id,
-                names.global_frame_id,
-                transform.position,
-                transform.quaternion,
-                self.stamp,
+                names.odom_frame_id, names.global_frame_id, pose.position, pose.quaternion, self.stamp
             ),
             holds=int(names.transform_tolerance * NS_PER_S),
         )

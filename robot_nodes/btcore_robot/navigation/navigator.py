@@ -121,9 +121,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self.tree = tree
         if self.through:
             board["goals"] = list(handle.goal.goals)
-            board["waypoint_statuses"] = [
-                WaypointStatus(*item[::-1]) for item in enumerate(handle.goal.goals)
-            ]
+            statuses = [WaypointStatus(goal, index) for index, goal in enumerate(handle.goal.goals)]
+            board["waypoint_statuses"] = statuses
         else:
             board["goal"] = handle.goal.goals[-1]
         board[RECOVERIES] = 0

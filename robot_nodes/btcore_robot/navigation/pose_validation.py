@@ -92,7 +92,7 @@ class PoseValidator:
         self,
         scan: LaserScan,
         points: NDArray[np.float64],
-        laser_xy: tuple[float, float],
+        laser: tuple[float, float],
         odometry: Pose2D,
         pose: Pose2D,
     ) -> bool:
@@ -101,7 +101,7 @@ class PoseValidator:
         Args:
             scan: the scan.
             points: the ends of its beams in the robot's frame (m), shape ``(k, 2)``.
-            laser_xy: the laser's position in the robot's frame (m).
+            laser: the laser's position in the robot's frame (m).
             odometry: the pose in odom at the scan's stamp.
             pose: the estimated pose in the map at the scan's stamp.
 
@@ -118,7 +118,7 @@ class PoseValidator:
             self._contradictions = 0
             return False
         # The slower check by ray casting is needed only for a bad fit.
-        if contradicts_pose(self._visibility.agreement([pose], laser_xy, points)[0]):
+        if contradicts_pose(self._visibility.agreement([pose], laser, points)[0]):
             self._contradictions += 1
         else:
             self._contradictions = 0

@@ -90,19 +90,19 @@ class RayCaster:
         return flat.reshape(x.shape)
 
     def _cast(
-        self, poses: Sequence[Pose2D], laser_xy: tuple[float, float], points: Floats
+        self, poses: Sequence[Pose2D], laser: tuple[float, float], points: Floats
     ) -> tuple[Floats, Floats, Floats, Floats]:
         """Return the beams' lengths, and by pose (first axis) their visible ranges and ends (x, y)."""
         x, y, cos, sin = (
             np.array(column)[:, None]
             for column in zip(*((p.x, p.y, math.cos(p.yaw), math.sin(p.yaw)) for p in poses), strict=True)
         )
-        rays = points - laser_xy
+        rays = points - laser
         lengths = np.hypot(rays[:, 0], rays[:, 1])
         rays = rays / lengths[:, None]
         dx, dy = cos * rays[:, 0] - sin * rays[:, 1], sin * rays[:, 0] + cos * rays[:, 1]
-        from_x = x + cos * laser_xy[0] - sin * laser_xy[1] + np.zeros_like(dx)
-        from_y = y + sin * laser_xy[0] + cos * laser_xy[1] + np.zeros_like(dx)
+        from_x = x + cos * laser[0] - sin * laser[1] + np.zeros_like(dx)
+        from_y = y + sin * laser[0] + cos * laser[1] + np.zeros_like(dx)
         # No ray needs to go farther than the comparison with the beam's length.
         reach = np.broadcast_to(lengths * (1.0 + SHORT_A_METRE) + SHORT, dx.shape)
         return (
@@ -113,34 +113,34 @@ class RayCaster:
         )
 
     def unobstructed_beams(
-        self, pose: Pose2D, laser_xy: tuple[float, float], points: Floats
+        self, pose: Pose2D, laser: tuple[float, float], points: Floats
     ) -> NDArray[np.bool_]:
         """Return the mask, shape ``(k,)``, of beams that end where the map allows or farther away.
 
         Args:
             pose: the robot's pose in the map.
-            laser_xy: the laser's position in the robot's frame (m).
+            laser: the laser's position in the robot's frame (m).
             points: the ends of the beams in the robot's frame (m), shape ``(k, 2)``.
 
         """
-        lengths, visible, _, _ = self._cast([pose], laser_xy, points)
+        lengths, visible, _, _ = self._cast([pose], laser, points)
         mask: NDArray[np.bool_] = visible[0] < lengths * (1.0 + SHORT_A_METRE) + SHORT
         return mask
 
     def agreement(
-        self, poses: Sequence[Pose2D], laser_xy: tuple[float, float], points: Floats
+        self, poses: Sequence[Pose2D], laser: tuple[float, float], points: Floats
     ) -> list[ScanAgreement]:
         """Return the agreement of beams with the map for each of several poses.
 
         Args:
             poses: the robot's poses in the map.
-            laser_xy: the laser's position in the robot's frame (m).
+            laser: the laser's position in the robot's frame (m).
             points: the ends of the beams in the robot's frame (m), shape ``(k, 2)``.
 
         """
         if not len(points) or not poses:
             return [ScanAgreement(0.0, 0.0) for _ in poses]
-        lengths, visible, end_x, end_y = self._cast(poses, laser_xy, points)
+        lengths, visible, end_x, end_y = self._cast(poses, laser, points)
         through = lengths - visible > BEYOND
         hits = (self._at(end_x, end_y) <= WITHIN) & ~through
         return [

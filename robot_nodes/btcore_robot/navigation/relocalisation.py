@@ -82,13 +82,13 @@ class Relocaliser:
         self.hypotheses = []
 
     def process_scan(
-        self, points: Floats, laser_xy: tuple[float, float], odometry: Pose2D, stamp: int
+        self, points: Floats, laser: tuple[float, float], odometry: Pose2D, stamp: int
     ) -> Pose2D | None:
         """Process a scan; return the robot's pose once a hypothesis is accepted.
 
         Args:
             points: the ends of the scan's beams in the robot's frame (m), shape ``(k, 2)``.
-            laser_xy: the laser's position in the robot's frame (m).
+            laser: the laser's position in the robot's frame (m).
             odometry: the pose in the frame odom at the scan's stamp.
             stamp: the scan's stamp (ns).
 
@@ -97,7 +97,7 @@ class Relocaliser:
 
         """
         if self.hypotheses:
-            return self._follow(points, laser_xy, odometry, stamp)
+            return self._follow(points, laser, odometry, stamp)
         if self._search is None:
             self._search = GlobalSearch(self._space, points)
             self._points, self._odometry, self._stamp = points, odometry, stamp
@@ -107,19 +107,19 @@ class Relocaliser:
             self._began, self._turned = stamp, 0.0
             hypotheses = [PoseHypothesis(candidate.pose) for candidate in candidates]
             # The poses of the search are coarse: let the match move them far.
-            self._look(hypotheses, self._points, laser_xy, deviation=(0.3, 0.15))
+            self._look(hypotheses, self._points, laser, deviation=(0.3, 0.15))
         return None
 
-    def add_hypothesis(self, pose: Pose2D, laser_xy: tuple[float, float]) -> PoseHypothesis:
+    def add_hypothesis(self, pose: Pose2D, laser: tuple[float, float]) -> PoseHypothesis:
         """Add a hypothesis and return it with its score for the scan of the search.
 
         Args:
             pose: the pose in the map at the moment of the search's scan.
-            laser_xy: the laser's position in the robot's frame (m).
+            laser: the laser's position in the robot's frame (m).
 
         """
         hypothesis = PoseHypothesis(pose)
-        self._fit([hypothesis], self._points, laser_xy, deviation=(0.1, 0.05))
+        self._fit([hypothesis], self._points, laser, deviation=(0.1, 0.05))
         self._keep([hypothesis, *self.hypotheses])
         return hypothesis
 
@@ -129,7 +129,7 @@ class Relocaliser:
         return self._odometry
 
     def _follow(
-        self, points: Floats, laser_xy: tuple[float, float], odometry: Pose2D, stamp: int
+        self, points: Floats, laser: tuple[float, float], odometry: Pose2D, stamp: int
     ) -> Pose2D | None:
         turn = wrap_angle(odometry.yaw - self._odometry.yaw)
         distance = math.hypot(odometry.x - self._odometry.x, odometry.y - self._odometry.y)
@@ -140,32 +140,30 @@ class Relocaliser:
             hypothesis.pose = (Transform.from_pose(hypothesis.pose) * step).to_pose()
         self._turned += abs(turn)
         self._odometry, self._stamp = odometry, stamp
-        self._look(self.hypotheses, points, laser_xy, deviation=(0.15, 0.1))
+        self._look(self.hypotheses, points, laser, deviation=(0.15, 0.1))
         return self._accepted(stamp)
 
     def _look(
         self,
         hypotheses: list[PoseHypothesis],
         points: Floats,
-        laser_xy: tuple[float, float],
+        laser: tuple[float, float],
         deviation: tuple[float, float],
     ) -> None:
         """Fit every hypothesis to the scan, add its score, and discard hopeless hypotheses."""
-        self._fit(hypotheses, points, laser_xy, deviation)
+        self._fit(hypotheses, points, laser, deviation)
         self._keep(hypotheses)
 
     def _fit(
         self,
         hypotheses: list[PoseHypothesis],
         points: Floats,
-        laser_xy: tuple[float, float],
+        laser: tuple[float, float],
         deviation: tuple[float, float],
     ) -> None:
         for hypothesis in hypotheses:
-            hypothesis.pose = self._surfaces.match(
-                hypothesis.pose, points, laser_xy, deviation=deviation
-            ).pose
-        views = self._visibility.agreement([hypothesis.pose for hypothesis in hypotheses], laser_xy, points)
+            hypothesis.pose = self._surfaces.match(hypothesis.pose, points, laser, deviation=deviation).pose
+        views = self._visibility.agreement([hypothesis.pose for hypothesis in hypotheses], laser, points)
         for hypothesis, view in zip(hypotheses, views, strict=True):
             hypothesis.scores.append(view.score)
 
@@ -185,10 +183,7 @@ class Relocaliser:
             margin = MARGIN if self._turned >= LOOKED_AROUND else MARGIN_AT_FIRST
             if best.score >= MIN_SCORE and best.scores[-1] >= MIN_SCORE - 0.1 and ahead >= margin:
                 return best.pose
-            if (
-                best.score < MIN_SCORE - 0.1
-                or self._turned > FULL_TURN
-                or stamp - self._began > SEARCH_TIMEOUT
-            ):
+            expired = self._turned > FULL_TURN or stamp - self._began > SEARCH_TIMEOUT
+            if best.score < MIN_SCORE - 0.1 or expired:
                 self.restart()
         return None
