@@ -105,12 +105,8 @@ class RayCaster:
         from_y = y + sin * laser[0] + cos * laser[1] + np.zeros_like(dx)
         # No ray needs to go farther than the comparison with the beam's length.
         reach = np.broadcast_to(lengths * (1.0 + SHORT_A_METRE) + SHORT, dx.shape)
-        return (
-            lengths,
-            self.visible_range(from_x, from_y, dx, dy, reach),
-            from_x + lengths * dx,
-            from_y + lengths * dy,
-        )
+        visible = self.visible_range(from_x, from_y, dx, dy, reach)
+        return lengths, visible, from_x + lengths * dx, from_y + lengths * dy
 
     def unobstructed_beams(
         self, pose: Pose2D, laser: tuple[float, float], points: Floats
@@ -143,7 +139,5 @@ class RayCaster:
         lengths, visible, end_x, end_y = self._cast(poses, laser, points)
         through = lengths - visible > BEYOND
         hits = (self._at(end_x, end_y) <= WITHIN) & ~through
-        return [
-            ScanAgreement(float(hit), float(passed))
-            for hit, passed in zip(hits.mean(axis=1), through.mean(axis=1), strict=True)
-        ]
+        shares = np.stack((hits.mean(axis=1), through.mean(axis=1)), axis=1).tolist()
+        return [ScanAgreement(hit_share, through_share) for hit_share, through_share in shares]
