@@ -17,17 +17,17 @@ class GoalChecker:
         self._xy = xy
         self._yaw = yaw
         self._stateful = stateful
-        self._arrived = False
+        self._position_reached = False
 
     def reset(self) -> None:
         """Forget that the position was reached, for a new goal."""
-        self._arrived = False
+        self._position_reached = False
 
     def is_position_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
         """Return whether *pose* is at the position of *goal*, with any heading."""
         close = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
-        self._arrived = close or (self._stateful and self._arrived)
-        return self._arrived
+        self._position_reached = close or (self._stateful and self._position_reached)
+        return self._position_reached
 
     def is_goal_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
         """Return whether *pose* has the position and the heading of *goal*."""

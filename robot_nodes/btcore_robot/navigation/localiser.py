@@ -20,7 +20,7 @@ from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStam
 from btcore_robot.transforms import TransformError, TransformTree
 
 INITIAL_DEVIATION = (0.5, 0.5, 0.26)
-"""The standard deviation (m, m, rad) of a settings pose (nav2_amcl's default)."""
+"""The standard deviation (m, m, rad) of a given pose (nav2_amcl's default)."""
 FOUND_DEVIATION = (0.15, 0.15, 0.1)
 """The standard deviation (m, m, rad) of a pose that was found by relocalisation."""
 FEWEST_BEAMS = 10
