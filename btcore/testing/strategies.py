@@ -105,11 +105,12 @@ def xml_documents(
     *tags* are those that may occur, by default all control nodes and decorators that take any child.
     Those of the registry *nodes* get a text for each port without a default, drawn from *ports* (by tag and
     port) or by the port's type; if any is a leaf, only such leaves occur. *timed* adds Delay, Timeout and
-    Sleep. *scripts* adds Script and ScriptCondition and *conditions* the likes of ``_skipIf`` (both format
-    4), on the entries a, b and c of the root's blackboard, which must be there as numbers. *subtrees* is how
-    many other trees there may be. *skipped* and *raising* are as in :func:`action_plans`. No loop is endless, but
-    a KeepRunningUntilFailure may keep the tree RUNNING for ever, and a WhileDoElse whose branches take turns
-    in waking the tree keeps ``tick_once`` busy for ever.
+    Sleep. *scripts* adds Script and ScriptCondition and *conditions* the likes of ``_skipIf`` (both
+    format 4), on the entries a, b and c of the root's blackboard, which must be there as numbers.
+    *subtrees* is how many other trees there may be. *skipped* and *raising* are as in
+    :func:`action_plans`. No loop is endless, but a KeepRunningUntilFailure may keep the tree RUNNING for
+    ever, and a WhileDoElse whose branches take turns in waking the tree keeps ``tick_once`` busy for
+    ever.
     """
     skipped = skipped and format == 4
     wishes = TreeOptions(
