@@ -1,4 +1,7 @@
-"""Nav2's tree nodes, by Nav2's names, on this stack's servers: a library found by ``btcore.nodes``."""
+"""Nav2's tree nodes under Nav2's names, served by this navigation stack.
+
+``btcore.nodes`` is the entry-point group by which the engine finds this library.
+"""
 
 from btcore import Registry
 from btcore_robot.leaves.poses import add_poses
@@ -86,10 +89,10 @@ LIBRARY = (
     services.ReinitializeGlobalLocalization,
     services.SmootherSelector,
 )
-"""Every node of the library."""
+"""Every node class of the library."""
 
 
 def register(nodes: Registry) -> None:
-    """Add every node of this library, and the type of its poses."""
+    """Register every node of this library and the type of their poses."""
     add_poses(nodes)
     nodes.add(*LIBRARY)

@@ -1,4 +1,4 @@
-"""The shape of a tree node that has a server do its work: Nav2's action client as a node."""
+"""Base class of the tree nodes that send a goal to an action server, as Nav2's ``BtActionNode`` does."""
 
 import logging
 from typing import Annotated, Any
@@ -10,46 +10,47 @@ from btcore_robot.navigation.nodes.port_access import optional_input, write_outp
 from btcore_robot.navigation.servers import AnyGoalHandle
 
 RECOVERIES = "number_recoveries"
-"""The entry of the blackboard that counts recoveries; the navigator gives it as feedback."""
+"""The blackboard entry that counts recoveries; the navigator reports it in its feedback."""
 
 NS_PER_MS = 1_000_000
-ACCEPTANCE = 1_000
-"""How long (ms) a server may take to accept a goal, where the tree doesn't say."""
+MIN_ACCEPTANCE_MS = 1_000
+"""The minimum time (ms) that a server has to accept a goal, whatever `server_timeout` says."""
 
 log = logging.getLogger(__name__)
 
-ServerName = Annotated[In[str], "The server; there is one of each kind here."]
-ServerTimeout = Annotated[In[int], "How long (ms) the server may take to accept the goal."]
-ErrorCode = Annotated[Out[int], "Nav2's number of what went wrong; 0 when nothing did."]
-ErrorMsg = Annotated[Out[str], "What went wrong, in words."]
+ServerName = Annotated[In[str], "Action server name; not used here: there is one server of each kind."]
+ServerTimeout = Annotated[In[int], "Server timeout (ms): the time to accept the goal."]
+ErrorCode = Annotated[Out[int], "Nav2's error code; 0 when there was no error."]
+ErrorMsg = Annotated[Out[str], "The error message; empty when there was no error."]
 
 
 class BtActionNode(StatefulAction):
-    """Sends a goal: RUNNING while the server works; SUCCESS or FAILURE as it ends; a halt cancels it.
+    """Send a goal to a server: RUNNING while the server works, then SUCCESS or FAILURE.
 
-    A goal that somebody else cancelled is a SUCCESS. Why one fails is logged, but not again for the same
-    reason. A subclass says which `server` and which `goal`.
+    A halt cancels the goal. A goal that was cancelled elsewhere (by a Cancel node or by a newer goal)
+    is a SUCCESS. The reason of a failure is logged once, until the reason changes. A subclass provides
+    `server` and `make_goal`.
     """
 
     handle: AnyGoalHandle | None = None
     sent = 0
     level = logging.WARNING
-    """How its failures are logged."""
+    """The level at which failures are logged."""
     logged = ""
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """Who does the work."""
+        """Return the server that works on the goal."""
         raise NotImplementedError
 
     def make_goal(self) -> object:
-        """What is asked for."""
+        """Return the goal to send."""
         raise NotImplementedError
 
-    def on_completion(self, handle: AnyGoalHandle) -> None:
-        """The goal has ended: write outputs."""
+    def on_completion(self, handle: Handle) -> None:
+        """Write the output ports when the goal has ended."""
 
-    def on_wait_for_result(self, handle: AnyGoalHandle) -> None:
-        """The goal has not ended: perhaps send another."""
+    def on_wait_for_result(self, handle: Handle) -> None:
+        """React to a goal that has not ended yet: write feedback, or send an updated goal."""
 
     def on_start(self) -> Status:
         """Send the goal."""
@@ -58,12 +59,12 @@ class BtActionNode(StatefulAction):
         return Status.RUNNING
 
     def on_running(self) -> Status:
-        """Look at it."""
+        """Check whether the server accepted or ended the goal."""
         handle = self.handle
         if handle is None:
             return Status.FAILURE
         if not handle.done:
-            if handle.status is GoalStatus.UNKNOWN and self.too_late():
+            if handle.status is GoalStatus.UNKNOWN and self.acceptance_timed_out():
                 handle.cancel()
                 self.report(int(Nav2ErrorCode.SEND_GOAL_FAILURE), "no server accepted the goal")
                 return Status.FAILURE
@@ -83,24 +84,25 @@ class BtActionNode(StatefulAction):
             self.handle = None
 
     def report(self, code: int, message: str) -> None:
-        """Write the error ports, and log a *message* that is news."""
+        """Write the error ports, and log *message* unless it is the message of the previous failure."""
         write_outputs(self, error_code_id=code, error_msg=message)
         if message and message != self.logged:
             log.log(self.level, "%s: %s", self.path, message)
         self.logged = message
 
-    def too_late(self) -> bool:
-        """Whether the server has had its time to accept the goal.
+    def acceptance_timed_out(self) -> bool:
+        """Return whether the server's time to accept the goal is over.
 
-        Servers step less often here than Nav2's threads do, so that it is at least one second.
+        The time is at least `MIN_ACCEPTANCE_MS`: servers step less often here than Nav2's threads do,
+        and Nav2's default of 20 ms would fail.
         """
-        asked = optional_input(self, "server_timeout")
-        allowed = max(ACCEPTANCE, int(asked) if isinstance(asked, int | float) else 0)
-        return self.now() - self.sent > allowed * NS_PER_MS
+        timeout = optional_input(self, "server_timeout")
+        timeout_ms = max(MIN_ACCEPTANCE_MS, int(timeout) if isinstance(timeout, int | float) else 0)
+        return self.now() - self.sent > timeout_ms * NS_PER_MS
 
 
 def count_recovery(board: Blackboard) -> None:
-    """Count one more recovery."""
-    found = board.find(RECOVERIES)
-    before = found.value if found is not None else 0
-    board.set(RECOVERIES, int(before) + 1 if isinstance(before, int | float) else 1)
+    """Increment the blackboard's counter of recoveries."""
+    entry = board.find(RECOVERIES)
+    count = entry.value if entry is not None else 0
+    board.set(RECOVERIES, int(count) + 1 if isinstance(count, int | float) else 1)

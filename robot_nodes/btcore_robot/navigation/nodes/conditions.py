@@ -1,4 +1,4 @@
-"""Nav2's conditions on goals, ways, times, and what the robot feels."""
+"""Nav2's conditions on goals, distances, times, battery and odometry."""
 
 import math
 from collections import deque
@@ -12,7 +12,7 @@ from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     Goals,
     blackboard_default,
-    goals_of,
+    goal_inputs,
     is_first_tick,
     optional_input,
     path_input,
@@ -23,73 +23,76 @@ from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import NS_PER_S, Odometry, Pose2D
 
-BUMP = -10.0
-"""The deceleration (m/s²) that nothing but a bump brings about; Nav2's figure."""
+MAX_DECELERATION = -10.0
+"""Nav2's limit (m/s²): only a collision decelerates the robot more strongly."""
 
 Goal = Annotated[In[Pose2D], "The goal."]
-Several = Annotated[In[Poses], "The goals."]
-BaseFrame = Annotated[In[str], "The robot's frame; base_footprint here."]
-GlobalFrame = Annotated[In[str], "The frame of the distance; map here."]
+GoalList = Annotated[In[Poses], "The goals."]
+BaseFrame = Annotated[In[str], "Robot base frame; always base_footprint here."]
+GlobalFrame = Annotated[In[str], "Global frame; always map here."]
 
 
 class GoalReached(Condition):
-    """SUCCESS when the robot is as near to *goal* as the navigator's tolerance, or nearer."""
+    """SUCCESS while the robot is within the navigator's goal tolerance of *goal*."""
 
-    goal: Annotated[In[Pose2D], "The goal."]
+    goal: Annotated[In[Pose2D], "Destination."]
     robot_base_frame: BaseFrame = "base_footprint"
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
     def tick(self) -> bool:
-        """Compare."""
+        """Compare the distance to the goal with the tolerance."""
         goal = pose_input(self, "goal")
         return goal is not None and self.servers.distance_to(goal) <= self.servers.goal_tolerance
 
 
 class GoalUpdated(Condition):
-    """SUCCESS when the goal is another than at the last tick; the first tick after a reset only looks."""
+    """SUCCESS when the goal differs from the goal at the previous tick; not at the first after a reset."""
 
     goal: Goal = blackboard_default("goal")
-    goals: Several = blackboard_default("goals")
+    goals: GoalList = blackboard_default("goals")
 
     def __init__(self) -> None:
         self.known: Goals = (None, ())
 
     def tick(self) -> bool:
-        """Look, and compare."""
-        goals = goals_of(self)
+        """Compare the goals with those of the previous tick."""
+        goals = goal_inputs(self)
         changed = goals != self.known and not is_first_tick(self)
         self.known = goals
         return changed
 
 
 class GlobalUpdatedGoal(Condition):
-    """SUCCESS when the goal is another than at the last tick, halts or not; the very first tick succeeds."""
+    """SUCCESS when the goal differs from the goal at the previous tick, and on the very first tick.
+
+    Unlike GoalUpdated, a halt does not make it forget the goal.
+    """
 
     goal: Goal = blackboard_default("goal")
-    goals: Several = blackboard_default("goals")
+    goals: GoalList = blackboard_default("goals")
 
     def __init__(self) -> None:
         self.known: Goals | None = None
 
     def tick(self) -> bool:
-        """Look, and compare."""
-        goals = goals_of(self)
+        """Compare the goals with those of the previous tick."""
+        goals = goal_inputs(self)
         changed = goals != self.known
         self.known = goals
         return changed
 
 
 class IsStuck(Condition):
-    """SUCCESS when odometry has just slowed down as only a bump can: by more than 10 m/s²."""
+    """SUCCESS when odometry slowed down by more than 10 m/s², which only a collision causes."""
 
     def __init__(self, servers: Servers) -> None:
         self.robot = servers.robot
         self.history: deque[Odometry] = deque(maxlen=10)
 
     def tick(self) -> bool:
-        """Look at the last two readings that differ in time, once there are three."""
+        """Compare the last two odometry readings with different stamps, once there are three readings."""
         newest = self.robot.odometry()
         if not self.history or newest.stamp > self.history[-1].stamp:
             self.history.append(newest)
@@ -97,42 +100,44 @@ class IsStuck(Condition):
             return False
         before, last = self.history[-2], self.history[-1]
         seconds = (last.stamp - before.stamp) / NS_PER_S
-        return (last.twist.v - before.twist.v) / seconds < BUMP
+        return (last.twist.v - before.twist.v) / seconds < MAX_DECELERATION
 
 
 class IsBatteryLow(Condition):
-    """SUCCESS when the battery holds *min_battery* or less (a share, 0–1, as in ``BatteryState``)."""
+    """SUCCESS when the battery's charge is *min_battery* or less (a fraction 0–1, as in ``BatteryState``)."""
 
-    min_battery: Annotated[In[float], "The share (0–1) that is low."]
-    battery_topic: Annotated[In[str], "Where Nav2 hears of the battery."] = "/battery_status"
-    is_voltage: Annotated[In[bool], "Whether the figure is a voltage; this robot tells none."] = False
+    min_battery: Annotated[In[float], "Minimum battery charge (fraction 0–1)."]
+    battery_topic: Annotated[In[str], "Battery topic; not used: the robot reports its battery."] = (
+        "/battery_status"
+    )
+    is_voltage: Annotated[In[bool], "True if min_battery is a voltage; not supported: FAILURE."] = False
 
     def __init__(self, servers: Servers) -> None:
         self.robot = servers.robot
 
     def tick(self) -> bool:
-        """Compare; a battery that doesn't tell isn't low."""
+        """Compare the charge with the limit; return False if the robot reports no charge."""
         battery = self.robot.battery()
         return battery is not None and not self.is_voltage and battery.level / 100.0 <= self.min_battery
 
 
 class IsBatteryCharging(Condition):
-    """SUCCESS while the battery is charging, as the topic *battery_topic* says."""
+    """SUCCESS while the last message of *battery_topic* is ``charging``."""
 
-    battery_topic: Annotated[In[str], "Where Nav2 hears of the battery."] = "/battery_status"
+    battery_topic: Annotated[In[str], "Battery topic."] = "/battery_status"
 
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics
 
     def tick(self) -> bool:
-        """Look."""
+        """Compare the last message of the topic."""
         return self.topics.get(self.battery_topic) == "charging"
 
 
 class DistanceTraveled(Condition):
-    """SUCCESS when the robot is *distance* (m) from where it was at the last SUCCESS, or at the start."""
+    """SUCCESS when the robot is *distance* (m) away from its position at the last SUCCESS or at the start."""
 
-    distance: Annotated[In[float], "How far (m)."] = 1.0
+    distance: Annotated[In[float], "Distance (m)."] = 1.0
     global_frame: GlobalFrame = "map"
     robot_base_frame: BaseFrame = "base_footprint"
 
@@ -141,7 +146,7 @@ class DistanceTraveled(Condition):
         self.start: Pose2D | None = None
 
     def tick(self) -> bool:
-        """Compare."""
+        """Compare the distance; return False while the robot's pose is unknown."""
         here = self.servers.pose()
         if is_first_tick(self) or self.start is None:
             self.start = here
@@ -153,15 +158,15 @@ class DistanceTraveled(Condition):
 
 
 class TimeExpired(Condition):
-    """SUCCESS when *seconds* have passed since the last SUCCESS, or the start."""
+    """SUCCESS when *seconds* have passed since the last SUCCESS or since the start."""
 
-    seconds: Annotated[In[float], "How long (s)."] = 1.0
+    seconds: Annotated[In[float], "Time (s)."] = 1.0
 
     def __init__(self) -> None:
         self.since = 0
 
     def tick(self) -> bool:
-        """Look at the clock."""
+        """Compare the elapsed time."""
         now = self.now()
         if is_first_tick(self):
             self.since = now
@@ -173,21 +178,21 @@ class TimeExpired(Condition):
 
 
 class PathExpiringTimer(Condition):
-    """SUCCESS when *seconds* have passed since the path was last another one, or the last SUCCESS."""
+    """SUCCESS when *seconds* have passed since the path last changed or since the last SUCCESS."""
 
-    seconds: Annotated[In[float], "How long (s)."] = 1.0
+    seconds: Annotated[In[float], "Time (s)."] = 1.0
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_input_port("The path.")]
+        """Return the ``path`` port."""
+        return [path_input_port("Path whose age counts.")]
 
     def __init__(self) -> None:
         self.since: int | None = None
         self.known: NavPath | None = None
 
     def tick(self) -> bool:
-        """Look at path and clock."""
+        """Compare the path and the elapsed time."""
         now, path = self.now(), path_input(self, "path")
         if self.since is None or path != self.known:
             self.since, self.known = now, path
@@ -199,17 +204,22 @@ class PathExpiringTimer(Condition):
 
 
 class TransformAvailable(Condition):
-    """SUCCESS when the transform between two frames is known; once it was, always."""
+    """SUCCESS when the transform between two frames is available, and always after the first SUCCESS."""
 
-    child: Annotated[In[str], "The one frame."] = ""
-    parent: Annotated[In[str], "The other frame."] = ""
+    child: Annotated[In[str], "Child frame for transform."] = ""
+    parent: Annotated[In[str], "Parent frame for transform."] = ""
 
     def __init__(self, servers: Servers) -> None:
         self.transforms = servers.transforms
         self.found = False
 
     def tick(self) -> bool:
-        """Look it up. Raises NodeError where a frame isn't named."""
+        """Look up the transform.
+
+        Raises:
+            NodeError: A frame's name is empty.
+
+        """
         if not (self.parent and self.child):
             raise NodeError("<TransformAvailable> needs the names of two frames: child and parent")
         self.found = self.found or self.transforms.can_transform(self.parent, self.child)
@@ -217,38 +227,38 @@ class TransformAvailable(Condition):
 
 
 class InitialPoseReceived(Condition):
-    """SUCCESS when the flag is true."""
+    """SUCCESS when the flag *initial_pose_received* is true."""
 
-    initial_pose_received: Annotated[In[bool], "Whether the robot was told where it is."] = (
+    initial_pose_received: Annotated[In[bool], "True once an initial pose has been received."] = (
         blackboard_default("initial_pose_received")
     )
 
     def tick(self) -> bool:
-        """Look; a flag that nobody has written yet isn't true."""
+        """Return the flag; an entry without a value counts as false."""
         return bool(optional_input(self, "initial_pose_received"))
 
 
 class IsGoalNearby(Condition):
-    """SUCCESS when what is left of *path* is shorter than *proximity_threshold*."""
+    """SUCCESS when the remaining part of *path* is shorter than *proximity_threshold*."""
 
-    proximity_threshold: Annotated[In[float], "How near (m) counts, along the path."] = 1.0
+    proximity_threshold: Annotated[In[float], "Remaining path length (m) that is near the goal."] = 1.0
     max_robot_pose_search_dist: Annotated[
-        In[float], "How far (m) along the path from where the robot was it is sought; -1: everywhere."
+        In[float], "Maximum distance (m) along the path to search for the robot's pose; -1: the whole path."
     ] = -1.0
     global_frame: GlobalFrame = "map"
     robot_base_frame: BaseFrame = "base_footprint"
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_input_port("The path that is followed.")]
+        """Return the ``path`` port."""
+        return [path_input_port("Path that the robot follows.")]
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
         self.search = NearestPoseSearch()
 
     def tick(self) -> bool:
-        """Measure; FAILURE without a path, and where the robot doesn't know where it is."""
+        """Compare the remaining length; return False without a path or while the robot's pose is unknown."""
         path, here = path_input(self, "path"), self.servers.pose()
         if path is None or here is None:
             return False
@@ -258,32 +268,34 @@ class IsGoalNearby(Condition):
 
 
 class ArePosesNear(Condition):
-    """SUCCESS when two poses are no farther than *tolerance* apart."""
+    """SUCCESS when two poses are at most *tolerance* (m) apart."""
 
-    ref_pose: Annotated[In[Pose2D], "The one pose."]
-    target_pose: Annotated[In[Pose2D], "The other pose."]
+    ref_pose: Annotated[In[Pose2D], "Reference pose."]
+    target_pose: Annotated[In[Pose2D], "Target pose."]
     global_frame: GlobalFrame = "map"
-    tolerance: Annotated[In[float], "How near (m)."] = 0.5
+    tolerance: Annotated[In[float], "Tolerance (m)."] = 0.5
 
     def tick(self) -> bool:
-        """Measure."""
-        one, other = self.ref_pose, self.target_pose
-        return math.hypot(one.x - other.x, one.y - other.y) <= self.tolerance
+        """Compare the distance between the poses."""
+        return (
+            math.hypot(self.ref_pose.x - self.target_pose.x, self.ref_pose.y - self.target_pose.y)
+            <= self.tolerance
+        )
 
 
 class IsWithinPathTrackingBounds(Condition):
-    """SUCCESS while the robot keeps to its path, to the left and to the right."""
+    """SUCCESS while the robot's deviation from its path is within the bounds for left, right and heading."""
 
-    max_error_left: Annotated[In[float], "How far (m) to the left of the path it may be."] = 0.5
-    max_error_right: Annotated[In[float], "How far (m) to the right of the path it may be."] = 0.5
-    max_error_heading: Annotated[In[float], "How far (rad) its heading may be off the path's."] = 3.14
-    tracking_feedback: Annotated[In[FollowPathFeedback], "What FollowPath tells."] = OPTIONAL
+    max_error_left: Annotated[In[float], "Maximum tracking error (m) to the left of the path."] = 0.5
+    max_error_right: Annotated[In[float], "Maximum tracking error (m) to the right of the path."] = 0.5
+    max_error_heading: Annotated[In[float], "Maximum heading error (rad)."] = 3.14
+    tracking_feedback: Annotated[In[FollowFeedback], "Tracking feedback of FollowPath."] = OPTIONAL
 
     def tick(self) -> bool:
-        """Compare; without feedback all is well."""
+        """Compare the errors with the bounds; return True without feedback."""
         feedback = optional_input(self, "tracking_feedback")
         if not isinstance(feedback, FollowPathFeedback):
             return True
-        aside = feedback.position_error
-        most = self.max_error_left if aside >= 0.0 else self.max_error_right
-        return abs(aside) <= abs(most) and abs(feedback.heading_error) <= abs(self.max_error_heading)
+        error = feedback.position_error
+        limit = self.max_error_left if error >= 0.0 else self.max_error_right
+        return abs(error) <= abs(limit) and abs(feedback.heading_error) <= abs(self.max_error_heading)

@@ -1,4 +1,4 @@
-"""Nav2's control nodes: pipelines, recoveries, and sequences of other kinds."""
+"""Nav2's control nodes: pipelines, recoveries and variants of the sequence."""
 
 from typing import Annotated
 
@@ -8,18 +8,19 @@ RUNNING, SUCCESS, FAILURE, SKIPPED = Status.RUNNING, Status.SUCCESS, Status.FAIL
 
 
 class PipelineSequence(ControlNode):
-    """Ticks all children that were reached so far, from the first, again and again.
+    """Tick every child reached so far, from the first child, on every tick.
 
-    So what comes first (planning) goes on while what comes later (driving) lasts. FAILURE of any child:
-    FAILURE. A child that is RUNNING ends the tick only if none after it was reached before. SUCCESS when the
-    last one succeeds.
+    Early children (planning) therefore keep running while a later child (driving) lasts. The sequence
+    returns FAILURE when a child fails. A RUNNING child ends the tick only if no later child has been
+    reached before. The sequence returns SUCCESS when the last child succeeds, and SKIPPED when all
+    children are skipped.
     """
 
     def __init__(self) -> None:
         self.reached = 0
 
     def tick(self) -> Status:
-        """Tick from the first child."""
+        """Tick the children from the first."""
         skipped = 0
         for index, child in enumerate(self.children):
             status = child.execute_tick()
@@ -35,85 +36,88 @@ class PipelineSequence(ControlNode):
         return SKIPPED if skipped == len(self.children) else SUCCESS
 
     def restart(self) -> None:
-        """Halt all, and begin again next time."""
+        """Halt all children and start from the first child next time."""
         self.reset_children()
         self.reached = 0
 
     def halt(self) -> None:
-        """Halt all, and forget how far it came."""
+        """Halt all children and forget which children were reached."""
         self.reached = 0
         super().halt()
 
 
 class RecoveryNode(ControlNode):
-    """Ticks its first child; when that fails, the second to put things right, and then the first again.
+    """Tick the first child; when it fails, tick the second child to recover, then try the first again.
 
-    SUCCESS when the first child succeeds; FAILURE when the second one fails, or after *number_of_retries*.
+    Returns SUCCESS when the first child succeeds, and FAILURE when the second child fails or is skipped,
+    or when the first child fails after *number_of_retries* retries.
     """
 
-    number_of_retries: Annotated[In[int], "How many times the first child is tried again."] = 1
+    number_of_retries: Annotated[In[int], "Number of retries of the first child."] = 1
 
     def __init__(self) -> None:
         self.retries = 0
-        self.at = 0
+        self.current = 0
 
     def prepare(self) -> None:
-        """Raises NodeError unless there are two children."""
+        """Raise NodeError unless the node has two children."""
         if len(self.children) != 2:
             raise NodeError(
-                f"<RecoveryNode> has two children, what to do and how to recover, not {len(self.children)}"
+                f"<RecoveryNode> needs two children (main and recovery), not {len(self.children)}"
             )
 
     def tick(self) -> Status:
-        """Tick the child whose turn it is."""
+        """Tick the current child."""
         self.set_status(RUNNING)
         main, recovery = self.children
         while True:
-            status = (main if self.at == 0 else recovery).execute_tick()
+            status = (main if self.current == 0 else recovery).execute_tick()
             if status is RUNNING:
                 return RUNNING
-            if self.at == 0:
+            if self.current == 0:
                 if status is not FAILURE or self.retries >= self.number_of_retries:
-                    return self.ended(status)
+                    return self.finish(status)
                 self.halt_child(0)
-                self.at = 1
+                self.current = 1
                 continue
             if status is FAILURE:
-                return self.ended(FAILURE)
+                return self.finish(FAILURE)
             self.halt_child(1)
             if status is SKIPPED:
-                self.at = 0
+                # Nav2 returns FAILURE here but keeps the count of retries and tries the first child next.
+                self.current = 0
                 return FAILURE
             self.retries += 1
-            self.at = 0
+            self.current = 0
 
-    def ended(self, status: Status) -> Status:
-        """Halt both, and begin again next time."""
+    def finish(self, status: Status) -> Status:
+        """Halt both children and start anew next time."""
         self.reset_children()
-        self.retries = self.at = 0
+        self.retries = self.current = 0
         return status
 
     def halt(self) -> None:
-        """Halt both, and forget the tries."""
-        self.retries = self.at = 0
+        """Halt both children and reset the count of retries."""
+        self.retries = self.current = 0
         super().halt()
 
 
 class RoundRobin(ControlNode):
-    """Gives its children turns: a child that succeeds passes the turn to the next one, for the next tick.
+    """Tick one child at a time, in turn: after a child succeeds, the next tick starts at the next child.
 
-    A child that fails passes the turn on within the tick; when all have failed it is FAILURE. Without
-    *wrap_around* the result of the last child ends the round as FAILURE, as in Nav2's present sources.
+    When a child fails, the next child is ticked within the same tick; the node returns FAILURE when all
+    children have failed. Without *wrap_around* the node returns FAILURE once the last child has ended,
+    whatever its result, as Nav2's sources do.
     """
 
-    wrap_around: Annotated[In[bool], "Whether the first child follows the last."] = False
+    wrap_around: Annotated[In[bool], "Whether to continue with the first child after the last."] = False
 
     def __init__(self) -> None:
         self.turn = 0
         self.failed = 0
 
     def tick(self) -> Status:
-        """Tick the child whose turn it is."""
+        """Tick the current child and, if it fails or is skipped, the children after it."""
         self.set_status(RUNNING)
         count = len(self.children)
         wrap = self.wrap_around
@@ -137,21 +141,21 @@ class RoundRobin(ControlNode):
         return SKIPPED if skipped == count else FAILURE
 
     def restart(self) -> None:
-        """Halt all; the first child is next."""
+        """Halt all children and start from the first child next time."""
         self.reset_children()
         self.turn = self.failed = 0
 
     def halt(self) -> None:
-        """Halt all; the first child is next."""
+        """Halt all children and start from the first child next time."""
         self.turn = self.failed = 0
         super().halt()
 
 
 class NonblockingSequence(ControlNode):
-    """Ticks all its children on every tick: SUCCESS when all succeed in one tick, FAILURE when one fails."""
+    """Tick all children on every tick: SUCCESS when all succeed in one tick, FAILURE when one child fails."""
 
     def tick(self) -> Status:
-        """Tick all."""
+        """Tick all children."""
         result = SUCCESS
         skipped = 0
         for child in self.children:
@@ -170,12 +174,12 @@ class NonblockingSequence(ControlNode):
 
 
 class PersistentSequence(ControlNode):
-    """A Sequence whose place is an entry of the blackboard, so that it goes on there after a halt."""
+    """A Sequence that keeps the index of its current child on the blackboard and so resumes after a halt."""
 
-    current_child_idx: Annotated[InOut[int], "The child whose turn it is."]
+    current_child_idx: Annotated[InOut[int], "The index of the current child."]
 
     def tick(self) -> Status:
-        """Tick on from the child whose turn it is."""
+        """Tick the children from the current index."""
         self.set_status(RUNNING)
         while self.current_child_idx < len(self.children):
             status = self.children[self.current_child_idx].execute_tick()

@@ -1,4 +1,4 @@
-"""Nav2's decorators: they tick their child at a rate, after a way, or when the goal is another."""
+"""Nav2's decorators: they tick their child at a rate, after a distance, or when the goal changes."""
 
 import math
 from collections import deque
@@ -10,7 +10,7 @@ from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     Goals,
     blackboard_default,
-    goals_of,
+    goal_inputs,
     is_first_tick,
     path_input,
     path_input_port,
@@ -25,22 +25,22 @@ from btcore_robot.robot import NS_PER_S, Pose2D
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
 Goal = Annotated[In[Pose2D], "The goal."]
-Several = Annotated[In[Poses], "The goals."]
+GoalList = Annotated[In[Poses], "The goals."]
 
 
 class RateController(DecoratorNode):
-    """Ticks its child at *hz*, and whenever it is RUNNING; otherwise RUNNING.
+    """Tick the child at *hz*, and on every tick while it is RUNNING; return RUNNING in between.
 
-    The time begins anew when the child succeeds.
+    The period starts anew when the child succeeds.
     """
 
-    hz: Annotated[In[float], "How often a second the child begins."] = 10.0
+    hz: Annotated[In[float], "Rate (Hz)."] = 10.0
 
     def __init__(self) -> None:
         self.since = 0
 
     def tick(self) -> Status:
-        """Tick the child if it is time."""
+        """Tick the child if its period is over."""
         first = is_first_tick(self)
         if first:
             self.since = self.now()
@@ -55,18 +55,18 @@ class RateController(DecoratorNode):
 
 
 class DistanceController(DecoratorNode):
-    """Ticks its child when the robot is *distance* (m) from where it was at the child's last SUCCESS."""
+    """Tick the child when the robot is *distance* (m) away from its position at the child's last SUCCESS."""
 
-    distance: Annotated[In[float], "How far (m) the robot goes between two starts of the child."] = 1.0
-    global_frame: Annotated[In[str], "The frame of the distance; map here."] = "map"
-    robot_base_frame: Annotated[In[str], "The robot's frame."] = "base_footprint"
+    distance: Annotated[In[float], "Distance (m) between two starts of the child."] = 1.0
+    global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
+    robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
         self.start: Pose2D | None = None
 
     def tick(self) -> Status:
-        """Tick the child if it is far enough; FAILURE where the robot doesn't know where it is."""
+        """Tick the child if the distance is reached; return FAILURE while the robot's pose is unknown."""
         if is_first_tick(self):
             self.start = None
         self.set_status(RUNNING)
@@ -85,48 +85,48 @@ class DistanceController(DecoratorNode):
 
 
 class SpeedController(DecoratorNode):
-    """Ticks its child the more often the faster the robot is; at once when the goal is another.
+    """Tick the child at a rate that grows with the robot's speed, and at once when the goal changes.
 
-    Between *min_speed* and *max_speed* the rate goes from *min_rate* to *max_rate*. Each period is as long
-    as the mean speed of *filter_duration* was when the one before ended.
+    Between *min_speed* and *max_speed* the rate grows linearly from *min_rate* to *max_rate*. The mean speed
+    over *filter_duration*, at the end of a period, determines the length of the next period.
     """
 
-    min_rate: Annotated[In[float], "The least rate (Hz)."] = 0.1
-    max_rate: Annotated[In[float], "The greatest rate (Hz)."] = 1.0
-    min_speed: Annotated[In[float], "The speed (m/s) of the least rate."] = 0.0
-    max_speed: Annotated[In[float], "The speed (m/s) of the greatest rate."] = 0.5
-    filter_duration: Annotated[In[float], "Over how long (s) the speed is averaged."] = 0.3
+    min_rate: Annotated[In[float], "Minimum rate (Hz)."] = 0.1
+    max_rate: Annotated[In[float], "Maximum rate (Hz)."] = 1.0
+    min_speed: Annotated[In[float], "Minimum speed (m/s): at or below it the rate is min_rate."] = 0.0
+    max_speed: Annotated[In[float], "Maximum speed (m/s): at or above it the rate is max_rate."] = 0.5
+    filter_duration: Annotated[In[float], "Duration (s) over which the speed is averaged."] = 0.3
     goal: Goal = blackboard_default("goal")
-    goals: Several = blackboard_default("goals")
+    goals: GoalList = blackboard_default("goals")
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
         self.since = 0
         self.period = 0.0
-        self.known: Goals = (None, ())
-        self.fresh = True
+        self.previous_goals: Goals = (None, ())
+        self.goal_changed = True
         self.speeds: deque[tuple[int, float]] = deque()
 
     def tick(self) -> Status:
-        """Tick the child if it is time."""
-        now, goals = self.now(), goals_of(self)
+        """Tick the child if its period is over or the goal has changed."""
+        now, goals = self.now(), goal_inputs(self)
         speed = self.speed()
-        if is_first_tick(self) or goals != self.known:
+        if is_first_tick(self) or goals != self.previous_goals:
             if min(self.min_rate, self.max_rate) <= 0.0:
-                raise NodeError("<SpeedController> needs rates above 0, so that there is a time to wait")
-            self.known, self.since, self.fresh = goals, now, True
+                raise NodeError("<SpeedController> needs a min_rate and a max_rate above 0")
+            self.previous_goals, self.since, self.goal_changed = goals, now, True
             self.period = 1.0 / self.max_rate
         self.set_status(RUNNING)
         due = now - self.since >= self.period * NS_PER_S
-        if not (self.fresh or due or self.child.status is RUNNING):
+        if not (self.goal_changed or due or self.child.status is RUNNING):
             return RUNNING
-        self.fresh = False
+        self.goal_changed = False
         if due:
             self.since, self.period = now, 1.0 / self.rate(speed)
         return self.child.execute_tick()
 
     def speed(self) -> float:
-        """The mean speed (m/s) that odometry told lately."""
+        """Return the mean speed (m/s) that odometry reported over the last *filter_duration*."""
         newest = self.servers.robot.odometry()
         if not self.speeds or newest.stamp > self.speeds[-1][0]:
             self.speeds.append((newest.stamp, newest.twist.v))
@@ -136,53 +136,53 @@ class SpeedController(DecoratorNode):
         return abs(sum(speed for _, speed in self.speeds) / len(self.speeds))
 
     def rate(self, speed: float) -> float:
-        """The rate (Hz) at *speed* (m/s)."""
-        share = (speed - self.min_speed) / max(self.max_speed - self.min_speed, 1e-9)
-        least, most = self.min_rate, self.max_rate
-        return max(least, min(most, least + share * (most - least)))
+        """Return the rate (Hz) at *speed* (m/s)."""
+        fraction = (speed - self.min_speed) / max(self.max_speed - self.min_speed, 1e-9)
+        lowest, highest = self.min_rate, self.max_rate
+        return max(lowest, min(highest, lowest + fraction * (highest - lowest)))
 
 
 class GoalUpdatedController(DecoratorNode):
-    """Ticks its child at first, when the goal is another, and while it is RUNNING; otherwise RUNNING."""
+    """Tick the child on the first tick, when the goal changes, and while RUNNING; else return RUNNING."""
 
     goal: Goal = blackboard_default("goal")
-    goals: Several = blackboard_default("goals")
+    goals: GoalList = blackboard_default("goals")
 
     def __init__(self) -> None:
-        self.known: Goals = (None, ())
+        self.previous_goals: Goals = (None, ())
 
     def tick(self) -> Status:
-        """Tick the child if there is a reason."""
+        """Tick the child on the first tick, after a change of the goal, and while it is RUNNING."""
         first = is_first_tick(self)
         self.set_status(RUNNING)
-        goals = goals_of(self)
-        changed = goals != self.known
-        self.known = goals
+        goals = goal_inputs(self)
+        changed = goals != self.previous_goals
+        self.previous_goals = goals
         if first or changed or self.child.status is RUNNING:
             return self.child.execute_tick()
         return RUNNING
 
 
 class GoalUpdater(DecoratorNode):
-    """Hands its child the newest goal: what it is given, or what the topic ``goal_update`` said since.
+    """Pass the newest goal to the child: the input, or what the topic ``goal_update`` published since.
 
-    The same with several goals, and the topic ``goals_update``.
+    Several goals work the same way, with the topic ``goals_update``.
     """
 
-    input_goal: Annotated[In[Pose2D], "The goal to begin with."] = OPTIONAL
-    input_goals: Annotated[In[Poses], "The goals to begin with."] = OPTIONAL
-    output_goal: Annotated[Out[Pose2D], "The goal to follow."] = OPTIONAL
-    output_goals: Annotated[Out[Poses], "The goals to follow."] = OPTIONAL
+    input_goal: Annotated[In[Pose2D], "Original goal."] = OPTIONAL
+    input_goals: Annotated[In[Poses], "Original goals."] = OPTIONAL
+    output_goal: Annotated[Out[Pose2D], "Goal that the child receives."] = OPTIONAL
+    output_goals: Annotated[Out[Poses], "Goals that the child receives."] = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics
-        self.single = Newest()
-        self.several = Newest()
+        self.single = NewestSource()
+        self.several = NewestSource()
 
     def tick(self) -> Status:
-        """Copy, and tick the child."""
-        goal = self.single.of(pose_input(self, "input_goal"), self.topics.get("goal_update"))
-        goals = self.several.of(list(poses_input(self, "input_goals")), self.topics.get("goals_update"))
+        """Write the newest goals and tick the child."""
+        goal = self.single.select(pose_input(self, "input_goal"), self.topics.get("goal_update"))
+        goals = self.several.select(list(poses_input(self, "input_goals")), self.topics.get("goals_update"))
         if goal is not None:
             write_outputs(self, output_goal=goal)
         if goals:
@@ -190,32 +190,33 @@ class GoalUpdater(DecoratorNode):
         return self.child.execute_tick()
 
 
-class Newest:
-    """Which of two sources has changed last: what a tree gives, or what a topic says."""
+class NewestSource:
+    """A choice between the value of a port and the value of a topic: the value that changed last wins."""
 
     def __init__(self) -> None:
-        self.given: object = None
-        self.said: object = None
+        self.port_value: object = None
+        self.topic_value: object = None
         self.choice: object = None
 
-    def of(self, given: object, said: object) -> object:
-        """The one of the two that is newer."""
-        if self.choice is None or given != self.given:
-            self.choice = given
-        if said and said is not self.said:
-            self.choice = said
-        self.given, self.said = given, said
+    def select(self, port_value: object, topic_value: object) -> object:
+        """Return the value that changed last; a topic value that is None or empty does not count."""
+        if self.choice is None or port_value != self.port_value:
+            self.choice = port_value
+        # Identity, not equality: publishing an equal goal again makes it the newest.
+        if topic_value and topic_value is not self.topic_value:
+            self.choice = topic_value
+        self.port_value, self.topic_value = port_value, topic_value
         return self.choice
 
 
 class SingleTrigger(DecoratorNode):
-    """Ticks its child until it has ended once; FAILURE from then on."""
+    """Tick the child until it has returned SUCCESS or FAILURE once; return FAILURE from then on."""
 
     def __init__(self) -> None:
         self.triggered = False
 
     def tick(self) -> Status:
-        """Tick the child, the first time."""
+        """Tick the child until it has ended."""
         if is_first_tick(self):
             self.triggered = False
         self.set_status(RUNNING)
@@ -227,37 +228,37 @@ class SingleTrigger(DecoratorNode):
 
 
 class PathLongerOnApproach(DecoratorNode):
-    """Ticks its child when, near the goal, the path to the same goal has become much longer; else SUCCESS.
+    """Tick the child when, near the goal, the path to the same goal has become much longer; else SUCCESS.
 
-    While the child is RUNNING, paths are compared with the one from before it began; when the newest is no
-    longer that long, the child is halted.
+    While the child is RUNNING, each new path is compared with the path from before the child started. When
+    the newest path is no longer much longer than that path, the child is halted.
     """
 
-    prox_len: Annotated[In[float], "How long (m) the path may be at most to be near the goal."] = 3.0
-    length_factor: Annotated[In[float], "How many times longer counts."] = 2.0
+    prox_len: Annotated[In[float], "Proximity length (m): a shorter path is near the goal."] = 3.0
+    length_factor: Annotated[In[float], "Factor by which the new path must be longer."] = 2.0
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_input_port("The path as it is planned now.")]
+        """Return the ``path`` port."""
+        return [path_input_port("Planned path.")]
 
     def __init__(self) -> None:
-        self.before: NavPath | None = None
+        self.previous: NavPath | None = None
 
     def tick(self) -> Status:
-        """Compare, and tick the child if there is a reason."""
+        """Compare the paths and tick the child if the new path is much longer."""
         self.set_status(RUNNING)
         path, status = path_input(self, "path"), SUCCESS
-        if self.longer(path, self.before):
+        if self.is_longer(path, self.previous):
             status = self.child.execute_tick()
             if status in (RUNNING, Status.SKIPPED):
                 return status
         self.reset_child()
-        self.before = path
+        self.previous = path
         return status
 
-    def longer(self, path: NavPath | None, before: NavPath | None) -> bool:
-        """Whether *path* is a longer one to the same goal, which is near."""
+    def is_longer(self, path: NavPath | None, before: NavPath | None) -> bool:
+        """Return whether *path* leads to the same, near goal as *before* and is much longer."""
         if path is None or before is None or path == before or path.goal != before.goal:
             return False
         return before.length() < self.prox_len and path.length() > self.length_factor * before.length()

@@ -1,4 +1,4 @@
-"""Nav2's conditions on the numbers by which servers say what went wrong."""
+"""Nav2's conditions on the error codes of servers."""
 
 from typing import Annotated, ClassVar
 
@@ -11,47 +11,47 @@ from btcore_robot.navigation.error_codes import (
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input
 
 ROUTE_RECOVERY_HELPS = frozenset({400, 404, 405})
-"""Nav2's numbers for a route server that knows not why, was too slow, or found no route."""
+"""Nav2's codes of a route server's errors: unknown error, timeout, no valid route."""
 
-Number = Annotated[In[int], "What a server wrote; 0 when nothing went wrong."]
-Numbers = Annotated[In[list[int]], "The numbers that count, in place of the usual ones."]
+ErrorCode = Annotated[In[int], "Error code; 0 when there was no error."]
+ErrorCodes = Annotated[In[list[int]], "Error codes to check in place of the default codes."]
 
 
 class AreErrorCodesPresent(Condition):
     """SUCCESS when *error_code* is one of *error_codes_to_check*."""
 
-    error_code: Number
-    error_codes_to_check: Numbers = OPTIONAL
+    error_code: ErrorCode
+    error_codes_to_check: ErrorCodes = OPTIONAL
 
-    usual: ClassVar[frozenset[int]] = frozenset()
+    default_codes: ClassVar[frozenset[int]] = frozenset()
 
     def tick(self) -> bool:
-        """Compare; an entry that nobody has written yet is no error."""
+        """Compare the code; an entry without a value is no error."""
         code = optional_input(self, "error_code")
-        asked = optional_input(self, "error_codes_to_check")
-        counting = set(asked) if isinstance(asked, list | tuple) and asked else self.usual
-        return isinstance(code, int | float) and int(code) in counting
+        given = optional_input(self, "error_codes_to_check")
+        codes = set(given) if isinstance(given, list | tuple) and given else self.default_codes
+        return isinstance(code, int | float) and int(code) in codes
 
 
 class WouldAControllerRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when the controller failed in a way that clearing the local costmap may cure."""
+    """SUCCESS when the controller failed with an error that clearing the local costmap may resolve."""
 
-    usual = frozenset(map(int, CONTROLLER_RECOVERY_HELPS))
+    default_codes = frozenset(map(int, CONTROLLER_RECOVERY_HELPS))
 
 
 class WouldAPlannerRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when the planner failed in a way that clearing the global costmap may cure."""
+    """SUCCESS when the planner failed with an error that clearing the global costmap may resolve."""
 
-    usual = frozenset(map(int, PLANNER_RECOVERY_HELPS))
+    default_codes = frozenset(map(int, PLANNER_RECOVERY_HELPS))
 
 
 class WouldASmootherRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when the smoother failed in a way that another try may cure."""
+    """SUCCESS when the smoother failed with an error that a retry may resolve."""
 
-    usual = frozenset(map(int, SMOOTHER_RECOVERY_HELPS))
+    default_codes = frozenset(map(int, SMOOTHER_RECOVERY_HELPS))
 
 
 class WouldARouteRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when a route server failed in a way that another try may cure."""
+    """SUCCESS when a route server failed with an error that a retry may resolve."""
 
-    usual = ROUTE_RECOVERY_HELPS
+    default_codes = ROUTE_RECOVERY_HELPS

@@ -1,4 +1,4 @@
-"""Nav2's nodes that work on the goals of the blackboard."""
+"""Nav2's nodes that edit lists of goals on the blackboard."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -14,7 +14,7 @@ from btcore_robot.robot import Pose2D
 
 
 class WaypointState(IntEnum):
-    """What became of a goal; names and numbers are those of ``nav2_msgs/WaypointStatus``."""
+    """The progress of a goal; names and numbers are those of ``nav2_msgs/WaypointStatus``."""
 
     PENDING = 0
     COMPLETED = 1
@@ -24,27 +24,27 @@ class WaypointState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class WaypointStatus:
-    """One of several goals, the *index*-th that was asked for, and what became of it."""
+    """The state of a goal in a list of goals; *index* is its place in the original list."""
 
     goal: Pose2D
     index: int
     state: WaypointState = WaypointState.PENDING
 
 
-InGoals = Annotated[In[Poses], "The goals."]
-OutGoals = Annotated[Out[Poses], "The goals that are left."]
-InStatuses = Annotated[In[list[WaypointStatus]], "What became of each goal so far."]
-OutStatuses = Annotated[Out[list[WaypointStatus]], "What became of each goal now."]
-UnknownCounts = Annotated[In[bool], "Whether what isn't known counts as an obstacle."]
-Threshold = Annotated[In[float], "The cost (0–254) from which on a place counts as taken."]
+InGoals = Annotated[In[Poses], "Original goals."]
+OutGoals = Annotated[Out[Poses], "Remaining goals."]
+InStatuses = Annotated[In[list[WaypointStatus]], "Original waypoint statuses."]
+OutStatuses = Annotated[Out[list[WaypointStatus]], "Updated waypoint statuses."]
+UnknownCounts = Annotated[In[bool], "Whether unknown cost counts as an obstacle."]
+Threshold = Annotated[In[float], "Cost threshold (0–254): a pose at or above it is occupied."]
 
 
 class RemovePassedGoals(SyncAction):
-    """Leave out the first goals as long as the robot is nearer than *radius* to them; the last one stays."""
+    """Remove leading goals that the robot is within *radius* of; the last goal always stays."""
 
     input_goals: InGoals
-    radius: Annotated[In[float], "How near (m) is passed."] = 0.5
-    robot_base_frame: Annotated[In[str], "The robot's frame."] = "base_footprint"
+    radius: Annotated[In[float], "Radius (m) around a goal within which it is passed."] = 0.5
+    robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
     input_waypoint_statuses: InStatuses = OPTIONAL
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
@@ -53,7 +53,7 @@ class RemovePassedGoals(SyncAction):
         self.servers = servers
 
     def tick(self) -> bool:
-        """Leave out; FAILURE where the robot doesn't know where it is."""
+        """Write the remaining goals; return FAILURE while the robot's pose is unknown."""
         goals = list(poses_input(self, "input_goals"))
         if goals and self.servers.pose() is None:
             return False
@@ -61,16 +61,16 @@ class RemovePassedGoals(SyncAction):
         while passed < len(goals) - 1 and self.servers.distance_to(goals[passed]) <= self.radius:
             passed += 1
         write_outputs(self, output_goals=goals[passed:])
-        mark(self, goals[:passed], WaypointState.COMPLETED)
+        update_waypoint_statuses(self, goals[:passed], WaypointState.COMPLETED)
         return True
 
 
 class RemoveInCollisionGoals(SyncAction):
-    """Leave out the goals at which something is in the way, by the global costmap."""
+    """Remove the goals at which the robot would be in collision according to the global costmap."""
 
     input_goals: InGoals
     cost_threshold: Threshold = 254.0
-    use_footprint: Annotated[In[bool], "Whether the robot's size counts."] = True
+    use_footprint: Annotated[In[bool], "Whether to check the robot's footprint."] = True
     consider_unknown_as_obstacle: UnknownCounts = False
     input_waypoint_statuses: InStatuses = OPTIONAL
     service_name: ServerName = ""
@@ -82,21 +82,21 @@ class RemoveInCollisionGoals(SyncAction):
         self.servers = servers
 
     def tick(self) -> bool:
-        """Look at every goal."""
-        figures = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
+        """Check every goal and write those without a collision."""
+        criteria = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
         goals = poses_input(self, "input_goals")
-        taken = [goal for goal in goals if occupied(self.servers, goal, *figures)]
-        write_outputs(self, output_goals=[goal for goal in goals if goal not in taken])
-        mark(self, taken, WaypointState.SKIPPED)
+        occupied = [goal for goal in goals if is_occupied(self.servers, goal, *criteria)]
+        write_outputs(self, output_goals=[goal for goal in goals if goal not in occupied])
+        update_waypoint_statuses(self, occupied, WaypointState.SKIPPED)
         return True
 
 
 class CheckPoseOccupancy(SyncAction):
-    """SUCCESS when something is in the way at *pose*, by the global costmap."""
+    """SUCCESS when *pose* is occupied according to the global costmap."""
 
-    pose: Annotated[In[Pose2D], "The place."]
+    pose: Annotated[In[Pose2D], "Pose to check."]
     cost_threshold: Threshold = 254.0
-    use_footprint: Annotated[In[bool], "Whether the robot's size counts."] = True
+    use_footprint: Annotated[In[bool], "Whether to check the robot's footprint."] = True
     consider_unknown_as_obstacle: UnknownCounts = False
     service_name: ServerName = ""
     server_timeout: ServerTimeout = 20
@@ -105,33 +105,33 @@ class CheckPoseOccupancy(SyncAction):
         self.servers = servers
 
     def tick(self) -> bool:
-        """Look."""
-        figures = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
-        return occupied(self.servers, self.pose, *figures)
+        """Check the cost at the pose."""
+        criteria = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
+        return is_occupied(self.servers, self.pose, *criteria)
 
 
 class AppendGoalPoseToGoals(SyncAction):
-    """Write the goals with one more at their end."""
+    """Append *goal_pose* to the goals."""
 
-    goal_pose: Annotated[In[Pose2D], "The goal to append."]
+    goal_pose: Annotated[In[Pose2D], "Goal pose to append."]
     input_goals: InGoals
     output_goals: OutGoals = OPTIONAL
 
     def tick(self) -> bool:
-        """Append."""
+        """Write the goals with the appended pose."""
         write_outputs(self, output_goals=[*poses_input(self, "input_goals"), self.goal_pose])
         return True
 
 
 class GetNextFewGoals(SyncAction):
-    """Write the first *num_goals* of the goals. FAILURE where there are none."""
+    """Write the first *num_goals* of the goals. FAILURE when there are no goals."""
 
-    num_goals: Annotated[In[int], "How many."]
+    num_goals: Annotated[In[int], "Number of goals."]
     input_goals: InGoals
     output_goals: OutGoals = OPTIONAL
 
     def tick(self) -> bool:
-        """Take them."""
+        """Write the first goals."""
         goals = list(poses_input(self, "input_goals"))
         if not goals:
             return False
@@ -139,23 +139,33 @@ class GetNextFewGoals(SyncAction):
         return True
 
 
-def mark(node: TreeNode, goals: list[Pose2D], state: WaypointState) -> None:
-    """Write that the next of the waypoints at each of *goals*, of those still pending, is in *state*."""
+def update_waypoint_statuses(node: TreeNode, goals: list[Pose2D], state: WaypointState) -> None:
+    """Write *state* to the first pending waypoint at each of *goals*."""
     statuses = optional_input(node, "input_waypoint_statuses")
     if not isinstance(statuses, list):
         return
-    found = list(statuses)
+    updated = list(statuses)
     for goal in goals:
-        for index, one in enumerate(found):
-            if one.goal == goal and one.state is WaypointState.PENDING:
-                found[index] = replace(one, state=state)
+        for index, status in enumerate(updated):
+            if status.goal == goal and status.state is WaypointState.PENDING:
+                updated[index] = replace(status, state=state)
                 break
-    write_outputs(node, output_waypoint_statuses=found)
+    write_outputs(node, output_waypoint_statuses=updated)
 
 
-def occupied(servers: Servers, place: Pose2D, threshold: float, footprint: bool, unknown: bool) -> bool:
-    """Whether the robot (with *footprint*), or its middle, can't be at *place* by the global costmap."""
-    cost = servers.global_costmap.cost(place.x, place.y)
+def is_occupied(servers: Servers, pose: Pose2D, threshold: float, footprint: bool, unknown: bool) -> bool:
+    """Return whether the global costmap's cost at *pose* reaches *threshold*.
+
+    Args:
+        servers: The navigation servers with the global costmap.
+        pose: The pose to check, in the frame map.
+        threshold: The cost (0–254) from which on the pose is occupied.
+        footprint: Whether to check the robot's circle in place of its centre.
+        unknown: The result for a pose of unknown cost.
+
+    """
+    cost = servers.global_costmap.cost(pose.x, pose.y)
     if cost == UNKNOWN:
         return unknown
+    # The inscribed cost, LETHAL - 1, marks centres from which the robot's circle touches an obstacle.
     return cost >= (min(threshold, LETHAL - 1) if footprint else threshold)

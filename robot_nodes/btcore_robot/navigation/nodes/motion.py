@@ -1,4 +1,4 @@
-"""Nav2's nodes that move the robot: following a path, recoveries, navigating."""
+"""Nav2's action nodes that move the robot: path following, recovery behaviours and navigation."""
 
 from dataclasses import replace
 from typing import Annotated, Any
@@ -29,12 +29,12 @@ from btcore_robot.navigation.path import empty_path
 from btcore_robot.navigation.servers import AnyGoalHandle, Servers
 from btcore_robot.robot import Pose2D
 
-Allowance = Annotated[In[float], "How long (s) it may take."]
-Unchecked = Annotated[In[bool], "Whether it goes on without a look at what is in the way."]
+Allowance = Annotated[In[float], "Allowed time (s) for the behaviour."]
+Unchecked = Annotated[In[bool], "Disable collision checking."]
 
 
-class MovingNode(BtActionNode):
-    """A server's node with the ports that all of Nav2's have."""
+class MotionNode(BtActionNode):
+    """Base of the nodes with the ports that every action node of Nav2 has."""
 
     server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
@@ -45,28 +45,28 @@ class MovingNode(BtActionNode):
         self.servers = servers
 
 
-class FollowPath(MovingNode):
-    """Drive along *path*. Another path or plug-in while it drives is taken over without a stop."""
+class FollowPath(MotionNode):
+    """Follow *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
-    controller_id: Annotated[In[str], "The plug-in: FollowPath, or nothing."] = ""
-    goal_checker_id: Annotated[In[str], "The goal checker's plug-in."] = ""
-    progress_checker_id: Annotated[In[str], "The progress checker's plug-in."] = ""
-    path_handler_id: Annotated[In[str], "The path handler's plug-in."] = ""
-    tracking_feedback: Annotated[Out[FollowPathFeedback], "How far it is, and how far off the path."] = (
-        OPTIONAL
-    )
+    controller_id: Annotated[In[str], "Controller plug-in: FollowPath or empty."] = ""
+    goal_checker_id: Annotated[In[str], "Goal checker plug-in."] = ""
+    progress_checker_id: Annotated[In[str], "Progress checker plug-in."] = ""
+    path_handler_id: Annotated[In[str], "Path handler plug-in."] = ""
+    tracking_feedback: Annotated[
+        Out[FollowFeedback], "Tracking feedback: remaining path length and deviation from the path."
+    ] = OPTIONAL
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_input_port("The path.")]
+        """Return the ``path`` port."""
+        return [path_input_port("Path to follow.")]
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The controller."""
+        """Return the controller server."""
         return self.servers.follow_path
 
-    def make_goal(self) -> FollowPathGoal:
-        """The path and the plug-ins as they are now."""
+    def make_goal(self) -> FollowGoal:
+        """Return a goal with the current path and plug-ins."""
         path = path_input(self, "path")
         return FollowPathGoal(
             path if path is not None else empty_path(self.now()),
@@ -76,132 +76,132 @@ class FollowPath(MovingNode):
             plugin_input(self, "path_handler_id"),
         )
 
-    def on_wait_for_result(self, handle: AnyGoalHandle) -> None:
-        """Tell how it goes; send the goal anew when it is another one."""
+    def on_wait_for_result(self, handle: Handle) -> None:
+        """Write the feedback; send the goal again when its path or a plug-in has changed."""
         if handle.feedback is not None:
             write_outputs(self, tracking_feedback=handle.feedback)
-        wanted = self.make_goal()
-        if not len(wanted.path):
-            wanted = replace(wanted, path=handle.goal.path)
-        if wanted != handle.goal:
-            self.handle = self.servers.follow_path.send_goal(wanted)
+        goal = self.make_goal()
+        if not len(goal.path):
+            goal = replace(goal, path=handle.goal.path)
+        if goal != handle.goal:
+            self.handle = self.servers.follow_path.send_goal(goal)
             self.sent = self.now()
 
-    def on_completion(self, handle: AnyGoalHandle) -> None:
-        """There is nothing to track any more."""
-        write_outputs(self, tracking_feedback=FollowPathFeedback())
+    def on_completion(self, handle: Handle) -> None:
+        """Reset the tracking feedback, because no path is followed any more."""
+        write_outputs(self, tracking_feedback=FollowFeedback())
 
 
-class Recovery(MovingNode):
-    """A node that is counted as a recovery."""
+class RecoveryAction(MotionNode):
+    """Base of the behaviours that count as recoveries."""
 
     def make_goal(self) -> object:
-        """Count it; the goal is a subclass's."""
+        """Count the recovery and return the subclass's goal."""
         if optional_input(self, "is_recovery") is not False:
             count_recovery(self.blackboard)
         return self.behaviour()
 
     def behaviour(self) -> object:
-        """The goal."""
+        """Return the goal."""
         raise NotImplementedError
 
 
-class Spin(Recovery):
-    """Turn on the spot by *spin_dist* (rad, + left)."""
+class Spin(RecoveryAction):
+    """Turn on the spot by *spin_dist* (rad, positive to the left)."""
 
-    spin_dist: Annotated[In[float], "How far (rad), + to the left."] = 1.57
+    spin_dist: Annotated[In[float], "Spin distance (rad), positive to the left."] = 1.57
     time_allowance: Allowance = 10.0
-    is_recovery: Annotated[In[bool], "Whether it counts as a recovery."] = True
+    is_recovery: Annotated[In[bool], "True if the spin counts as a recovery."] = True
     disable_collision_checks: Unchecked = False
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The spin server."""
+        """Return the spin server."""
         return self.servers.spin
 
     def behaviour(self) -> SpinGoal:
-        """The turn."""
+        """Return the goal of the turn."""
         return SpinGoal(self.spin_dist, self.time_allowance, self.disable_collision_checks)
 
 
-class BackUp(Recovery):
-    """Go back by *backup_dist* (m) at *backup_speed* (m/s), both given without a sign."""
+class BackUp(RecoveryAction):
+    """Drive backwards by *backup_dist* (m) at *backup_speed* (m/s), both positive."""
 
-    backup_dist: Annotated[In[float], "How far (m)."] = 0.15
-    backup_speed: Annotated[In[float], "How fast (m/s)."] = 0.025
+    backup_dist: Annotated[In[float], "Distance to back up (m)."] = 0.15
+    backup_speed: Annotated[In[float], "Speed at which to back up (m/s)."] = 0.025
     time_allowance: Allowance = 10.0
     disable_collision_checks: Unchecked = False
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The back-up server."""
+        """Return the back-up server."""
         return self.servers.back_up
 
     def behaviour(self) -> BackUpGoal:
-        """The way back."""
+        """Return the goal of backing up."""
         return BackUpGoal(
             self.backup_dist, self.backup_speed, self.time_allowance, self.disable_collision_checks
         )
 
 
-class DriveOnHeading(MovingNode):
-    """Drive straight on by *dist_to_travel* (m) at *speed* (m/s)."""
+class DriveOnHeading(MotionNode):
+    """Drive straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
 
-    dist_to_travel: Annotated[In[float], "How far (m)."] = 0.15
-    speed: Annotated[In[float], "How fast (m/s)."] = 0.025
+    dist_to_travel: Annotated[In[float], "Distance to travel (m)."] = 0.15
+    speed: Annotated[In[float], "Speed at which to travel (m/s)."] = 0.025
     time_allowance: Allowance = 10.0
     disable_collision_checks: Unchecked = False
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The drive-on-heading server."""
+        """Return the drive-on-heading server."""
         return self.servers.drive_on_heading
 
     def make_goal(self) -> DriveOnHeadingGoal:
-        """The way."""
+        """Return the goal of driving straight ahead."""
         return DriveOnHeadingGoal(
             self.dist_to_travel, self.speed, self.time_allowance, self.disable_collision_checks
         )
 
 
-class Wait(Recovery):
-    """Wait for *wait_duration* (s), whatever its sign."""
+class Wait(RecoveryAction):
+    """Wait for *wait_duration* (s); its sign is ignored."""
 
-    wait_duration: Annotated[In[float], "How long (s)."] = 1.0
+    wait_duration: Annotated[In[float], "Wait time (s)."] = 1.0
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The wait server."""
+        """Return the wait server."""
         return self.servers.wait
 
     def behaviour(self) -> WaitGoal:
-        """The time."""
+        """Return the goal of waiting."""
         return WaitGoal(abs(self.wait_duration))
 
 
-class NavigateToPose(MovingNode):
-    """Have the navigator go to *goal*, by its own tree or by *behavior_tree*."""
+class NavigateToPose(MotionNode):
+    """Navigate to *goal* by the navigator's default tree or by *behavior_tree*."""
 
-    goal: Annotated[In[Pose2D], "Where to."]
-    behavior_tree: Annotated[In[str], "The tree's file; the navigator's own where there is none."] = ""
+    goal: Annotated[In[Pose2D], "Destination to plan to."]
+    behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The navigator."""
+        """Return the navigator server."""
         navigator: ActionServer[Any, Any, Any] = self.servers.navigators["navigate_to_pose"]
         return navigator
 
     def make_goal(self) -> object:
-        """The goal, in the navigator's form."""
+        """Return the goal in the navigator's form."""
         return self.servers.navigators["goal_to"]((self.goal,), self.behavior_tree)
 
 
-class NavigateThroughPoses(MovingNode):
-    """Have the navigator go through *goals*, by its own tree or by *behavior_tree*."""
+class NavigateThroughPoses(MotionNode):
+    """Navigate through *goals* by the navigator's default tree or by *behavior_tree*."""
 
-    goals: Annotated[In[Poses], "Where to, one after another."]
-    behavior_tree: Annotated[In[str], "The tree's file; the navigator's own where there is none."] = ""
+    goals: Annotated[In[Poses], "Destinations to plan through, in order."]
+    behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The navigator."""
+        """Return the navigator server."""
         navigator: ActionServer[Any, Any, Any] = self.servers.navigators["navigate_through_poses"]
         return navigator
 
     def make_goal(self) -> object:
-        """The goals, in the navigator's form."""
+        """Return the goals in the navigator's form."""
         return self.servers.navigators["goal_to"](poses_input(self, "goals"), self.behavior_tree)

@@ -1,4 +1,4 @@
-"""Where the robot is on a path that crosses itself: sought from where it was found last."""
+"""Search for the robot's pose on a path that may cross itself, starting at the previous result."""
 
 import math
 
@@ -10,17 +10,22 @@ from btcore_robot.robot import Pose2D
 
 
 class NearestPoseSearch:
-    """Finds the pose of a path that the robot is nearest to; of the same path, never one further back."""
+    """A search for the pose of a path nearest to the robot; on the same path it never goes backwards."""
 
     def __init__(self) -> None:
         self.known: NavPath | None = None
         self.at = 0
 
     def nearest(self, path: NavPath, here: Pose2D, reach: float, turn: float = 0.0) -> int:
-        """The index of the pose of *path* nearest to *here*, at most *reach* (m) along it from the last one.
+        """Return the index of the pose of *path* that is nearest to *here*.
 
-        A *reach* that is negative or infinite means all of the path, forward and back. *turn* (m/rad) is
-        how much a heading that is off counts. The path isn't empty.
+        Args:
+            path: A path with at least one pose.
+            here: The robot's pose in the frame of the path.
+            reach: The maximum distance (m) along the path from the previous result; negative or infinite:
+                search the whole path, forwards and backwards.
+            turn: The distance (m) that counts as much as a heading error of 1 rad.
+
         """
         whole = reach < 0.0 or math.isinf(reach)
         if whole or path != self.known:
@@ -28,8 +33,8 @@ class NearestPoseSearch:
         along = path.distances()
         last = len(along) if whole else int(np.searchsorted(along, along[self.at] + reach, "right"))
         poses = path.poses[self.at : max(last, self.at + 1)]
-        off = wrap_angles(poses[:, 2] - here.yaw)
-        distance = np.hypot(np.hypot(poses[:, 0] - here.x, poses[:, 1] - here.y), turn * off)
-        found = self.at + int(np.argmin(distance))
-        self.at = 0 if whole else found
-        return found
+        heading_error = wrap_angles(poses[:, 2] - here.yaw)
+        distance = np.hypot(np.hypot(poses[:, 0] - here.x, poses[:, 1] - here.y), turn * heading_error)
+        nearest = self.at + int(np.argmin(distance))
+        self.at = 0 if whole else nearest
+        return nearest

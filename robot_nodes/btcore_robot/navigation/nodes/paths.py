@@ -1,4 +1,4 @@
-"""Nav2's nodes that work on the paths of the blackboard."""
+"""Nav2's nodes that check and edit paths on the blackboard."""
 
 import math
 from typing import Annotated
@@ -22,23 +22,25 @@ from btcore_robot.navigation.path import NavPath, empty_path, join_paths
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
 
-InPath = Annotated[In[NavPath], "The path."]
-OutPath = Annotated[Out[NavPath], "The path that results."]
-UnknownCounts = Annotated[In[bool], "Whether what isn't known counts as an obstacle."]
+InPath = Annotated[In[NavPath], "Original path."]
+OutPath = Annotated[Out[NavPath], "Resulting path."]
+UnknownCounts = Annotated[In[bool], "Whether unknown cost counts as an obstacle."]
 
 
 class TruncatePath(SyncAction):
-    """Leave out the end of a path: every pose nearer than *distance* to the last. Always SUCCESS.
+    """Remove the end of a path: every pose closer than *distance* to the last pose. Always SUCCESS.
 
-    Two poses stay in any case. The last one that is left looks to the goal.
+    At least two poses stay. The last remaining pose is turned towards the goal.
     """
 
     input_path: InPath
-    distance: Annotated[In[float], "How much (m) is left out, as the crow flies."] = 1.0
+    distance: Annotated[
+        In[float], "Distance (m), in a straight line, before the goal at which the path ends."
+    ] = 1.0
     output_path: OutPath = OPTIONAL
 
     def tick(self) -> bool:
-        """Cut."""
+        """Write the truncated path."""
         path = path_input(self, "input_path")
         if path is None:
             write_outputs(self, output_path=empty_path(self.now()))
@@ -55,20 +57,20 @@ class TruncatePath(SyncAction):
 
 
 class TruncatePathLocal(SyncAction):
-    """Keep the part of a path around the robot: so far ahead and so far back, along the path.
+    """Keep the part of a path around the robot, between two distances along the path.
 
-    FAILURE where the robot doesn't know where it is.
+    FAILURE while the robot's pose is unknown.
     """
 
     input_path: InPath
-    distance_forward: Annotated[In[float], "How far (m) ahead; -1: to the end."] = 8.0
-    distance_backward: Annotated[In[float], "How far (m) back."] = 4.0
-    pose: Annotated[In[Pose2D], "Where the robot is, if it isn't to be asked."] = OPTIONAL
-    robot_base_frame: Annotated[In[str], "The robot's frame."] = "base_footprint"
-    transform_tolerance: Annotated[In[float], "How old (s) the robot's place may be."] = 0.2
-    angular_distance_weight: Annotated[In[float], "How much (m/rad) a heading that is off counts."] = 0.0
+    distance_forward: Annotated[In[float], "Distance (m) ahead of the robot; -1: to the end."] = 8.0
+    distance_backward: Annotated[In[float], "Distance (m) behind the robot."] = 4.0
+    pose: Annotated[In[Pose2D], "The robot's pose; by default the localiser's."] = OPTIONAL
+    robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
+    transform_tolerance: Annotated[In[float], "Maximum age (s) of the robot's pose; not used here."] = 0.2
+    angular_distance_weight: Annotated[In[float], "Weight (m/rad) of the heading error in the search."] = 0.0
     max_robot_pose_search_dist: Annotated[
-        In[float], "How far (m) along the path from where the robot was it is sought; inf: everywhere."
+        In[float], "Maximum distance (m) along the path to search for the robot's pose; inf: the whole path."
     ] = math.inf
     output_path: OutPath = OPTIONAL
 
@@ -77,7 +79,7 @@ class TruncatePathLocal(SyncAction):
         self.search = NearestPoseSearch()
 
     def tick(self) -> bool:
-        """Find the robot on the path, and cut."""
+        """Find the robot on the path and write the part around it."""
         path = path_input(self, "input_path")
         here = pose_input(self, "pose") or self.servers.pose()
         if here is None:
@@ -95,66 +97,78 @@ class TruncatePathLocal(SyncAction):
 
 
 class ValidatePath(SyncAction):
-    """SUCCESS while nothing on *path* is in the way of the robot, by the global costmap."""
+    """SUCCESS while *path* is free of collisions according to the global costmap."""
 
-    max_cost: Annotated[In[int], "The greatest cost (0–254) that a path may have under the robot."] = 254
+    max_cost: Annotated[
+        In[int], "Maximum cost (0–254) of the path: a pose at or above it is a collision."
+    ] = 254
     consider_unknown_as_obstacle: UnknownCounts = False
-    layer_name: Annotated[In[str], "The layer to look at; all together here."] = ""
-    footprint: Annotated[In[str], "Another footprint; the robot's circle here."] = ""
-    stop_at_first_collision: Annotated[In[bool], "Whether one place in the way is enough."] = True
+    layer_name: Annotated[In[str], "Costmap layer to check; not used: all layers are checked."] = ""
+    footprint: Annotated[In[str], "Footprint to check; not used: the robot's circle is checked."] = ""
+    stop_at_first_collision: Annotated[In[bool], "Whether to report the first collision only."] = True
     max_lookahead_distance: Annotated[
-        In[float], "How far (m) along the path is looked; -1: to the end."
+        In[float], "Maximum distance (m) ahead of the robot to check; -1: to the end of the path."
     ] = -1.0
     service_name: ServerName = ""
     server_timeout: ServerTimeout = 20
-    collision_poses: Annotated[Out[Poses], "Where something is in the way."] = OPTIONAL
+    collision_poses: Annotated[Out[Poses], "Poses of the path that are in collision."] = OPTIONAL
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_input_port("The path.")]
+        """Return the ``path`` port."""
+        return [path_input_port("Path to check.")]
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
     def tick(self) -> bool:
-        """Look along the path, from where the robot is; FAILURE for a path of no poses."""
+        """Check the path from the robot's pose on; return FAILURE for a missing or empty path."""
         path = path_input(self, "path")
         reach = self.max_lookahead_distance
-        found: list[Pose2D] = []
+        collisions: list[Pose2D] = []
         if path is not None:
-            found = in_the_way(self.servers, path, self.max_cost, self.consider_unknown_as_obstacle, reach)
-        write_outputs(self, collision_poses=found[:1] if self.stop_at_first_collision else found)
-        return path is not None and not found
+            collisions = blocked_poses(
+                self.servers, path, self.max_cost, self.consider_unknown_as_obstacle, reach
+            )
+        write_outputs(self, collision_poses=collisions[:1] if self.stop_at_first_collision else collisions)
+        return path is not None and not collisions
 
 
 class IsPathValid(Condition):
-    """The condition that Nav2 had in place of ValidatePath up to humble."""
+    """The predecessor of ValidatePath in Nav2 up to the release humble: SUCCESS while *path* is valid."""
 
-    max_cost: Annotated[In[int], "The greatest cost (0–254) that a path may have under the robot."] = 254
+    max_cost: Annotated[
+        In[int], "Maximum cost (0–254) of the path: a pose at or above it is a collision."
+    ] = 254
     consider_unknown_as_obstacle: UnknownCounts = False
     server_timeout: ServerTimeout = 20
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_input_port("The path.")]
+        """Return the ``path`` port."""
+        return [path_input_port("Path to check.")]
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
     def tick(self) -> bool:
-        """Look along the path, from where the robot is."""
+        """Check the path from the robot's pose on."""
         path, unknown = path_input(self, "path"), self.consider_unknown_as_obstacle
-        return path is not None and not in_the_way(self.servers, path, self.max_cost, unknown)
+        return path is not None and not blocked_poses(self.servers, path, self.max_cost, unknown)
 
 
-def in_the_way(
+def blocked_poses(
     servers: Servers, path: NavPath, max_cost: int, unknown: bool, reach: float = -1.0
 ) -> list[Pose2D]:
-    """The poses of *path* from the robot on, *reach* (m) along it or all, at which the robot can't be.
+    """Return the poses of *path* ahead of the robot at which it would be in collision.
 
-    *unknown* tells that what isn't known is in the way too.
+    Args:
+        servers: The navigation servers with the robot's pose and the global costmap.
+        path: The path to check, in the frame map.
+        max_cost: The cost (0–254) from which on a pose is a collision.
+        unknown: Whether unknown cost is a collision.
+        reach: The distance (m) along the path to check; negative: to the end.
+
     """
     here = servers.pose()
     start = path.nearest(here.x, here.y) if here is not None else 0
@@ -163,30 +177,30 @@ def in_the_way(
         along = path.distances()[start:]
         ahead = ahead[along - along[0] <= reach]
     costs = servers.global_costmap.costs_at(ahead[:, :2])
-    # A circle is in collision where its middle is within its radius of an obstacle: cost 253.
-    bad = (costs >= min(max_cost, LETHAL - 1)) & (costs != UNKNOWN)
+    # The robot's circle is in collision where its centre is within its radius of an obstacle: cost 253.
+    blocked = (costs >= min(max_cost, LETHAL - 1)) & (costs != UNKNOWN)
     if unknown:
-        bad |= costs == UNKNOWN
-    return [Pose2D(float(x), float(y), float(yaw)) for x, y, yaw in ahead[bad]]
+        blocked |= costs == UNKNOWN
+    return [Pose2D(float(x), float(y), float(yaw)) for x, y, yaw in ahead[blocked]]
 
 
 class SmoothPath(SyncAction):
-    """Hand on the path: the planner of this stack smooths its paths itself."""
+    """Write the path unchanged: this stack's planner smooths its paths itself."""
 
     unsmoothed_path: InPath
-    max_smoothing_duration: Annotated[In[float], "How long (s) it may take."] = 3.0
-    check_for_collisions: Annotated[In[bool], "Whether the result is checked."] = False
-    smoother_id: Annotated[In[str], "The plug-in."] = ""
+    max_smoothing_duration: Annotated[In[float], "Maximum smoothing duration (s); not used."] = 3.0
+    check_for_collisions: Annotated[In[bool], "Whether to check the result for collisions; not used."] = False
+    smoother_id: Annotated[In[str], "Smoother plug-in; not used."] = ""
     server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
     smoothed_path: OutPath = OPTIONAL
-    smoothing_duration: Annotated[Out[float], "How long (s) it took."] = OPTIONAL
-    was_completed: Annotated[Out[bool], "Whether it came to its end."] = OPTIONAL
+    smoothing_duration: Annotated[Out[float], "Time (s) taken to smooth the path."] = OPTIONAL
+    was_completed: Annotated[Out[bool], "True if smoothing was not interrupted."] = OPTIONAL
     error_code_id: ErrorCode = OPTIONAL
     error_msg: ErrorMsg = OPTIONAL
 
     def tick(self) -> bool:
-        """Hand it on."""
+        """Write the path and the outputs of a completed smoothing."""
         path = path_input(self, "unsmoothed_path")
         if path is None:
             code = int(Nav2ErrorCode.SMOOTH_INVALID_PATH)
@@ -206,18 +220,18 @@ class SmoothPath(SyncAction):
 
 
 class GetPoseFromPath(SyncAction):
-    """Write the pose *index* of a path; a negative one counts from the end. FAILURE where there is none."""
+    """Write the pose of a path at *index*; a negative index counts from the end. FAILURE if there is none."""
 
-    index: Annotated[In[int], "Which, from 0."] = 0
+    index: Annotated[In[int], "Index of the pose, from 0."] = 0
     pose: Annotated[Out[Pose2D], "The pose."] = OPTIONAL
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_input_port("The path.")]
+        """Return the ``path`` port."""
+        return [path_input_port("Path to take the pose from.")]
 
     def tick(self) -> bool:
-        """Take it."""
+        """Write the pose."""
         path = path_input(self, "path")
         if path is None or not -len(path) <= self.index < len(path):
             return False
@@ -226,17 +240,17 @@ class GetPoseFromPath(SyncAction):
 
 
 class GetCurrentPose(SyncAction):
-    """Write where the robot is; FAILURE where it doesn't know."""
+    """Write the robot's pose. FAILURE while it is unknown."""
 
-    global_frame: Annotated[In[str], "The frame of the pose; map here."] = "map"
-    robot_base_frame: Annotated[In[str], "The robot's frame."] = "base_footprint"
-    current_pose: Annotated[Out[Pose2D], "Where the robot is."] = OPTIONAL
+    global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
+    robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
+    current_pose: Annotated[Out[Pose2D], "The robot's pose."] = OPTIONAL
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
     def tick(self) -> bool:
-        """Ask."""
+        """Write the localiser's pose."""
         here = self.servers.pose()
         if here is None:
             return False
@@ -245,14 +259,14 @@ class GetCurrentPose(SyncAction):
 
 
 class ConcatenatePaths(SyncAction):
-    """Write the second path behind the first. FAILURE when both are empty."""
+    """Join two paths: the second follows the first. FAILURE when both are empty."""
 
     input_path1: InPath
     input_path2: InPath
     output_path: OutPath = OPTIONAL
 
     def tick(self) -> bool:
-        """Join."""
+        """Write the joined path."""
         paths = [
             path for port in ("input_path1", "input_path2") if (path := path_input(self, port)) is not None
         ]

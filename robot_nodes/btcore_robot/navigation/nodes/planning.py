@@ -1,4 +1,4 @@
-"""Nav2's nodes that plan."""
+"""Nav2's path planning nodes."""
 
 from typing import Annotated, Any
 
@@ -27,12 +27,12 @@ from btcore_robot.navigation.servers import AnyGoalHandle, Servers
 from btcore_robot.robot import Pose2D
 
 ALL_GOALS = -1
-"""Nav2's index of a path that leaves no goal out."""
-PlannerId = Annotated[In[str], "The plug-in: GridBased, or nothing."]
+"""Nav2's value of `last_reached_index` for a path that reaches all goals."""
+PlannerId = Annotated[In[str], "Planner plug-in: GridBased or empty."]
 
 
 class PlanningNode(BtActionNode):
-    """A planning server's node: the path is emptied on failure and on a halt."""
+    """Base of the planning nodes: on failure and on a halt the path becomes empty."""
 
     server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
@@ -42,44 +42,44 @@ class PlanningNode(BtActionNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The path; its name is taken in Python."""
-        return [path_output_port("The path; an empty one when there is none.")]
+        """Return the ``path`` port."""
+        return [path_output_port("Path created by the planner; empty when there is none.")]
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
     def server(self) -> ActionServer[Any, Any, Any]:
-        """The planner."""
+        """Return the planner server."""
         return self.servers.compute_path
 
-    def on_completion(self, handle: AnyGoalHandle) -> None:
-        """Write the path, or an empty one."""
-        found = handle.result.value if handle.result is not None else None
-        if handle.status is GoalStatus.SUCCEEDED and isinstance(found, NavPath):
-            self.write(found)
+    def on_completion(self, handle: Handle) -> None:
+        """Write the planned path, or an empty path."""
+        path = handle.result.value if handle.result is not None else None
+        if handle.status is GoalStatus.SUCCEEDED and isinstance(path, NavPath):
+            self.write(path)
         else:
             self.write(empty_path(self.now()))
 
     def on_halted(self) -> None:
-        """Cancel the goal; there is no path."""
+        """Cancel the goal and write an empty path."""
         super().on_halted()
         self.write(empty_path(self.now()))
 
     def write(self, path: NavPath) -> None:
-        """Write the path."""
+        """Write *path* to the output port."""
         write_outputs(self, path=path)
 
 
 class ComputePathToPose(PlanningNode):
-    """Plan to *goal*, through *viapoints* if there are any."""
+    """Plan a path to *goal*, through *viapoints* if there are any."""
 
-    goal: Annotated[In[Pose2D], "Where to."]
-    start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."] = OPTIONAL
-    use_start: Annotated[In[bool], "Whether *start* counts; it does unless this says false."] = OPTIONAL
-    viapoints: Annotated[In[Poses], "Places to pass on the way."] = OPTIONAL
+    goal: Annotated[In[Pose2D], "Destination to plan to."]
+    start: Annotated[In[Pose2D], "Start pose of the path; by default the robot's pose."] = OPTIONAL
+    use_start: Annotated[In[bool], "False: ignore start and plan from the robot's pose."] = OPTIONAL
+    viapoints: Annotated[In[Poses], "Poses to pass on the way."] = OPTIONAL
 
-    def make_goal(self) -> ComputePathGoal:
-        """The goal, after the places on the way."""
+    def make_goal(self) -> PathGoal:
+        """Return a goal with the viapoints followed by the destination."""
         start = pose_input(self, "start") if optional_input(self, "use_start") is not False else None
         return ComputePathGoal(
             (*poses_input(self, "viapoints"), self.goal), start, plugin_input(self, "planner_id")
@@ -87,17 +87,17 @@ class ComputePathToPose(PlanningNode):
 
 
 class ComputePathThroughPoses(PlanningNode):
-    """Plan through *goals*, one after another."""
+    """Plan a path through *goals*, in order."""
 
-    goals: Annotated[In[Poses], "Where to, one after another."]
-    start: Annotated[In[Pose2D], "Where from; the robot's place where it isn't given."] = OPTIONAL
+    goals: Annotated[In[Poses], "Destinations to plan through, in order."]
+    start: Annotated[In[Pose2D], "Start pose of the path; by default the robot's pose."] = OPTIONAL
     last_reached_index: Annotated[
-        Out[int], "The last goal that a path which isn't whole reaches; -1 of one that is, and of none."
+        Out[int], "Index of the last goal that a partial path reaches; -1 for a complete path and for none."
     ] = OPTIONAL
 
-    def make_goal(self) -> ComputePathGoal:
-        """All goals."""
-        return ComputePathGoal(
+    def make_goal(self) -> PathGoal:
+        """Return a goal with all destinations."""
+        return PathGoal(
             poses_input(self, "goals"),
             pose_input(self, "start"),
             plugin_input(self, "planner_id"),
@@ -105,6 +105,6 @@ class ComputePathThroughPoses(PlanningNode):
         )
 
     def write(self, path: NavPath) -> None:
-        """Write the path, which is whole or none."""
+        """Write *path*. The index is always -1: this planner returns complete paths only."""
         super().write(path)
         write_outputs(self, last_reached_index=ALL_GOALS)
