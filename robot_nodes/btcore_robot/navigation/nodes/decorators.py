@@ -113,7 +113,7 @@ class SpeedController(DecoratorNode):
         speed = self.speed()
         if is_first_tick(self) or goals != self.previous_goals:
             if min(self.min_rate, self.max_rate) <= 0.0:
-                raise NodeError("<SpeedController> needs a min_rate and a max_rate above 0")
+                raise NodeError("<SpeedController> needs rates above 0 in min_rate and max_rate")
             self.previous_goals, self.since, self.goal_changed = goals, now, True
             self.period = 1.0 / self.max_rate
         self.set_status(RUNNING)
