@@ -6,8 +6,8 @@ import threading
 import numpy as np
 import pytest
 
-from btcore_robot.control.bumpgo_fsm import BumpGo, State
-from btcore_robot.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest
+from btcore_robot.control.bumpgo_fsm import BumpGo, BumpGoState
+from btcore_robot.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest_direction
 from btcore_robot.process.bridge import Bridge
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
@@ -67,8 +67,8 @@ def test_it_decides_twenty_times_a_second(robot):
     assert [twist for _, twist in bumping.said] == [AHEAD] * 40
 
 
-@pytest.mark.parametrize(("distance", "state"), [(1.01, State.FORWARD), (0.99, State.BACK)])
-def test_an_obstacle_is_what_is_nearer_than_a_metre(robot, distance: float, state: State):
+@pytest.mark.parametrize(("distance", "state"), [(1.01, BumpGoState.FORWARD), (0.99, BumpGoState.BACK)])
+def test_an_obstacle_is_what_is_nearer_than_a_metre(robot, distance: float, state: BumpGoState):
     bumping = Bumping(robot)
     bumping.ahead(distance)
     bumping.run(0.2)
@@ -80,7 +80,7 @@ def test_only_the_middle_reading_counts(robot):
     bumping.ranges = [0.2] * 9
     bumping.ahead(5.0)
     bumping.run(1.0)
-    assert bumping.process.state is State.FORWARD
+    assert bumping.process.state is BumpGoState.FORWARD
 
 
 def test_back_for_two_seconds_then_left_for_two_then_on(robot):
@@ -91,7 +91,7 @@ def test_back_for_two_seconds_then_left_for_two_then_on(robot):
     bumping.run(6.0)
     said = [twist for _, twist in bumping.said]
     backs, turns = said.count(BACK), said.count(LEFT)
-    # "after more than 2 s", and the cycle of the change still says the old state's velocity
+    # "after more than 2 s", and in the cycle of the change the velocity is still the old state's
     assert (backs, turns) == (41, 41)
     first, back, turn = said.index(AHEAD), said.index(BACK), said.index(LEFT)
     assert first < back < turn
@@ -112,12 +112,12 @@ def test_it_stops_when_the_scan_is_older_than_a_second_and_goes_on_after(robot):
     bumping.run(1.0)
     bumping.alive = False
     bumping.run(2.0)
-    assert bumping.process.state is State.STOP
+    assert bumping.process.state is BumpGoState.STOP
     # the last scan is of 0.9 s; at 1.95 s it is too old, and what is said then is still of before
     assert next(time for time, twist in bumping.said if twist == STAND) == pytest.approx(2.0)
     bumping.alive = True
     bumping.run(0.3)
-    assert bumping.process.state is State.FORWARD
+    assert bumping.process.state is BumpGoState.FORWARD
     assert bumping.said[-1][1] == AHEAD
 
 
@@ -128,7 +128,7 @@ def test_with_both_reasons_back_wins(robot):
     late = LaserScan(np.array([0.5], dtype=np.float32), -2 * SECOND, 0.0, 0.1, 0.05, 25.0, "laser")
     bumping.scans.publish(late)
     bumping.clock.sleep(0.05)
-    assert bumping.process.state is State.BACK
+    assert bumping.process.state is BumpGoState.BACK
 
 
 # --- exercises
@@ -139,7 +139,7 @@ def test_exercise_it_turns_to_the_diagonal_with_more_room(robot, index: int, sid
     bumping = Bumping(robot, Diagonals)
     bumping.ranges[index] = 0.4
     bumping.run(3.0)
-    assert bumping.process.state is State.TURN
+    assert bumping.process.state is BumpGoState.TURN
     assert bumping.said[-1][1] == Twist2D(0.0, side * 0.3)
 
 
@@ -148,7 +148,7 @@ def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
     ranges[90] = 20.0  # a slit, straight ahead
     ranges[120:181] = 4.0
     scan = LaserScan(ranges, 0, -math.pi / 2, math.pi / 180, 0.05, 25.0, "laser")
-    assert freest(scan) == pytest.approx(math.radians(60.0), abs=0.02)
+    assert freest_direction(scan) == pytest.approx(math.radians(60.0), abs=0.02)
 
 
 def turned(kind: type[BumpGo], seconds: float) -> tuple[SimulatedRobot, BumpGo, float]:
@@ -189,7 +189,7 @@ def test_exercise_closed_loop_it_turns_until_the_way_is_clear(robot):
     bumping.ranges = [0.5] * 9
     bumping.ranges[8] = 8.0
     bumping.run(8.0)
-    assert bumping.process.state is State.TURN
+    assert bumping.process.state is BumpGoState.TURN
     bumping.ranges = [8.0] * 9
     bumping.run(0.2)
-    assert bumping.process.state is State.FORWARD
+    assert bumping.process.state is BumpGoState.FORWARD

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from btcore_robot.control.head_tracker import REACTIVE, HeadTracker, PanTilt, command_of
+from btcore_robot.control.head_tracker import REACTIVE, HeadTracker, PanTiltCommand, command_from_detection
 from btcore_robot.control.pid import PID
 from btcore_robot.perception.colour import (
     WOOD,
@@ -147,7 +147,7 @@ def test_as_a_process_it_says_what_its_ranges_are_to_be(robot):
 )
 def test_a_command_is_the_place_in_the_picture_from_minus_one_to_one(x, y, pan, tilt):
     detection = Detection(0, 0, 1, 1, x, y, (640, 480), 7)
-    assert command_of(detection) == PanTilt(pan, tilt, 7)
+    assert command_from_detection(detection) == PanTiltCommand(pan, tilt, 7)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 import btcore
 from btcore import Registry, Status, Tree
 from btcore_robot.control.head_tracker import HeadTracker
-from btcore_robot.leaves.waypoint import BOOK
+from btcore_robot.leaves.waypoint import BOOK_WAYPOINTS
 from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D
@@ -16,7 +16,7 @@ from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D
 TREES = Path(__file__).parents[2] / "trees"
 SECOND = 10**9
 
-RECHARGE, WP1, WP2, WP3 = (BOOK.places[name] for name in ("recharge", "wp1", "wp2", "wp3"))
+RECHARGE, WP1, WP2, WP3 = (BOOK_WAYPOINTS.places[name] for name in ("recharge", "wp1", "wp2", "wp3"))
 
 
 def tree_of(body: str, *resources: object) -> Tree:
@@ -184,7 +184,7 @@ def test_get_waypoint_counts_in_each_tree_anew():
 
 
 def test_the_waypoints_are_the_books():
-    places = {name: (place.x, place.y, place.yaw) for name, place in BOOK.places.items()}
+    places = {name: (place.x, place.y, place.yaw) for name, place in BOOK_WAYPOINTS.places.items()}
     assert places == {
         "recharge": (3.67, -0.24, 0.0),
         "wp1": (1.07, -12.38, 0.0),

@@ -5,7 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.control.vff import Avoidance, AvoidanceOfAll, forces, forces_of_all, velocity
+from btcore_robot.control.vff import (
+    Avoidance,
+    AvoidanceFromAll,
+    forces_from_all,
+    forces_from_nearest,
+    velocity,
+)
 from btcore_robot.process.messages import BLUE, GREEN, RED, Arrows
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
@@ -39,14 +45,14 @@ def angle(vector) -> float:
 
 
 def test_1_nothing_in_sight_the_vectors_are_exact():
-    found = forces(CASES["1 nothing in sight"])
+    found = forces_from_nearest(CASES["1 nothing in sight"])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert found.repulsive.tolist() == [0.0, 0.0]
     assert found.result.tolist() == [1.0, 0.0]
 
 
 def test_2_all_at_zero_the_first_reading_counts():
-    found = forces(CASES["2 all at zero"])
+    found = forces_from_nearest(CASES["2 all at zero"])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert found.repulsive.tolist() == pytest.approx([1.0, 0.0], abs=1e-5)
     assert found.result.tolist() == pytest.approx([2.0, 0.0], abs=1e-5)
@@ -64,7 +70,7 @@ QUADRANTS = [
 
 @pytest.mark.parametrize(("case", "signs", "push", "sum_"), QUADRANTS)
 def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_):
-    found = forces(CASES[case])
+    found = forces_from_nearest(CASES[case])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert np.sign(found.repulsive).tolist() == list(signs)
     assert push[0] < angle(found.repulsive) < push[1]
@@ -72,7 +78,7 @@ def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_):
 
 
 def test_8_right_ahead_what_is_left_over_has_the_sign_of_single_precision():
-    found = forces(CASES["8 right ahead"])
+    found = forces_from_nearest(CASES["8 right ahead"])
     assert found.repulsive[0] == pytest.approx(-1.0, abs=0.1)
     assert found.repulsive[1] == pytest.approx(0.0, abs=1e-4)
     assert np.all(np.abs(found.result) <= 0.01)
@@ -167,8 +173,11 @@ def test_the_velocity_keeps_to_the_books_limits():
 def test_nan_is_no_reading_and_too_near_is_the_nearest():
     ranges = scan_of(k10=math.nan, k6=0.5).ranges
     blind = LaserScan(ranges, 0, -PI, 2 * PI / 16, 0.0, 20.0, "laser")
-    assert forces(blind).result.tolist() == forces(scan_of(k6=0.5)).result.tolist()
-    assert forces(scan_of(k6=-math.inf)).result.tolist() == forces(scan_of(k6=0.0)).result.tolist()
+    assert forces_from_nearest(blind).result.tolist() == forces_from_nearest(scan_of(k6=0.5)).result.tolist()
+    assert (
+        forces_from_nearest(scan_of(k6=-math.inf)).result.tolist()
+        == forces_from_nearest(scan_of(k6=0.0)).result.tolist()
+    )
 
 
 # --- the exercise: all that is near pushes
@@ -176,19 +185,21 @@ def test_nan_is_no_reading_and_too_near_is_the_nearest():
 
 def test_exercise_two_obstacles_push_where_the_nearest_alone_would_not():
     between = scan_of(k6=0.3, k10=0.301)
-    assert forces(between).result[1] > 0.1
-    both = forces_of_all(between)
+    assert forces_from_nearest(between).result[1] > 0.1
+    both = forces_from_all(between)
     assert both.repulsive[1] == pytest.approx(0.0, abs=0.01)
     assert both.repulsive[0] == pytest.approx(-0.99, abs=0.01)
 
 
 def test_exercise_with_one_obstacle_it_is_the_books():
     for case in ("3 behind to the right", "4 ahead to the right", "5 ahead to the left"):
-        assert forces_of_all(CASES[case]).result == pytest.approx(forces(CASES[case]).result, abs=1e-6)
+        assert forces_from_all(CASES[case]).result == pytest.approx(
+            forces_from_nearest(CASES[case]).result, abs=1e-6
+        )
 
 
 def test_exercise_it_does_not_drive_on_where_the_sum_points_back(robot):
-    avoiding = Avoiding(robot, AvoidanceOfAll)
+    avoiding = Avoiding(robot, AvoidanceFromAll)
     avoiding.run(scan_of(k6=0.2, k7=0.2, k8=0.2, k9=0.25), 0.5)
     assert avoiding.process.forces is not None
     assert avoiding.process.forces.result[0] < 0.0

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from btcore import ConversionError
-from btcore_robot.leaves.poses import PoseList, pose_from_text, pose_to_text
+from btcore_robot.leaves.pose_types import PoseList, pose_from_text, pose_to_text
 from btcore_robot.robot import Pose2D
 
 HALF = math.sqrt(0.5)
@@ -35,10 +35,10 @@ def test_a_pose_in_the_books_form_and_in_nav2s(text: str, pose: Pose2D) -> None:
         ("", "the form is x;y or x;y;yaw"),
         ("kitchen", "the form is x;y or x;y;yaw"),
         ("1,2", "the form is x;y or x;y;yaw"),
-        ("1;2;3;4", "this has 4 parts"),
-        ("nan;1", "its numbers have to be finite"),
-        ("1;inf", "its numbers have to be finite"),
-        ("0;odom;1;2;0;0;0;0;1", "in the frame 'odom', and poses here are in map"),
+        ("1;2;3;4", "but there are 4 parts"),
+        ("nan;1", "its numbers must be finite"),
+        ("1;inf", "its numbers must be finite"),
+        ("0;odom;1;2;0;0;0;0;1", "in the frame 'odom', but poses must be in map"),
     ],
 )
 def test_what_is_no_pose_in_the_map_is_told(text: str, why: str) -> None:
@@ -72,9 +72,9 @@ def test_several_poses_are_written_with_a_bar_between_or_as_nav2_does(text: str,
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("1;2|", "'' is no pose"),
-        ("1;2;3;4;5;6;7;8;9;10", "a | stands between two of them"),
-        ("a;b", "'a;b' is no pose"),
+        ("1;2|", "'' is not a pose"),
+        ("1;2;3;4;5;6;7;8;9;10", "separate poses with |"),
+        ("a;b", "'a;b' is not a pose"),
     ],
 )
 def test_what_is_no_list_of_poses_is_told(text: str, why: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.book.colour_watcher import camera_scene
-from btcore_robot.control.head_tracker import BOOK, REACTIVE, HeadTracker, command_of
+from btcore_robot.control.head_tracker import BOOK_TUNING, REACTIVE, HeadTracker, command_from_detection
 from btcore_robot.perception.colour import debug_image
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_scene import MovingScene, StaticScene
@@ -24,7 +24,7 @@ class HeadWatcher(Process):
         assert context.robot is not None
         self.robot = context.robot
         self.turn = turn
-        self.tracker = HeadTracker(self.robot, tuning=REACTIVE if reactive else BOOK)
+        self.tracker = HeadTracker(self.robot, tuning=REACTIVE if reactive else BOOK_TUNING)
         if self.robot.camera_info is None or not (self.tracker.configure() and self.tracker.activate()):
             raise click.UsageError("this robot has no head with a camera to track with, or the camera is off")
         if turn:
@@ -44,7 +44,7 @@ class HeadWatcher(Process):
         if seen is None:
             self.info(f"{where}; nothing is in sight")
         else:
-            command = command_of(seen)
+            command = command_from_detection(seen)
             self.info(f"{where}; the object is off by {command.pan:+.2f}, {command.tilt:+.2f}")
 
     def scene_moving(self) -> MovingScene:
@@ -61,7 +61,7 @@ class HeadWatcher(Process):
         head = self.robot.head()
         assert head is not None
         return {
-            "pictures_with_object": self.tracker.seen,
+            "pictures_with_object": self.tracker.detection_count,
             "head": {"pan": round(head.pan, 4), "tilt": round(head.tilt, 4)},
         }
 

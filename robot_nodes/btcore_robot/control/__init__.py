@@ -1,1 +1,1 @@
-"""Controllers of the book: from readings to commands, without trees."""
+"""The book's controllers, which compute commands from sensor data without a tree."""

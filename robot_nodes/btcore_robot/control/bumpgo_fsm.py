@@ -1,4 +1,4 @@
-"""Bump and go by a state machine (the book's chapter 3): forward, back, turn, and stop without a laser."""
+"""Bump and go by a state machine (the book's chapter 3): forward, back, turn, and stop without a scan."""
 
 from collections.abc import Callable
 from enum import Enum
@@ -7,20 +7,20 @@ from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
 
 PERIOD = 0.05
-"""How often (s) it decides: 20 Hz."""
+"""The period (s) of the control cycle: 20 Hz."""
 SPEED_LINEAR = 0.3
-"""m/s, forward and back."""
+"""The speed (m/s) forward and backward."""
 SPEED_ANGULAR = 0.3
-"""rad/s."""
+"""The angular speed (rad/s) of a turn."""
 OBSTACLE_DISTANCE = 1.0
-"""How near (m) the middle reading may be before the robot turns away."""
+"""The distance (m) at the middle beam below which there is an obstacle."""
 BACKING_TIME = 2 * NS_PER_S
 TURNING_TIME = 2 * NS_PER_S
 SCAN_TIMEOUT = 1 * NS_PER_S
 
 
-class State(Enum):
-    """What it is doing."""
+class BumpGoState(Enum):
+    """The state of the machine."""
 
     FORWARD = "forward"
     BACK = "back"
@@ -28,82 +28,86 @@ class State(Enum):
     STOP = "stop"
 
 
-Act = Callable[[LaserScan, int], tuple[Twist2D, State | None]]
-"""What is done in a state, given the newest scan and the time (ns) in it: the velocity, and what is next."""
+StateHandler = Callable[[LaserScan, int], tuple[Twist2D, BumpGoState | None]]
+"""A state's action: from the newest scan and the time (ns) in the state to the velocity and the next state.
+
+The next state is None while the state does not change.
+"""
 
 
 class BumpGo(Process):
-    """Drives forward until something is nearer than 1 m ahead; then back for 2 s, left for 2 s, and on.
+    """Drive forward up to an obstacle 1 m ahead; then back for 2 s, turn left for 2 s, and forward again.
 
-    With a scan older than 1 s it stops, until there is a newer one. It hears ``input_scan`` and publishes on
-    ``output_vel``, nothing before the first scan. In the cycle of a change the velocity is still that of the
-    state it leaves. Of two reasons to leave FORWARD an obstacle wins over an old scan.
+    The robot stops when the newest scan is older than 1 s, until there is a newer scan. The process
+    subscribes to ``input_scan`` and publishes on ``output_vel``, starting with the first scan. In the cycle
+    of a state change the velocity is still that of the old state. In the state FORWARD an obstacle takes
+    precedence over an old scan.
     """
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("bump_go", context, options)
         self.velocities = self.publisher("output_vel", Twist2D)
-        self.subscribe("input_scan", LaserScan, self.scanned)
-        self.timer(PERIOD, self.cycle)
-        self.state = State.FORWARD
+        self.subscribe("input_scan", LaserScan, self.on_scan)
+        self.timer(PERIOD, self.control_cycle)
+        self.state = BumpGoState.FORWARD
         self.since = self.now()
-        """When (ns) this state began."""
+        """The time (ns) at which the current state began."""
         self.changes = 0
-        """How often the state has changed."""
+        """The number of state changes."""
         self.scan: LaserScan | None = None
-        self._acts: dict[State, Act] = {
-            State.FORWARD: self.forward,
-            State.BACK: self.back,
-            State.TURN: self.turn,
-            State.STOP: self.stop,
+        self._handlers: dict[BumpGoState, StateHandler] = {
+            BumpGoState.FORWARD: self.forward,
+            BumpGoState.BACK: self.back,
+            BumpGoState.TURN: self.turn,
+            BumpGoState.STOP: self.stop,
         }
 
-    def scanned(self, scan: LaserScan) -> None:
-        """Keep the newest scan."""
+    def on_scan(self, scan: LaserScan) -> None:
+        """Store the newest scan."""
         self.scan = scan
 
-    def cycle(self) -> None:
-        """Publish what the state asks for, then see whether another one is next."""
+    def control_cycle(self) -> None:
+        """Publish the velocity of the current state, then change the state if necessary."""
         scan = self.scan
         if scan is None:
             return
-        twist, following = self._acts[self.state](scan, self.now() - self.since)
+        twist, next_state = self._handlers[self.state](scan, self.now() - self.since)
         self.velocities.publish(twist)
-        if following is not None:
-            self.enter(following)
+        if next_state is not None:
+            self.enter(next_state)
 
-    def enter(self, state: State) -> None:
-        """Begin *state*."""
+    def enter(self, state: BumpGoState) -> None:
+        """Change to *state*."""
         self.info(f"{self.state.value} -> {state.value}")
         self.state = state
         self.since = self.now()
         self.changes += 1
 
-    def forward(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, State | None]:
+    def forward(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Drive forward."""
-        following = None
-        if self.stale(scan):
-            following = State.STOP
-        if self.blocked(scan):
-            following = State.BACK
-        return Twist2D(SPEED_LINEAR, 0.0), following
+        next_state = None
+        if self.is_stale(scan):
+            next_state = BumpGoState.STOP
+        if self.is_blocked(scan):
+            next_state = BumpGoState.BACK
+        return Twist2D(SPEED_LINEAR, 0.0), next_state
 
-    def back(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, State | None]:
+    def back(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Drive backwards."""
-        return Twist2D(-SPEED_LINEAR, 0.0), State.TURN if elapsed > BACKING_TIME else None
+        return Twist2D(-SPEED_LINEAR, 0.0), BumpGoState.TURN if elapsed > BACKING_TIME else None
 
-    def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, State | None]:
+    def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Turn to the left."""
-        return Twist2D(0.0, SPEED_ANGULAR), State.FORWARD if elapsed > TURNING_TIME else None
+        return Twist2D(0.0, SPEED_ANGULAR), BumpGoState.FORWARD if elapsed > TURNING_TIME else None
 
-    def stop(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, State | None]:
-        """Stand until the laser is back."""
-        return Twist2D(0.0, 0.0), None if self.stale(scan) else State.FORWARD
+    def stop(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
+        """Stand until there is a recent scan."""
+        return Twist2D(0.0, 0.0), None if self.is_stale(scan) else BumpGoState.FORWARD
 
-    def stale(self, scan: LaserScan) -> bool:
-        """Whether the newest scan is too old to drive by."""
+    def is_stale(self, scan: LaserScan) -> bool:
+        """Return whether the newest scan is too old to drive by."""
         return self.now() - scan.stamp > SCAN_TIMEOUT
 
-    def blocked(self, scan: LaserScan) -> bool:
-        """Whether the middle reading is too near."""
+    def is_blocked(self, scan: LaserScan) -> bool:
+        """Return whether there is an obstacle at the middle beam."""
         return bool(scan.ranges[len(scan.ranges) // 2] < OBSTACLE_DISTANCE)

@@ -1,4 +1,4 @@
-"""Following coloured objects with the head: the book's detector, tracker and controller (chapter 5.2)."""
+"""Tracking of coloured objects with the head: the book's detector, tracker and controller (chapter 5.2)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,63 +10,66 @@ from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.robot import Phase, Robot
 from btcore_scene import MovingScene, StaticScene
 
-PATIENCE = 100_000_000
-"""How old (ns) a command may be before the head goes back to the middle."""
+COMMAND_TIMEOUT = 100_000_000
+"""The maximum age (ns) of a command; without a newer command the head returns to its centre position."""
 
 
 @dataclass(frozen=True, slots=True)
-class Tuning:
-    """How the head is controlled: *rate* (Hz), and the three *gains* of both PIDs."""
+class TrackerTuning:
+    """Parameters of the head control: *rate* (Hz) and *gains* (proportional, integral, derivative)."""
 
     rate: float
     gains: tuple[float, float, float]
 
 
-BOOK = Tuning(10.0, (0.4, 0.05, 0.55))
-"""What the book's controller sets when it is configured."""
-REACTIVE = Tuning(20.0, (0.8, 0.1, 0.55))
-"""Twice as quick: the book's exercise."""
+BOOK_TUNING = TrackerTuning(10.0, (0.4, 0.05, 0.55))
+"""The values that the book's controller sets when it is configured."""
+REACTIVE = TrackerTuning(20.0, (0.8, 0.1, 0.55))
+"""The values of the book's exercise: twice the rate, twice the proportional and integral gains."""
 
 
 @dataclass(frozen=True, slots=True)
-class PanTilt:
-    """Where an object is in the picture: -1 … 1, *pan* + to the right, *tilt* + downwards."""
+class PanTiltCommand:
+    """An object's position in the image: -1 … 1, *pan* positive to the right, *tilt* downwards."""
 
     pan: float
     tilt: float
     stamp: int
 
 
-def command_of(detection: Detection) -> PanTilt:
-    """Where the detection's centre of mass lies, relative to the picture's size."""
+def command_from_detection(detection: Detection) -> PanTiltCommand:
+    """Return the position of the detection's centre of mass relative to the size of the image."""
     width, height = detection.picture
-    return PanTilt(detection.x / width * 2 - 1, detection.y / height * 2 - 1, detection.stamp)
+    return PanTiltCommand(detection.x / width * 2 - 1, detection.y / height * 2 - 1, detection.stamp)
 
 
 class HeadTracker(LifecycleComponent):
-    """While active, looks for *colours* in the robot's pictures and turns the head to what it finds.
+    """While active, detect objects within *colours* in the camera's images and turn the head towards them.
 
-    Without anything to see for 100 ms the head goes back to the middle, and so it does when deactivated. It
-    asks for pictures only while it is active. A robot without a head or a camera refuses `configure`.
+    Without a detection for 100 ms, and when the tracker is deactivated, the head returns to its centre
+    position. Images are requested while the tracker is active only. `configure` returns False for a robot
+    without a head or a camera.
     """
 
-    def __init__(self, robot: Robot, colours: ColourRange = WOOD, tuning: Tuning = BOOK) -> None:
+    def __init__(
+        self, robot: Robot, colours: ColourRange = WOOD, tuning: TrackerTuning = BOOK_TUNING
+    ) -> None:
         super().__init__()
         self.robot = robot
         self.colours = colours
         self.tuning = tuning
         self.detection: Detection | None = None
-        """What was found last, for whoever draws it."""
-        self.seen = 0
-        """In how many pictures something was found."""
-        self._command: PanTilt | None = None
+        """The last detection, for visualisation; None if the last image shows no object."""
+        self.detection_count = 0
+        """The number of images with a detection."""
+        self._command: PanTiltCommand | None = None
         self._pan = PID(0.0, 1.0, 0.0, 0.3)
         self._tilt = PID(0.0, 1.0, 0.0, 0.3)
-        self._end: Callable[[], None] | None = None
-        self._looked = -1
+        self._stop_steps: Callable[[], None] | None = None
+        self._last_stamp = -1
 
     def on_configure(self) -> bool:
-        """Set the gains."""
+        """Set the gains; return False if the robot has no head."""
         if self.robot.head_info is None:
             return False
         for pid in (self._pan, self._tilt):
@@ -75,31 +78,31 @@ class HeadTracker(LifecycleComponent):
         return True
 
     def on_activate(self) -> bool:
-        """Begin to look and to turn."""
+        """Start the periodic steps."""
         self._command = None
-        self._end = self.robot.schedule.every(self.tuning.rate, Phase.HEAD, self.step)
+        self._stop_steps = self.robot.schedule.every(self.tuning.rate, Phase.HEAD, self.step)
         return True
 
     def on_deactivate(self) -> bool:
-        """Stop looking; the head goes back to the middle."""
-        if self._end is not None:
-            self._end()
-            self._end = None
+        """Stop the periodic steps and return the head to its centre position."""
+        if self._stop_steps is not None:
+            self._stop_steps()
+            self._stop_steps = None
             self.detection = None
             self.robot.move_head(0.0, 0.0)
         return True
 
     def step(self, now: int) -> None:
-        """One period: look, then turn the head."""
+        """Detect objects in a new image, then command the head. *now* is the time (ns)."""
         self._look()
         head = self.robot.head()
         if head is None:
             return
         command = self._command
-        if command is None or now - command.stamp > PATIENCE:
+        if command is None or now - command.stamp > COMMAND_TIMEOUT:
             self.robot.move_head(0.0, 0.0)
             return
-        # The joints' signs: + is left and up, whereas in a picture + is right and down.
+        # Joint angles are positive to the left and upwards; image coordinates to the right and downwards.
         pan = head.pan - self._pan.output(command.pan)
         tilt = head.tilt - self._tilt.output(command.tilt)
         self.robot.move_head(pan, tilt)
@@ -109,7 +112,7 @@ class HeadTracker(LifecycleComponent):
         return StaticScene()
 
     def scene_moving(self) -> MovingScene:
-        """Return the newest detection in the camera's picture."""
+        """Return the newest detection in the camera image."""
         found = self.detection
         if found is None:
             return MovingScene(detections=())
@@ -119,10 +122,10 @@ class HeadTracker(LifecycleComponent):
 
     def _look(self) -> None:
         picture = self.robot.camera()
-        if picture is None or picture.stamp == self._looked:
+        if picture is None or picture.stamp == self._last_stamp:
             return
-        self._looked = picture.stamp
+        self._last_stamp = picture.stamp
         self.detection = detect(picture, self.colours)
         if self.detection is not None:
-            self.seen += 1
-            self._command = command_of(self.detection)
+            self.detection_count += 1
+            self._command = command_from_detection(self.detection)

@@ -4,11 +4,18 @@ import math
 
 
 class PID:
-    """Turns an error into a command.
+    """A controller that converts an error into a command.
 
-    An error with a size under *min_error* counts as none, one over *max_error* as full; between them it
-    becomes *min_output* … *max_output*, and that is what the three gains work on. The integral forgets a
-    third with each call. The output stays within ± *max_output*. The gains are the book's class defaults.
+    An error smaller than *min_error* counts as 0, and an error larger than *max_error* as *max_output*. An
+    error in between is scaled to *min_output* … *max_output*. The gains apply to the scaled error. Each call
+    multiplies the integral by 2/3. The default gains are those of the book's class.
+
+    Args:
+        min_error: The size of an error below which it counts as 0.
+        max_error: The size of an error above which it counts as *max_output*.
+        min_output: The size of the scaled error at its lower end.
+        max_output: The maximum size of the scaled error and of the command.
+
     """
 
     def __init__(self, min_error: float, max_error: float, min_output: float, max_output: float) -> None:
@@ -20,16 +27,16 @@ class PID:
         self.reset()
 
     def set_gains(self, proportional: float, integral: float, derivative: float) -> None:
-        """Set the three gains."""
+        """Set the gains."""
         self._kp, self._ki, self._kd = proportional, integral, derivative
 
     def reset(self) -> None:
-        """Forget what came before."""
+        """Forget previous errors."""
         self._integral = 0.0
-        self._before = 0.0
+        self._previous = 0.0
 
     def output(self, error: float) -> float:
-        """The command for *error*, given what came before."""
+        """Return the command for *error*, taking previous errors into account."""
         size = abs(error)
         if size < self.min_error:
             scaled = 0.0
@@ -38,7 +45,7 @@ class PID:
         else:
             scaled = math.copysign(self.min_output, error) + error * (self.max_output - self.min_output)
         self._integral = (self._integral + scaled) * 2.0 / 3.0
-        derivative = scaled - self._before
-        self._before = scaled
+        derivative = scaled - self._previous
+        self._previous = scaled
         command = self._kp * scaled + self._ki * self._integral + self._kd * derivative
         return min(max(command, -self.max_output), self.max_output)

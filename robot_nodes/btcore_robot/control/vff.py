@@ -1,8 +1,8 @@
-"""Avoiding obstacles by a virtual force field (the book's chapter 5.1).
+"""Obstacle avoidance by a virtual force field (the book's chapter 5.1).
 
-A vector pulls the robot forward, what is near pushes it away, and the sum says where to go. The numbers are
-``numpy.float32``, angles included, as in the book's test of an obstacle right ahead: what is left over there
-has the sign that single precision gives it.
+A vector attracts the robot forward, near obstacles repel it, and the sum determines the velocity. The numbers
+are ``numpy.float32``, including angles, as in the book's test with an obstacle straight ahead: there the sign
+of the remaining lateral force depends on single precision.
 """
 
 from dataclasses import dataclass
@@ -18,37 +18,37 @@ Vector = NDArray[np.float32]
 
 
 PERIOD = 0.05
-"""How often (s) it decides: 20 Hz."""
+"""The period (s) of the control cycle: 20 Hz."""
 OBSTACLE_DISTANCE = np.float32(1.0)
-"""How near (m) something has to be to push."""
+"""The distance (m) below which an obstacle repels the robot."""
 SPEED_MAX = 0.3
-"""m/s."""
+"""The maximum speed (m/s)."""
 TURN_MAX = 0.5
-"""rad/s."""
+"""The maximum angular speed (rad/s)."""
 SCAN_TIMEOUT = NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
 class Forces:
-    """The three vectors, float32 of shape ``(2,)``: x forward, y left."""
+    """The three force vectors, float32 of shape ``(2,)``: x forward, y left."""
 
     attractive: Vector
     repulsive: Vector
     result: Vector
 
 
-def forces(scan: LaserScan) -> Forces:
-    """The forces by the nearest reading alone, the first one of equals; those that are NaN don't count."""
+def forces_from_nearest(scan: LaserScan) -> Forces:
+    """Return the forces with repulsion by the nearest reading only, the first of equals; NaN is ignored."""
     ranges, angles = _readings(scan)
     index = int(np.argmin(ranges))
     return _sum(_push(ranges[index : index + 1], angles[index : index + 1]))
 
 
-def forces_of_all(scan: LaserScan) -> Forces:
-    """The forces when everything near pushes: the exercise.
+def forces_from_all(scan: LaserScan) -> Forces:
+    """Return the forces with repulsion by all near readings: the book's exercise.
 
-    The push is the mean of the readings' pushes in each of eight sectors, all summed: so a wall pushes no
-    more for being seen by many rays, and something opposite does push back.
+    The repulsion is the sum over eight sectors of the mean repulsion of the readings in each sector. A wall
+    thus does not repel more because many rays hit it, and an obstacle on the opposite side has its effect.
     """
     ranges, angles = _readings(scan)
     sectors = np.floor(angles / np.float32(np.pi / 4)).astype(np.int64)
@@ -60,7 +60,7 @@ def forces_of_all(scan: LaserScan) -> Forces:
 
 
 def velocity(result: Vector) -> Twist2D:
-    """The velocity that the vector *result* asks for: its length forward, its direction as the turn."""
+    """Return the velocity for the vector *result*: its length is the speed, its angle the angular speed."""
     v = np.hypot(result[0], result[1])
     w = np.arctan2(result[1], result[0])
     return Twist2D(min(max(float(v), 0.0), SPEED_MAX), min(max(float(w), -TURN_MAX), TURN_MAX))
@@ -68,7 +68,7 @@ def velocity(result: Vector) -> Twist2D:
 
 def _readings(scan: LaserScan) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     ranges = np.where(np.isnan(scan.ranges), np.float32(np.inf), scan.ranges)
-    # Nearer than can be measured (-inf) is as near as can be.
+    # -inf means nearer than the laser's minimum range, that is, distance 0.
     ranges = np.maximum(ranges, np.float32(0.0))
     steps = np.arange(len(ranges), dtype=np.float32)
     return ranges, np.float32(scan.angle_min) + np.float32(scan.angle_increment) * steps
@@ -87,37 +87,37 @@ def _sum(repulsive: Vector) -> Forces:
 
 
 class Avoidance(Process):
-    """Drives by the forces, 20 times a second, while there is a scan younger than 1 s.
+    """Drive by the force field, 20 times a second, while the newest scan is younger than 1 s.
 
-    It hears ``input_scan`` and publishes on ``output_vel``. Without a scan it says nothing: a base stops by
-    itself. On ``vff_debug`` it shows the forces as arrows, if somebody listens: blue pulls, red pushes,
-    green is the sum.
+    The process subscribes to ``input_scan`` and publishes on ``output_vel``. Without a recent scan it
+    publishes nothing: a base stops without new commands. On ``vff_debug`` it publishes the forces as arrows
+    if there is a subscriber: blue is the attraction, red the repulsion, green the sum.
     """
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("avoidance_vff", context, options)
         self.velocities = self.publisher("output_vel", Twist2D)
         self.arrows = self.publisher("vff_debug", Arrows)
-        self.subscribe("input_scan", LaserScan, self.scanned)
-        self.timer(PERIOD, self.cycle)
+        self.subscribe("input_scan", LaserScan, self.on_scan)
+        self.timer(PERIOD, self.control_cycle)
         self.scan: LaserScan | None = None
         self.forces: Forces | None = None
-        """What moved it last."""
+        """The forces of the last velocity command; None after a cycle without a recent scan."""
 
-    def scanned(self, scan: LaserScan) -> None:
-        """Keep the newest scan."""
+    def on_scan(self, scan: LaserScan) -> None:
+        """Store the newest scan."""
         self.scan = scan
 
     def field(self, scan: LaserScan) -> Forces:
-        """The forces that *scan* gives."""
-        return forces(scan)
+        """Return the forces for *scan*."""
+        return forces_from_nearest(scan)
 
     def velocity(self, result: Vector) -> Twist2D:
-        """The velocity that *result* asks for."""
+        """Return the velocity for the vector *result*."""
         return velocity(result)
 
-    def cycle(self) -> None:
-        """Publish the velocity, and the arrows."""
+    def control_cycle(self) -> None:
+        """Publish the velocity and the arrows."""
         scan = self.scan
         if scan is None or not len(scan.ranges) or self.now() - scan.stamp > SCAN_TIMEOUT:
             self.forces = None
@@ -125,28 +125,28 @@ class Avoidance(Process):
         self.forces = self.field(scan)
         self.velocities.publish(self.velocity(self.forces.result))
         if self.arrows.has_subscribers:
-            self.arrows.publish(arrows(self.forces, self.now()))
+            self.arrows.publish(force_arrows(self.forces, self.now()))
 
 
-class AvoidanceOfAll(Avoidance):
-    """As Avoidance, but all that is near pushes, not only the nearest.
+class AvoidanceFromAll(Avoidance):
+    """Drive like `Avoidance`, but all near readings repel the robot, not only the nearest.
 
-    It goes forward only as far as the sum points forward. The book's speed is the sum's length, also when it
-    points back, which is what drives Avoidance into a wall that it meets head-on.
+    The forward speed is at most the forward component of the sum. In the book the speed is the length of the
+    sum even if the sum points backwards, so that `Avoidance` drives into a wall that it approaches head-on.
     """
 
     def field(self, scan: LaserScan) -> Forces:
-        """The forces that *scan* gives."""
-        return forces_of_all(scan)
+        """Return the forces for *scan*."""
+        return forces_from_all(scan)
 
     def velocity(self, result: Vector) -> Twist2D:
-        """The velocity that *result* asks for: x forward, its direction as the turn."""
-        asked = velocity(result)
-        return Twist2D(min(max(float(result[0]), 0.0), asked.v), asked.w)
+        """Return the velocity for *result*; the forward component of *result* limits the speed."""
+        twist = velocity(result)
+        return Twist2D(min(max(float(result[0]), 0.0), twist.v), twist.w)
 
 
-def arrows(field: Forces, stamp: int) -> Arrows:
-    """The forces as arrows in ``base_footprint``, in the book's colours and numbers."""
+def force_arrows(field: Forces, stamp: int) -> Arrows:
+    """Return the forces as arrows in ``base_footprint``, with the book's colours and numbers."""
 
     def arrow(number: int, vector: Vector, colour: Colour) -> Arrow:
         end = (float(vector[0]), float(vector[1]), 0.0)

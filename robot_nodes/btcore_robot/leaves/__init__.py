@@ -8,7 +8,7 @@ from btcore_robot.leaves.free_space import TurnToFree
 from btcore_robot.leaves.locate import LocateObjects
 from btcore_robot.leaves.navigate import Move
 from btcore_robot.leaves.obstacle import WaitForScan, is_obstacle
-from btcore_robot.leaves.poses import add_poses
+from btcore_robot.leaves.pose_types import register_pose_type
 from btcore_robot.leaves.track import TrackObjects
 from btcore_robot.leaves.waypoint import GetWaypoint
 
@@ -33,8 +33,8 @@ __all__ = [
 
 
 def register(nodes: Registry) -> None:
-    """Add every leaf of this library, and the type of its places."""
-    add_poses(nodes)
+    """Register every leaf of this library and the type of poses."""
+    register_pose_type(nodes)
     nodes.add(Back, Forward, Patrol, Turn, TurnToFree, WaitForScan, is_obstacle)
     nodes.add(BatteryChecker, GetWaypoint, LocateObjects, Move, Recharge, TrackObjects)
     nodes.add(Explore, SaveMap)

@@ -1,4 +1,4 @@
-"""Leaves that mind the battery, with the figures of the book's patrol (chapter 6.3)."""
+"""Leaves for the battery, with the numbers of the book's patrol (chapter 6.3)."""
 
 import math
 from typing import Annotated
@@ -6,49 +6,49 @@ from typing import Annotated
 from btcore import Blackboard, Condition, In, StatefulAction, Status
 from btcore_robot.robot import NS_PER_S, Robot
 
-LEVEL = "battery_level"
-"""The entry of the blackboard that holds the estimate (0–100)."""
+LEVEL_KEY = "battery_level"
+"""The blackboard entry of the estimated level (0–100)."""
 FULL = 100.0
 DRAIN = 0.5
-"""How much a metre, or a radian, a second takes from the level each second."""
+"""The level (0–100) that a second costs for each m/s and rad/s of commanded velocity."""
 DRAIN_AT_REST = 0.01
-"""How much is lost each second in any case."""
+"""The level that each second costs in any case."""
 CHARGING_TICKS = 50
-"""How many ticks Recharge is RUNNING."""
+"""The number of ticks for which Recharge is RUNNING."""
 
 
 class BatteryChecker(Condition):
-    """SUCCESS while the battery's level, as estimated from the velocities asked for, is *low* or more.
+    """SUCCESS while the battery's estimated level is *low* or more.
 
-    The estimate is the entry ``battery_level`` of the blackboard. Where there is none it begins with what
-    the robot tells of its battery, and with 100 where that tells nothing. Every tick takes off what the time
-    since the last one costs at the velocity that holds now; so while it isn't ticked, the whole gap is
-    reckoned at the velocity found afterwards, as in the book.
+    The estimate is the blackboard entry ``battery_level``. A missing entry starts with the level that the
+    robot reports, or with 100 if the robot reports none. Each tick subtracts what the time since the last
+    tick costs at the current commanded velocity. After a period without ticks, the whole period is therefore
+    charged at the velocity found afterwards, as in the book.
     """
 
-    low: Annotated[In[float], "Under this level (0–100) it fails."] = 10.0
+    low: Annotated[In[float], "The level (0–100) below which the check fails."] = 10.0
 
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
         self.robot = robot
         self.board = blackboard
-        self.looked = robot.clock.now()
+        self.last_check = robot.clock.now()
 
     def tick(self) -> Status:
-        """Bring the estimate up to now, and compare it."""
+        """Update the estimate and compare it with the limit."""
         now = self.robot.clock.now()
-        seconds = (now - self.looked) / NS_PER_S
-        self.looked = now
-        asked = self.robot.commanded_velocity()
-        drained = (DRAIN * math.hypot(asked.v, asked.w) + DRAIN_AT_REST) * seconds
-        level = max(0.0, estimate(self.board, self.robot) - drained)
-        self.board[LEVEL] = level
+        seconds = (now - self.last_check) / NS_PER_S
+        self.last_check = now
+        command = self.robot.commanded_velocity()
+        drained = (DRAIN * math.hypot(command.v, command.w) + DRAIN_AT_REST) * seconds
+        level = max(0.0, estimated_level(self.board, self.robot) - drained)
+        self.board[LEVEL_KEY] = level
         return Status.FAILURE if level < self.low else Status.SUCCESS
 
 
 class Recharge(StatefulAction):
-    """Charge: RUNNING for 50 ticks (5 s at 10 Hz), then the battery and its estimate are full.
+    """Charge the battery: RUNNING for 50 ticks (5 s at 10 Hz), then battery and estimate are full.
 
-    A halt interrupts it, and the next start goes on where it was.
+    A halt interrupts charging; the next start continues it.
     """
 
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
@@ -67,13 +67,13 @@ class Recharge(StatefulAction):
             return Status.RUNNING
         self.ticks = 0
         self.robot.recharge()
-        self.board[LEVEL] = FULL
+        self.board[LEVEL_KEY] = FULL
         return Status.SUCCESS
 
 
-def estimate(board: Blackboard, robot: Robot) -> float:
-    """The level (0–100) on the blackboard; where nobody has written one, the battery's own."""
-    entry = board.find(LEVEL)
+def estimated_level(board: Blackboard, robot: Robot) -> float:
+    """Return the level (0–100) on the blackboard or, if there is none, the level that the robot reports."""
+    entry = board.find(LEVEL_KEY)
     if entry is not None and isinstance(entry.value, int | float):
         return float(entry.value)
     battery = robot.battery()

@@ -1,7 +1,7 @@
-"""Leaves that drive: one velocity command on every tick, since a base forgets a command soon.
+"""Leaves that drive. They send a velocity command on every tick, because a base stops without new commands.
 
 Speeds and times are those of the book's bump-and-go and patrol (*A Concise Introduction to Robot Programming
-with ROS2*, chapters 6.2 and 6.3). Back asks for more than a Tiago's base gives backwards, which is 0.2 m/s.
+with ROS2*, chapters 6.2 and 6.3). Back commands 0.3 m/s backwards; a Tiago's base limits this to 0.2 m/s.
 """
 
 from typing import ClassVar
@@ -10,15 +10,15 @@ from btcore import StatefulAction, Status
 from btcore_robot.robot import Robot
 
 FORWARD_SPEED = 0.3
-"""How fast (m/s) Forward drives."""
+"""The speed (m/s) of Forward."""
 BACK_SPEED = -0.3
-"""How fast (m/s) Back drives."""
+"""The speed (m/s) of Back."""
 TURN_SPEED = 0.5
-"""How fast (rad/s) Turn turns, to the left."""
-MANOEUVRE = 3_000_000_000
-"""How long (ns) Back and Turn take."""
-PATROL = 15_000_000_000
-"""How long (ns) Patrol takes: at 0.5 rad/s a good turn and a quarter."""
+"""The angular speed (rad/s) of Turn, to the left."""
+MANOEUVRE_TIME = 3_000_000_000
+"""The duration (ns) of Back and Turn."""
+PATROL_TIME = 15_000_000_000
+"""The duration (ns) of Patrol: at 0.5 rad/s more than a full turn."""
 
 
 class Forward(StatefulAction):
@@ -28,36 +28,36 @@ class Forward(StatefulAction):
         self.robot = robot
 
     def on_start(self) -> Status:
-        """Drive."""
+        """Send the first command."""
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Drive on."""
+        """Send the next command."""
         self.robot.drive(FORWARD_SPEED, 0.0)
         return Status.RUNNING
 
 
 class _Manoeuvre(StatefulAction):
-    """Drive at (*v*, *w*) until *lasts* after the tick that began it; then SUCCESS."""
+    """Drive at *v* (m/s) and *w* (rad/s) for *duration* (ns) after the first tick, then SUCCESS."""
 
     v: ClassVar[float] = 0.0
     w: ClassVar[float] = 0.0
-    lasts: ClassVar[int] = MANOEUVRE
+    duration: ClassVar[int] = MANOEUVRE_TIME
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.began = 0
+        self.started = 0
 
     def on_start(self) -> Status:
-        """Note the time, and drive."""
-        self.began = self.robot.clock.now()
+        """Store the time and send the first command."""
+        self.started = self.robot.clock.now()
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Drive, and see whether it is time to end."""
+        """Send the next command and check the time."""
         self.robot.drive(self.v, self.w)
-        elapsed = self.robot.clock.now() - self.began
-        return Status.SUCCESS if elapsed >= self.lasts else Status.RUNNING
+        elapsed = self.robot.clock.now() - self.started
+        return Status.SUCCESS if elapsed >= self.duration else Status.RUNNING
 
 
 class Back(_Manoeuvre):
@@ -76,4 +76,4 @@ class Patrol(_Manoeuvre):
     """Look around at a waypoint: turn left at 0.5 rad/s for 15 s, then SUCCESS."""
 
     w = TURN_SPEED
-    lasts = PATROL
+    duration = PATROL_TIME

@@ -1,4 +1,4 @@
-"""Leaves that make a map: going to where nobody has looked yet, and writing down what was seen."""
+"""Leaves that make a map: explore unknown space and save the map."""
 
 import logging
 import math
@@ -9,10 +9,10 @@ from btcore import In, StatefulAction, Status, SyncAction
 from btcore_robot.navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
-LOOKING = 1_000_000_000
-"""How long (ns) the robot stands where it has come to look, before it gives up what it doesn't see."""
-CHECKED = 1_000_000_000
-"""How often (ns) it asks on its way whether what it wants to look at has been seen by now."""
+LOOKING_TIME = 1_000_000_000
+"""The time (ns) that the robot stays at a goal to see the frontier, before the frontier is excluded."""
+CHECK_PERIOD = 1_000_000_000
+"""The period (ns) of the check whether a frontier is still unknown while the robot drives to it."""
 DEFAULT_FILE = "map.yaml"
 
 log = logging.getLogger(__name__)
@@ -20,35 +20,40 @@ log = logging.getLogger(__name__)
 
 @runtime_checkable
 class Explorer(Protocol):
-    """Whoever drives a robot about and makes a map on the way."""
+    """A component that navigates while it makes a map."""
 
     def go_to(self, goal: Pose2D) -> GoalHandle[object, object, object]:
-        """Send a goal in the frame ``map``; a goal that runs is given up for it."""
+        """Send a goal in the frame ``map``; it replaces a goal that is still running."""
         ...
 
     def must_wait(self) -> bool:
-        """Whether the robot has to stand, since it doesn't know yet where it is."""
+        """Return whether the robot has to stand because its pose is not known yet."""
         ...
 
     def next_goal(self) -> Pose2D | None:
-        """Where to go next in order to see more; None when there is no such place left."""
+        """Return the next goal in the frame ``map``, or None if there is nothing left to explore."""
         ...
 
     def is_goal_unknown(self) -> bool:
-        """Whether what was to be looked at, at the place of the last `next_goal`, still is unknown."""
+        """Return whether the area to look at from the last `next_goal` is still unknown."""
         ...
 
     def exclude_goal(self) -> None:
-        """Don't look there again."""
+        """Exclude the last `next_goal` from now on."""
         ...
 
     def save(self, path: Path) -> None:
-        """Write the map as it is now; raises `MapError` when that can't be."""
+        """Write the current map to *path*.
+
+        Raises:
+            MapError: The files cannot be written.
+
+        """
         ...
 
 
 class MapFile:
-    """Where a map is to be saved that has no name in its tree, and whether one was."""
+    """The default *path* of SaveMap, and whether a map has been *saved* there."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path
@@ -56,49 +61,51 @@ class MapFile:
 
 
 class Explore(StatefulAction):
-    """Go to where the known floor ends, again and again: RUNNING; SUCCESS when all that can be seen is.
+    """Drive to the borders of the known floor, one after another: RUNNING, then SUCCESS if none is left.
 
-    What can't be reached, or shows nothing, is left out. A halt cancels the drive.
+    Goals that cannot be reached or show nothing are excluded. A halt cancels the drive.
     """
 
     def __init__(self, explorer: Explorer, robot: Robot) -> None:
         self.explorer = explorer
         self.clock = robot.clock
         self.handle: GoalHandle[object, object, object] | None = None
-        self.checked = 0
+        self.last_check = 0
         self.arrived: int | None = None
-        self.aim: Pose2D | None = None
-        self.failed: Pose2D | None = None
+        self.goal: Pose2D | None = None
+        self.failed_goal: Pose2D | None = None
 
     def on_start(self) -> Status:
-        """Go to the first place."""
-        return self.next()
+        """Send the first goal."""
+        return self.send_next_goal()
 
     def on_running(self) -> Status:
-        """See how far it is, and whether it is still worth it."""
+        """Send the next goal when the current goal has ended or is no longer worth driving to."""
         now = self.clock.now()
         if self.handle is None:
-            return self.next()
+            return self.send_next_goal()
         if not self.handle.done:
-            if now - self.checked < CHECKED:
+            if now - self.last_check < CHECK_PERIOD:
                 return Status.RUNNING
-            self.checked = now
-            return Status.RUNNING if self.explorer.is_goal_unknown() else self.next()
+            self.last_check = now
+            return Status.RUNNING if self.explorer.is_goal_unknown() else self.send_next_goal()
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
-            log.info("%s: it can't get there: %s", self.path, result.message if result else "it was aborted")
-            # What comes into sight on the way may close it; the second time there is no other.
-            if near(self.failed, self.aim):
+            log.info(
+                "%s: can't get there: %s", self.path, result.message if result else "the goal was aborted"
+            )
+            # An obstacle may have closed the way; a second failure means that there is no other way.
+            if are_near(self.failed_goal, self.goal):
                 self.explorer.exclude_goal()
-            self.failed = self.aim
-            return self.next()
+            self.failed_goal = self.goal
+            return self.send_next_goal()
         if self.arrived is None:
             self.arrived = now
-        if now - self.arrived < LOOKING:
+        if now - self.arrived < LOOKING_TIME:
             return Status.RUNNING
         if self.explorer.is_goal_unknown():
             self.explorer.exclude_goal()
-        return self.next()
+        return self.send_next_goal()
 
     def on_halted(self) -> None:
         """Cancel the drive."""
@@ -106,45 +113,45 @@ class Explore(StatefulAction):
             self.handle.cancel()
             self.handle = None
 
-    def next(self) -> Status:
-        """Go to the next place, if there is one."""
-        self.checked, self.arrived = self.clock.now(), None
+    def send_next_goal(self) -> Status:
+        """Send the next goal if there is one."""
+        self.last_check, self.arrived = self.clock.now(), None
         if self.explorer.must_wait():
             return Status.RUNNING
-        self.aim = self.explorer.next_goal()
-        if self.aim is None:
+        self.goal = self.explorer.next_goal()
+        if self.goal is None:
             self.on_halted()
             return Status.SUCCESS
-        self.handle = self.explorer.go_to(self.aim)
+        self.handle = self.explorer.go_to(self.goal)
         return Status.RUNNING
 
 
-def near(one: Pose2D | None, other: Pose2D | None) -> bool:
-    """Whether two places are known, and less than 0.5 m apart."""
-    return one is not None and other is not None and math.hypot(one.x - other.x, one.y - other.y) < 0.5
+def are_near(first: Pose2D | None, second: Pose2D | None) -> bool:
+    """Return whether both poses are known and less than 0.5 m apart."""
+    return (
+        first is not None and second is not None and math.hypot(first.x - second.x, first.y - second.y) < 0.5
+    )
 
 
 class SaveMap(SyncAction):
-    """Write the map: FAILURE where that can't be."""
+    """Write the map: FAILURE when the files cannot be written."""
 
-    file: Annotated[In[str], "Where to, as map_server's YAML; empty: what --save-map names, or map.yaml."] = (
-        ""
-    )
+    file: Annotated[In[str], "The map's YAML file; empty: the file of --save-map, or map.yaml."] = ""
 
-    def __init__(self, explorer: Explorer, named: MapFile) -> None:
+    def __init__(self, explorer: Explorer, map_file: MapFile) -> None:
         self.explorer = explorer
-        self.named = named
+        self.map_file = map_file
 
     def tick(self) -> bool:
-        """Write it."""
-        # Here and not above: maps need libraries that other leaves do without.
+        """Write the files."""
+        # Imported here because maps need libraries that the other leaves do without.
         from btcore_robot.navigation.map_yaml import MapError
 
-        path = Path(self.file) if self.file else self.named.path or Path(DEFAULT_FILE)
+        path = Path(self.file) if self.file else self.map_file.path or Path(DEFAULT_FILE)
         try:
             self.explorer.save(path)
-        except MapError as fault:
-            log.warning("%s: %s", self.path, fault)
+        except MapError as error:
+            log.warning("%s: %s", self.path, error)
             return False
-        self.named.saved = self.named.saved or path == self.named.path
+        self.map_file.saved = self.map_file.saved or path == self.map_file.path
         return True

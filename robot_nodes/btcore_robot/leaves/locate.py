@@ -1,4 +1,4 @@
-"""Telling where objects are on the way: a lifecycle client of the object locator."""
+"""A leaf that locates objects: a lifecycle client of the object locator."""
 
 from collections.abc import Sequence
 from typing import Annotated, Protocol, runtime_checkable
@@ -9,31 +9,34 @@ from btcore_robot.process.lifecycle import LifecycleState
 
 @runtime_checkable
 class ObjectLocatorProtocol(Protocol):
-    """A component that finds objects in pictures while it is active."""
+    """A component that finds objects in camera images while it is active."""
 
     @property
     def state(self) -> LifecycleState:
-        """Where it is in its life."""
+        """The current lifecycle state."""
         ...
 
     @property
     def boxes(self) -> Sequence[object]:
-        """What the newest picture showed, as `btcore_robot.perception.boxes.Box`."""
+        """The objects in the newest image, as `btcore_robot.perception.boxes.Box`."""
         ...
 
     def activate(self) -> bool:
-        """From inactive to active; False where that is refused."""
+        """Change from inactive to active; return False if the transition is refused."""
         ...
 
     def deactivate(self) -> bool:
-        """From active to inactive; False where that is refused."""
+        """Change from active to inactive; return False if the transition is refused."""
         ...
 
 
 class LocateObjects(StatefulAction):
-    """Keep the object locator active, and write what it sees. Always RUNNING; a halt deactivates it."""
+    """Keep the object locator active and write its results.
 
-    boxes: Annotated[Out[object], "What the newest picture showed: boxes in the frame map, a list."]
+    Always RUNNING; a halt deactivates the locator.
+    """
+
+    boxes: Annotated[Out[object], "The objects in the newest image: a list of boxes in the frame map."]
 
     def __init__(self, locator: ObjectLocatorProtocol) -> None:
         self.locator = locator
@@ -45,7 +48,7 @@ class LocateObjects(StatefulAction):
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Activate the locator again, should somebody have stopped it; write what is new."""
+        """Activate the locator again if it was deactivated elsewhere, and write new results."""
         if self.locator.state is LifecycleState.INACTIVE:
             self.locator.activate()
         if self.locator.boxes is not self.written_boxes:

@@ -1,4 +1,4 @@
-"""Looking out for objects on the way: a lifecycle client of the head tracker."""
+"""A leaf that tracks objects with the head: a lifecycle client of the head tracker."""
 
 from typing import Protocol, runtime_checkable
 
@@ -12,15 +12,15 @@ class HeadTrackerProtocol(Protocol):
 
     @property
     def state(self) -> LifecycleState:
-        """Where it is in its life."""
+        """The current lifecycle state."""
         ...
 
     def activate(self) -> bool:
-        """From inactive to active; False where that is refused."""
+        """Change from inactive to active; return False if the transition is refused."""
         ...
 
     def deactivate(self) -> bool:
-        """From active to inactive; False where that is refused."""
+        """Change from active to inactive; return False if the transition is refused."""
         ...
 
 
@@ -35,7 +35,7 @@ class TrackObjects(StatefulAction):
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Activate the tracker again, should somebody have stopped it."""
+        """Activate the tracker again if it was deactivated elsewhere."""
         if self.tracker.state is LifecycleState.INACTIVE:
             self.tracker.activate()
         return Status.RUNNING

@@ -1,4 +1,4 @@
-"""Where to go next: the waypoints of the book's patrol (chapter 6.3)."""
+"""A leaf that selects the next waypoint of the book's patrol (chapter 6.3)."""
 
 from typing import Annotated
 
@@ -7,10 +7,10 @@ from btcore.suggestions import join_names
 from btcore_robot.robot import Pose2D, Waypoints
 
 RECHARGE = "recharge"
-ROUND = ("wp1", "wp2", "wp3")
-"""The waypoints of a round, in order."""
+PATROL_WAYPOINTS = ("wp1", "wp2", "wp3")
+"""The waypoints of a patrol, in order."""
 
-BOOK = Waypoints(
+BOOK_WAYPOINTS = Waypoints(
     {
         RECHARGE: Pose2D(3.67, -0.24, 0.0),
         "wp1": Pose2D(1.07, -12.38, 0.0),
@@ -18,43 +18,43 @@ BOOK = Waypoints(
         "wp3": Pose2D(-0.56, 0.24, 0.0),
     }
 )
-"""The book's own house, for a robot that nobody tells of another."""
+"""The waypoints of the book's house: the default when the world defines no waypoints."""
 
 
-class Round(TreeState):
-    """How many waypoints of the round were given out, in one tree."""
+class PatrolProgress(TreeState):
+    """The number of patrol waypoints that the GetWaypoint nodes of a tree have written."""
 
     def __init__(self) -> None:
-        self.given = 0
+        self.visited = 0
 
 
 class GetWaypoint(SyncAction):
-    """Write a waypoint: the charger for ``recharge``, the next one of wp1, wp2, wp3, wp1 … for any other ID.
+    """Write a waypoint: the charger for ``recharge``, else the next of wp1, wp2, wp3, wp1 … in turn.
 
-    All GetWaypoints of a tree count together, and a waypoint is counted when it is given out: one that is
-    interrupted on the way is skipped, as in the book.
+    All GetWaypoint nodes of a tree share the count. A waypoint counts when it is written: a waypoint to which
+    the drive is interrupted is skipped, as in the book.
     """
 
-    wp_id: Annotated[In[str], "'recharge', or anything else for the next waypoint of the round."] = "next"
-    waypoint: Annotated[Out[Pose2D], "The place, in the frame map."]
+    wp_id: Annotated[In[str], "'recharge', or any other text for the next waypoint of the patrol."] = "next"
+    waypoint: Annotated[Out[Pose2D], "The waypoint, in the frame map."]
 
-    def __init__(self, round_: Round, waypoints: Waypoints = BOOK) -> None:
-        self.round = round_
-        self.places = waypoints.places
+    def __init__(self, progress: PatrolProgress, waypoints: Waypoints = BOOK_WAYPOINTS) -> None:
+        self.progress = progress
+        self.poses = waypoints.places
 
     def tick(self) -> bool:
-        """Give one out."""
+        """Write the waypoint."""
         if self.wp_id == RECHARGE:
-            self.waypoint = self.find(RECHARGE)
+            self.waypoint = self.pose_of(RECHARGE)
         else:
-            name = ROUND[self.round.given % len(ROUND)]
-            self.round.given += 1
-            self.waypoint = self.find(name)
+            name = PATROL_WAYPOINTS[self.progress.visited % len(PATROL_WAYPOINTS)]
+            self.progress.visited += 1
+            self.waypoint = self.pose_of(name)
         return True
 
-    def find(self, name: str) -> Pose2D:
-        """The place called *name*; raises NodeError where the world has none."""
-        if name not in self.places:
-            known = join_names(self.places) if self.places else "none at all"
+    def pose_of(self, name: str) -> Pose2D:
+        """Return the waypoint *name*; raises NodeError if the world does not define it."""
+        if name not in self.poses:
+            known = join_names(self.poses) if self.poses else "none at all"
             raise NodeError(f"this world has no waypoint '{name}'; its waypoints are {known}")
-        return self.places[name]
+        return self.poses[name]

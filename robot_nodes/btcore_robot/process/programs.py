@@ -26,7 +26,7 @@ PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
     "bumpgo_open_loop": ((_TURNS, "OpenLoop"),),
     "bumpgo_closed_loop": ((_TURNS, "ClosedLoop"),),
     "avoidance_vff": ((_VFF, "Avoidance"),),
-    "avoidance_vff_all": ((_VFF, "AvoidanceOfAll"),),
+    "avoidance_vff_all": ((_VFF, "AvoidanceFromAll"),),
     "obstacle_detector": ((_DETECTOR, "ObstacleDetector"),),
     "obstacle_detector_improved": ((_DETECTOR, "ObstacleDetectorImproved"),),
     "obstacle_monitor": ((_DETECTOR, "ObstacleMonitor"),),

@@ -1,1 +1,1 @@
-"""Maps made while driving: scans matched to one another, loops closed, and where nobody has looked yet."""
+"""Mapping while driving: scan matching, loop closure, and the search for unexplored frontiers."""

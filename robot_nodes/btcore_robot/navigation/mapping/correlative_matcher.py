@@ -1,10 +1,10 @@
-"""Matching one scan to others: a search over a grid of poses, then Gauss-Newton steps to parts of a cell.
+"""Match a scan with other scans: a search over a grid of poses, then Gauss-Newton steps below cell size.
 
-The others are drawn into grids of cells and blurred, so that a wall is a ridge (Olson, *Real-time correlative
-scan matching*, 2009). The search tries every pose about a guess, so it isn't caught by the wrong wall nearby.
-The steps start at the best of them: across a ridge b with the width σ, -σ²·∇b/b is the way from its middle.
-Each point counts along the normal of the wall that it is on. The two sides of a wall are seen from different
-rooms: they are ridges on different grids.
+The other scans are drawn into grids of cells and blurred, so that a wall becomes a ridge (Olson, *Real-time
+correlative scan matching*, 2009). The search tries every pose around a guess, so that a wrong wall nearby
+does not capture it. The steps start at the best pose of the search: across a ridge b of width σ, -σ²·∇b/b is
+the offset from its centre line. Each point counts along the normal of its wall. The two sides of a wall are
+seen from different rooms, so that they are ridges on different grids.
 """
 
 import math
@@ -23,59 +23,65 @@ FloatImage = NDArray[np.float32]
 
 RESOLUTION = 0.05
 """The side (m) of a cell."""
-BLUR = 0.09
-"""How wide (m, one deviation) a wall is in the grid that is searched."""
-RIDGE = 0.06
-"""How wide in those that the steps are taken on."""
-NEAREST = 0.2
-"""What is farther (m) from a ridge is not on that wall."""
+SEARCH_BLUR = 0.09
+"""The standard deviation (m) of the blur of a wall in the grid that the search uses."""
+RIDGE_BLUR = 0.06
+"""The standard deviation (m) of the blur of a wall in the grids that the Gauss-Newton steps use."""
+MAX_OFFSET = 0.2
+"""The maximum offset (m) of a point from a ridge; a point farther away is not on that wall."""
 BEAM_DEVIATION = 0.12
-"""How sure (m) one point is across its wall. Its noise is less, but points on one wall err together."""
-_MARGIN = 1.0  # m around the points, where a scan that lies a little off still finds cells
-_SATURATION = 3.0  # scans that saw a cell; more make it hardly surer
-_STEPS = 12
-_ENOUGH = 1e-4  # a step shorter than this (m, rad) is the last
-_SIDES = 4  # grids, one for each direction that a wall may look in
-_LOOKS = 0.5  # the least cosine between a wall's normal and the direction of its grid
-_FAINT = 1e-3  # what a ridge has where nothing is
-_NEARER = 0.02  # of the score: what a pose at the end of the window has to be better by
-# σ² of a ridge: the blur, what interpolation adds, and what noise is left in the points.
-_WIDTH = RIDGE**2 + RESOLUTION**2 / 4 + 0.02**2
+"""The standard deviation (m) of a point across its wall.
+
+A laser's noise is smaller, but the errors of points on the same wall are correlated.
+"""
+_GRID_MARGIN = 1.0  # m around the points, so that a slightly displaced scan still falls on the grid
+_SATURATION = 3.0  # number of scans of a cell after which further scans add little certainty
+_MAX_STEPS = 12
+_MIN_STEP = 1e-4  # m, rad: the iteration ends with a shorter step
+_DIRECTIONS = 4  # number of grids, one for each direction that a wall may face
+_MIN_COSINE = 0.5  # between the normal of a wall and the direction of its grid
+_MIN_RIDGE = 1e-3  # a lower value of a ridge grid means that there is no wall
+_DISTANCE_PENALTY = 0.02  # subtracted from the score of a pose at the edge of the search window
+# σ² of a ridge: the blur, the effect of interpolation, and the remaining noise of the points.
+_RIDGE_VARIANCE = RIDGE_BLUR**2 + RESOLUTION**2 / 4 + 0.02**2
 _DAMPING = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class PoseUncertainty:
-    """How far (m, rad; one deviation) a guess may be off: what the points don't tell stays near it."""
+    """The standard deviations (m, rad) of a prior pose, which holds where the points determine nothing."""
 
-    way: float
+    distance: float
     turn: float
 
     def information(self) -> Floats:
-        """The inverse of the covariance of x, y, yaw, shape ``(3, 3)``."""
-        return np.diag((self.way**-2, self.way**-2, self.turn**-2))
+        """Return the inverse of the covariance of x, y and yaw, shape ``(3, 3)``."""
+        return np.diag((self.distance**-2, self.distance**-2, self.turn**-2))
 
 
 @dataclass(frozen=True, slots=True)
 class SearchWindow:
-    """What is searched about a guess: *way* (m) and *turn* (rad) to each side, in steps (cells, rad)."""
+    """The poses to search around a guess: *distance* (m) and *turn* (rad) to each side.
 
-    way: float
+    *cell_step* (cells) and *turn_step* (rad) are the distances between neighbouring poses.
+    """
+
+    distance: float
     turn: float
-    cells: int
-    step: float
+    cell_step: int
+    turn_step: float
 
 
 NEARBY = SearchWindow(0.3, 0.21, 1, 0.035)
-"""For a scan that follows another (within Karto's 0.5 m a side, at its coarse step)."""
+"""The window for consecutive key scans: within Karto's 0.5 m search space, at its coarse angle step."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatchResult:
-    """The *pose* (x, y, yaw) where the points lie on the walls best.
+    """The *pose* (x, y, yaw) at which the points fit the walls best.
 
-    *score* (0 … 1) is how well they do; *information* (``(3, 3)``, of x, y and yaw in the frame of the walls)
-    how sure that is. Along a corridor it is 0.
+    *score* (0 … 1) is the quality of the fit. *information* is the inverse covariance of x, y and yaw in the
+    frame of the walls, shape ``(3, 3)``; along a corridor it is close to 0.
     """
 
     pose: Floats
@@ -84,10 +90,10 @@ class MatchResult:
 
 
 class Outline(NamedTuple):
-    """*points* on walls (m), and the walls' *normals*, ``(k, 2)`` each.
+    """Points on walls (m) and the *normals* of the walls, shape ``(k, 2)`` each.
 
-    Normals look to where they were seen from; one that isn't known is (0, 0). *weight* is what a point
-    counts: those of several scans of the same walls are no further witnesses.
+    Normals point towards the laser; an unknown normal is (0, 0). *weight* is the weight of each point:
+    several scans of the same walls are not independent measurements.
     """
 
     points: Floats
@@ -95,40 +101,40 @@ class Outline(NamedTuple):
     weight: float = 1.0
 
     def at(self, pose: Floats) -> "Outline":
-        """The same, in the frame that *pose* is told in."""
+        """Return the outline in the frame in which *pose* is given."""
         turned = transform_points(self.normals, np.array((0.0, 0.0, pose[2])))
         return Outline(transform_points(self.points, pose), turned, self.weight)
 
 
 class CorrelationGrid:
-    """Where walls are by some scans, all in one frame."""
+    """Walls as ridges in grids of cells, drawn from scans in a common frame."""
 
     def __init__(self, scans: Sequence[Outline]) -> None:
-        points = np.concatenate([one.points for one in scans])
-        normals = np.concatenate([one.normals for one in scans])
-        self._low = np.floor((points.min(axis=0) - _MARGIN) / RESOLUTION).astype(np.intp)
-        high = np.ceil((points.max(axis=0) + _MARGIN) / RESOLUTION).astype(np.intp)
+        points = np.concatenate([scan.points for scan in scans])
+        normals = np.concatenate([scan.normals for scan in scans])
+        self._low = np.floor((points.min(axis=0) - _GRID_MARGIN) / RESOLUTION).astype(np.intp)
+        high = np.ceil((points.max(axis=0) + _GRID_MARGIN) / RESOLUTION).astype(np.intp)
         width, height = (int(side) for side in high - self._low)
         self._shape = height, width
-        seen = np.zeros(width * height, dtype=np.float32)
-        for one in scans:
-            cells = np.floor(one.points / RESOLUTION).astype(np.intp) - self._low
-            seen[np.unique(cells[:, 1] * width + cells[:, 0])] += 1.0
-        seen /= seen + np.float32(_SATURATION)
-        spread = BLUR / RESOLUTION
-        ridges = cv2.GaussianBlur(seen.reshape(height, width), (0, 0), spread)
-        # A wall of one row of cells, half sure, has a ridge of about 0.7.
+        hits = np.zeros(width * height, dtype=np.float32)
+        for scan in scans:
+            cells = np.floor(scan.points / RESOLUTION).astype(np.intp) - self._low
+            hits[np.unique(cells[:, 1] * width + cells[:, 0])] += 1.0
+        hits /= hits + np.float32(_SATURATION)
+        spread = SEARCH_BLUR / RESOLUTION
+        ridges = cv2.GaussianBlur(hits.reshape(height, width), (0, 0), spread)
+        # A wall of one row of cells, each with the value 0.5, gets a ridge of about 0.7.
         self._field: FloatImage = -np.expm1(-ridges * np.float32(2.5 * math.tau**0.5 * spread))
-        self._sides = np.stack([self._side(points, normals, side) for side in range(_SIDES)])
+        self._sides = np.stack([self._draw_ridges(points, normals, side) for side in range(_DIRECTIONS)])
 
-    def _side(self, points: Floats, normals: Floats, side: int) -> FloatImage:
-        """The ridges of the walls that look in one direction, a point shared by the four cells about it."""
+    def _draw_ridges(self, points: Floats, normals: Floats, side: int) -> FloatImage:
+        """Return the ridges of the walls that face *side*; a point is shared by its four nearest cells."""
         height, width = self._shape
-        turned = math.tau * side / _SIDES
-        looks = normals @ np.array((math.cos(turned), math.sin(turned))) > _LOOKS
-        place = points[looks] / RESOLUTION - self._low - 0.5
-        cells = np.floor(place).astype(np.intp)
-        across, up = (place - cells).T
+        turned = math.tau * side / _DIRECTIONS
+        facing = normals @ np.array((math.cos(turned), math.sin(turned))) > _MIN_COSINE
+        position = points[facing] / RESOLUTION - self._low - 0.5
+        cells = np.floor(position).astype(np.intp)
+        across, up = (position - cells).T
         first = cells[:, 1] * width + cells[:, 0]
         shares = ((1 - across) * (1 - up), across * (1 - up), (1 - across) * up, across * up)
         drawn = np.bincount(
@@ -137,101 +143,120 @@ class CorrelationGrid:
             minlength=width * height,
         )
         image = drawn.reshape(height, width).astype(np.float32)
-        return np.asarray(cv2.GaussianBlur(image, (0, 0), RIDGE / RESOLUTION), dtype=np.float32)
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), RIDGE_BLUR / RESOLUTION), dtype=np.float32)
 
     def search(self, guess: Floats, points: Floats, window: SearchWindow) -> Floats:
-        """The pose about *guess* at which *points* fall on walls best; of equals the nearest to the guess."""
+        """Return the pose around *guess* at which *points* fit the walls best.
+
+        Args:
+            guess: The centre of the search: x, y (m) and yaw (rad).
+            points: The points (m) in the robot's frame, shape ``(k, 2)``.
+            window: The poses to search.
+
+        Returns:
+            The best pose; of poses with equal scores, the nearest to the guess.
+
+        """
         height, width = self._shape
-        reach = round(window.way / RESOLUTION / window.cells) * window.cells
-        shifts = np.arange(-reach, reach + 1, window.cells)
-        most = round(window.turn / window.step)
+        reach = round(window.distance / RESOLUTION / window.cell_step) * window.cell_step
+        shifts = np.arange(-reach, reach + 1, window.cell_step)
+        max_turn = round(window.turn / window.turn_step)
         edge = reach + 1
         stride = width + 2 * edge
         flat = np.pad(self._field, edge).ravel()
         offsets = (shifts[:, None] * stride + shifts).ravel()
-        away = (shifts[:, None] ** 2 + shifts**2).ravel() * (_NEARER / max(1, reach) ** 2)
-        best, found = -1.0, guess
-        for turn in sorted(range(-most, most + 1), key=abs):
-            yaw = guess[2] + turn * window.step
+        penalty = (shifts[:, None] ** 2 + shifts**2).ravel() * (_DISTANCE_PENALTY / max(1, reach) ** 2)
+        best_score, best_pose = -1.0, guess
+        for turn in sorted(range(-max_turn, max_turn + 1), key=abs):
+            yaw = guess[2] + turn * window.turn_step
             moved = transform_points(points, np.array((guess[0], guess[1], yaw)))
             cells = np.floor(moved / RESOLUTION).astype(np.intp) - self._low
-            # What falls off the grid finds its edge, where nothing is.
+            # Points off the grid are moved to its padded edge, which has no walls.
             cells = np.clip(cells, -1, (width, height))
-            places = (cells[:, 1] + edge) * stride + cells[:, 0] + edge
-            places = np.clip(places, reach * (stride + 1), len(flat) - 1 - reach * (stride + 1))
-            scores = flat.take(places + offsets[:, None]).mean(axis=1) - away
+            indices = (cells[:, 1] + edge) * stride + cells[:, 0] + edge
+            indices = np.clip(indices, reach * (stride + 1), len(flat) - 1 - reach * (stride + 1))
+            scores = flat.take(indices + offsets[:, None]).mean(axis=1) - penalty
             index = int(np.argmax(scores))
-            score = float(scores[index]) - _NEARER * (turn / max(1, most)) ** 2
-            if score > best:
+            score = float(scores[index]) - _DISTANCE_PENALTY * (turn / max(1, max_turn)) ** 2
+            if score > best_score:
                 row, col = divmod(index, len(shifts))
-                best = score
-                found = np.array(
+                best_score = score
+                best_pose = np.array(
                     (guess[0] + shifts[col] * RESOLUTION, guess[1] + shifts[row] * RESOLUTION, yaw)
                 )
-        return found
+        return best_pose
 
     def refine(
         self,
         guess: Floats,
         outline: Outline,
         prior: Floats | None = None,
-        trust: PoseUncertainty | None = None,
+        uncertainty: PoseUncertainty | None = None,
     ) -> MatchResult:
-        """Step from *guess* to where *outline* lies on the ridges; a *prior* pulls with its *trust*."""
+        """Move *guess* by Gauss-Newton steps to the pose at which *outline* lies on the ridges.
+
+        Args:
+            guess: The first pose: x, y (m) and yaw (rad).
+            outline: The points and normals in the robot's frame.
+            prior: A pose that attracts the result; *guess* if omitted.
+            uncertainty: The uncertainty of the prior; without it the prior has no effect.
+
+        """
         at = guess.astype(np.float64).copy()
-        pull = np.zeros((3, 3)) if trust is None else trust.information()
+        prior_information = np.zeros((3, 3)) if uncertainty is None else uncertainty.information()
         prior = at.copy() if prior is None else prior
-        certain = np.zeros((3, 3))
-        for _ in range(_STEPS):
+        information = np.zeros((3, 3))
+        for _ in range(_MAX_STEPS):
             moved = outline.at(at)
-            off, weight = self._off(moved)
+            offsets, weight = self._ridge_offsets(moved)
             arm = moved.points - at[:2]
-            slopes = np.stack(
+            jacobian = np.stack(
                 (
                     moved.normals[:, 0],
                     moved.normals[:, 1],
                     moved.normals[:, 1] * arm[:, 0] - moved.normals[:, 0] * arm[:, 1],
                 )
             )
-            weighed = slopes * (weight * outline.weight / BEAM_DEVIATION**2)
-            certain = weighed @ slopes.T
-            back = prior - at
-            back[2] = wrap_angle(float(back[2]))
-            step = np.linalg.solve(certain + pull + _DAMPING * np.eye(3), pull @ back - weighed @ off)
+            weighted = jacobian * (weight * outline.weight / BEAM_DEVIATION**2)
+            information = weighted @ jacobian.T
+            to_prior = prior - at
+            to_prior[2] = wrap_angle(float(to_prior[2]))
+            normal_matrix = information + prior_information + _DAMPING * np.eye(3)
+            step = np.linalg.solve(normal_matrix, prior_information @ to_prior - weighted @ offsets)
             at += step
-            if float(np.abs(step).max()) < _ENOUGH:
+            if float(np.abs(step).max()) < _MIN_STEP:
                 break
         at[2] = wrap_angle(float(at[2]))
-        return MatchResult(at, self.score(at, outline.points), certain)
+        return MatchResult(at, self.score(at, outline.points), information)
 
     def score(self, at: Floats, points: Floats) -> float:
-        """How well (0 … 1) *points* fall on walls with the robot at *at*."""
+        """Return how well *points* (m, robot's frame) fit the walls with the robot at *at*: 0 … 1."""
         height, width = self._shape
         cells = np.floor(transform_points(points, at) / RESOLUTION).astype(np.intp) - self._low
         inside = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
         cells[~inside] = 0
         return float((self._field[cells[:, 1], cells[:, 0]] * inside).mean())
 
-    def _off(self, moved: Outline) -> tuple[Floats, Floats]:
-        """How far (m) points are from their ridges, along their normals, and what each counts (0 … 1)."""
+    def _ridge_offsets(self, moved: Outline) -> tuple[Floats, Floats]:
+        """Return the offsets (m) of points from their ridges along their normals, and weights (0 … 1)."""
         height, width = self._shape
-        place = moved.points / RESOLUTION - self._low - 0.5
-        inside = (place >= 0).all(axis=1) & (place[:, 0] < width - 1) & (place[:, 1] < height - 1)
-        place[~inside] = 0.0
-        cells = place.astype(np.intp)
-        across, up = (place - cells).T
+        position = moved.points / RESOLUTION - self._low - 0.5
+        inside = (position >= 0).all(axis=1) & (position[:, 0] < width - 1) & (position[:, 1] < height - 1)
+        position[~inside] = 0.0
+        cells = position.astype(np.intp)
+        across, up = (position - cells).T
         turned = np.arctan2(moved.normals[:, 1], moved.normals[:, 0])
-        side = np.rint(turned / (math.tau / _SIDES)).astype(np.intp) % _SIDES
+        side = np.rint(turned / (math.tau / _DIRECTIONS)).astype(np.intp) % _DIRECTIONS
         first = (side * height + cells[:, 1]) * width + cells[:, 0]
         flat = self._sides.ravel()
-        one, two, three, four = (
-            flat.take(first + step).astype(np.float64) for step in (0, 1, width, width + 1)
-        )
-        low, high = one + across * (two - one), three + across * (four - three)
+        # Bilinear interpolation between the four nearest cells, and its gradient along the normal.
+        v00, v01, v10, v11 = (flat.take(first + step).astype(np.float64) for step in (0, 1, width, width + 1))
+        low, high = v00 + across * (v01 - v00), v10 + across * (v11 - v10)
         value = low + up * (high - low)
-        along = ((1 - up) * (two - one) + up * (four - three)) * moved.normals[:, 0]
+        along = ((1 - up) * (v01 - v00) + up * (v11 - v10)) * moved.normals[:, 0]
         along += (high - low) * moved.normals[:, 1]
-        off = -_WIDTH * along / RESOLUTION / np.maximum(value, _FAINT)
-        known = inside & (value > _FAINT) & (np.abs(off) < NEAREST)
-        weight = known * (NEAREST / 2) ** 4 / ((NEAREST / 2) ** 2 + off**2) ** 2
-        return np.where(known, off, 0.0), weight
+        offsets = -_RIDGE_VARIANCE * along / RESOLUTION / np.maximum(value, _MIN_RIDGE)
+        known = inside & (value > _MIN_RIDGE) & (np.abs(offsets) < MAX_OFFSET)
+        # The Geman-McClure kernel: points far from their ridge count less.
+        weight = known * (MAX_OFFSET / 2) ** 4 / ((MAX_OFFSET / 2) ** 2 + offsets**2) ** 2
+        return np.where(known, offsets, 0.0), weight

@@ -1,4 +1,4 @@
-"""Navigation on a map that is being made: it can go wherever has been seen, and knows where to look next."""
+"""Navigation on a map that is being made: the robot drives over known floor only and explores the rest."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 
 from btcore_robot.navigation.costmap import GlobalCostmap
 from btcore_robot.navigation.costmap_layers import UNKNOWN, ObstacleLayer, static_costs
-from btcore_robot.navigation.mapping.frontiers import Frontier, find_frontiers, still_there
+from btcore_robot.navigation.mapping.frontiers import Frontier, find_frontiers, is_unknown_nearby
 from btcore_robot.navigation.mapping.mapper import Mapper
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle, save_map
 from btcore_robot.navigation.parameters import NavigationParameters
@@ -17,10 +17,13 @@ from btcore_robot.robot import Pose2D, Robot
 
 
 class GrowingCostmap(GlobalCostmap):
-    """A global costmap whose map changes. Nothing is known that no later cost would be under."""
+    """A global costmap whose map changes.
+
+    It has no lower bound of the costs, because nothing is known yet.
+    """
 
     def redraw(self, map: OccupancyMap) -> None:
-        """Take *map* for the one before, whatever its size; what was seen is forgotten, since it is on it."""
+        """Replace the map by *map*, of any size, and forget observed obstacles: the map contains them."""
         shape = (map.height, map.width)
         before = self.obstacles
         self.obstacles = ObstacleLayer(
@@ -39,10 +42,17 @@ class GrowingCostmap(GlobalCostmap):
 
 
 class Exploration(Navigation):
-    """Drives *robot* about where it has no map yet, and makes one; nothing that is unknown is driven over.
+    """Navigation that explores unknown space and makes a map; the robot never drives over unknown cells.
 
-    The map begins at the initial pose of the localiser's parameters, (0, 0, 0) unless they say otherwise.
-    *keepout* are places that the laser can't show.
+    The map starts at the initial pose in the localiser's parameters, by default (0, 0, 0).
+
+    Args:
+        robot: The robot to drive.
+        random: The source of random numbers.
+        trees: The folder of the navigator's behavior trees.
+        parameters: The parameters of the servers; the defaults if omitted.
+        keepout: Rectangles that are added to the map because the laser cannot detect them.
+
     """
 
     localiser: Mapper
@@ -56,69 +66,79 @@ class Exploration(Navigation):
         parameters: NavigationParameters | None = None,
         keepout: tuple[Rectangle, ...] = (),
     ) -> None:
-        figures = parameters if parameters is not None else NavigationParameters()
-        # A map that is begun has one cell, and everything around it is unknown.
-        begun = OccupancyMap(
-            np.full((1, 1), -1, dtype=np.int8), figures.global_costmap.resolution, (0.0, 0.0), keepout
+        parameters_or_default = parameters if parameters is not None else NavigationParameters()
+        # A new map has one cell, and everything around it is unknown.
+        empty_map = OccupancyMap(
+            np.full((1, 1), -1, dtype=np.int8),
+            parameters_or_default.global_costmap.resolution,
+            (0.0, 0.0),
+            keepout,
         )
-        known = replace(figures, planner=replace(figures.planner, allow_unknown=False))
-        super().__init__(robot, begun, random, trees, known)
-        self._drawn = -1
-        self._left_out: list[tuple[float, float]] = []
-        self._aim: Frontier | None = None
+        mapping_parameters = replace(
+            parameters_or_default, planner=replace(parameters_or_default.planner, allow_unknown=False)
+        )
+        super().__init__(robot, empty_map, random, trees, mapping_parameters)
+        self._drawn_version = -1
+        self._excluded: list[tuple[float, float]] = []
+        self._frontier: Frontier | None = None
 
     @property
     def mapper(self) -> Mapper:
-        """Who makes the map, and knows where on it the robot is."""
+        """The mapper, which makes the map and localises the robot on it."""
         return self.localiser
 
     def next_goal(self) -> Pose2D | None:
-        """Where to go next in order to see more, in the frame map; None when there is no such place left."""
+        """Return the next goal in the frame map, or None if there is nothing left to explore."""
         here = self.estimate()
         if here is None:
             return None
         self._redraw()
         radius = self.parameters.global_costmap.robot_radius
-        found = find_frontiers(self.map, self.global_costmap, here, self._left_out, radius=radius)
-        self._aim = found[0] if found else None
-        return self._aim.goal if self._aim is not None else None
+        frontiers = find_frontiers(self.map, self.global_costmap, here, self._excluded, radius=radius)
+        self._frontier = frontiers[0] if frontiers else None
+        return self._frontier.goal if self._frontier is not None else None
 
     def is_goal_unknown(self) -> bool:
-        """Whether what was to be looked at, at the place of the last `next_goal`, still is unknown."""
-        return self._aim is not None and still_there(self.mapper.map(), self._aim.place)
+        """Return whether the area around the last goal of `next_goal` is still unknown."""
+        return self._frontier is not None and is_unknown_nearby(self.mapper.map(), self._frontier.position)
 
     def exclude_goal(self) -> None:
-        """Don't look there again: the last place can't be reached, or shows nothing."""
-        if self._aim is not None:
-            self._left_out.append(self._aim.place)
-            self._aim = None
+        """Exclude the frontier of the last goal: its goal cannot be reached, or shows nothing new."""
+        if self._frontier is not None:
+            self._excluded.append(self._frontier.position)
+            self._frontier = None
 
     def save(self, path: Path) -> None:
-        """Write the map as it is now; raises `MapError` when that can't be."""
+        """Write the current map to *path*.
+
+        Raises:
+            MapError: The files cannot be written.
+
+        """
         save_map(self.mapper.map(), path)
 
     def _make_localiser(self, random: np.random.Generator) -> PoseSource:
-        names = self.parameters.amcl
+        amcl = self.parameters.amcl
         return Mapper(
             self.robot,
             self.transforms,
-            start=Pose2D(names.initial_pose_x, names.initial_pose_y, names.initial_pose_yaw),
+            start=Pose2D(amcl.initial_pose_x, amcl.initial_pose_y, amcl.initial_pose_yaw),
             resolution=self.map.resolution,
             keepout=self.map.keepout,
-            frames=(names.global_frame_id, names.odom_frame_id, names.base_frame_id),
+            frames=(amcl.global_frame_id, amcl.odom_frame_id, amcl.base_frame_id),
         )
 
     def _make_global_costmap(self) -> GlobalCostmap:
-        made = GrowingCostmap(self.map, **costmap_arguments(self.parameters.global_costmap))
-        made.lower_bound = None
-        return made
+        costmap = GrowingCostmap(self.map, **costmap_figures(self.parameters.global_costmap))
+        costmap.lower_bound = None
+        return costmap
 
     def _update_global(self, now: int) -> None:
         self._redraw()
         super()._update_global(now)
 
     def _redraw(self) -> None:
-        if self._drawn != self.mapper.version:
-            self._drawn = self.mapper.version
+        if self._drawn_version != self.mapper.version:
+            self._drawn_version = self.mapper.version
             self.map = self.mapper.map()
             self.global_costmap.redraw(self.map)

@@ -1,4 +1,4 @@
-"""Where free floor ends because nobody has looked further: places worth going to (Yamauchi, 1997)."""
+"""Frontiers: where known free floor borders on unknown space, and where to go to look (Yamauchi, 1997)."""
 
 import math
 from collections.abc import Sequence
@@ -22,108 +22,121 @@ from btcore_robot.navigation.grid_search import (
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 
-LEAST = 0.35
-"""The least length (m) of a frontier: what is shorter is rarely more than the shadow of a chair's leg."""
-IN_SIGHT = 0.8
-"""How far (m) from a frontier the place may be that the robot goes to in order to look."""
-ASIDE = 0.1
-"""How much farther (m) from what is unknown than its radius it stops, as that may be a wall."""
-LEFT_OUT = 0.5
-"""How far (m) about a place that was given up nothing counts as a frontier."""
-BEHIND_A_WALL = 2
-"""How many cells from something occupied what is unknown is the inside of it."""
-_WORTH = 0.3  # m of way for a metre of frontier
-_MOST_WORTH = 2.0  # m
-_ABOUT = 0.6  # m about a frontier's place that the robot looks at
+MIN_LENGTH = 0.35
+"""The minimum length (m) of a frontier; a shorter frontier is usually the shadow of a chair's leg."""
+MAX_VIEW_DISTANCE = 0.8
+"""The maximum distance (m) between a frontier and the goal from which the robot looks at it."""
+CLEARANCE = 0.1
+"""The distance (m) between the robot at a goal and unknown cells, which may hide a wall."""
+EXCLUSION_RADIUS = 0.5
+"""The radius (m) around an excluded position within which nothing counts as a frontier."""
+WALL_CELLS = 2
+"""The distance (cells) from occupied cells within which unknown cells count as the inside of a wall."""
+_LENGTH_BONUS = 0.3  # m of travel that a metre of frontier is worth
+_MAX_BONUS = 2.0  # m
+_VIEW_RADIUS = 0.6  # m around a frontier's position that the robot looks at
 
 
 @dataclass(frozen=True, slots=True)
 class Frontier:
-    """A frontier: its cell that is nearest to the robot is at *place* (m), *goal* is from where to look.
+    """A frontier: *position* (m) is its cell that is cheapest to reach, *goal* is where to look from.
 
-    *length* (m) is the frontier's, *way* (m, dearer near obstacles) that of the drive there.
+    *length* (m) is the length of the frontier. *travel_cost* (m) is the length of the way to the goal,
+    increased near obstacles.
     """
 
-    place: tuple[float, float]
+    position: tuple[float, float]
     goal: Pose2D
     length: float
-    way: float
+    travel_cost: float
 
     @property
-    def price(self) -> float:
-        """What counts against going there first (m)."""
-        return self.way - min(_MOST_WORTH, _WORTH * self.length)
+    def cost(self) -> float:
+        """The cost (m) by which frontiers are compared: the travel, reduced for a long frontier."""
+        return self.travel_cost - min(_MAX_BONUS, _LENGTH_BONUS * self.length)
 
 
-def frontier_mask(map: OccupancyMap, left_out: Sequence[tuple[float, float]] = ()) -> NDArray[np.bool_]:
-    """The free cells of *map* beside unknown ones, but those near the places *left_out* (m)."""
-    size = 2 * BEHIND_A_WALL + 1
-    walls = cv2.dilate((map.occupied | map.keepout_mask()).astype(np.uint8), np.ones((size, size), np.uint8))
-    unseen = (map.unknown & (walls == 0)).astype(np.uint8)
-    beside = map.free & (cv2.dilate(unseen, np.ones((3, 3), np.uint8)) > 0)
-    found = beside.astype(np.uint8)
-    for x, y in left_out:
+def frontier_mask(map: OccupancyMap, excluded: Sequence[tuple[float, float]] = ()) -> NDArray[np.bool_]:
+    """Return the mask of free cells of *map* next to unknown cells.
+
+    Args:
+        map: The map.
+        excluded: Positions (m) near which no cell counts.
+
+    """
+    size = 2 * WALL_CELLS + 1
+    walls = cv2.dilate((map.occupied | map.kept_out()).astype(np.uint8), np.ones((size, size), np.uint8))
+    unknown = (map.unknown & (walls == 0)).astype(np.uint8)
+    frontier_cells = map.free & (cv2.dilate(unknown, np.ones((3, 3), np.uint8)) > 0)
+    mask = frontier_cells.astype(np.uint8)
+    for x, y in excluded:
         row, col = map.cell(x, y)
-        cv2.circle(found, (col, row), round(LEFT_OUT / map.resolution), 0, -1)
-    mask: NDArray[np.bool_] = found > 0
-    return mask
+        cv2.circle(mask, (col, row), round(EXCLUSION_RADIUS / map.resolution), 0, -1)
+    result: NDArray[np.bool_] = mask > 0
+    return result
 
 
 def find_frontiers(
     map: OccupancyMap,
     costmap: Costmap,
     here: Pose2D,
-    left_out: Sequence[tuple[float, float]] = (),
+    excluded: Sequence[tuple[float, float]] = (),
     *,
     radius: float = 0.30,
 ) -> list[Frontier]:
-    """The frontiers that a robot of *radius* (m) at *here* can look at, the one to go to first being first.
+    """Return the frontiers that the robot can look at, the best first.
 
-    *costmap* has the cells of *map*.
+    Args:
+        map: The map.
+        costmap: A costmap with the same cells as *map*.
+        here: The robot's pose in the frame of the map.
+        excluded: Positions (m) near which frontiers are ignored.
+        radius: The robot's radius (m).
+
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        frontier_mask(map, left_out).astype(np.uint8), connectivity=8
+        frontier_mask(map, excluded).astype(np.uint8), connectivity=8
     )
-    least = LEAST / map.resolution
+    min_length = MIN_LENGTH / map.resolution
     lengths = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    worthy = [label for label in range(1, count) if lengths[label] >= least]
+    long_enough = [label for label in range(1, count) if lengths[label] >= min_length]
     start = costmap.cell(here.x, here.y)
-    if not worthy or not costmap.inside(here.x, here.y):
+    if not long_enough or not costmap.inside(here.x, here.y):
         return []
-    costs = _open_around(costmap, here, start, radius)
-    reached = reachable_cells(costs, start)
-    costs[~reached] = IMPASSABLE
+    costs = _costs_with_open_start(costmap, here, start, radius)
+    reached = connected(costs, start)
+    costs[~reached] = WALL
     field, _ = MCP_Geometric(costs).find_costs([start])
     from_unknown = cv2.distanceTransform((~map.unknown).astype(np.uint8), cv2.DIST_L2, 5)
-    stands_in = reached & (from_unknown * map.resolution >= radius + ASIDE)
-    away, nearest = _nearest(stands_in if stands_in.any() else reached)
+    suitable = reached & (from_unknown * map.resolution >= radius + CLEARANCE)
+    distance, nearest = _nearest(suitable if suitable.any() else reached)
     found = []
-    for label in worthy:
+    for label in long_enough:
         cells = np.argwhere(labels == label)
-        sees = away[cells[:, 0], cells[:, 1]] * map.resolution <= IN_SIGHT
-        if not sees.any():
+        visible = distance[cells[:, 0], cells[:, 1]] * map.resolution <= MAX_VIEW_DISTANCE
+        if not visible.any():
             continue
-        cells = cells[sees]
-        stands = nearest[cells[:, 0], cells[:, 1]]
-        ways = field[stands[:, 0], stands[:, 1]]
-        best = int(np.argmin(ways))
-        place, stand = cells[best], stands[best]
-        x, y = map.center(int(stand[0]), int(stand[1]))
+        cells = cells[visible]
+        view_cells = nearest[cells[:, 0], cells[:, 1]]
+        travel_costs = field[view_cells[:, 0], view_cells[:, 1]]
+        cheapest = int(np.argmin(travel_costs))
+        cell, view_cell = cells[cheapest], view_cells[cheapest]
+        x, y = map.center(int(view_cell[0]), int(view_cell[1]))
         found.append(
             Frontier(
-                map.center(int(place[0]), int(place[1])),
-                Pose2D(x, y, _towards_unknown(map, place, stand)),
+                map.center(int(cell[0]), int(cell[1])),
+                Pose2D(x, y, _towards_unknown(map, cell, view_cell)),
                 float(lengths[label]) * map.resolution,
-                float(ways[best]) / COST_NEUTRAL * map.resolution,
+                float(travel_costs[cheapest]) / NEUTRAL * map.resolution,
             )
         )
-    return sorted(found, key=lambda one: (one.price, one.place))
+    return sorted(found, key=lambda frontier: (frontier.cost, frontier.position))
 
 
-def still_there(map: OccupancyMap, place: tuple[float, float]) -> bool:
-    """Whether there is still something unknown to look at, about *place* (m)."""
-    row, col = map.cell(*place)
-    reach = round(_ABOUT / 2 / map.resolution)
+def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
+    """Return whether there is unknown space near *position* (m) to look at."""
+    row, col = map.cell(*position)
+    reach = round(_VIEW_RADIUS / 2 / map.resolution)
     low_row, low_col = max(0, row - 3 * reach), max(0, col - 3 * reach)
     part = OccupancyMap(
         map.cells[low_row : row + 3 * reach + 1, low_col : col + 3 * reach + 1],
@@ -131,16 +144,19 @@ def still_there(map: OccupancyMap, place: tuple[float, float]) -> bool:
         (map.origin[0] + low_col * map.resolution, map.origin[1] + low_row * map.resolution),
         map.keepout,
     )
-    beside = frontier_mask(part)
+    frontier_cells = frontier_mask(part)
     near_row, near_col = row - low_row, col - low_col
-    around = beside[
+    around = frontier_cells[
         max(0, near_row - reach) : near_row + reach + 1, max(0, near_col - reach) : near_col + reach + 1
     ]
-    return int(np.count_nonzero(around)) * map.resolution >= LEAST / 3
+    return int(np.count_nonzero(around)) * map.resolution >= MIN_LENGTH / 3
 
 
-def _open_around(costmap: Costmap, here: Pose2D, start: Cell, radius: float) -> NDArray[np.float64]:
-    """What cells cost that are known; where the robot stands it may, however near to something that is."""
+def _costs_with_open_start(costmap: Costmap, here: Pose2D, start: Cell, radius: float) -> NDArray[np.float64]:
+    """Return the costs of the known cells; cells around the robot are passable unless they are lethal.
+
+    The robot may stand closer to an obstacle than the planner allows, and must be able to leave.
+    """
     costs = grid_costs(costmap.costs, allow_unknown=False)
     window = costmap.square(here, 2 * radius)
     part = costs[window.slices]
@@ -150,21 +166,25 @@ def _open_around(costmap: Costmap, here: Pose2D, start: Cell, radius: float) -> 
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    """How far (cells) each cell is from the nearest one of *mask*, and which: ``(height, width, 2)``."""
-    away, labels = cv2.distanceTransformWithLabels(
+    """Return the distance (cells) of each cell from the nearest cell of *mask*, and the index of that cell.
+
+    The indices have the shape ``(height, width, 2)``.
+    """
+    distance, labels = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    # The label of a cell is that of the cell of the mask that is nearest to it.
+    # OpenCV labels each cell with the label of the nearest cell of the mask.
     cells = np.argwhere(mask)
     by_label = np.zeros((int(labels.max()) + 1, 2), dtype=np.intp)
     by_label[labels[cells[:, 0], cells[:, 1]]] = cells
-    return np.asarray(away, dtype=np.float32), by_label[labels]
+    return np.asarray(distance, dtype=np.float32), by_label[labels]
 
 
-def _towards_unknown(map: OccupancyMap, place: NDArray[np.intp], stand: NDArray[np.intp]) -> float:
-    """The heading (rad) from the cell *stand* to what is unknown about *place*."""
-    reach = round(_ABOUT / map.resolution)
-    low = np.maximum(place - reach, 0)
-    unseen = np.argwhere(map.unknown[low[0] : place[0] + reach + 1, low[1] : place[1] + reach + 1]) + low
-    target = unseen.mean(axis=0) if len(unseen) else place
-    return math.atan2(float(target[0] - stand[0]), float(target[1] - stand[1]))
+def _towards_unknown(map: OccupancyMap, position: NDArray[np.intp], view_cell: NDArray[np.intp]) -> float:
+    """Return the heading (rad) from the cell *view_cell* to the unknown cells around the cell *position*."""
+    reach = round(_VIEW_RADIUS / map.resolution)
+    low = np.maximum(position - reach, 0)
+    high = position + reach + 1
+    unknown = np.argwhere(map.unknown[low[0] : high[0], low[1] : high[1]]) + low
+    target = unknown.mean(axis=0) if len(unknown) else position
+    return math.atan2(float(target[0] - view_cell[0]), float(target[1] - view_cell[1]))

@@ -1,4 +1,4 @@
-"""What is kept of a scan that a map is made of."""
+"""Key scans: the scans of which a map is made."""
 
 import math
 from collections.abc import Sequence
@@ -18,65 +18,74 @@ from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
 
-REACH = 10.0
-"""How far (m) a scan is believed. At that distance the rays of Tiago's laser are a cell apart."""
+MAX_RANGE = 10.0
+"""The maximum range (m) that is used: at this distance the rays of Tiago's laser are one cell apart."""
 SPACING = 0.06
-"""The least distance (m) between points that are matched, so that what is near doesn't outvote the rest."""
-_ASIDE = 3  # points on either side that a wall's direction is taken from
-_TOGETHER = 4 * _ASIDE * SPACING  # m; what is further apart is not one wall
+"""The minimum distance (m) between matched points, so that near walls do not outweigh the others."""
+_NEIGHBOURS = 3  # number of points on each side that determine the direction of a wall
+_MAX_SPAN = 4 * _NEIGHBOURS * SPACING  # m; points farther apart are not on the same wall
 
 
 @dataclass(frozen=True, slots=True)
 class KeyScan:
-    """One scan in the frame ``base_footprint``.
+    """A scan in the frame of the robot's base.
 
-    *odometry* is where the robot took itself to be by its wheels; *ends* are the ends of all rays that hit
-    something, *rim* the corners of the floor that the scan shows to be free, both ``(k, 2)`` (m). *outline*
-    is what is matched. *travelled* is the way (m) driven so far.
+    *odometry* is the pose of the base by odometry. *ends* are the end points (m) of all rays that hit
+    something, *free_outline* is the polygon (m) of the floor that the scan shows to be free, both of shape
+    ``(k, 2)``. *outline* contains the points to match. *travelled* is the distance (m) driven so far, *stamp*
+    the time (ns).
     """
 
     odometry: Pose2D
     ends: Floats
-    rim: Floats
+    free_outline: Floats
     outline: Outline
     travelled: float
     stamp: int
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
-    """A *scan*, where the *laser* was in the robot's frame, and where the robot was by its *odometry*."""
+class LocalisedScan:
+    """A *scan*, the pose of the *laser* in the base's frame, and the base's pose by *odometry*."""
 
     scan: LaserScan
     laser: Transform
     odometry: Pose2D
 
 
-def key_scan(sweeps: Sequence[Sweep], travelled: float, *, margin: float = 0.05) -> KeyScan:
-    """What is kept of *sweeps*, of which the last is the key scan; those just before it take out noise.
+def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float = 0.05) -> KeyScan:
+    """Return a key scan from the last of *scans*; the scans just before it reduce the noise.
 
-    What is matched is of all, what is drawn of the last. The floor is free up to *margin* (m) before what was
-    hit; a ray without an echo frees it as far as the laser is believed, one that is too near says nothing.
+    The outline to match contains the points of all scans. The end points and the free floor are those of the
+    last scan. A ray without an echo shows free floor up to `MAX_RANGE`; a ray that is too short shows
+    nothing.
+
+    Args:
+        scans: At least one scan, oldest first.
+        travelled: The distance (m) driven so far.
+        margin: The distance (m) before an obstacle from which on the floor is not counted as free.
+
     """
-    last = sweeps[-1]
+    last = scans[-1]
     outlines = []
-    for sweep in sweeps:
-        clean = smooth_scan(sweep.scan)
+    for localised in scans:
+        clean = smooth_scan(localised.scan)
         ranges = clean.ranges.astype(np.float64)
         angles = clean.angles()
         rays = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-        hit = (ranges >= clean.range_min) & (ranges < REACH)
-        ends, eye = rays[hit] * ranges[hit, None], pose_to_row(sweep.laser.to_pose())
-        apart = relative_pose(pose_to_row(last.odometry), pose_to_row(sweep.odometry))
-        outlines.append(_outline(ends).at(compose(apart, eye)))
-    free = np.where(hit, np.maximum(ranges - margin, 0.0), np.where(ranges >= REACH, REACH, 0.0))
+        hit = (ranges >= clean.range_min) & (ranges < MAX_RANGE)
+        ends, laser_pose = rays[hit] * ranges[hit, None], pose_to_row(localised.laser.to_pose())
+        base_pose = relative_pose(pose_to_row(last.odometry), pose_to_row(localised.odometry))
+        outlines.append(_outline(ends).at(compose(base_pose, laser_pose)))
+    free = np.where(hit, np.maximum(ranges - margin, 0.0), np.where(ranges >= MAX_RANGE, MAX_RANGE, 0.0))
     return KeyScan(
+        # `ends`, `rays` and `ranges` are now those of the last scan, whose pose is the origin.
         last.odometry,
-        transform_points(ends, eye),
-        np.vstack((eye[None, :2], transform_points(rays * free[:, None], eye))),
+        transform_points(ends, laser_pose),
+        np.vstack((laser_pose[None, :2], transform_points(rays * free[:, None], laser_pose))),
         Outline(
-            np.concatenate([one.points for one in outlines]),
-            np.concatenate([one.normals for one in outlines]),
+            np.concatenate([outline.points for outline in outlines]),
+            np.concatenate([outline.normals for outline in outlines]),
             1.0 / len(outlines),
         ),
         travelled,
@@ -85,24 +94,24 @@ def key_scan(sweeps: Sequence[Sweep], travelled: float, *, margin: float = 0.05)
 
 
 def _outline(ends: Floats) -> Outline:
-    """Some of *ends*, which follow one another along walls seen from (0, 0), and the normals there."""
+    """Return some of *ends*, which follow walls as seen from (0, 0), and the normals of the walls there."""
     steps = np.hypot(*np.diff(ends, axis=0, prepend=ends[:1]).T)
     walked = np.floor(np.cumsum(np.minimum(steps, SPACING)) / SPACING)
     points = ends[np.flatnonzero(np.diff(walked, prepend=-1.0) > 0)]
-    if len(points) < 2 * _ASIDE + 1:
+    if len(points) < 2 * _NEIGHBOURS + 1:
         return Outline(points, np.zeros_like(points))
-    padded = np.pad(points, ((_ASIDE, _ASIDE), (0, 0)), mode="edge")
-    along = padded[2 * _ASIDE :] - padded[: -2 * _ASIDE]
+    padded = np.pad(points, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)), mode="edge")
+    along = padded[2 * _NEIGHBOURS :] - padded[: -2 * _NEIGHBOURS]
     length = np.hypot(along[:, 0], along[:, 1])
-    sure = (length > SPACING) & (length < _TOGETHER)
-    unit = np.where(sure, 1.0 / np.maximum(length, SPACING), 0.0)[:, None] * along
+    known = (length > SPACING) & (length < _MAX_SPAN)
+    unit = np.where(known, 1.0 / np.maximum(length, SPACING), 0.0)[:, None] * along
     normals = np.stack((-unit[:, 1], unit[:, 0]), axis=1)
     away = (normals * points).sum(axis=1) > 0.0
     normals[away] *= -1.0
     return Outline(points, normals)
 
 
-def far_apart(one: Pose2D, other: Pose2D, way: float, turn: float) -> bool:
-    """Whether two poses differ by at least *way* (m) or *turn* (rad)."""
-    turned = abs(wrap_angle(other.yaw - one.yaw))
-    return math.hypot(other.x - one.x, other.y - one.y) >= way or turned >= turn
+def are_far_apart(first: Pose2D, second: Pose2D, distance: float, turn: float) -> bool:
+    """Return whether two poses differ by at least *distance* (m) or *turn* (rad)."""
+    turned = abs(wrap_angle(second.yaw - first.yaw))
+    return math.hypot(second.x - first.x, second.y - first.y) >= distance or turned >= turn

@@ -1,4 +1,4 @@
-"""The map that key scans make: for every cell, how often it was hit, and how often seen through."""
+"""An occupancy grid drawn from key scans: the log-odds of each cell and its number of hits."""
 
 import math
 from collections.abc import Sequence
@@ -12,18 +12,23 @@ from btcore_robot.navigation.mapping.pose_arrays import Floats, transform_points
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
 
 HIT, FREE = 0.85, -0.4
-"""The log-odds that a scan adds to a cell in which it hits something, and to one that it sees through."""
-FEWEST_HITS = 2
-"""What only one scan has hit may be noise."""
-_ROOM = 5.0  # m by which the grid grows
-_SHIFT = 4  # bits of a pixel's fraction, which OpenCV draws with
+"""The log-odds that a scan adds to a cell in which a ray ends, and to a cell that rays pass through."""
+MIN_HITS = 2
+"""The minimum number of scans that hit an occupied cell; a single hit may be noise."""
+_GROWTH = 5.0  # m by which the grid grows at least
+_SHIFT = 4  # bits for the fractions of pixel coordinates in OpenCV's drawing functions
 
 
 class LogOddsGrid:
-    """A grid of cells of *resolution* (m) that grows with what `add` draws on it.
+    """A grid of cells that grows as `add` draws scans on it.
 
-    A scan counts once in a cell, however many of its rays end there. A robot of *radius* (m) that stood
-    somewhere has shown the floor there to be free. *keepout* goes on the map as it is.
+    A scan counts once per cell, however many of its rays end there. The floor under the robot counts as free.
+
+    Args:
+        resolution: The side (m) of a cell.
+        radius: The robot's radius (m).
+        keepout: Rectangles that are added to the map unchanged.
+
     """
 
     def __init__(
@@ -38,81 +43,82 @@ class LogOddsGrid:
             self._make_room(edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0))
 
     def clear(self) -> None:
-        """Forget all scans, but not how large the grid has grown."""
-        if not hasattr(self, "_odds"):
-            self._low = (0, 0)
-            self._odds = np.zeros((0, 0), dtype=np.float32)
+        """Forget all scans but keep the size of the grid."""
+        if not hasattr(self, "_log_odds"):
+            self._low_cell = (0, 0)
+            self._log_odds = np.zeros((0, 0), dtype=np.float32)
             self._hits = np.zeros((0, 0), dtype=np.uint16)
-            self._seen = np.zeros((0, 0), dtype=np.bool_)
-        self._odds.fill(0.0)
+            self._observed = np.zeros((0, 0), dtype=np.bool_)
+        self._log_odds.fill(0.0)
         self._hits.fill(0)
-        self._seen.fill(False)
+        self._observed.fill(False)
 
     def add(self, scan: KeyScan, at: Floats) -> None:
-        """Draw *scan*, taken with the robot at *at* (x, y, yaw)."""
-        rim, ends = transform_points(scan.rim, at), transform_points(scan.ends, at)
-        everything = np.vstack((rim, ends, at[None, :2] - self.radius, at[None, :2] + self.radius))
-        self._make_room(everything.min(axis=0), everything.max(axis=0))
-        low = np.array(self._low) * self.resolution
-        pixels = (rim - low) / self.resolution - 0.5
-        first = np.maximum(np.floor((everything.min(axis=0) - low) / self.resolution).astype(int) - 1, 0)
-        last = np.ceil((everything.max(axis=0) - low) / self.resolution).astype(int) + 2
+        """Draw *scan*, taken with the robot at the pose *at* (x, y, yaw)."""
+        free_outline, ends = transform_points(scan.free_outline, at), transform_points(scan.ends, at)
+        extent = np.vstack((free_outline, ends, at[None, :2] - self.radius, at[None, :2] + self.radius))
+        self._make_room(extent.min(axis=0), extent.max(axis=0))
+        low = np.array(self._low_cell) * self.resolution
+        pixels = (free_outline - low) / self.resolution - 0.5
+        first = np.maximum(np.floor((extent.min(axis=0) - low) / self.resolution).astype(int) - 1, 0)
+        last = np.ceil((extent.max(axis=0) - low) / self.resolution).astype(int) + 2
         window = slice(first[1], last[1]), slice(first[0], last[0])
-        free = np.zeros(self._odds[window].shape, dtype=np.uint8)
+        free = np.zeros(self._log_odds[window].shape, dtype=np.uint8)
+        # The outline of the free floor is filled first; cells in which rays end are then taken out of it.
         fixed = np.rint((pixels - first) * 2**_SHIFT).astype(np.int32)
         cv2.fillPoly(free, [fixed], 1, cv2.LINE_8, _SHIFT)
-        here = (at[:2] - low) / self.resolution - 0.5 - first
-        centre = np.rint(here * 2**_SHIFT).astype(int).tolist()
-        reach = round(self.radius / self.resolution * 2**_SHIFT)
-        cv2.circle(free, centre, reach, 1, -1, cv2.LINE_8, _SHIFT)
+        centre_cell = (at[:2] - low) / self.resolution - 0.5 - first
+        centre = np.rint(centre_cell * 2**_SHIFT).astype(int).tolist()
+        radius = round(self.radius / self.resolution * 2**_SHIFT)
+        cv2.circle(free, centre, radius, 1, -1, cv2.LINE_8, _SHIFT)
         hit = np.zeros(free.shape, dtype=np.bool_)
         cells = np.floor((ends - low) / self.resolution).astype(np.intp) - first
         hit[cells[:, 1], cells[:, 0]] = True
-        passed = (free > 0) & ~hit
-        self._odds[window] += np.float32(FREE) * passed + np.float32(HIT) * hit
+        seen_through = (free > 0) & ~hit
+        self._log_odds[window] += np.float32(FREE) * seen_through + np.float32(HIT) * hit
         self._hits[window] += hit
-        self._seen[window] |= passed | hit
+        self._observed[window] |= seen_through | hit
 
     def draw(self, scans: Sequence[KeyScan], poses: Floats) -> None:
-        """Draw all anew: *scans* at *poses*, ``(n, 3)``."""
+        """Redraw the grid with *scans* at *poses*, shape ``(n, 3)``."""
         self.clear()
-        for scan, at in zip(scans, poses, strict=True):
-            self.add(scan, at)
+        for scan, pose in zip(scans, poses, strict=True):
+            self.add(scan, pose)
 
     def map(self) -> OccupancyMap:
-        """The map as far as it is known."""
-        cells = np.full(self._odds.shape, -1, dtype=np.int8)
-        cells[self._seen & (self._odds < 0.0)] = 0
-        cells[(self._odds > 0.0) & (self._hits >= FEWEST_HITS)] = 100
+        """Return the map of all cells; cells without an observation are unknown."""
+        cells = np.full(self._log_odds.shape, -1, dtype=np.int8)
+        cells[self._observed & (self._log_odds < 0.0)] = 0
+        cells[(self._log_odds > 0.0) & (self._hits >= MIN_HITS)] = 100
         origin = (
-            round(self._low[0] * self.resolution, 9),
-            round(self._low[1] * self.resolution, 9),
+            round(self._low_cell[0] * self.resolution, 9),
+            round(self._low_cell[1] * self.resolution, 9),
         )
         return OccupancyMap(cells, self.resolution, origin, self.keepout)
 
     def _make_room(self, low: Floats, high: Floats) -> None:
-        """Grow the grid until it holds the points from *low* to *high* (m), with a cell around them."""
-        first = [math.floor(one / self.resolution) - 3 for one in low]
-        last = [math.ceil(one / self.resolution) + 3 for one in high]
-        height, width = self._odds.shape
-        if not self._odds.size:
-            self._low = (first[0], first[1])
-        x0, y0 = self._low
-        more = math.ceil(_ROOM / self.resolution)
+        """Grow the grid until it holds the points from *low* to *high* (m) and a margin of cells."""
+        first = [math.floor(coordinate / self.resolution) - 3 for coordinate in low]
+        last = [math.ceil(coordinate / self.resolution) + 3 for coordinate in high]
+        height, width = self._log_odds.shape
+        if not self._log_odds.size:
+            self._low_cell = (first[0], first[1])
+        x0, y0 = self._low_cell
+        more = math.ceil(_GROWTH / self.resolution)
         west, south = (more if first[0] < x0 else 0), (more if first[1] < y0 else 0)
         west, south = max(west, x0 - first[0]) * (west > 0), max(south, y0 - first[1]) * (south > 0)
         east = max(more, last[0] - x0 - width) if last[0] > x0 + width else 0
         north = max(more, last[1] - y0 - height) if last[1] > y0 + height else 0
         if west or south or east or north:
             sides = ((south, north), (west, east))
-            self._odds = np.pad(self._odds, sides)
+            self._log_odds = np.pad(self._log_odds, sides)
             self._hits = np.pad(self._hits, sides)
-            self._seen = np.pad(self._seen, sides)
-            self._low = (x0 - west, y0 - south)
+            self._observed = np.pad(self._observed, sides)
+            self._low_cell = (x0 - west, y0 - south)
 
 
-def trimmed(map: OccupancyMap, margin: int = 4) -> OccupancyMap:
-    """*map* without rows and columns at its edges that are unknown, but for *margin* cells."""
+def trim_map(map: OccupancyMap, margin: int = 4) -> OccupancyMap:
+    """Return *map* without the unknown rows and columns at its edges, except for *margin* cells."""
     known = map.cells != -1
     for xmin, ymin, xmax, ymax in map.keepout:
         for row, col in (map.cell(xmin, ymin), map.cell(xmax, ymax)):

@@ -1,4 +1,4 @@
-"""Noticing that the robot is where it has been before."""
+"""Detection of loop closures: places that the robot has visited before."""
 
 import math
 from collections.abc import Sequence
@@ -10,72 +10,84 @@ from btcore_robot.navigation.mapping.key_scan import KeyScan
 from btcore_robot.navigation.mapping.pose_arrays import Floats, relative_pose
 from btcore_robot.navigation.mapping.pose_graph import PoseGraph
 
-LATER = 8.0
-"""The way (m) after which a place that is come to again is come to by a loop."""
-NEAR = 3.0
-"""How far (m) off it may seem to be."""
-CHAIN = 10
-"""How many scans before and after the nearest old one it is matched to."""
-LEAST_CHAIN = 6
-"""How many these are at least: fewer show too little of a place."""
-ALIKE = 0.5
-"""The least score of a match that closes a loop."""
-LEAST_DRIFT, DRIFT, MOST_DRIFT = 0.25, 0.015, 1.5
-"""How far off (m) the robot may be: at least, for each metre since it knew better, and at most."""
-SLIDES = 0.15
-"""Where the walls tell one direction so much less than the other, as in a corridor, no loop is closed."""
-_FEWEST = 60  # points; from fewer no loop is concluded
-_TURN = 0.005  # rad of drift for each metre
-_MOST_TURN = 0.5
+MIN_LOOP_LENGTH = 8.0
+"""The distance (m) that must be driven before a return to a place counts as a loop."""
+MAX_DISTANCE = 3.0
+"""The maximum distance (m) from an old key scan by the estimated poses."""
+CHAIN_RADIUS = 10
+"""The number of key scans before and after the nearest old key scan that are matched with."""
+MIN_CHAIN = 6
+"""The minimum number of these key scans: fewer show too little of a place."""
+MIN_SCORE = 0.5
+"""The minimum score (0 … 1) of a match that closes a loop."""
+MIN_DRIFT, DRIFT, MAX_DRIFT = 0.25, 0.015, 1.5
+"""The assumed drift (m): minimum, growth per metre driven since the last correction, and maximum."""
+MIN_CERTAINTY_RATIO = 0.15
+"""The minimum ratio of the certainties in two directions; in a corridor it is lower and no loop is closed."""
+_MIN_POINTS = 60  # scans with fewer points are not matched
+_TURN_DRIFT = 0.005  # rad per metre
+_MAX_TURN = 0.5  # rad
 
 
 class LoopClosureDetector:
-    """Holds a key scan against those from long before; tells of each place once a metre."""
+    """A search for loop closures by matching the newest key scan with old ones, once per metre driven."""
 
     def __init__(self) -> None:
-        self._closed_at = 0.0
-        self._tried_at = -math.inf
+        self._closed_after = 0.0
+        self._tried_after = -math.inf
 
     def find(self, scans: Sequence[KeyScan], graph: PoseGraph) -> tuple[int, MatchResult] | None:
-        """The old scan near which the newest one was taken, and where that is; None where nothing is sure."""
+        """Look for a loop closure by the newest key scan.
+
+        Args:
+            scans: The key scans, oldest first.
+            graph: The pose graph with their poses.
+
+        Returns:
+            The index of the nearest old key scan and the match of the newest; None without a certain
+            match.
+
+        """
         newest, here = scans[-1], graph.poses[-1]
-        if newest.travelled - self._tried_at < 1.0 or len(newest.outline.points) < _FEWEST:
+        if newest.travelled - self._tried_after < 1.0 or len(newest.outline.points) < _MIN_POINTS:
             return None
-        old = [index for index, one in enumerate(scans) if newest.travelled - one.travelled >= LATER]
+        old = [
+            index for index, scan in enumerate(scans) if newest.travelled - scan.travelled >= MIN_LOOP_LENGTH
+        ]
         if not old:
             return None
-        away = np.hypot(*(graph.poses[old][:, :2] - here[:2]).T)
-        nearest = int(np.argmin(away))
-        if away[nearest] > NEAR:
+        distances = np.hypot(*(graph.poses[old][:, :2] - here[:2]).T)
+        nearest = int(np.argmin(distances))
+        if distances[nearest] > MAX_DISTANCE:
             return None
-        self._tried_at = newest.travelled
-        chain = range(max(0, nearest - CHAIN), min(len(old), nearest + CHAIN + 1))
-        if len(chain) < LEAST_CHAIN:
+        self._tried_after = newest.travelled
+        chain = range(max(0, nearest - CHAIN_RADIUS), min(len(old), nearest + CHAIN_RADIUS + 1))
+        if len(chain) < MIN_CHAIN:
             return None
-        walls = CorrelationGrid([scans[one].outline.at(graph.poses[one]) for one in chain])
-        since = newest.travelled - max(self._closed_at, scans[nearest].travelled)
-        way = min(MOST_DRIFT, LEAST_DRIFT + DRIFT * since)
-        turn = min(_MOST_TURN, 0.1 + _TURN * since)
+        grid = CorrelationGrid([scans[index].outline.at(graph.poses[index]) for index in chain])
+        since = newest.travelled - max(self._closed_after, scans[nearest].travelled)
+        drift = min(MAX_DRIFT, MIN_DRIFT + DRIFT * since)
+        turn = min(_MAX_TURN, 0.1 + _TURN_DRIFT * since)
         points = newest.outline.points[:: max(1, len(newest.outline.points) // 150)]
-        guess = walls.search(here, points, SearchWindow(way, turn, 2, 0.035))
-        found = walls.refine(guess, newest.outline)
-        shift = relative_pose(here, found.pose)
-        if np.hypot(shift[0], shift[1]) > way or abs(shift[2]) > turn:
+        guess = grid.search(here, points, SearchWindow(drift, turn, 2, 0.035))
+        match = grid.refine(guess, newest.outline)
+        shift = relative_pose(here, match.pose)
+        if np.hypot(shift[0], shift[1]) > drift or abs(shift[2]) > turn:
             return None
-        if found.score < ALIKE or _slides(found):
+        if match.score < MIN_SCORE or _is_ambiguous(match):
             return None
-        self._closed_at = newest.travelled
-        return nearest, found
+        self._closed_after = newest.travelled
+        return nearest, match
 
 
-def _slides(found: MatchResult) -> bool:
-    """Whether the match could as well lie further along some direction."""
-    least, most = np.linalg.eigvalsh(found.information[:2, :2])
-    return bool(least < SLIDES * most)
+def _is_ambiguous(match: MatchResult) -> bool:
+    """Return whether the match could be shifted along some direction, as in a corridor."""
+    lowest, highest = np.linalg.eigvalsh(match.information[:2, :2])
+    return bool(lowest < MIN_CERTAINTY_RATIO * highest)
 
 
-def edge_from(first: Floats, found: MatchResult) -> tuple[Floats, Floats]:
-    """How *found* lies as seen from the pose *first*, and its information in that frame."""
+def relative_edge(first: Floats, match: MatchResult) -> tuple[Floats, Floats]:
+    """Return the pose of *match* relative to the pose *first*, and its information matrix in that frame."""
     cos, sin = math.cos(first[2]), math.sin(first[2])
     turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
-    return relative_pose(first, found.pose), turn.T @ found.information @ turn
+    return relative_pose(first, match.pose), turn.T @ match.information @ turn

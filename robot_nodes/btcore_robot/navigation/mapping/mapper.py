@@ -1,4 +1,4 @@
-"""The mapper: where the robot is, and the map around it, both from laser and odometry alone."""
+"""Simultaneous localisation and mapping from laser scans and odometry."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from btcore_robot.navigation.mapping.correlative_matcher import (
     MatchResult,
     PoseUncertainty,
 )
-from btcore_robot.navigation.mapping.key_scan import KeyScan, Sweep, far_apart, key_scan
-from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trimmed
-from btcore_robot.navigation.mapping.loop_closure import LoopClosureDetector, edge_from
+from btcore_robot.navigation.mapping.key_scan import KeyScan, LocalisedScan, are_far_apart, key_scan
+from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trim_map
+from btcore_robot.navigation.mapping.loop_closure import LoopClosureDetector, relative_edge
 from btcore_robot.navigation.mapping.pose_arrays import (
     Floats,
     compose,
@@ -24,39 +24,50 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot, TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
 
-WAY, TURN = 0.5, 0.25
-"""How far (m, rad) a key scan is from the one before: slam_toolbox's minimum_travel_distance, and half its
-minimum_travel_heading, as Tiago's laser sees little twice when it turns by more."""
-WAY_AT_REST, TURN_AT_REST = 0.15, 0.15
-"""The same where the robot stands: it has come to look."""
-SWEEPS = 5
-"""How many scans, the key scan being the last, are matched together against noise."""
-RECENT = 25
-"""How many scans a new one is matched to."""
-WITHIN = 6.0
-"""How near (m) these were taken."""
-FEWEST = 20
-"""From fewer points nothing is concluded: odometry goes on alone."""
-ALIKE = 0.35
-"""The least score of a match with the scans before."""
-HOLDS = NS_PER_S
-"""How long (ns) after a scan the place of ``odom`` still counts (slam_toolbox's transform_timeout)."""
-_REDRAWN = 0.02  # m that a pose has to move for the map to be drawn anew
-_STANDS = 0.01  # m/s, rad/s
+MIN_TRAVEL, MIN_TURN = 0.5, 0.25
+"""A key scan is taken after this travel (m) or turn (rad) since the previous key scan.
+
+The travel is slam_toolbox's minimum_travel_distance. The turn is half of its minimum_travel_heading, because
+two scans of Tiago's laser overlap little after a larger turn.
+"""
+MIN_TRAVEL_AT_REST, MIN_TURN_AT_REST = 0.15, 0.15
+"""The travel (m) and turn (rad) after which a key scan is taken where the robot has come to rest."""
+SCANS_PER_KEY = 5
+"""The number of scans that are matched together to reduce noise; the key scan is the last of them."""
+MATCHED_SCANS = 25
+"""The number of previous key scans that a new key scan is matched with."""
+MATCH_RADIUS = 6.0
+"""The maximum distance (m) of these key scans from the new key scan."""
+MIN_POINTS = 20
+"""A scan with fewer points is not matched; the pose is then taken from odometry alone."""
+MIN_SCORE = 0.35
+"""The minimum score (0 … 1) of a match with the previous key scans."""
+TRANSFORM_TIMEOUT = NS_PER_S
+"""The time (ns) after a scan for which the transform map→odom is valid (slam_toolbox's transform_timeout)."""
+_REDRAW_DISTANCE = 0.02  # m: the map is redrawn if a pose moves farther than this
+_STANDSTILL_SPEED = 0.01  # m/s, rad/s
 
 
 class Mapper:
-    """Simultaneous localisation and mapping. `step` belongs on the schedule, at the laser's rate.
+    """Simultaneous localisation and mapping. Call `step` periodically at the laser's rate.
 
     A key scan is taken every 0.5 m or 0.25 rad, and where the robot comes to rest. It is matched, together
-    with the four scans just before it, to the last ones; between them odometry carries the pose on. When the
-    robot comes to a place again after 8 m or more, the scan is matched to those from then as well, which
-    closes a loop: all poses are moved so that the whole agrees best, and the map is drawn anew. With *loops*
-    False that is left out.
+    with the four scans just before it, with the most recent key scans. Between key scans the pose follows
+    odometry. When the robot returns to a place after 8 m or more, the key scan is also matched with the key
+    scans taken there earlier. This closes a loop: all poses are adjusted to fit best, and the map is redrawn.
 
-    It begins at *start* in the frame ``map``. *keepout* are places that the laser can't show. It tells *tree*
-    where ``odom`` is in ``map`` with each scan, and has the same attributes as a `Localiser` for whoever
-    drives by it.
+    With each scan the transform from ``map`` to ``odom`` is published in *tree*. A mapper has the same
+    attributes as a `Localiser`, so that navigation can use either.
+
+    Args:
+        robot: The robot whose scans and odometry are used.
+        tree: The transform tree to look up the laser's pose and to publish map→odom.
+        start: The initial pose of the base in the frame ``map``; the origin if omitted.
+        resolution: The side (m) of a map cell.
+        keepout: Rectangles that are added to the map because the laser cannot detect them.
+        loops: Whether to close loops.
+        frames: The names of the map, odometry and base frames.
+
     """
 
     lost = searching = is_contradicted = False
@@ -76,52 +87,57 @@ class Mapper:
         self._tree = tree
         self._frames = frames
         self._start = pose_to_row(start) if start is not None else np.zeros(3)
-        self._chart = LogOddsGrid(resolution, robot.base.radius, keepout)
-        self._finder = LoopClosureDetector() if loops else None
+        self._grid = LogOddsGrid(resolution, robot.base.radius, keepout)
+        self._loop_detector = LoopClosureDetector() if loops else None
         self._travelled = 0.0
-        self._last_seen: Pose2D | None = None
-        self._sweeps: list[Sweep] = []
+        self._last_odometry: Pose2D | None = None
+        self._recent_scans: list[LocalisedScan] = []
         self.scans: list[KeyScan] = []
         """The key scans, oldest first."""
         self.graph: PoseGraph | None = None
-        """Where they were taken."""
+        """The poses of the key scans and the constraints between them; None before the first key scan."""
         self.map_to_odom = Transform()
-        """Where ``odom`` is in ``map``."""
+        """The pose of the frame ``odom`` in the frame ``map``."""
         self.stamp = -1
-        """The stamp (ns) of the last scan that was looked at."""
+        """The stamp (ns) of the last processed scan; -1 before the first."""
         self.version = 0
-        """How often the map has changed."""
+        """The number of changes of the map so far."""
         self.loops_closed = 0
-        """How many loops were closed."""
+        """The number of loops closed so far."""
 
     @property
     def confident(self) -> bool:
-        """Whether there is anything to drive by: True from the first key scan on, after five scans."""
+        """Whether the pose is known: from the first key scan on, that is, after five scans."""
         return self.graph is not None
 
     @property
     def poses(self) -> Floats:
-        """Where the key scans were taken: x, y (m) and yaw (rad) in the map, ``(n, 3)``."""
+        """The poses of the key scans in the map: x, y (m) and yaw (rad), shape ``(n, 3)``."""
         return self.graph.poses if self.graph is not None else np.zeros((0, 3))
 
     def pose(self) -> Pose2D:
-        """Where ``base_footprint`` is in ``map`` now, by the last key scan and the newest odometry."""
+        """Return the current pose of the base in ``map``, by the last key scan and the newest odometry."""
         return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()
 
-    def reinitialise_global_localisation(self) -> None:
-        """Nothing: on a map that grows around the robot there is nowhere else to look."""
+    def global_localisation(self) -> None:
+        """Do nothing: a growing map has no other places where the robot could be."""
 
     def map(self) -> OccupancyMap:
-        """The map as far as it is known, in the frame ``map``; before the first scan one unknown cell."""
+        """Return the map in the frame ``map``; before the first key scan it is a single unknown cell."""
         if not self.scans:
             unknown = np.full((1, 1), -1, dtype=np.int8)
             return OccupancyMap(
-                unknown, self._chart.resolution, (float(self._start[0]), float(self._start[1]))
+                unknown, self._grid.resolution, (float(self._start[0]), float(self._start[1]))
             )
-        return trimmed(self._chart.map())
+        return trim_map(self._grid.map())
 
     def step(self, now: int) -> None:
-        """Look at the newest scan, if it is a new one, as soon as its frames are known."""
+        """Process the newest scan, unless it was processed before or its transforms are not available yet.
+
+        Args:
+            now: The time (ns); not used, because scans and transforms carry stamps.
+
+        """
         scan = self._robot.scan()
         if scan is None or scan.stamp == self.stamp:
             return
@@ -132,86 +148,95 @@ class Mapper:
         except TransformError:
             return
         self.stamp = scan.stamp
-        if self._last_seen is not None:
-            self._travelled += float(np.hypot(odometry.x - self._last_seen.x, odometry.y - self._last_seen.y))
-        self._last_seen = odometry
-        self._sweeps = [*self._sweeps[1 - SWEEPS :], Sweep(scan, laser, odometry)]
+        if self._last_odometry is not None:
+            self._travelled += float(
+                np.hypot(odometry.x - self._last_odometry.x, odometry.y - self._last_odometry.y)
+            )
+        self._last_odometry = odometry
+        self._recent_scans = [*self._recent_scans[1 - SCANS_PER_KEY :], LocalisedScan(scan, laser, odometry)]
         if self._is_key(odometry):
-            self._take(key_scan(self._sweeps, self._travelled))
-        self._publish()
+            self._add_key_scan(key_scan(self._recent_scans, self._travelled))
+        self._publish_transform()
 
     def _is_key(self, odometry: Pose2D) -> bool:
         if not self.scans:
-            return len(self._sweeps) == SWEEPS
+            return len(self._recent_scans) == SCANS_PER_KEY
         last = self.scans[-1].odometry
-        if far_apart(last, odometry, WAY, TURN):
+        if are_far_apart(last, odometry, MIN_TRAVEL, MIN_TURN):
             return True
         twist = self._robot.odometry().twist
-        rests = abs(twist.v) < _STANDS and abs(twist.w) < _STANDS
-        return rests and far_apart(last, odometry, WAY_AT_REST, TURN_AT_REST)
+        rests = abs(twist.v) < _STANDSTILL_SPEED and abs(twist.w) < _STANDSTILL_SPEED
+        return rests and are_far_apart(last, odometry, MIN_TRAVEL_AT_REST, MIN_TURN_AT_REST)
 
-    def _take(self, scan: KeyScan) -> None:
-        """Place a key scan, and draw it."""
+    def _add_key_scan(self, scan: KeyScan) -> None:
+        """Add a key scan to the graph and draw it on the map."""
         if self.graph is None:
-            first = pose_to_row(self._sweeps[0].odometry)
+            first = pose_to_row(self._recent_scans[0].odometry)
             self.graph = PoseGraph(compose(self._start, relative_pose(first, pose_to_row(scan.odometry))))
             self.scans.append(scan)
         else:
             step = relative_pose(pose_to_row(self.scans[-1].odometry), pose_to_row(scan.odometry))
-            self.graph.add(*self._matched(scan, step))
+            self.graph.add(*self._match(scan, step))
             self.scans.append(scan)
         graph = self.graph
-        if self._closed() and graph.optimise() > _REDRAWN:
-            self._chart.draw(self.scans, graph.poses)
+        if self._close_loop() and graph.optimise() > _REDRAW_DISTANCE:
+            self._grid.draw(self.scans, graph.poses)
         else:
-            self._chart.add(scan, graph.poses[-1])
-        placed_at = Transform.from_pose(row_to_pose(graph.poses[-1]))
-        self.map_to_odom = placed_at * Transform.from_pose(scan.odometry).inverse()
+            self._grid.add(scan, graph.poses[-1])
+        base_in_map = Transform.from_pose(row_to_pose(graph.poses[-1]))
+        self.map_to_odom = base_in_map * Transform.from_pose(scan.odometry).inverse()
         self.version += 1
 
-    def _matched(self, scan: KeyScan, step: Floats) -> tuple[Floats, Floats]:
-        """How *scan* lies as seen from the last one, and how sure that is; *step* is what the wheels say."""
+    def _match(self, scan: KeyScan, step: Floats) -> tuple[Floats, Floats]:
+        """Return the pose of *scan* relative to the previous key scan, and its information matrix.
+
+        Args:
+            scan: The new key scan.
+            step: The same relative pose by odometry.
+
+        """
         graph = self.graph
         assert graph is not None
-        trust = PoseUncertainty(
-            0.02 + 0.05 * float(np.hypot(step[0], step[1])), 0.01 + 0.06 * abs(float(step[2]))
+        uncertainty = PoseUncertainty(
+            # The uncertainty of odometry grows with the distance and the turn.
+            0.02 + 0.05 * float(np.hypot(step[0], step[1])),
+            0.01 + 0.06 * abs(float(step[2])),
         )
-        prior, last = trust.information(), graph.poses[-1]
-        guess = compose(last, step)
-        if len(scan.outline.points) < FEWEST:
+        prior, last = uncertainty.information(), graph.poses[-1]
+        predicted = compose(last, step)
+        if len(scan.outline.points) < MIN_POINTS:
             return step, prior
         recent = [
-            one.outline.at(at)
-            for one, at in zip(self.scans[-RECENT:], graph.poses[-RECENT:], strict=True)
-            if len(one.outline.points) and np.hypot(*(at[:2] - guess[:2])) < WITHIN
+            other.outline.at(pose)
+            for other, pose in zip(self.scans[-MATCHED_SCANS:], graph.poses[-MATCHED_SCANS:], strict=True)
+            if len(other.outline.points) and np.hypot(*(pose[:2] - predicted[:2])) < MATCH_RADIUS
         ]
         if not recent:
             return step, prior
-        walls = CorrelationGrid(recent)
-        best = walls.search(guess, scan.outline.points[:: 2 * SWEEPS], NEARBY)
-        found = walls.refine(best, scan.outline, guess, trust)
-        if found.score < ALIKE:
+        grid = CorrelationGrid(recent)
+        best = grid.search(predicted, scan.outline.points[:: 2 * SCANS_PER_KEY], NEARBY)
+        match = grid.refine(best, scan.outline, predicted, uncertainty)
+        if match.score < MIN_SCORE:
             return step, prior
-        return edge_from(last, MatchResult(found.pose, found.score, found.information + prior))
+        return relative_edge(last, MatchResult(match.pose, match.score, match.information + prior))
 
-    def _closed(self) -> bool:
-        """Close a loop with the newest scan, if there is one; whether there was."""
+    def _close_loop(self) -> bool:
+        """Close a loop if the newest key scan is at a known place; return whether it is."""
         graph = self.graph
-        if self._finder is None or graph is None:
+        if self._loop_detector is None or graph is None:
             return False
-        loop = self._finder.find(self.scans, graph)
+        loop = self._loop_detector.find(self.scans, graph)
         if loop is None:
             return False
-        first, found = loop
-        graph.close(first, len(self.scans) - 1, *edge_from(graph.poses[first], found))
+        first, match = loop
+        graph.add_loop_edge(first, len(self.scans) - 1, *relative_edge(graph.poses[first], match))
         self.loops_closed += 1
         return True
 
-    def _publish(self) -> None:
+    def _publish_transform(self) -> None:
         if self.graph is None:
             return
         map, odom, _ = self._frames
-        placed_at = self.map_to_odom
-        self._tree.set(
-            TransformStamped(odom, map, placed_at.position, placed_at.quaternion, self.stamp), holds=HOLDS
-        )
+        transform = self.map_to_odom
+        stamped = TransformStamped(odom, map, transform.position, transform.quaternion, self.stamp)
+        self._tree.set(stamped, holds=TRANSFORM_TIMEOUT)

@@ -1,4 +1,4 @@
-"""Poses on a floor as rows of numbers: x, y (m) and yaw (rad), shape ``(…, 3)``."""
+"""Poses in the plane as rows of numbers: x, y (m) and yaw (rad), shape ``(…, 3)``."""
 
 import math
 
@@ -12,17 +12,17 @@ Floats = NDArray[np.float64]
 
 
 def pose_to_row(pose: Pose2D) -> Floats:
-    """*pose* as a row."""
+    """Return *pose* as a row."""
     return np.array((pose.x, pose.y, pose.yaw))
 
 
 def row_to_pose(row: Floats) -> Pose2D:
-    """A row as a pose."""
+    """Return a row as a pose, with the yaw in (-π, π]."""
     return Pose2D(float(row[0]), float(row[1]), wrap_angle(float(row[2])))
 
 
 def compose(start: Floats, step: Floats) -> Floats:
-    """Where *step*, as seen from *start*, leads to: ``a2b * b2c``."""
+    """Return the pose *step*, given relative to *start*, in the frame of *start*: ``a2b * b2c``."""
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
     return np.stack(
         (
@@ -35,14 +35,14 @@ def compose(start: Floats, step: Floats) -> Floats:
 
 
 def relative_pose(start: Floats, end: Floats) -> Floats:
-    """*end* as seen from *start*: the step for which ``compose(start, step)`` is *end*."""
+    """Return *end* relative to *start*: the step for which ``compose(start, step)`` is *end*."""
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
     x, y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
     return np.stack((cos * x + sin * y, cos * y - sin * x, wrap_angles(end[..., 2] - start[..., 2])), axis=-1)
 
 
 def transform_points(points: Floats, at: Floats) -> Floats:
-    """*points* (m, ``(k, 2)``) of a frame at the pose *at*, in the frame that this is told in."""
+    """Return *points* (m, shape ``(k, 2)``), given relative to the pose *at*, in the frame of *at* itself."""
     cos, sin = math.cos(at[2]), math.sin(at[2])
     moved: Floats = points @ np.array(((cos, sin), (-sin, cos)))
     moved += at[:2]

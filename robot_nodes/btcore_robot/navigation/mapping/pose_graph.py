@@ -1,9 +1,10 @@
-"""A pose graph: where key scans were taken, from how each two of them lie to one another.
+"""A pose graph: the poses of key scans, determined from measured relative poses.
 
-What is minimised is the sum over all edges of eᵀΩe, with e the difference between how two poses lie and how
-they were measured to lie, by Gauss-Newton steps on sparse normal equations (Grisetti and others, *A tutorial
-on graph-based SLAM*, 2010). At first all edges count in full; then those that close a loop weigh less the
-more they still disagree. So a long drift is taken out, and one wrong loop among right ones does little.
+The sum over all edges of eᵀΩe is minimised, where e is the difference between the relative pose of two poses
+and its measurement, by Gauss-Newton steps on sparse normal equations (Grisetti and others, *A tutorial on
+graph-based SLAM*, 2010). All edges have their full weight at first. Afterwards, edges that close a loop weigh
+less the more they disagree with the others. This removes a long drift, and limits the effect of a wrong loop
+among correct ones.
 """
 
 import math
@@ -19,15 +20,15 @@ from btcore_robot.rigid_transform import wrap_angles
 
 Indices = NDArray[np.intp]
 
-_BEARABLE = (math.inf, math.inf, math.inf, math.inf, 1000.0, 300.0, 100.0, 100.0, 100.0, 100.0)
-"""The eᵀΩe (χ² of three numbers) at which a loop's edge counts a quarter, step by step."""
-_ENOUGH = 1e-4  # a step shorter than this (m, rad) is the last
-_FIXED = 1e9
+_LOOP_SCALES = (math.inf, math.inf, math.inf, math.inf, 1000.0, 300.0, 100.0, 100.0, 100.0, 100.0)
+"""The eᵀΩe (χ² of three numbers) at which the weight of a loop's edge is a quarter, for each iteration."""
+_MIN_STEP = 1e-4  # m, rad: the iteration ends with a shorter step
+_FIXED_WEIGHT = 1e9  # information of the first pose, which must not move
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """Pose *last* was measured to be at *step* as seen from *first*; *information* is of x, y, yaw there."""
+    """A measured *step* from pose *first* to pose *last*, with its *information*, shape ``(3, 3)``."""
 
     first: int
     last: int
@@ -37,63 +38,79 @@ class Edge:
 
 
 class PoseGraph:
-    """Poses, ``(n, 3)``, that `add` appends to, and edges between them. The first one stays where it is."""
+    """Poses, shape ``(n, 3)``, and edges between them. The first pose is fixed."""
 
     def __init__(self, start: Floats) -> None:
         self.poses: Floats = start[None, :].astype(np.float64)
         self.edges: list[Edge] = []
 
     def add(self, step: Floats, information: Floats) -> None:
-        """Append a pose that lies at *step* as seen from the last one."""
+        """Append a pose at *step* relative to the last pose.
+
+        Args:
+            step: The relative pose: x, y (m) and yaw (rad).
+            information: Its inverse covariance, shape ``(3, 3)``.
+
+        """
         last = len(self.poses)
         self.edges.append(Edge(last - 1, last, step, information))
         self.poses = np.vstack((self.poses, compose(self.poses[-1], step)))
 
-    def close(self, first: int, last: int, step: Floats, information: Floats) -> None:
-        """Measure two poses, which need not follow each other, to lie so; `optimise` makes use of it."""
+    def add_loop_edge(self, first: int, last: int, step: Floats, information: Floats) -> None:
+        """Add the measurement of a loop, which `optimise` then uses.
+
+        Args:
+            first: The index of the reference pose.
+            last: The index of the measured pose.
+            step: Pose *last* relative to pose *first*: x, y (m) and yaw (rad).
+            information: Its inverse covariance, shape ``(3, 3)``.
+
+        """
         self.edges.append(Edge(first, last, step, information, loop=True))
 
     def optimise(self) -> float:
-        """Move the poses to where the edges agree best; how far (m) the one moved that moved most."""
+        """Move the poses to fit the edges best, and return the greatest distance (m) that a pose moved."""
         before = self.poses.copy()
         first = np.array([edge.first for edge in self.edges], dtype=np.intp)
         last = np.array([edge.last for edge in self.edges], dtype=np.intp)
         steps = np.array([edge.step for edge in self.edges])
-        certain = np.array([edge.information for edge in self.edges])
+        information = np.array([edge.information for edge in self.edges])
         loops = np.array([edge.loop for edge in self.edges])
-        for bearable in _BEARABLE:
-            moved = self._step(first, last, steps, certain, np.where(loops, bearable, math.inf))
-            if moved < _ENOUGH and bearable == _BEARABLE[-1]:
+        for scale in _LOOP_SCALES:
+            step = self._step(first, last, steps, information, np.where(loops, scale, math.inf))
+            if step < _MIN_STEP and scale == _LOOP_SCALES[-1]:
                 break
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
 
-    def _step(self, first: Indices, last: Indices, steps: Floats, certain: Floats, bearable: Floats) -> float:
+    def _step(
+        self, first: Indices, last: Indices, steps: Floats, information: Floats, scales: Floats
+    ) -> float:
         start, end = self.poses[first], self.poses[last]
         error = relative_pose(start, end) - steps
         error[:, 2] = wrap_angles(error[:, 2])
-        tension = np.einsum("ei,eij,ej->e", error, certain, error)
-        weight = (1.0 / (1.0 + tension / bearable)) ** 2
-        by_start, by_end = _slopes(start, end)
-        weighed = certain * weight[:, None, None]
+        chi_squared = np.einsum("ei,eij,ej->e", error, information, error)
+        weight = (1.0 / (1.0 + chi_squared / scales)) ** 2
+        by_start, by_end = _jacobians(start, end)
+        weighted = information * weight[:, None, None]
         count = len(self.poses)
         blocks: list[Floats] = []
         rows: list[Indices] = []
         cols: list[Indices] = []
         right = np.zeros((count, 3))
-        for one, slope in ((first, by_start), (last, by_end)):
-            left = np.einsum("eji,ejk->eik", slope, weighed)
-            np.add.at(right, one, -np.einsum("eij,ej->ei", left, error))
-            for other, further in ((first, by_start), (last, by_end)):
-                blocks.append(np.einsum("eij,ejk->eik", left, further))
-                rows.append(np.repeat(3 * one[:, None] + np.arange(3), 3, axis=1).reshape(-1, 3, 3))
-                cols.append(np.tile(3 * other[:, None] + np.arange(3), 3).reshape(-1, 3, 3))
-        ties = np.arange(3)
+        for indices, jacobian in ((first, by_start), (last, by_end)):
+            left = np.einsum("eji,ejk->eik", jacobian, weighted)
+            np.add.at(right, indices, -np.einsum("eij,ej->ei", left, error))
+            for other_indices, other_jacobian in ((first, by_start), (last, by_end)):
+                blocks.append(np.einsum("eij,ejk->eik", left, other_jacobian))
+                rows.append(np.repeat(3 * indices[:, None] + np.arange(3), 3, axis=1).reshape(-1, 3, 3))
+                cols.append(np.tile(3 * other_indices[:, None] + np.arange(3), 3).reshape(-1, 3, 3))
+        first_pose = np.arange(3)
         matrix = coo_matrix(
             (
-                np.concatenate([np.concatenate(blocks).ravel(), np.full(3, _FIXED)]),
+                np.concatenate([np.concatenate(blocks).ravel(), np.full(3, _FIXED_WEIGHT)]),
                 (
-                    np.concatenate([np.concatenate(rows).ravel(), ties]),
-                    np.concatenate([np.concatenate(cols).ravel(), ties]),
+                    np.concatenate([np.concatenate(rows).ravel(), first_pose]),
+                    np.concatenate([np.concatenate(cols).ravel(), first_pose]),
                 ),
             ),
             shape=(3 * count, 3 * count),
@@ -104,8 +121,8 @@ class PoseGraph:
         return float(np.abs(step).max())
 
 
-def _slopes(start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """How `relative_pose` changes with the start and with the end, ``(e, 3, 3)`` each."""
+def _jacobians(start: Floats, end: Floats) -> tuple[Floats, Floats]:
+    """Return the derivatives of `relative_pose` by the start and by the end, shape ``(e, 3, 3)`` each."""
     cos, sin = np.cos(start[:, 2]), np.sin(start[:, 2])
     x, y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
     by_end = np.zeros((len(start), 3, 3))

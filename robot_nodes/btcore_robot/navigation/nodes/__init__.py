@@ -4,7 +4,7 @@
 """
 
 from btcore import Registry
-from btcore_robot.leaves.poses import add_poses
+from btcore_robot.leaves.pose_types import register_pose_type
 from btcore_robot.navigation.nodes import (
     conditions,
     control,
@@ -94,5 +94,5 @@ LIBRARY = (
 
 def register(nodes: Registry) -> None:
     """Register every node of this library and the type of their poses."""
-    add_poses(nodes)
+    register_pose_type(nodes)
     nodes.add(*LIBRARY)

@@ -5,8 +5,8 @@ from collections import deque
 from typing import Annotated
 
 from btcore import Condition, In, NodeError, Port
-from btcore_robot.leaves.poses import Poses
-from btcore_robot.navigation.controller import FollowPathFeedback
+from btcore_robot.leaves.pose_types import Poses
+from btcore_robot.navigation.controller import FollowFeedback
 from btcore_robot.navigation.nodes.nearest_pose import NearestPoseSearch
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,

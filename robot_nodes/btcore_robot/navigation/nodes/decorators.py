@@ -5,7 +5,7 @@ from collections import deque
 from typing import Annotated
 
 from btcore import DecoratorNode, In, NodeError, Out, Port, Status
-from btcore_robot.leaves.poses import Poses
+from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     Goals,

@@ -5,7 +5,7 @@ from enum import IntEnum
 from typing import Annotated
 
 from btcore import In, Out, SyncAction, TreeNode
-from btcore_robot.leaves.poses import Poses
+from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
 from btcore_robot.navigation.nodes.action_node import ServerName, ServerTimeout
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input, poses_input, write_outputs

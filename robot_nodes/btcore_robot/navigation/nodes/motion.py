@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 from btcore import In, Out, Port
-from btcore_robot.leaves.poses import Poses
+from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.action import ActionServer
 from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal

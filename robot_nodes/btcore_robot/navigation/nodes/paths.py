@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 
 from btcore import Condition, In, Out, Port, SyncAction
-from btcore_robot.leaves.poses import Poses
+from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.nodes.action_node import ErrorCode, ErrorMsg, ServerName, ServerTimeout

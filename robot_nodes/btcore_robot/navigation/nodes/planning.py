@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 from btcore import In, Out, Port
-from btcore_robot.leaves.poses import Poses
+from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.action import ActionServer, GoalStatus
 from btcore_robot.navigation.nodes.action_node import (
     BtActionNode,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.mapping.key_scan import KeyScan, Sweep, key_scan
-from btcore_robot.navigation.mapping.mapper import SWEEPS, Mapper
+from btcore_robot.navigation.mapping.key_scan import KeyScan, LocalisedScan, key_scan
+from btcore_robot.navigation.mapping.mapper import SCANS_PER_KEY, Mapper
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import (
     CMD_VEL,
@@ -157,7 +157,7 @@ class MappingRig:
         self.time = 0
         self.mapper = Mapper(self.robot, self.tree, start=start, loops=loops)
         self.key_poses: list[Pose2D] = []
-        for _ in range(SWEEPS):
+        for _ in range(SCANS_PER_KEY):
             self._move(0.0, 0.0)
 
     def along(self, *places: tuple[float, float], step: float = 0.1) -> "MappingRig":
@@ -229,7 +229,7 @@ def seen() -> Callable[..., KeyScan]:
 
     def make(boxes: Sequence[Box], pose: Pose2D, seed: int = 0) -> KeyScan:
         scan = look(boxes, pose, np.random.default_rng([seed, 3]))
-        sweep = Sweep(scan, Transform((AHEAD, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0))
+        sweep = LocalisedScan(scan, Transform((AHEAD, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0))
         return key_scan([sweep], 0.0)
 
     return make

@@ -89,6 +89,6 @@ def test_the_two_sides_of_a_thin_wall_are_not_taken_for_one_another(seen: Seen) 
     thin = ((1.0, -5.0, 1.1, 5.0), (-3.0, 2.0, 5.0, 2.1), (-3.0, -2.1, 5.0, -2.0))
     walls = CorrelationGrid([seen(thin, Pose2D(0.0, 0.0, 0.0), 7).outline])
     true = np.array((2.1, 0.0, math.pi))
-    found = walls.refine(true, seen(thin, Pose2D(*true), 8).outline, trust=PoseUncertainty(0.05, 0.05))
+    found = walls.refine(true, seen(thin, Pose2D(*true), 8).outline, uncertainty=PoseUncertainty(0.05, 0.05))
     # Its face is another: nothing draws it to the one that was seen, 0.1 m away.
     assert found.pose[0] == pytest.approx(2.1, abs=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from btcore_robot.navigation.costmap import GlobalCostmap
-from btcore_robot.navigation.mapping.frontiers import find_frontiers, frontier_mask, still_there
+from btcore_robot.navigation.mapping.frontiers import find_frontiers, frontier_mask, is_unknown_nearby
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 
@@ -32,12 +32,12 @@ def known(*, beyond: bool = False, door: float = 1.0) -> OccupancyMap:
 def test_the_end_of_the_known_floor_is_a_frontier_and_one_looks_that_way() -> None:
     map = known()
     [found] = find_frontiers(map, GlobalCostmap(map), HERE)
-    assert found.place[0] == pytest.approx(4.1, abs=0.1)
-    assert found.place[1] == pytest.approx(2.0, abs=0.6)
-    assert found.goal.x < found.place[0]
-    assert math.hypot(found.goal.x - found.place[0], found.goal.y - found.place[1]) < 0.85
+    assert found.position[0] == pytest.approx(4.1, abs=0.1)
+    assert found.position[1] == pytest.approx(2.0, abs=0.6)
+    assert found.goal.x < found.position[0]
+    assert math.hypot(found.goal.x - found.position[0], found.goal.y - found.position[1]) < 0.85
     assert abs(found.goal.yaw) < 0.9
-    assert found.way == pytest.approx(math.hypot(found.goal.x - 1.0, found.goal.y - 2.0), rel=0.6)
+    assert found.travel_cost == pytest.approx(math.hypot(found.goal.x - 1.0, found.goal.y - 2.0), rel=0.6)
 
 
 def test_where_all_is_known_there_is_none() -> None:
@@ -53,7 +53,7 @@ def test_a_gap_that_no_robot_fits_through_is_none() -> None:
 def test_what_was_left_out_is_none() -> None:
     map = known()
     [found] = find_frontiers(map, GlobalCostmap(map), HERE)
-    assert not find_frontiers(map, GlobalCostmap(map), HERE, [found.place, (4.1, 2.0)])
+    assert not find_frontiers(map, GlobalCostmap(map), HERE, [found.position, (4.1, 2.0)])
 
 
 def test_the_nearer_of_two_comes_first() -> None:
@@ -61,8 +61,8 @@ def test_the_nearer_of_two_comes_first() -> None:
     map.cells[40:56, 0:3] = 0
     map.cells[40:56, 0] = -1
     west, east = find_frontiers(map, GlobalCostmap(map), HERE)
-    assert west.place[0] < 0.3 < east.place[0]
-    assert west.way < east.way
+    assert west.position[0] < 0.3 < east.position[0]
+    assert west.travel_cost < east.travel_cost
 
 
 def test_what_lies_behind_something_unknown_is_out_of_reach() -> None:
@@ -71,7 +71,7 @@ def test_what_lies_behind_something_unknown_is_out_of_reach() -> None:
     map.cells[10:70, 150:158] = -1
     found = find_frontiers(map, GlobalCostmap(map), HERE)
     assert found
-    assert all(one.place[0] < 4.5 for one in found)
+    assert all(one.position[0] < 4.5 for one in found)
 
 
 def test_the_inside_of_a_wall_is_nothing_to_look_at() -> None:
@@ -84,5 +84,5 @@ def test_the_inside_of_a_wall_is_nothing_to_look_at() -> None:
 def test_it_is_noticed_when_a_frontier_is_gone() -> None:
     before, after = known(), known(beyond=True)
     [found] = find_frontiers(before, GlobalCostmap(before), HERE)
-    assert still_there(before, found.place)
-    assert not still_there(after, found.place)
+    assert is_unknown_nearby(before, found.position)
+    assert not is_unknown_nearby(after, found.position)

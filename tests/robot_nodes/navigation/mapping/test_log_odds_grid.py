@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from btcore_robot.navigation.mapping.key_scan import KeyScan
-from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trimmed
+from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trim_map
 from btcore_robot.navigation.mapping.pose_arrays import pose_to_row
 from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map, save_map
 from btcore_robot.robot import Pose2D
@@ -79,7 +79,7 @@ def test_it_grows_to_every_side_and_keeps_what_it_had(seen: Seen, room: Boxes) -
 
 def test_trimming_moves_nothing(seen: Seen, room: Boxes) -> None:
     whole = charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map()
-    small = trimmed(whole)
+    small = trim_map(whole)
     assert small.cells.size < whole.cells.size
     assert small.keepout == whole.keepout
     places = whole.centers(*np.nonzero(whole.occupied))
@@ -88,7 +88,7 @@ def test_trimming_moves_nothing(seen: Seen, room: Boxes) -> None:
 
 
 def test_it_comes_back_from_its_files_as_it_was(seen: Seen, room: Boxes, tmp_path: Path) -> None:
-    map = trimmed(charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map())
+    map = trim_map(charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map())
     save_map(map, tmp_path / "room.yaml")
     back = load_map(tmp_path / "room.yaml")
     assert np.array_equal(back.cells, map.cells)

@@ -37,7 +37,7 @@ def test_a_closed_loop_spreads_the_error() -> None:
     noise = np.tile((0.01, 0.004, 0.01), (len(true) - 1, 1))
     graph = driven(true, noise)
     before = off(graph, true)
-    graph.close(0, len(true) - 1, np.zeros(3), SURE)
+    graph.add_loop_edge(0, len(true) - 1, np.zeros(3), SURE)
     moved = graph.optimise()
     assert before > 1.0
     assert moved > 0.5 * before
@@ -56,7 +56,7 @@ def test_exact_measurements_are_met_exactly(seed: int, count: int) -> None:
         true.append(compose(true[-1], step))
     poses = np.array(true)
     graph = driven(poses, np.zeros((count, 3)))
-    graph.close(0, count, relative_pose(poses[0], poses[count]), SURE)
+    graph.add_loop_edge(0, count, relative_pose(poses[0], poses[count]), SURE)
     graph.poses[1:] += random.normal(0.0, 0.05, (count, 3))
     graph.optimise()
     assert off(graph, poses) < 1e-3
@@ -65,7 +65,7 @@ def test_exact_measurements_are_met_exactly(seed: int, count: int) -> None:
 def test_nothing_moves_where_all_agree() -> None:
     true = circle()
     graph = driven(true, np.zeros((len(true) - 1, 3)))
-    graph.close(0, len(true) - 1, np.zeros(3), SURE)
+    graph.add_loop_edge(0, len(true) - 1, np.zeros(3), SURE)
     assert graph.optimise() < 1e-6
 
 
@@ -74,7 +74,7 @@ def test_one_wrong_loop_among_right_ones_does_little() -> None:
     last = len(true) - 1
     graph = driven(true, np.zeros((last, 3)))
     for back in range(3):
-        graph.close(back, last - back, relative_pose(true[back], true[last - back]), SURE)
-    graph.close(5, 25, relative_pose(true[5], true[25]) + np.array((1.5, 0.0, 0.0)), SURE)
+        graph.add_loop_edge(back, last - back, relative_pose(true[back], true[last - back]), SURE)
+    graph.add_loop_edge(5, 25, relative_pose(true[5], true[25]) + np.array((1.5, 0.0, 0.0)), SURE)
     graph.optimise()
     assert off(graph, true) < 0.1
