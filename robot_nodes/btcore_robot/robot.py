@@ -1,8 +1,14 @@
-"""What a leaf may ask of a body: the `Robot` protocol and the values that it speaks in.
+"""The interface between leaves and a robot: the `Robot` protocol and its data types.
 
-Frames are the field's: x forward, y left, z up; angles counter-clockwise, 0 ahead. Lengths are
-metres, angles radians, times integer nanoseconds of the robot's own clock. Nothing here tells
-where the robot truly is: a body knows its odometry, and no more.
+Conventions, which are those of ROS (REP 103, REP 105 and REP 117):
+
+- Lengths are in metres, angles in radians, velocities in m/s and rad/s. Times and stamps are integer
+  nanoseconds of the robot's own clock.
+- In a body frame x points forward, y to the left and z up. Angles are positive counter-clockwise, seen from
+  above, and 0 straight ahead. In an optical frame of a camera z points forward, x to the right and y down.
+- The frame ``base_footprint`` is on the floor below the centre of the base. The frame ``odom`` is where
+odometry
+  started. The frame ``map`` belongs to navigation: a robot knows its odometry, not its true position.
 """
 
 import threading
@@ -17,23 +23,38 @@ from numpy.typing import NDArray
 NS_PER_S = 1_000_000_000
 
 CMD_VEL = 10
-"""The priority of a tree's own velocity commands (twist_mux of Tiago's start-up files)."""
+"""The priority of a tree's velocity commands, as in the twist_mux configuration of Tiago."""
 
 
 class RobotClock(Protocol):
-    """The time that stamps are written in. A simulated robot's clock steps its world while it waits."""
+    """The robot's clock, in which all stamps are given.
+
+    Waiting on a simulated robot's clock steps its world.
+    """
 
     def now(self) -> int:
-        """The time (ns), never decreasing."""
+        """Return the time (ns). It never decreases."""
         ...
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Return at *deadline* (ns), or as soon as *wake* is set; whether *wake* was set."""
+        """Wait until *deadline*, and run the tasks of the robot's schedule that become due.
+
+        Args:
+            deadline: The time (ns) at which to return.
+            wake: An event that ends the wait early; another thread may set it.
+
+        Returns:
+            Whether the wait ended because *wake* was set.
+
+        """
         ...
 
 
 class Phase(IntEnum):
-    """The order of what is due at the same moment. A tree, which waits for that moment, comes after all."""
+    """The order of tasks that are due at the same time.
+
+    A tree waits for that time and is ticked after all tasks.
+    """
 
     PHYSICS = 0
     SENSORS = 1
@@ -48,21 +69,29 @@ class Phase(IntEnum):
 
 
 class Schedule(Protocol):
-    """The periodic tasks of a world or of a real robot, all run on one thread while somebody waits."""
+    """The periodic tasks of a robot. All tasks run on the thread that waits on the robot's clock."""
 
     def every(
         self, hertz: float, rank: Phase, task: Callable[[int], None], *, first: int | None = None
     ) -> Callable[[], None]:
-        """Call *task* with the time (ns) at *hertz*, from *first* (ns; one period from now unless given) on.
+        """Call *task* periodically, with the time (ns) as its argument.
 
-        At equal times a lower *rank* goes first. Gives a callable that ends the task.
+        Args:
+            hertz: The rate (Hz).
+            rank: The order of tasks that are due at the same time: a lower phase runs first.
+            task: The function to call. It must return quickly, because everything runs on the same thread.
+            first: The time (ns) of the first call; by default one period from now.
+
+        Returns:
+            A function that ends the periodic calls.
+
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Pose2D:
-    """A place on the floor: *x*, *y* (m) and the heading *yaw* (rad, in (-π, π])."""
+    """A pose on the floor: position *x*, *y* (m) and heading *yaw* (rad, in (-π, π])."""
 
     x: float
     y: float
@@ -71,7 +100,7 @@ class Pose2D:
 
 @dataclass(frozen=True, slots=True)
 class Twist2D:
-    """A velocity of a body that drives on the floor: *v* forward (m/s), *w* counter-clockwise (rad/s)."""
+    """A velocity on the floor: *v* forward (m/s) and *w* counter-clockwise (rad/s)."""
 
     v: float
     w: float
@@ -79,7 +108,10 @@ class Twist2D:
 
 @dataclass(frozen=True, slots=True)
 class TransformStamped:
-    """Where the frame *child* is in the frame *parent*: *position* (m) and *quaternion* (x, y, z, w)."""
+    """The pose of the frame *child* in the frame *parent*.
+
+    *position* is x, y, z (m). *quaternion* is x, y, z, w with length 1. *stamp* is the time (ns) of the pose.
+    """
 
     child: str
     parent: str
@@ -90,7 +122,10 @@ class TransformStamped:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """Where the wheels say that the body is: *pose* in the frame ``odom`` (where it started), and *twist*."""
+    """The motion measured by the wheels: the *pose* of the base in the frame ``odom``, and its *twist*.
+
+    *stamp* is the time (ns) of the measurement. The pose drifts, but never jumps.
+    """
 
     pose: Pose2D
     twist: Twist2D
@@ -99,11 +134,12 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class LaserScan:
-    """One sweep of a planar laser.
+    """A scan of a planar laser, as ``sensor_msgs/LaserScan``.
 
-    *ranges* has shape ``(n,)``, float32, in metres; the ray with index *i* points at
-    ``angle_min + i * angle_increment`` in *frame*. As REP 117 has it, no echo is ``+inf`` and an echo
-    from under *range_min* is ``-inf``.
+    *ranges* (m) has the shape ``(n,)`` and the type float32. The ray with index *i* points at the angle
+    ``angle_min + i * angle_increment`` (rad) in *frame*. By REP 117 a ray without an echo within *range_max*
+    (m) is ``+inf``, and an echo nearer than *range_min* (m) is ``-inf``; NaN does not occur. *stamp* is the
+    time (ns) of the measurement.
     """
 
     ranges: NDArray[np.float32]
@@ -115,23 +151,24 @@ class LaserScan:
     frame: str
 
     def angles(self) -> NDArray[np.float64]:
-        """The direction of every ray (rad), shape ``(n,)``."""
+        """Return the direction (rad) of every ray, shape ``(n,)``."""
         return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     def points(self) -> NDArray[np.float64]:
-        """What the finite readings hit: x, y (m) in the laser's frame, shape ``(k, 2)``, k ≤ n."""
-        seen = np.isfinite(self.ranges)
-        angles = self.angles()[seen]
+        """Return the end points x, y (m) of the rays with an echo, in the laser's frame: shape ``(k, 2)``."""
+        finite = np.isfinite(self.ranges)
+        angles = self.angles()[finite]
         directions: NDArray[np.float64] = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-        return directions * self.ranges[seen, None]
+        return directions * self.ranges[finite, None]
 
 
 @dataclass(frozen=True, slots=True)
 class CameraImage:
-    """A camera's picture: *rgb* has shape ``(height, width, 3)``; *frame* has z ahead, x right, y down.
+    """A camera image in the optical frame *frame* (z forward, x right, y down).
 
-    *depth*, of a camera that measures it, has shape ``(height, width)``: the distance (m) along z, +inf
-    where there is nothing within reach.
+    *rgb* has the shape ``(height, width, 3)``. *depth*, of a camera that measures it, has the shape
+    ``(height, width)``: the distance (m) along z, ``+inf`` where nothing is within reach. It is None for a
+    camera without depth. *stamp* is the time (ns) at which the image was taken.
     """
 
     rgb: NDArray[np.uint8]
@@ -142,7 +179,11 @@ class CameraImage:
 
 @dataclass(frozen=True, slots=True)
 class SonarReading:
-    """What a sonar hears: the *range* (m; no echo is +inf, too near is -inf) within a cone of *fov* (rad)."""
+    """A reading of a sonar: the *range* (m) of the nearest object in a cone of *fov* (rad) along x.
+
+    A reading without an echo within *range_max* is ``+inf``, an echo nearer than *range_min* is ``-inf``.
+    *stamp* is the time (ns) of the measurement.
+    """
 
     range: float
     stamp: int
@@ -154,7 +195,7 @@ class SonarReading:
 
 @dataclass(frozen=True, slots=True)
 class BatteryState:
-    """How full the battery is: *level* in percent, 100 when full."""
+    """The charge of the battery: *level* in percent (100 is full), *stamp* (ns) of the reading."""
 
     level: float
     stamp: int
@@ -162,7 +203,10 @@ class BatteryState:
 
 @dataclass(frozen=True, slots=True)
 class HeadPosition:
-    """Where the head looks (rad): *pan* + is left, *tilt* + is up."""
+    """The direction (rad) in which the head points: *pan* positive to the left, *tilt* positive upwards.
+
+    Both are 0 when the head points straight ahead. *stamp* is the time (ns) of the reading.
+    """
 
     pan: float
     tilt: float
@@ -171,7 +215,12 @@ class HeadPosition:
 
 @dataclass(frozen=True, slots=True)
 class LaserInfo:
-    """What is known of the laser before its first scan; *rate* in Hz, *sigma* (m) of its noise."""
+    """The properties of a laser that do not change.
+
+    *angle_min* and *angle_increment* (rad), *range_min* and *range_max* (m) and *frame* are those of every
+    `LaserScan`. *rays* is the number of rays of a scan, *rate* (Hz) the rate of scans, and *sigma* (m) the
+    standard deviation of the noise of a range.
+    """
 
     rays: int
     angle_min: float
@@ -185,11 +234,13 @@ class LaserInfo:
 
 @dataclass(frozen=True, slots=True)
 class BaseInfo:
-    """What the base can do.
+    """The limits and the size of the base.
 
-    *v_min* … *v_max* (m/s; *v_min* < 0 is backwards), *w_max* (rad/s, both ways), accelerations *v_rate*
-    (m/s²) and *w_rate* (rad/s²), *command_timeout* (s) after which a velocity command lapses, and the
-    *radius* (m) of the smallest circle about the base's centre that holds its footprint.
+    *v_min* and *v_max* (m/s) limit the speed; *v_min* is negative for a base that can drive backwards,
+    otherwise 0. *w_max* (rad/s) limits the angular speed in both directions. *v_rate* (m/s²) and *w_rate*
+    (rad/s²) limit the accelerations. *command_timeout* (s) is the time after which a velocity command
+    expires, at most 1 s. *radius* (m) is the radius of the smallest circle around the centre of the base that
+    contains its footprint.
     """
 
     v_min: float
@@ -203,7 +254,7 @@ class BaseInfo:
 
 @dataclass(frozen=True, slots=True)
 class HeadInfo:
-    """How far the head turns (rad) and how fast (rad/s)."""
+    """The limits of the head's joints (rad) and their maximum *speed* (rad/s); signs as in `HeadPosition`."""
 
     pan_min: float
     pan_max: float
@@ -214,9 +265,11 @@ class HeadInfo:
 
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
-    """The pinhole of a camera: *width* and *height* (pixels), focal lengths and centre (pixels), *rate* (Hz).
+    """The intrinsic parameters of a camera by the pinhole model.
 
-    The distances of what is drawn lie between *near* and *far* (m); *frame* has z ahead, x right, y down.
+    *width* and *height* are in pixels, as are the focal lengths *fx*, *fy* and the principal point *cx*,
+    *cy*. Visible objects are between *near* and *far* (m). *rate* (Hz) is the rate of images. *frame* is the
+    optical frame (z forward, x right, y down).
     """
 
     width: int
@@ -233,7 +286,7 @@ class CameraInfo:
 
 @dataclass(frozen=True, slots=True)
 class TorsoInfo:
-    """How far (m) the torso lifts, and how fast (m/s)."""
+    """The limits (m) of the height of a lifting torso, and its maximum *speed* (m/s)."""
 
     lift_min: float
     lift_max: float
@@ -242,118 +295,144 @@ class TorsoInfo:
 
 @runtime_checkable
 class Robot(Protocol):
-    """A body with a differential base, a planar laser and perhaps a head with a camera.
+    """A robot with a differential base, a planar laser and optionally a head with a camera.
 
-    A leaf asks for it by type. Readings are the newest there are, each with the stamp of the moment
-    it was taken: whoever cares how old one is compares it with ``clock.now()``. What not every robot has
-    (battery, sonars, torso, depth) is none for a class that derives from this one and says nothing of it.
+    A leaf obtains the robot by annotating a constructor parameter with this type. All methods return at once:
+    reading methods return the newest data that the driver has received, and command methods do not wait for
+    the motion.
+
+    Every reading carries the stamp of its measurement, not of the call. If a sensor stops, its last reading
+    is returned again with its old stamp; a caller that needs recent data compares the stamp with
+    ``clock.now()``.
+
+    A robot without a battery, sonars, a torso or a camera with depth derives from this class and omits the
+    methods for them: the defaults below mean "not available". `btcore_robot.testing.check_robot` checks an
+    implementation.
     """
 
     @property
     def clock(self) -> RobotClock:
-        """The clock that all stamps are read from."""
+        """The clock of all stamps."""
         ...
 
     @property
     def schedule(self) -> Schedule:
-        """What runs periodically while somebody waits on the clock."""
+        """The schedule of periodic tasks, which run while a caller waits on `clock`."""
         ...
 
     @property
     def base(self) -> BaseInfo:
-        """The base's limits and size."""
+        """The limits and the size of the base; they do not change."""
         ...
 
     @property
     def laser(self) -> LaserInfo:
-        """The laser's geometry and range."""
+        """The properties of the laser; they do not change."""
         ...
 
     @property
     def head_info(self) -> HeadInfo | None:
-        """The head's limits, or None for a robot without one."""
+        """The limits of the head, or None for a robot without a movable head."""
         ...
 
     @property
     def camera_info(self) -> CameraInfo | None:
-        """The camera's geometry, or None without a camera."""
+        """The intrinsic parameters of the camera, or None for a robot without a camera."""
         return None
 
     @property
     def torso(self) -> TorsoInfo | None:
-        """The torso's limits, or None for a robot that has none or whose torso is fixed."""
+        """The limits of the torso, or None for a robot without a lifting torso."""
         return None
 
     def frames(self) -> Sequence[TransformStamped]:
-        """Where the robot's own frames are now, below ``base_footprint``: links and sensors."""
+        """Return the current poses of the robot's links and sensors.
+
+        The frames form a tree whose root is ``base_footprint``: each frame occurs once as a child, and the
+        frames of the laser, the camera and the sonars are among them.
+        """
         ...
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        """Ask for *v* (m/s, forward) and *w* (rad/s, counter-clockwise).
+        """Command the base to drive. For as long as it should drive, repeat the command within the timeout.
 
-        The base obeys as far as its limits go, keeping the turning radius, and stops by itself when
-        no command has come for ``base.command_timeout`` seconds. Of several sources the one with the
-        highest *priority* wins, for 0.5 s after its last word.
+        The base follows the command within its limits; if it has to reduce the speed it keeps the radius of
+        the curve. It stops when no command has arrived for ``base.command_timeout`` seconds.
+
+        Several sources may send commands. A command is ignored if a command of a higher priority arrived less
+        than 0.5 s ago.
+
+        Args:
+            v: The speed (m/s), positive forward.
+            w: The angular speed (rad/s), positive counter-clockwise.
+            priority: The priority of the source; a higher number wins.
+
         """
         ...
 
     def stop(self) -> None:
-        """Stand still: the same as a command of zero that no earlier command outranks."""
+        """Stop the base, whatever the priority of earlier commands. Later commands apply again."""
         ...
 
     def commanded_velocity(self) -> Twist2D:
-        """The velocity that was asked for last and still holds; zero once it has lapsed."""
+        """Return the last accepted command, before any limit; zero when it has expired or after `stop`."""
         ...
 
     def scan(self) -> LaserScan | None:
-        """The newest scan, or None before the first."""
+        """Return the newest scan, or None before the first scan."""
         ...
 
     def odometry(self) -> Odometry:
-        """The newest odometry."""
+        """Return the newest odometry. It is available from the start."""
         ...
 
     def move_head(self, pan: float, tilt: float) -> None:
-        """Turn the head to *pan* (+ left) and *tilt* (+ up) in rad, held within the neck's limits."""
+        """Turn the head to *pan* (rad, positive left) and *tilt* (rad, positive up), limited to `head_info`.
+
+        Without a head the call has no effect.
+        """
         ...
 
     def head(self) -> HeadPosition | None:
-        """Where the head looks now, or None for a robot without one."""
+        """Return the current direction of the head, or None for a robot without a movable head."""
         ...
 
     def camera(self) -> CameraImage | None:
-        """The newest picture, or None without a camera."""
+        """Return the newest camera image, or None without a camera or before the first image."""
         ...
 
     def sonars(self) -> Sequence[SonarReading]:
-        """The newest reading of every sonar."""
+        """Return the newest reading of every sonar; empty without sonars or before the first readings."""
         return ()
 
     def battery(self) -> BatteryState | None:
-        """The battery, or None for a robot that doesn't tell."""
+        """Return the charge of the battery, or None for a robot that does not report it."""
         return None
 
     def recharge(self) -> None:
-        """Fill the battery at once, as a charger would that somebody plugs in."""
+        """Fill the battery at once, as if it had been charged. Without a battery the call has no effect."""
 
     def lift(self, height: float) -> None:
-        """Bring the torso to *height* (m), held within its limits."""
+        """Move the torso to *height* (m), limited to `torso`.
+
+        Without a lifting torso the call has no effect.
+        """
 
     def torso_height(self) -> float | None:
-        """How high (m) the torso is now, or None without one."""
+        """Return the current height (m) of the torso, or None without a lifting torso."""
         return None
 
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """The named places of a world, in the frame ``map``: ``recharge``, ``wp1``, ``wp2``, ``wp3`` …"""
+    """The named poses of a world, in the frame ``map``: ``recharge``, ``wp1``, ``wp2``, ``wp3`` …"""
 
     places: Mapping[str, Pose2D]
 
 
 @dataclass(frozen=True, slots=True)
 class GoalOutcome:
-    """How a drive to a place ended: *goal* in the frame ``map``, the *status* in words, and when (ns)."""
+    """The end of a navigation: *goal* in the frame ``map``, *status* in words, and time *stamp* (ns)."""
 
     goal: Pose2D
     status: str
@@ -362,12 +441,12 @@ class GoalOutcome:
 
 @runtime_checkable
 class NavigationReporter(Protocol):
-    """What a judge or a viewer may ask of whoever navigates."""
+    """A navigation system that reports its pose estimate and the outcomes of its goals."""
 
     def estimate(self) -> Pose2D | None:
-        """Where the robot takes itself to be in the frame ``map``, now; None when it doesn't know."""
+        """Return the estimated pose of the base in the frame ``map``, or None while it is unknown."""
         ...
 
     def outcomes(self) -> Sequence[GoalOutcome]:
-        """Every goal that has ended, in order."""
+        """Return the outcome of every goal that has ended, oldest first."""
         ...

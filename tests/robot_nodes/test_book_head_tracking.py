@@ -9,10 +9,10 @@ from btcore_robot.perception.colour import (
     WOOD,
     ColourRange,
     Detection,
+    colour_mask,
     debug_image,
-    detect,
+    detect_colour,
     detect_each,
-    mask,
 )
 from btcore_robot.perception.object_detector import Detections, ObjectDetector
 from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState, LifecycleTransition
@@ -77,16 +77,16 @@ def test_pid_the_integral_forgets_a_third_and_the_derivative_is_the_change():
 
 
 def test_the_box_is_around_all_that_has_the_colour_and_the_centre_is_of_mass():
-    found = detect(picture((100, 50, 40, 20), (300, 200, 40, 60)), WOOD)
+    found = detect_colour(picture((100, 50, 40, 20), (300, 200, 40, 60)), WOOD)
     assert found is not None
     assert (found.left, found.top, found.width, found.height) == (100, 50, 240, 210)
     assert found.x == pytest.approx((800 * 119.5 + 2400 * 319.5) / 3200)
     assert found.y == pytest.approx((800 * 59.5 + 2400 * 229.5) / 3200)
-    assert found.picture == (640, 480)
+    assert found.image_size == (640, 480)
 
 
 def test_without_a_pixel_of_the_colour_nothing_is_found():
-    assert detect(picture(), WOOD) is None
+    assert detect_colour(picture(), WOOD) is None
 
 
 def test_exercise_a_box_for_each_separate_object_the_largest_first():
@@ -100,7 +100,7 @@ def test_exercise_a_box_for_each_separate_object_the_largest_first():
 def test_the_book_s_wood_is_hue_15_to_20_saturation_50_to_200_value_20_to_200():
     assert ColourRange((15, 20), (50, 200), (20, 200)) == WOOD
     assert ColourRange() == ColourRange((0, 180), (0, 255), (0, 255))
-    assert mask(picture(), ColourRange()).all()
+    assert colour_mask(picture(), ColourRange()).all()
 
 
 def test_the_debug_image_dims_the_rest_and_boxes_what_was_found():

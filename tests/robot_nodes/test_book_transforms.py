@@ -9,7 +9,7 @@ from btcore_robot.perception.obstacle_detector import (
     ObstacleDetector,
     ObstacleDetectorImproved,
     ObstacleMonitor,
-    colour_of,
+    distance_colour,
 )
 from btcore_robot.perception.transform_reports import Displacement, ObstacleInFrames
 from btcore_robot.process.messages import GREEN, RED, Arrow, Arrows
@@ -160,11 +160,11 @@ def test_exercise_the_displacement_of_each_second(looking: Looking):
 
 @pytest.mark.parametrize(("distance", "colour"), [(9.0, GREEN), (3.0, GREEN), (0.5, RED), (0.1, RED)])
 def test_exercise_the_arrow_is_green_far_away_and_red_near(distance: float, colour):
-    assert colour_of(distance) == colour
+    assert distance_colour(distance) == colour
 
 
 def test_exercise_and_between_them_it_goes_from_one_to_the_other(looking: Looking):
-    shares = [colour_of(distance)[0] for distance in (0.6, 1.0, 2.0, 2.9)]
+    shares = [distance_colour(distance)[0] for distance in (0.6, 1.0, 2.0, 2.9)]
     assert shares == sorted(shares, reverse=True)
     looking.know_frames()
     looking.add(ObstacleDetector)

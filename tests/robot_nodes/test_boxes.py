@@ -9,7 +9,7 @@ import pytest
 
 from btcore.bundled_trees import folder
 from btcore_robot.navigation.stack import Navigation
-from btcore_robot.perception.boxes import Box, boxes, points
+from btcore_robot.perception.boxes import BoundingBox3D, depth_to_points, detect_boxes
 from btcore_robot.perception.colour import WOOD
 from btcore_robot.perception.object_locator import ObjectLocator
 from btcore_robot.process.lifecycle import LifecycleState
@@ -41,8 +41,8 @@ class Canvas:
         self.rgb[rows, columns] = BROWN
         self.depth[rows, columns] = depth
 
-    def boxes(self) -> list[Box]:
-        return boxes(
+    def boxes(self) -> list[BoundingBox3D]:
+        return detect_boxes(
             CameraImage(self.rgb, 7, "camera", self.depth), LENS, WOOD, "base_footprint", LOOKING_AHEAD
         )
 
@@ -56,7 +56,7 @@ def test_a_pixel_is_as_far_aside_as_the_pinhole_has_it():
     depth = np.full((120, 160), 2.0, dtype=np.float32)
     chosen = np.zeros((120, 160), dtype=bool)
     chosen[100, 150] = True
-    assert points(depth, LENS, chosen) == pytest.approx(np.array([[1.41, 0.81, 2.0]]))
+    assert depth_to_points(depth, LENS, chosen) == pytest.approx(np.array([[1.41, 0.81, 2.0]]))
 
 
 def test_a_wall_is_a_box_without_depth_in_the_frame_asked_for(canvas):
@@ -82,7 +82,7 @@ def test_colour_without_a_depth_and_specks_are_nothing(canvas):
 
 def test_a_camera_that_measures_no_depth_shows_no_boxes(canvas):
     canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
-    assert boxes(CameraImage(canvas.rgb, 0, "camera"), LENS, WOOD, "map", Transform()) == []
+    assert detect_boxes(CameraImage(canvas.rgb, 0, "camera"), LENS, WOOD, "map", Transform()) == []
 
 
 def test_a_robot_without_a_camera_refuses(robot):

@@ -12,7 +12,7 @@ from btcore import Registry, Status, Tree, load, loads
 from btcore.cli.main import main
 from btcore_robot.leaves import LocateObjects, TurnToFree, register
 from btcore_robot.leaves.drive import TURN_SPEED
-from btcore_robot.perception.boxes import Box
+from btcore_robot.perception.boxes import BoundingBox3D
 from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState
 
 ROOT = Path(__file__).parents[2]
@@ -94,7 +94,7 @@ def test_shut_in_the_tree_tries_for_a_gap_and_then_ends(robot):
 class Locator(LifecycleComponent):
     """Sees what it is given."""
 
-    boxes: tuple[Box, ...] = ()
+    boxes: tuple[BoundingBox3D, ...] = ()
 
 
 def test_locate_objects_writes_what_is_new_and_deactivates_on_halt(robot):
@@ -107,7 +107,7 @@ def test_locate_objects_writes_what_is_new_and_deactivates_on_halt(robot):
     assert tree.tick_once() is Status.RUNNING
     assert locator.state is LifecycleState.ACTIVE
     assert tree.blackboard["seen"] == []
-    box = Box("map", (1.0, 2.0, 0.4), (0.3, 0.4, 0.8), 5)
+    box = BoundingBox3D("map", (1.0, 2.0, 0.4), (0.3, 0.4, 0.8), 5)
     locator.boxes = (box,)
     tree.tick_once()
     assert tree.blackboard["seen"] == [box]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from btcore_robot.book.force_watcher import scene_arrow
 from btcore_robot.book.trail import ODOM, Trail
-from btcore_robot.perception.obstacle_detector import OBSTACLE
+from btcore_robot.perception.obstacle_detector import OBSTACLE_FRAME
 from btcore_robot.process.messages import Arrow, Arrows
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Twist2D
@@ -41,7 +41,7 @@ class ObstacleWatcher(Process):
         if self.twist.v or self.twist.w:
             self._keys.publish(self.twist)
         try:
-            x, y, _ = self.context.transforms.lookup(ODOM, OBSTACLE).position
+            x, y, _ = self.context.transforms.lookup(ODOM, OBSTACLE_FRAME).position
         except TransformError:
             return
         self.places.append((x, y))
@@ -64,7 +64,7 @@ class ObstacleWatcher(Process):
 
     def scene_moving(self) -> MovingScene:
         """Return the arrow to the obstacle."""
-        return MovingScene(arrows=[scene_arrow(arrow, OBSTACLE) for arrow in self.arrows])
+        return MovingScene(arrows=[scene_arrow(arrow, OBSTACLE_FRAME) for arrow in self.arrows])
 
     def scene_static(self) -> StaticScene:
         """Return an empty scene: everything moves."""

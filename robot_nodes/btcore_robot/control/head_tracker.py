@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import btcore_scene
 from btcore_robot.control.pid import PID
-from btcore_robot.perception.colour import WOOD, ColourRange, Detection, detect
+from btcore_robot.perception.colour import WOOD, ColourRange, Detection, detect_colour
 from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.robot import Phase, Robot
 from btcore_scene import MovingScene, StaticScene
@@ -39,7 +39,7 @@ class PanTiltCommand:
 
 def command_from_detection(detection: Detection) -> PanTiltCommand:
     """Return the position of the detection's centre of mass relative to the size of the image."""
-    width, height = detection.picture
+    width, height = detection.image_size
     return PanTiltCommand(detection.x / width * 2 - 1, detection.y / height * 2 - 1, detection.stamp)
 
 
@@ -125,7 +125,7 @@ class HeadTracker(LifecycleComponent):
         if picture is None or picture.stamp == self._last_stamp:
             return
         self._last_stamp = picture.stamp
-        self.detection = detect(picture, self.colours)
+        self.detection = detect_colour(picture, self.colours)
         if self.detection is not None:
             self.detection_count += 1
             self._command = command_from_detection(self.detection)

@@ -18,7 +18,7 @@ class ObjectLocatorProtocol(Protocol):
 
     @property
     def boxes(self) -> Sequence[object]:
-        """The objects in the newest image, as `btcore_robot.perception.boxes.Box`."""
+        """The objects in the newest image, as `btcore_robot.perception.boxes.BoundingBox3D`."""
         ...
 
     def activate(self) -> bool:

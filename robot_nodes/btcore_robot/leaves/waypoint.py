@@ -40,7 +40,7 @@ class GetWaypoint(SyncAction):
 
     def __init__(self, progress: PatrolProgress, waypoints: Waypoints = BOOK_WAYPOINTS) -> None:
         self.progress = progress
-        self.poses = waypoints.places
+        self.places = waypoints.places
 
     def tick(self) -> bool:
         """Write the waypoint."""
@@ -54,7 +54,7 @@ class GetWaypoint(SyncAction):
 
     def pose_of(self, name: str) -> Pose2D:
         """Return the waypoint *name*; raises NodeError if the world does not define it."""
-        if name not in self.poses:
-            known = join_names(self.poses) if self.poses else "none at all"
+        if name not in self.places:
+            known = join_names(self.places) if self.places else "none at all"
             raise NodeError(f"this world has no waypoint '{name}'; its waypoints are {known}")
-        return self.poses[name]
+        return self.places[name]

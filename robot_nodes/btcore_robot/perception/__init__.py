@@ -1,1 +1,1 @@
-"""Perception of the book: from readings to what they show."""
+"""The book's perception: objects and obstacles from sensor data."""

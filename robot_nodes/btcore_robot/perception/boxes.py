@@ -1,4 +1,4 @@
-"""Coloured objects as boxes in space, from a picture with depth (an exercise of the book's chapter 6)."""
+"""Coloured objects as boxes in space, from an image with depth (an exercise of the book's chapter 6)."""
 
 from dataclasses import dataclass
 
@@ -6,25 +6,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.perception.colour import ColourRange, mask
+from btcore_robot.perception.colour import ColourRange, colour_mask
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo
 
-LEAST = 20
-"""The least patch (pixels) that is an object."""
-JUMP = 0.1
-"""Where the depth of two pixels side by side differs by more than this share, one thing hides another."""
-NOWHERE = 1e9
-"""The depth (m) of a pixel that has none: behind all others, so that nothing loses its edge to it."""
-OUTLIERS = 1.0
-"""How many percent of a patch's points are left out at either end of each axis: what the depth gets wrong."""
+MIN_PIXELS = 20
+"""The minimum number of pixels of an object."""
+MAX_DEPTH_STEP = 0.1
+"""The relative depth step between neighbouring pixels above which they belong to different objects."""
+NO_DEPTH = 1e9
+"""The depth (m) of a pixel without depth: behind all others, so that no object loses its edge."""
+OUTLIER_PERCENT = 1.0
+"""The percentage of points at each end of each axis that is ignored, because depth errors are large there."""
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """What is seen of an object: a box along the axes of *frame*, by its *centre* and full *size* (m).
+class BoundingBox3D:
+    """The visible part of an object: a box along the axes of *frame* with its *centre* and full *size* (m).
 
-    A camera sees the sides that look to it, so the box is at most as large as the object.
+    A camera sees the near sides only, so the box is at most as large as the object. *stamp* is the time (ns)
+    of the image.
     """
 
     frame: str
@@ -33,49 +34,72 @@ class Box:
     stamp: int
 
 
-def boxes(
-    picture: CameraImage, lens: CameraInfo, colours: ColourRange, frame: str, camera: Transform
-) -> list[Box]:
-    """A box for every patch of *colours* in *picture*, the largest patch first; none without depth.
+def detect_boxes(
+    image: CameraImage, camera_info: CameraInfo, colours: ColourRange, frame: str, camera: Transform
+) -> list[BoundingBox3D]:
+    """Return a box for every patch of *colours* in *image*, the largest patch first.
 
-    *camera* takes points of the picture's frame to *frame*. Patches end where the colour does, and where the
-    depth jumps: of two things in a row the one behind is another patch.
+    Patches end where the colour ends and where the depth jumps: of two objects, one behind the other, each is
+    a patch.
+
+    Args:
+        image: The image; without depth the result is empty.
+        camera_info: The camera's intrinsic parameters.
+        colours: The range of colours of the objects.
+        frame: The frame of the boxes.
+        camera: The pose of the image's frame in *frame*.
+
     """
-    if picture.depth is None:
+    if image.depth is None:
         return []
-    found = _patches(picture, picture.depth, colours)
-    count, labels, figures, _ = cv2.connectedComponentsWithStats(found, connectivity=4)
-    areas = figures[:, cv2.CC_STAT_AREA]
-    order = sorted((label for label in range(1, count) if areas[label] >= LEAST), key=lambda one: -areas[one])
+    mask = _patches(image, image.depth, colours)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    areas = stats[:, cv2.CC_STAT_AREA]
+    labels_by_area = sorted(
+        (label for label in range(1, count) if areas[label] >= MIN_PIXELS), key=lambda label: -areas[label]
+    )
     return [
-        _box(camera.apply(points(picture.depth, lens, labels == one)), frame, picture.stamp) for one in order
+        _box(camera.apply(depth_to_points(image.depth, camera_info, labels == label)), frame, image.stamp)
+        for label in labels_by_area
     ]
 
 
-def points(depth: NDArray[np.float32], lens: CameraInfo, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Where the *chosen* pixels of *depth* (m along z) are in the camera's frame: shape ``(n, 3)``, m.
+def depth_to_points(
+    depth: NDArray[np.float32], camera_info: CameraInfo, pixels: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the positions (m) of *pixels* in the camera's optical frame: shape ``(n, 3)``.
 
-    The pinhole backwards: x = (column - cx) z / fx, y = (row - cy) z / fy.
+    The pinhole model gives x = (column - cx) z / fx and y = (row - cy) z / fy.
+
+    Args:
+        depth: The depth image (m, along z), shape ``(height, width)``.
+        camera_info: The camera's intrinsic parameters.
+        pixels: The mask of the pixels to convert, shape ``(height, width)``.
+
     """
-    rows, columns = np.nonzero(chosen)
+    rows, columns = np.nonzero(pixels)
     z = depth[rows, columns].astype(np.float64)
-    return np.stack(((columns - lens.cx) * z / lens.fx, (rows - lens.cy) * z / lens.fy, z), axis=1)
+    return np.stack(
+        ((columns - camera_info.cx) * z / camera_info.fx, (rows - camera_info.cy) * z / camera_info.fy, z),
+        axis=1,
+    )
 
 
-def _patches(picture: CameraImage, depth: NDArray[np.float32], colours: ColourRange) -> NDArray[np.uint8]:
-    """The pixels of the colour that have a depth, without those just behind an edge in it."""
-    found = np.isfinite(depth) & (depth > 0.0)
-    z = np.where(found, depth, NOWHERE)
-    found &= mask(picture, colours) > 0
-    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
-        step = z[other] - z[one]
-        found[one] &= -step <= JUMP * z[one]
-        found[other] &= step <= JUMP * z[other]
-    return found.astype(np.uint8)
+def _patches(image: CameraImage, depth: NDArray[np.float32], colours: ColourRange) -> NDArray[np.uint8]:
+    """Return the mask of pixels with the colour and a depth, without the pixels just behind a depth step."""
+    mask = np.isfinite(depth) & (depth > 0.0)
+    z = np.where(mask, depth, NO_DEPTH)
+    mask &= colour_mask(image, colours) > 0
+    # A pixel is removed if its neighbour to the right, to the left, above or below is much nearer.
+    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
+        step = z[second] - z[first]
+        mask[first] &= -step <= MAX_DEPTH_STEP * z[first]
+        mask[second] &= step <= MAX_DEPTH_STEP * z[second]
+    return mask.astype(np.uint8)
 
 
-def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> Box:
-    low, high = np.percentile(cloud, (OUTLIERS, 100.0 - OUTLIERS), axis=0)
+def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
+    low, high = np.percentile(cloud, (OUTLIER_PERCENT, 100.0 - OUTLIER_PERCENT), axis=0)
     x, y, z = ((low + high) / 2).tolist()
     length, width, height = (high - low).tolist()
-    return Box(frame, (x, y, z), (length, width, height), stamp)
+    return BoundingBox3D(frame, (x, y, z), (length, width, height), stamp)

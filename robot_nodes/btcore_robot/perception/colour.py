@@ -1,4 +1,4 @@
-"""Finding what has a colour in a picture, by hue, saturation and value (the book's chapter 5.2)."""
+"""Detection of coloured objects in an image by hue, saturation and value (the book's chapter 5.2)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from btcore_robot.robot import CameraImage
 
-LEAST = 1e-6
-"""The least area (pixels) that is an object."""
+MIN_AREA = 1e-6
+"""The minimum area (pixels) of an object."""
 
 
 @dataclass(frozen=True, slots=True)
 class ColourRange:
-    """From and to, both included: hue 0–180 (OpenCV's half degrees), saturation and value 0–255."""
+    """Ranges with both limits included: hue 0–180 (OpenCV's unit of 2°), saturation and value 0–255."""
 
     hue: tuple[int, int] = (0, 180)
     saturation: tuple[int, int] = (0, 255)
@@ -23,14 +23,14 @@ class ColourRange:
 
 
 WOOD = ColourRange((15, 20), (50, 200), (20, 200))
-"""The book's wooden furniture (its detector.yaml)."""
+"""The colour of the book's wooden furniture (its detector.yaml)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """What was found: the box (*left*, *top*, *width*, *height*) and the centre of mass *x*, *y*, in pixels.
+    """A detected object: box (*left*, *top*, *width*, *height*) and centre of mass (*x*, *y*) in pixels.
 
-    The picture it was found in has the size *picture* (width, height).
+    *image_size* is the width and height (pixels) of the image, *stamp* its time (ns).
     """
 
     left: int
@@ -39,73 +39,77 @@ class Detection:
     height: int
     x: float
     y: float
-    picture: tuple[int, int]
+    image_size: tuple[int, int]
     stamp: int
 
 
-def mask(picture: CameraImage, colours: ColourRange) -> NDArray[np.uint8]:
-    """Which pixels are within *colours*: 255 where they are, shape ``(height, width)``."""
-    hsv = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2HSV)
+def colour_mask(image: CameraImage, colours: ColourRange) -> NDArray[np.uint8]:
+    """Return the mask of the pixels within *colours*: 255 inside and 0 outside, shape ``(height, width)``."""
+    hsv = cv2.cvtColor(image.rgb, cv2.COLOR_RGB2HSV)
     low = (colours.hue[0], colours.saturation[0], colours.value[0])
     high = (colours.hue[1], colours.saturation[1], colours.value[1])
     return np.asarray(cv2.inRange(hsv, low, high), dtype=np.uint8)
 
 
-def detect(picture: CameraImage, colours: ColourRange) -> Detection | None:
-    """The box around all pixels within *colours*, and their centre of mass; None where there are none."""
-    return _detection(mask(picture, colours), picture)
+def detect_colour(image: CameraImage, colours: ColourRange) -> Detection | None:
+    """Return the box around all pixels within *colours* and their centre of mass; None if there are none."""
+    return _detection(colour_mask(image, colours), image)
 
 
-def detect_each(picture: CameraImage, colours: ColourRange, least: int = 20) -> list[Detection]:
-    """One detection for every separate patch of at least *least* pixels, the largest first."""
-    found = mask(picture, colours)
-    count, _, figures, centres = cv2.connectedComponentsWithStats(found)
-    size = (picture.rgb.shape[1], picture.rgb.shape[0])
+def detect_each(image: CameraImage, colours: ColourRange, min_pixels: int = 20) -> list[Detection]:
+    """Return a detection for every separate patch of at least *min_pixels* pixels, the largest first."""
+    mask = colour_mask(image, colours)
+    count, _, stats, centres = cv2.connectedComponentsWithStats(mask)
+    size = (image.rgb.shape[1], image.rgb.shape[0])
     patches = [
-        (int(figures[label, cv2.CC_STAT_AREA]), label)
+        (int(stats[label, cv2.CC_STAT_AREA]), label)
         for label in range(1, count)
-        if figures[label, cv2.CC_STAT_AREA] >= least
+        if stats[label, cv2.CC_STAT_AREA] >= min_pixels
     ]
     return [
         Detection(
-            int(figures[label, cv2.CC_STAT_LEFT]),
-            int(figures[label, cv2.CC_STAT_TOP]),
-            int(figures[label, cv2.CC_STAT_WIDTH]),
-            int(figures[label, cv2.CC_STAT_HEIGHT]),
+            int(stats[label, cv2.CC_STAT_LEFT]),
+            int(stats[label, cv2.CC_STAT_TOP]),
+            int(stats[label, cv2.CC_STAT_WIDTH]),
+            int(stats[label, cv2.CC_STAT_HEIGHT]),
             float(centres[label][0]),
             float(centres[label][1]),
             size,
-            picture.stamp,
+            image.stamp,
         )
         for _, label in sorted(patches, key=lambda patch: (-patch[0], patch[1]))
     ]
 
 
 def debug_image(
-    picture: CameraImage, colours: ColourRange, objects: Sequence[Detection] | None = None
+    image: CameraImage, colours: ColourRange, objects: Sequence[Detection] | None = None
 ) -> NDArray[np.uint8]:
-    """The picture with what lies outside *colours* dimmed, and *objects* drawn in; RGB.
+    """Return the image (RGB) with pixels outside *colours* dimmed and *objects* marked.
 
-    Without *objects* it is the box around all that has the colour.
+    Args:
+        image: The image.
+        colours: The range of colours that stays bright.
+        objects: The detections to mark; if omitted, the box around all pixels of the colour.
+
     """
-    found = mask(picture, colours)
-    shown = np.where(found[:, :, None] > 0, picture.rgb, picture.rgb // 3).astype(np.uint8)
+    mask = colour_mask(image, colours)
+    shown = np.where(mask[:, :, None] > 0, image.rgb, image.rgb // 3).astype(np.uint8)
     if objects is None:
-        whole = _detection(found, picture)
-        objects = [] if whole is None else [whole]
-    for one in objects:
-        corner = (one.left, one.top)
-        opposite = (one.left + one.width - 1, one.top + one.height - 1)
+        detection = _detection(mask, image)
+        objects = [] if detection is None else [detection]
+    for detected in objects:
+        corner = (detected.left, detected.top)
+        opposite = (detected.left + detected.width - 1, detected.top + detected.height - 1)
         cv2.rectangle(shown, corner, opposite, (255, 255, 0), 1)
-        cv2.circle(shown, (round(one.x), round(one.y)), 3, (255, 0, 0), -1)
+        cv2.circle(shown, (round(detected.x), round(detected.y)), 3, (255, 0, 0), -1)
     return shown
 
 
-def _detection(found: NDArray[np.uint8], picture: CameraImage) -> Detection | None:
-    moments = cv2.moments(found, binaryImage=True)
-    if moments["m00"] < LEAST:
+def _detection(mask: NDArray[np.uint8], image: CameraImage) -> Detection | None:
+    moments = cv2.moments(mask, binaryImage=True)
+    if moments["m00"] < MIN_AREA:
         return None
-    left, top, width, height = cv2.boundingRect(found)
+    left, top, width, height = cv2.boundingRect(mask)
     x, y = moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]
-    size = (picture.rgb.shape[1], picture.rgb.shape[0])
-    return Detection(left, top, width, height, x, y, size, picture.stamp)
+    size = (image.rgb.shape[1], image.rgb.shape[0])
+    return Detection(left, top, width, height, x, y, size, image.stamp)
