@@ -1,7 +1,7 @@
-"""Rotations and shifts: the `Transform` from one frame to another, with ROS's names and conventions.
+"""Rigid transforms from one frame to another, with ROS's names and conventions.
 
-A transform written ``a2b`` has the pose of frame b in frame a, and takes points of b to a; so
-``a2c = a2b * b2c``. Numbers are plain floats: for a single transform numpy takes several times as long.
+A transform named ``a2b`` is the pose of frame b in frame a, and transforms points of b to a; therefore
+``a2c = a2b * b2c``. Its numbers are plain floats: for a single transform numpy is several times slower.
 """
 
 import math
@@ -14,11 +14,11 @@ from btcore_robot.robot import Pose2D
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-_STRAIGHT = 0.9995  # above this cosine slerp divides by nearly nothing, and a straight line is as good
+_LINEAR_COSINE = 0.9995  # above it the divisor of slerp is close to 0, and linear interpolation is as good
 
 
 class Transform:
-    """Where one frame is in another: its *position* (m) and a unit *quaternion* (x, y, z, w)."""
+    """The pose of a frame in another frame: *position* (m) and a unit *quaternion* (x, y, z, w)."""
 
     __slots__ = ("position", "quaternion")
 
@@ -30,22 +30,22 @@ class Transform:
 
     @classmethod
     def from_pose(cls, pose: Pose2D) -> "Transform":
-        """The transform that puts a frame at *pose* on the floor of another."""
+        """Return the transform of a frame at *pose* on the floor of another frame."""
         half = pose.yaw / 2.0
         return cls((pose.x, pose.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
 
     @property
     def yaw(self) -> float:
-        """The heading (rad, in (-π, π]): the turn about z of roll, pitch and yaw."""
+        """The heading (rad, in [-π, π]): the rotation about z in roll, pitch and yaw."""
         x, y, z, w = self.quaternion
         return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
     def to_pose(self) -> Pose2D:
-        """Its shadow on the floor."""
+        """Return the position and heading on the floor, without height, roll and pitch."""
         return Pose2D(self.position[0], self.position[1], self.yaw)
 
     def __mul__(self, other: "Transform") -> "Transform":
-        """``a2b * b2c`` is ``a2c``."""
+        """Return ``a2c`` for ``a2b * b2c``."""
         ax, ay, az, aw = self.quaternion
         bx, by, bz, bw = other.quaternion
         rx, ry, rz = _rotated(self.quaternion, other.position)
@@ -61,15 +61,15 @@ class Transform:
         )
 
     def compose(self, other: "Transform") -> "Transform":
-        """``a2b.compose(b2c)`` is ``a2b * b2c``."""
+        """Return ``a2b * b2c`` for ``a2b.compose(b2c)``."""
         return self * other
 
     def inverse(self) -> "Transform":
-        """``b2a`` of ``a2b``."""
+        """Return ``b2a`` for ``a2b``."""
         x, y, z, w = self.quaternion
-        back = (-x, -y, -z, w)
-        rx, ry, rz = _rotated(back, self.position)
-        return Transform((-rx, -ry, -rz), back)
+        inverse = (-x, -y, -z, w)
+        rx, ry, rz = _rotated(inverse, self.position)
+        return Transform((-rx, -ry, -rz), inverse)
 
     @property
     def rotation(self) -> NDArray[np.float64]:
@@ -93,25 +93,33 @@ class Transform:
         moved += self.position[:columns]
         return moved
 
-    def towards(self, other: "Transform", share: float) -> "Transform":
-        """*share* (0 … 1) of the way to *other*: a straight line, and the shorter arc of the rotation."""
+    def interpolate(self, other: "Transform", fraction: float) -> "Transform":
+        """Return the transform at *fraction* (0 … 1) between this transform and *other*.
+
+        The position is on a straight line, the rotation on the shorter arc.
+        """
         ax, ay, az, aw = self.quaternion
         bx, by, bz, bw = other.quaternion
         cosine = ax * bx + ay * by + az * bz + aw * bw
         if cosine < 0.0:
             bx, by, bz, bw, cosine = -bx, -by, -bz, -bw, -cosine
-        if cosine > _STRAIGHT:
-            one, two = 1.0 - share, share
+        if cosine > _LINEAR_COSINE:
+            first, second = 1.0 - fraction, fraction
         else:
             angle = math.acos(cosine)
             sine = math.sin(angle)
-            one, two = math.sin((1.0 - share) * angle) / sine, math.sin(share * angle) / sine
-        x, y, z, w = one * ax + two * bx, one * ay + two * by, one * az + two * bz, one * aw + two * bw
+            first, second = math.sin((1.0 - fraction) * angle) / sine, math.sin(fraction * angle) / sine
+        x, y, z, w = (
+            first * ax + second * bx,
+            first * ay + second * by,
+            first * az + second * bz,
+            first * aw + second * bw,
+        )
         length = math.sqrt(x * x + y * y + z * z + w * w)
         px, py, pz = self.position
         qx, qy, qz = other.position
         return Transform(
-            (px + share * (qx - px), py + share * (qy - py), pz + share * (qz - pz)),
+            (px + fraction * (qx - px), py + fraction * (qy - py), pz + fraction * (qz - pz)),
             (x / length, y / length, z / length, w / length),
         )
 
@@ -140,7 +148,7 @@ def wrap_angles(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _rotated(quaternion: Quaternion, vector: Vector) -> Vector:
-    """*vector* turned by *quaternion*: v + 2w(q×v) + 2q×(q×v)."""
+    """Return *vector* rotated by *quaternion*: v + 2w(q×v) + 2q×(q×v)."""
     x, y, z, w = quaternion
     vx, vy, vz = vector
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)

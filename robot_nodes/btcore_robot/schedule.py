@@ -1,9 +1,9 @@
 """Clocks with a schedule of periodic tasks, for worlds, robots and programs without a robot.
 
 `RealTime` follows the wall clock, `SimulatedTime` jumps from one due task to the next. Both run their tasks
-on the thread that waits, one at a time, while it waits: in the order of due times, then of ranks, then
-of the calls of `every`. The k-th period of a task at *hertz* ends ``k * 1e9 / hertz`` ns after its start,
-rounded down, so that no error accumulates.
+on the thread that waits, one at a time, in the order of due times, then of ranks, then of the calls of
+`every`. The k-th period of a task at *hertz* ends ``k * 1e9 / hertz`` ns after its start, rounded down, so
+that no error accumulates.
 """
 
 import heapq
@@ -18,25 +18,30 @@ Pace = Callable[[int, int, threading.Event], bool]
 
 
 class _Tasks:
-    """Periodic tasks, in the order in which they are due."""
+    """Periodic tasks in the order in which they are due."""
 
     def __init__(self) -> None:
         self._due: list[tuple[int, int, int, int]] = []
         self._tasks: dict[int, tuple[Task, float, int]] = {}
-        self._made = 0
+        self._count = 0
 
     def now(self) -> int:
-        """The time (ns), never decreasing."""
+        """Return the time (ns). It never decreases."""
         raise NotImplementedError
 
     def every(self, hertz: float, rank: Phase, task: Task, *, first: int | None = None) -> Callable[[], None]:
-        """Call *task* with the time (ns) at *hertz*; see `Schedule.every`."""
+        """Call *task* with the time (ns) at *hertz*; see `Schedule.every`.
+
+        Raises:
+            ValueError: *hertz* is not above 0.
+
+        """
         if not hertz > 0.0:
-            raise ValueError(f"a task at {hertz} Hz is never due: a frequency is above 0")
-        number = self._made
-        self._made += 1
+            raise ValueError(f"the rate of a task must be above 0 Hz, not {hertz}")
+        number = self._count
+        self._count += 1
         now = self.now()
-        # Counted from now, the calls of all rates meet at whole seconds, to the ns.
+        # Periods count from now, so that tasks of all rates coincide at whole seconds, to the nanosecond.
         start, count = (now, 1) if first is None else (max(first, now), 0)
         self._tasks[number] = (task, hertz, start)
         heapq.heappush(self._due, (start + int(count * NS_PER_S / hertz), rank, number, count))
@@ -54,20 +59,20 @@ class _Tasks:
         return due[0][0] if due else None
 
     def _run(self, now: int) -> int:
-        """Run the next task at *now* (ns), and plan its next call after that; how many calls were missed."""
+        """Run the next task at *now* (ns), schedule its next call, and return the number of missed calls."""
         _, rank, number, count = self._due[0]
         task, hertz, start = self._tasks[number]
-        following = max(count + 1, int((now - start) * hertz / NS_PER_S) + 1)
-        heapq.heapreplace(self._due, (start + int(following * NS_PER_S / hertz), rank, number, following))
+        next_count = max(count + 1, int((now - start) * hertz / NS_PER_S) + 1)
+        heapq.heapreplace(self._due, (start + int(next_count * NS_PER_S / hertz), rank, number, next_count))
         task(now)
-        return following - count - 1
+        return next_count - count - 1
 
 
 class RealTime(_Tasks):
-    """The monotonic clock of the machine. Tasks run while somebody is in `wait_until`, and not otherwise.
+    """The monotonic clock of the machine. Tasks run while a thread waits in `wait_until`, and not otherwise.
 
-    A task that comes late is called with the time that it is; the calls that it missed are left out, so that
-    a slow task delays others and never piles up. *missed* counts them.
+    A late task is called with the actual time, and its missed calls are omitted: a slow task delays the
+    others but its calls never accumulate. *missed* counts the omitted calls.
     """
 
     def __init__(self) -> None:
@@ -75,16 +80,16 @@ class RealTime(_Tasks):
         self.missed = 0
 
     def now(self) -> int:
-        """The time (ns) since some moment before the start."""
+        """Return the time (ns) of the monotonic clock; only differences have a meaning."""
         return time.monotonic_ns()
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Run what is due until *deadline* (ns) or until *wake* is set; whether it was set."""
+        """Run due tasks until *deadline* (ns) or until *wake* is set; return whether it was set."""
         while not wake.is_set():
             due = self.next_due()
-            moment = deadline if due is None else min(due, deadline)
-            left = moment - time.monotonic_ns()
-            if left > 0 and wake.wait(left / NS_PER_S):
+            next_time = deadline if due is None else min(due, deadline)
+            remaining = next_time - time.monotonic_ns()
+            if remaining > 0 and wake.wait(remaining / NS_PER_S):
                 return True
             now = time.monotonic_ns()
             if due is not None and due <= min(now, deadline):
@@ -95,10 +100,10 @@ class RealTime(_Tasks):
 
 
 class SimulatedTime(_Tasks):
-    """Time that stands still until `wait_until` is called, and then advances as fast as the tasks do.
+    """A time that advances in `wait_until` only, as fast as the tasks run.
 
-    *pace* may slow it down: called with the time, the next moment (both ns) and the wake-up of the waiting
-    thread, it returns when that moment may begin; True ends the wait.
+    *pace* may slow it down: it is called with the current time, the next time (both ns) and the event of the
+    waiting thread. It returns when the next time may begin; True ends the wait.
     """
 
     def __init__(self, start: int = 0, pace: Pace | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The contract that every Robot passes: `check_robot`, to be called in a test of your own robot."""
+"""Checks of the `Robot` protocol: call `check_robot` in a test of your own robot."""
 
 import math
 import threading
@@ -13,12 +13,18 @@ FOOTPRINT = "base_footprint"
 
 
 def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None:
-    """Raise AssertionError, with a sentence, for the first thing in which a robot breaks the protocol.
+    """Check that a robot follows the protocol.
 
-    *make_robot* gives a robot that stands, each time a fresh one, with at least 1 m of room around it. With
-    *drives* it is driven about a little: 0.2 m at most.
+    Args:
+        make_robot: A function that returns a new robot at rest, with at least 1 m of free space around it. It
+            is called once for each check.
+        drives: Whether to include the checks that drive the robot, by 0.2 m at most.
+
+    Raises:
+        AssertionError: The first violation of the protocol, described in a sentence.
+
     """
-    check_facts(make_robot())
+    check_info(make_robot())
     check_scan(make_robot())
     check_schedule(make_robot())
     check_frames(make_robot())
@@ -34,229 +40,241 @@ def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None
         check_timeout(make_robot())
         check_stop(make_robot())
         check_priority(make_robot())
-        check_asked(make_robot())
+        check_commanded_velocity(make_robot())
         check_battery(make_robot())
 
 
-def check_facts(robot: Robot) -> None:
-    """What it says of itself is possible, and its clock goes forward."""
+def check_info(robot: Robot) -> None:
+    """Check that the robot's properties are plausible, and that its clock advances."""
     base, laser = robot.base, robot.laser
-    assert isinstance(robot, Robot), "the robot lacks a part of the protocol"
-    assert base.v_min <= 0.0 < base.v_max, "a base drives forward, and its v_min is 0 or below"
+    assert isinstance(robot, Robot), "the robot does not have all methods of the protocol"
+    assert base.v_min <= 0.0 < base.v_max, "a base drives forward: v_max is above 0, v_min is 0 or below"
     assert min(base.w_max, base.v_rate, base.w_rate) > 0.0, "speed and acceleration limits are above 0"
-    assert 0.0 < base.command_timeout <= 1.0, "a base stops by itself within 1 s of its last command"
+    assert 0.0 < base.command_timeout <= 1.0, "command_timeout is at most 1 s"
     assert 0.0 < base.radius < 5.0, "the footprint's radius is in metres"
-    assert 0.0 <= laser.range_min < laser.range_max, "a laser's range_max is above its range_min"
-    assert laser.rays >= 1, "a laser has rays"
+    assert 0.0 <= laser.range_min < laser.range_max, "the laser's range_max is above its range_min"
+    assert laser.rays >= 1, "the laser has at least one ray"
     assert abs(laser.angle_min) <= 2 * math.pi, "angles are in radians"
     before = robot.clock.now()
-    assert not wait(robot, 0.1), "nobody has set the event, and wait_until says that somebody has"
+    assert not wait(robot, 0.1), "wait_until reports that the event was set, but it was not set"
     passed = robot.clock.now() - before
-    assert passed >= NS_PER_S // 10, f"0.1 s were waited, and the clock went {passed} ns: is it in ns?"
+    assert passed >= NS_PER_S // 10, (
+        f"the clock advanced by {passed} ns while 0.1 s were waited: is it in ns?"
+    )
 
 
 def check_scan(robot: Robot) -> None:
-    """Scans have the shape and the conventions that are promised, and keep coming."""
-    first = scan_within(robot, 2.0)
-    facts = robot.laser
+    """Check that scans have the required shape and conventions, and that new scans arrive."""
+    first = wait_for_scan(robot, 2.0)
+    info = robot.laser
     assert first.ranges.dtype == np.float32, "ranges are float32"
-    assert first.ranges.shape == (facts.rays,), "a scan has as many ranges as the laser has rays"
-    assert first.angle_min == facts.angle_min, "a scan's angle_min is the laser's"
-    assert first.angle_increment == facts.angle_increment, "a scan's angle_increment is the laser's"
-    assert first.frame == facts.frame, "a scan's frame is the laser's"
-    seen = first.ranges[np.isfinite(first.ranges)]
+    assert first.ranges.shape == (info.rays,), "a scan has as many ranges as the laser has rays"
+    assert first.angle_min == info.angle_min, "a scan's angle_min is the laser's"
+    assert first.angle_increment == info.angle_increment, "a scan's angle_increment is the laser's"
+    assert first.frame == info.frame, "a scan's frame is the laser's"
+    finite = first.ranges[np.isfinite(first.ranges)]
     assert not np.isnan(first.ranges).any(), "no echo is +inf, too near is -inf; a range is never NaN"
-    assert (seen >= facts.range_min).all(), "under range_min a range is -inf (REP 117)"
-    assert (seen <= facts.range_max).all(), "over range_max a range is +inf (REP 117)"
+    assert (finite >= info.range_min).all(), "under range_min a range is -inf (REP 117)"
+    assert (finite <= info.range_max).all(), "over range_max a range is +inf (REP 117)"
     assert first.stamp <= robot.clock.now(), "a scan's stamp is not in the future"
-    wait(robot, 3.0 / facts.rate)
+    wait(robot, 3.0 / info.rate)
     later = robot.scan()
-    assert later is not None, "a scan is there, and then there is none"
-    assert later.stamp > first.stamp, "new scans come, with later stamps, at the laser's rate"
+    assert later is not None, "scan() returned None after a scan had arrived"
+    assert later.stamp > first.stamp, "new scans come with later stamps, at the laser's rate"
 
 
 def check_schedule(robot: Robot) -> None:
-    """What is scheduled runs at its rate while somebody waits, and no longer when it has been ended."""
+    """Check that a scheduled task runs at its rate during a wait, and no longer after it was ended."""
     times: list[int] = []
-    begun = robot.clock.now()
+    start = robot.clock.now()
     end = robot.schedule.every(20.0, Phase.PROCESSES, times.append)
     wait(robot, 0.5)
     assert 9 <= len(times) <= 11, f"a task at 20 Hz ran {len(times)} times in 0.5 s"
-    assert times == sorted(times), "a task is called with the time, and that doesn't go back"
-    assert begun < times[0] <= times[-1] <= robot.clock.now(), "a task is called with the time, in ns"
+    assert times == sorted(times), "the time that a task is called with never decreases"
+    assert start < times[0] <= times[-1] <= robot.clock.now(), "a task is called with the time, in ns"
     end()
     before = len(times)
     wait(robot, 0.2)
-    assert len(times) == before, "a task was ended, and runs on"
+    assert len(times) == before, "a task was ended, but it runs on"
 
 
 def check_frames(robot: Robot) -> None:
-    """All frames hang together below ``base_footprint``, and sensors have theirs."""
+    """Check that all frames form a tree below ``base_footprint``, and that every sensor's frame is in it."""
     wait(robot, 0.1)
     frames = robot.frames()
     parents = {frame.child: frame.parent for frame in frames}
-    assert len(parents) == len(frames), "a frame is told of once: it has one parent"
-    wanted = [robot.laser.frame, *(sonar.frame for sonar in robot.sonars())]
+    assert len(parents) == len(frames), "a frame occurs once as a child: it has one parent"
+    required = [robot.laser.frame, *(sonar.frame for sonar in robot.sonars())]
     if robot.camera_info is not None:
-        wanted.append(robot.camera_info.frame)
-    for name in wanted:
+        required.append(robot.camera_info.frame)
+    for name in required:
         assert name in parents, f"the sensor's frame '{name}' is not among the frames"
     for child in parents:
-        way = [child]
-        while way[-1] in parents and len(way) <= len(parents):
-            way.append(parents[way[-1]])
-        assert way[-1] == FOOTPRINT, (
-            f"from frame '{child}' the way up ends at '{way[-1]}', not at {FOOTPRINT}"
+        chain = [child]
+        while chain[-1] in parents and len(chain) <= len(parents):
+            chain.append(parents[chain[-1]])
+        assert chain[-1] == FOOTPRINT, (
+            f"the chain of parents of frame '{child}' ends at '{chain[-1]}', not at {FOOTPRINT}"
         )
     for frame in frames:
         check_frame(frame, robot.clock.now())
 
 
 def check_frame(frame: TransformStamped, now: int) -> None:
-    """A frame's quaternion is one, and its stamp is of the time up to *now* (ns)."""
+    """Check that a frame's quaternion has length 1, and that its stamp is not later than *now* (ns)."""
     length = math.hypot(*frame.quaternion)
-    assert abs(length - 1.0) < 1e-3, f"the quaternion of '{frame.child}' has length {length:.3f}, and not 1"
+    assert abs(length - 1.0) < 1e-3, f"the quaternion of '{frame.child}' has length {length:.3f}, not 1"
     assert math.hypot(*frame.position) < 10.0, (
-        f"'{frame.child}' is over 10 m from its parent: is it in metres?"
+        f"'{frame.child}' is more than 10 m from its parent: is its position in metres?"
     )
     assert frame.stamp <= now, f"the stamp of '{frame.child}' is in the future"
 
 
 def check_camera(robot: Robot) -> None:
-    """A picture, if there is one, has height, width and three colours, as the lens says; perhaps depth."""
+    """Check the shape, type, frame and stamp of a camera image, and its depth, if there are any."""
     wait(robot, 0.3)
-    picture, lens = robot.camera(), robot.camera_info
-    if picture is None:
+    image, camera_info = robot.camera(), robot.camera_info
+    if image is None:
         return
-    assert lens is not None, "a robot that has pictures has a lens"
-    assert picture.rgb.dtype == np.uint8, "a picture's dtype is uint8"
-    assert picture.rgb.ndim == 3, "a picture has height, width and colours"
-    assert picture.rgb.shape[2] == 3, "a picture's colours are red, green and blue"
-    assert picture.stamp <= robot.clock.now(), "a picture's stamp is not in the future"
-    assert picture.rgb.shape[:2] == (lens.height, lens.width), (
-        "a picture is as high and wide as the lens says"
+    assert camera_info is not None, "a robot with camera images has a camera_info"
+    assert image.rgb.dtype == np.uint8, "the dtype of a camera image is uint8"
+    assert image.rgb.ndim == 3, "a camera image has height, width and colours"
+    assert image.rgb.shape[2] == 3, "the colours of a camera image are red, green and blue"
+    assert image.stamp <= robot.clock.now(), "the stamp of a camera image is not in the future"
+    assert image.rgb.shape[:2] == (camera_info.height, camera_info.width), (
+        "a camera image is as high and wide as camera_info says"
     )
-    assert picture.frame == lens.frame, "a picture's frame is the lens's"
-    assert min(lens.fx, lens.fy) > 0.0, "focal lengths are in pixels, and above 0"
-    assert 0.0 < lens.near < lens.far, "what is drawn lies between near and far, in metres"
-    if picture.depth is None:
+    assert image.frame == camera_info.frame, "the frame of a camera image is that of camera_info"
+    assert min(camera_info.fx, camera_info.fy) > 0.0, "focal lengths are in pixels, and above 0"
+    assert 0.0 < camera_info.near < camera_info.far, "near and far are in metres, and far is above near"
+    if image.depth is None:
         return
-    assert picture.depth.dtype == np.float32, "depth is float32"
-    assert picture.depth.shape == picture.rgb.shape[:2], "depth has a distance for every pixel"
-    seen = picture.depth[np.isfinite(picture.depth)]
-    assert not (np.isnan(picture.depth) | (picture.depth == -np.inf)).any(), "where nothing is depth is +inf"
-    assert ((seen > 0.0) & (seen <= lens.far * 1.001)).all(), (
-        "depth is in metres, and no farther than the lens"
+    assert image.depth.dtype == np.float32, "depth is float32"
+    assert image.depth.shape == image.rgb.shape[:2], "depth has a distance for every pixel"
+    finite = image.depth[np.isfinite(image.depth)]
+    assert not (np.isnan(image.depth) | (image.depth == -np.inf)).any(), (
+        "without an echo depth is +inf, never NaN"
+    )
+    assert ((finite > 0.0) & (finite <= camera_info.far * 1.001)).all(), (
+        "depth is in metres, and at most camera_info.far"
     )
 
 
 def check_sonars(robot: Robot) -> None:
-    """Sonars, if there are some, have REP 117's conventions too."""
+    """Check that sonars, if there are any, follow the conventions of REP 117."""
     wait(robot, 0.5)
     for sonar in robot.sonars():
         assert 0.0 <= sonar.range_min < sonar.range_max, "a sonar's range_max is above its range_min"
-        assert 0.0 < sonar.fov < math.pi, "a sonar's cone is an angle in radians"
+        assert 0.0 < sonar.fov < math.pi, "a sonar's fov is an angle in radians"
         assert sonar.stamp <= robot.clock.now(), "a sonar's stamp is not in the future"
-        heard = sonar.range
-        assert math.isinf(heard) or sonar.range_min <= heard <= sonar.range_max, (
-            f"{sonar.frame} tells of {heard} m: over its range_max it is +inf, under its range_min -inf"
+        distance = sonar.range
+        assert math.isinf(distance) or sonar.range_min <= distance <= sonar.range_max, (
+            f"{sonar.frame} reports {distance} m: over its range_max it is +inf, under its range_min -inf"
         )
 
 
 def check_head(robot: Robot) -> None:
-    """The head, if there is one, goes where it is sent, and no farther than its limits."""
-    neck = robot.head_info
-    if neck is None:
+    """Check that the head, if there is one, moves to a commanded position and stays within its limits."""
+    head_info = robot.head_info
+    if head_info is None:
         robot.move_head(0.1, 0.1)
-        assert robot.head() is None, "a robot without a neck has no head position"
+        assert robot.head() is None, "a robot without head_info has no head position"
         return
-    pan, tilt = neck.pan_max / 2, neck.tilt_min / 2
+    pan, tilt = head_info.pan_max / 2, head_info.tilt_min / 2
     robot.move_head(pan, tilt)
     wait(robot, 2.0)
     head = robot.head()
-    assert head is not None, "a robot with a neck has a head position"
+    assert head is not None, "a robot with head_info has a head position"
     assert abs(head.pan - pan) < 0.1, f"the head was sent to pan {pan:.2f} rad, and is at {head.pan:.2f}"
     assert abs(head.tilt - tilt) < 0.1, f"the head was sent to tilt {tilt:.2f} rad, and is at {head.tilt:.2f}"
-    robot.move_head(neck.pan_max + 10.0, neck.tilt_max + 10.0)
+    robot.move_head(head_info.pan_max + 10.0, head_info.tilt_max + 10.0)
     wait(robot, 2.0)
     head = robot.head()
-    assert head is not None, "a robot with a neck has a head position"
-    assert head.pan <= neck.pan_max + 0.05, "the head stays within pan_max"
-    assert head.tilt <= neck.tilt_max + 0.05, "the head stays within tilt_max"
+    assert head is not None, "a robot with head_info has a head position"
+    assert head.pan <= head_info.pan_max + 0.05, "the head stays within pan_max"
+    assert head.tilt <= head_info.tilt_max + 0.05, "the head stays within tilt_max"
 
 
 def check_torso(robot: Robot) -> None:
-    """The torso, if there is one, lifts as high as it is sent, and no farther than its limits."""
+    """Check that the torso, if there is one, moves to a commanded height and stays within its limits."""
     torso = robot.torso
     if torso is None:
         robot.lift(0.1)
-        assert robot.torso_height() is None, "a robot without a torso that lifts has no height of it"
+        assert robot.torso_height() is None, "a robot without torso limits has no torso height"
         return
     middle = (torso.lift_min + torso.lift_max) / 2
-    for sent, ends in ((middle, middle), (torso.lift_max + 1.0, torso.lift_max)):
-        robot.lift(sent)
+    for commanded, expected in ((middle, middle), (torso.lift_max + 1.0, torso.lift_max)):
+        robot.lift(commanded)
         wait(robot, (torso.lift_max - torso.lift_min) / torso.speed + 1.0)
         height = robot.torso_height()
-        assert height is not None, "a robot with a torso has a height of it"
-        assert abs(height - ends) < 0.02, f"the torso was sent to {sent:.2f} m, and is at {height:.2f} m"
+        assert height is not None, "a robot with torso limits has a torso height"
+        assert abs(height - expected) < 0.02, (
+            f"the torso was sent to {commanded:.2f} m, and is at {height:.2f} m"
+        )
 
 
 def check_standing(robot: Robot) -> None:
-    """Nobody commands it, and it stands."""
-    twist = steered(robot, None, 0.5)
-    assert still(twist), f"without a command a robot stands, and this one has {twist}"
+    """Check that a robot without a command stands."""
+    twist = drive_for(robot, None, 0.5)
+    assert is_standing(twist), f"without a command a robot stands, but its odometry reports {twist}"
 
 
 def check_driving(robot: Robot) -> None:
-    """v is m/s, forward is +x of the odometry."""
+    """Check that *v* is in m/s, and that forward is +x of the base."""
     start = robot.odometry()
     v = min(0.1, robot.base.v_max)
-    twist = steered(robot, (v, 0.0), 1.0)
+    twist = drive_for(robot, (v, 0.0), 1.0)
     end = robot.odometry()
-    assert end.stamp > start.stamp, "odometry keeps coming, with later stamps"
-    assert math.isclose(twist.v, v, rel_tol=0.2), f"{v:g} m/s were asked for, and odometry says {twist.v:.3f}"
+    assert end.stamp > start.stamp, "new odometry comes with later stamps"
+    assert math.isclose(twist.v, v, rel_tol=0.2), (
+        f"{v:g} m/s were commanded, but odometry reports {twist.v:.3f}"
+    )
     along = (end.pose.x - start.pose.x) * math.cos(start.pose.yaw)
     along += (end.pose.y - start.pose.y) * math.sin(start.pose.yaw)
     assert 0.5 * v < along < 1.2 * v, f"1 s at {v:g} m/s moved the robot {along:.3f} m ahead"
 
 
 def check_turning(robot: Robot) -> None:
-    """w is rad/s, + is to the left."""
+    """Check that *w* is in rad/s, and that positive is to the left."""
     start = robot.odometry().pose.yaw
     w = min(0.5, robot.base.w_max)
-    twist = steered(robot, (0.0, w), 1.0)
-    assert math.isclose(twist.w, w, rel_tol=0.2), f"{w:g} rad/s were asked for, odometry says {twist.w:.3f}"
+    twist = drive_for(robot, (0.0, w), 1.0)
+    assert math.isclose(twist.w, w, rel_tol=0.2), (
+        f"{w:g} rad/s were commanded, but odometry reports {twist.w:.3f}"
+    )
     turned = wrap_angle(robot.odometry().pose.yaw - start)
     assert 0.5 * w < turned < 1.2 * w, f"1 s at {w:g} rad/s to the left turned the robot by {turned:.3f} rad"
 
 
 def check_limits(robot: Robot) -> None:
-    """It turns no faster than it says, however much is asked for."""
-    twist = steered(robot, (0.0, 10.0 * robot.base.w_max), 2.0)
+    """Check that the robot turns no faster than its limit when more is commanded."""
+    twist = drive_for(robot, (0.0, 10.0 * robot.base.w_max), 2.0)
     assert abs(twist.w) <= 1.1 * robot.base.w_max, (
-        f"w_max is {robot.base.w_max:g}, and {twist.w:.2f} was driven"
+        f"w_max is {robot.base.w_max:g} rad/s, but odometry reports {twist.w:.2f}"
     )
 
 
 def check_timeout(robot: Robot) -> None:
-    """A command lapses."""
-    twist = steered(robot, (0.0, min(0.5, robot.base.w_max)), 0.5)
-    assert not still(twist), "the robot was told to turn, and stands"
-    twist = steered(robot, None, robot.base.command_timeout + 1.0)
-    assert still(twist), f"the last command is older than the time-out, and the robot still has {twist}"
+    """Check that a command expires."""
+    twist = drive_for(robot, (0.0, min(0.5, robot.base.w_max)), 0.5)
+    assert not is_standing(twist), "the robot was commanded to turn, but it stands"
+    twist = drive_for(robot, None, robot.base.command_timeout + 1.0)
+    assert is_standing(twist), (
+        f"the last command is older than command_timeout, but the robot still has {twist}"
+    )
 
 
 def check_stop(robot: Robot) -> None:
-    """Stop stops, and outranks what came before."""
+    """Check that `stop` stops the robot, whatever the priority of the command before."""
     robot.drive(0.0, min(0.5, robot.base.w_max), priority=100)
     wait(robot, 0.1)
     robot.stop()
-    twist = steered(robot, None, 1.0)
-    assert still(twist), f"the robot was told to stop, and has {twist}"
+    twist = drive_for(robot, None, 1.0)
+    assert is_standing(twist), f"stop() was called, but the robot still has {twist}"
 
 
 def check_priority(robot: Robot) -> None:
-    """Of two sources the one with the higher priority wins."""
+    """Check that of two sources the higher priority wins."""
     w = min(0.5, robot.base.w_max)
     for _ in range(10):
         robot.drive(0.0, w, priority=90)
@@ -265,41 +283,45 @@ def check_priority(robot: Robot) -> None:
     assert robot.odometry().twist.w > 0.0, "a command of priority 10 won over one of priority 90"
 
 
-def check_asked(robot: Robot) -> None:
-    """What was asked for is told, until it lapses."""
+def check_commanded_velocity(robot: Robot) -> None:
+    """Check that the commanded velocity is reported until it expires."""
     w = min(0.3, robot.base.w_max)
-    assert robot.commanded_velocity() == Twist2D(0.0, 0.0), "nobody has asked for a velocity yet"
+    assert robot.commanded_velocity() == Twist2D(0.0, 0.0), (
+        "commanded_velocity() is zero before the first command"
+    )
     robot.drive(0.0, w)
     wait(robot, 0.05)
     assert robot.commanded_velocity() == Twist2D(0.0, w), (
-        f"w = {w:g} was asked for, and asked() says {robot.commanded_velocity()}"
+        f"w = {w:g} was commanded, but commanded_velocity() returned {robot.commanded_velocity()}"
     )
     wait(robot, robot.base.command_timeout + 0.1)
-    assert robot.commanded_velocity() == Twist2D(0.0, 0.0), "a command that has lapsed is no longer asked for"
+    assert robot.commanded_velocity() == Twist2D(0.0, 0.0), (
+        "commanded_velocity() is zero for an expired command"
+    )
     robot.drive(0.0, w)
     robot.stop()
-    assert robot.commanded_velocity() == Twist2D(0.0, 0.0), "after a stop nothing is asked for"
+    assert robot.commanded_velocity() == Twist2D(0.0, 0.0), "commanded_velocity() is zero after stop()"
 
 
 def check_battery(robot: Robot) -> None:
-    """The battery, if there is one, falls with driving, and is full when recharged."""
+    """Check that the battery, if there is one, discharges while driving and is full after recharging."""
     before = robot.battery()
     if before is None:
         return
-    assert 0.0 <= before.level <= 100.0, f"a battery's level is in percent, and {before.level} is not"
+    assert 0.0 <= before.level <= 100.0, f"a battery's level is in percent (0 to 100), not {before.level}"
     assert before.stamp <= robot.clock.now(), "a battery's stamp is not in the future"
-    steered(robot, (0.0, min(0.3, robot.base.w_max)), 1.0)
+    drive_for(robot, (0.0, min(0.3, robot.base.w_max)), 1.0)
     after = robot.battery()
-    assert after is not None, "a battery is there, and then there is none"
-    assert after.level < before.level, f"1 s of turning took nothing from the battery at {before.level:g} %"
+    assert after is not None, "battery() returned None after it had returned a level"
+    assert after.level < before.level, f"1 s of turning did not discharge the battery at {before.level:g} %"
     robot.recharge()
     full = robot.battery()
-    assert full is not None, "a battery is there, and then there is none"
+    assert full is not None, "battery() returned None after it had returned a level"
     assert full.level > 99.0, f"the battery was recharged, and is at {full.level:g} %"
 
 
-def steered(robot: Robot, command: tuple[float, float] | None, seconds: float) -> Twist2D:
-    """The odometry's twist after *seconds* (s) of a command repeated at 10 Hz, or of silence."""
+def drive_for(robot: Robot, command: tuple[float, float] | None, seconds: float) -> Twist2D:
+    """Repeat a command at 10 Hz, or send none, for *seconds* (s); return the odometry's twist then."""
     for _ in range(round(seconds * 10)):
         if command is not None:
             robot.drive(*command)
@@ -307,13 +329,13 @@ def steered(robot: Robot, command: tuple[float, float] | None, seconds: float) -
     return robot.odometry().twist
 
 
-def still(twist: Twist2D) -> bool:
-    """Whether that is standing (under 1 cm/s and 0.02 rad/s)."""
+def is_standing(twist: Twist2D) -> bool:
+    """Return whether *twist* is that of a robot at rest (below 1 cm/s and 0.02 rad/s)."""
     return abs(twist.v) < 0.01 and abs(twist.w) < 0.02
 
 
-def scan_within(robot: Robot, seconds: float) -> LaserScan:
-    """The first scan, which has to come within *seconds* (s)."""
+def wait_for_scan(robot: Robot, seconds: float) -> LaserScan:
+    """Return the first scan; raise AssertionError if none arrives within *seconds* (s)."""
     for _ in range(round(seconds * 10)):
         scan = robot.scan()
         if scan is not None:
@@ -323,6 +345,6 @@ def scan_within(robot: Robot, seconds: float) -> LaserScan:
 
 
 def wait(robot: Robot, seconds: float) -> bool:
-    """Let *seconds* (s) of the robot's time pass; whether something woke the wait."""
+    """Wait for *seconds* (s) on the robot's clock; return whether an event ended the wait."""
     clock = robot.clock
     return clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())

@@ -1,4 +1,4 @@
-"""Where frames are in one another, now and a while ago: the transform tree, by tf2's rules."""
+"""The transform tree: poses of frames relative to each other, now and in the recent past, by tf2's rules."""
 
 import math
 from bisect import bisect_left
@@ -19,26 +19,26 @@ __all__ = [
     "UnknownFrameError",
 ]
 
-HISTORY = 10 * NS_PER_S
-"""How long (ns) a moving frame is remembered: tf2's default. Static frames are remembered for ever."""
+CACHE_TIME = 10 * NS_PER_S
+"""The time (ns) for which poses of a moving frame are kept: tf2's default. Static frames are kept forever."""
 
-_UNIT = 1e-3  # how far from 1 the length of a quaternion may be that stands for a rotation
+_UNIT = 1e-3  # tolerance of the length of a unit quaternion
 
 
 class TransformError(RobotError):
-    """There is no transform to be had, in a sentence."""
+    """A transform is not available; the message says why."""
 
 
 class UnknownFrameError(TransformError):
-    """A frame that nobody has told of."""
+    """A frame is not in the tree."""
 
 
 class ConnectivityError(TransformError):
-    """Both frames are known, and no chain of frames leads from one to the other."""
+    """Both frames are in the tree, but no chain of frames connects them."""
 
 
 class ExtrapolationError(TransformError):
-    """The moment lies outside what is remembered; *future* tells on which side."""
+    """The requested time is outside the stored period; *future* is True if it is after the period."""
 
     def __init__(self, message: str, future: bool) -> None:
         self.future = future
@@ -46,7 +46,7 @@ class ExtrapolationError(TransformError):
 
 
 class _Link:
-    """One frame in its parent: fixed, or with a history in the order of its stamps."""
+    """A frame in its parent: static, or with transforms in the order of their stamps."""
 
     __slots__ = ("child", "holds", "parent", "stamps", "static", "transforms")
 
@@ -64,10 +64,10 @@ class _Link:
         if not stamps or stamp > stamps[-1]:
             stamps.append(stamp)
             transforms.append(transform)
-            oldest = stamp - HISTORY
+            oldest = stamp - CACHE_TIME
             while stamps[0] < oldest:
                 del stamps[0], transforms[0]
-        elif stamp >= stamps[-1] - HISTORY:
+        elif stamp >= stamps[-1] - CACHE_TIME:
             place = bisect_left(stamps, stamp)
             if stamps[place] == stamp:
                 transforms[place] = transform
@@ -89,14 +89,14 @@ class _Link:
         if later == stamp:
             return transforms[place]
         earlier = stamps[place - 1]
-        return transforms[place - 1].towards(transforms[place], (stamp - earlier) / (later - earlier))
+        return transforms[place - 1].interpolate(transforms[place], (stamp - earlier) / (later - earlier))
 
     def _beyond(self, stamp: int, by: int, *, future: bool) -> ExtrapolationError:
         first, last = self.stamps[0], self.stamps[-1] + self.holds
         side, advice = (
             ("after", "wait for newer data, or ask without a stamp")
             if future
-            else ("before", f"{HISTORY // NS_PER_S} s are kept")
+            else ("before", f"{CACHE_TIME // NS_PER_S} s are kept")
         )
         return ExtrapolationError(
             f"where '{self.child}' is in '{self.parent}' is known from {_seconds(first)} to {_seconds(last)}"
@@ -106,10 +106,10 @@ class _Link:
 
 
 class TransformTree:
-    """The frames of a robot and its world. Every frame has one parent; moving ones are remembered for 10 s.
+    """The frames of a robot and its world: every frame has one parent, and poses are kept for 10 s.
 
-    Between two stamps positions are interpolated along a line and rotations along the shorter arc. Whoever
-    tells of a frame under a new parent moves it there, and what was known of it is forgotten.
+    Between two stamps, positions are interpolated linearly and rotations along the shorter arc. Setting a
+    frame with another parent moves it to that parent and discards its previous poses.
     """
 
     def __init__(self) -> None:
@@ -118,10 +118,18 @@ class TransformTree:
         self._chains: dict[tuple[str, str], tuple[tuple[_Link, ...], tuple[_Link, ...]]] = {}
 
     def set(self, frame: TransformStamped, *, holds: int = 0) -> None:
-        """Tell where *frame* was at its stamp. For *holds* ns after the stamp, the newest also counts.
+        """Store the pose of *frame* at its stamp.
 
-        What is older than the newest by more than 10 s is left out; the same stamp again replaces. Raises
-        TransformError for a frame in itself, a ring of frames, and numbers that are no transform.
+        A pose that is more than 10 s older than the newest is ignored. A pose with the same stamp replaces
+        the old pose.
+
+        Args:
+            frame: The pose of the child frame in its parent.
+            holds: The time (ns) after the stamp for which the newest pose remains valid.
+
+        Raises:
+            TransformError: The frame is below itself, or its numbers are not a transform.
+
         """
         link = self._links.get(frame.child)
         if link is None or link.parent != frame.parent or link.static:
@@ -130,17 +138,29 @@ class TransformTree:
         link.put(frame.stamp, Transform(frame.position, frame.quaternion), holds)
 
     def set_static(self, frame: TransformStamped) -> None:
-        """Tell where *frame* is at all times. Raises as `set` does."""
+        """Store the pose of *frame* for all times.
+
+        Raises:
+            TransformError: The frame is below itself, or its numbers are not a transform.
+
+        """
         _check(frame)
         link = self._grow(frame, static=True)
         link.transforms = [Transform(frame.position, frame.quaternion)]
 
     def lookup(self, target: str, source: str, stamp: int | None = None) -> Transform:
-        """What takes points of *source* to *target*, which is the pose of *source* in *target*.
+        """Return the pose of *source* in *target*, which transforms points of *source* to *target*.
 
-        *stamp* (ns) is the moment; None the newest that is known of all frames on the way. Raises
-        UnknownFrameError, ConnectivityError, or ExtrapolationError when the moment is not remembered or
-        still to come.
+        Args:
+            target: The frame of the result.
+            source: The frame whose pose is requested.
+            stamp: The time (ns) of the pose; None: the newest time at which all frames in between are known.
+
+        Raises:
+            UnknownFrameError: A frame is not in the tree.
+            ConnectivityError: No chain of frames connects the two.
+            ExtrapolationError: The time is outside the stored period.
+
         """
         up, down = self._chain(target, source)
         if stamp is None:
@@ -159,7 +179,7 @@ class TransformTree:
         return back.inverse() if result is None else back.inverse() * result
 
     def can_transform(self, target: str, source: str, stamp: int | None = None) -> bool:
-        """Whether `lookup` finds it."""
+        """Return whether `lookup` would succeed with the same arguments."""
         try:
             self.lookup(target, source, stamp)
         except TransformError:
@@ -167,11 +187,11 @@ class TransformTree:
         return True
 
     def frames(self) -> Sequence[str]:
-        """The names of all frames, sorted."""
+        """Return the names of all frames, sorted."""
         return sorted(self._links.keys() | self._parents)
 
     def parent(self, frame: str) -> str | None:
-        """The parent of *frame*; None for a root and for a frame that nobody has told of."""
+        """Return the parent of *frame*, or None for a root and for an unknown frame."""
         link = self._links.get(frame)
         return None if link is None else link.parent
 
@@ -179,12 +199,12 @@ class TransformTree:
         ancestor: str | None = frame.parent
         while ancestor is not None:
             if ancestor == frame.child:
-                what = (
+                position = (
                     "itself"
                     if frame.parent == frame.child
                     else f"'{frame.parent}', which is somewhere below it"
                 )
-                raise TransformError(f"'{frame.child}' can't be placed in {what}: frames form a tree")
+                raise TransformError(f"'{frame.child}' can't be placed in {position}: frames form a tree")
             ancestor = self.parent(ancestor)
         _check(frame)
         link = self._links[frame.child] = _Link(frame.child, frame.parent, static)
@@ -193,9 +213,13 @@ class TransformTree:
         return link
 
     def _chain(self, target: str, source: str) -> tuple[tuple[_Link, ...], tuple[_Link, ...]]:
-        """The links from *source* up to the frame that both are below, and those from *target* up to it."""
-        found = self._chains.get((target, source))
-        if found is None:
+        """Return the links from *source* up to the common ancestor, and those from *target* up to it.
+
+        The result is cached until the tree changes its shape: `lookup` is called for every scan and every
+        tick.
+        """
+        chain = self._chains.get((target, source))
+        if chain is None:
             for name in (target, source):
                 if name not in self._links and name not in self._parents:
                     raise UnknownFrameError(self._unknown(name))
@@ -208,8 +232,8 @@ class TransformTree:
                     f"'{source}' and '{target}' are not connected: "
                     f"one is below '{roots[0]}', the other below '{roots[1]}'"
                 )
-            found = self._chains[(target, source)] = (tuple(up), tuple(down))
-        return found
+            chain = self._chains[(target, source)] = (tuple(up), tuple(down))
+        return chain
 
     def _upwards(self, name: str) -> list[_Link]:
         links = []
@@ -220,16 +244,16 @@ class TransformTree:
 
     def _unknown(self, name: str) -> str:
         known = self.frames()
-        near = get_close_matches(name, known, n=1)
-        if near:
-            return f"there is no frame '{name}'; did you mean '{near[0]}'?"
+        suggestions = get_close_matches(name, known, n=1)
+        if suggestions:
+            return f"there is no frame '{name}'; did you mean '{suggestions[0]}'?"
         return f"there is no frame '{name}'; " + (
-            f"known are: {', '.join(known)}" if known else "none is known yet"
+            f"known frames: {', '.join(known)}" if known else "none is known yet"
         )
 
 
 def _newest(up: tuple[_Link, ...], down: tuple[_Link, ...]) -> int:
-    """The latest moment (ns) at which all links are known; 0 when all are fixed."""
+    """Return the latest time (ns) at which all links are known; 0 when all are static."""
     newest: int | None = None
     for links in (up, down):
         for link in links:
@@ -246,7 +270,7 @@ def _check(frame: TransformStamped) -> None:
     if not abs(length - 1.0) <= _UNIT:
         raise TransformError(
             f"'{frame.child}' in '{frame.parent}': the quaternion {frame.quaternion} has length {length:g}; "
-            "one that stands for a rotation has length 1 (x, y, z, w)"
+            "a rotation has length 1 (x, y, z, w)"
         )
     if not math.isfinite(sum(frame.position)):
         raise TransformError(
@@ -259,12 +283,13 @@ def _seconds(nanoseconds: int) -> str:
 
 
 class FrameBroadcaster:
-    """Tells a tree what the robot knows of its frames: ``odom`` → ``base_footprint``, and its links.
+    """Publishes the robot's frames in a tree: ``odom`` → ``base_footprint``, and its links and sensors.
 
-    `step` belongs on the schedule, at 50 Hz with ``Phase.TRANSFORMS``.
+    Schedule `step` at `RATE` with ``Phase.TRANSFORMS``.
     """
 
     RATE = 50.0
+    """The rate (Hz) at which `step` should run."""
 
     def __init__(
         self, robot: Robot, tree: TransformTree, odom: str = "odom", base: str = "base_footprint"
@@ -275,7 +300,7 @@ class FrameBroadcaster:
         self._base = base
 
     def step(self, now: int) -> None:
-        """Tell where all is now; each frame with the stamp that the robot gives it."""
+        """Publish the current frames, each with the stamp that the robot gives it. *now* is not used."""
         odometry = self._robot.odometry()
         pose = odometry.pose
         half = pose.yaw / 2.0

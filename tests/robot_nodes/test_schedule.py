@@ -39,7 +39,7 @@ def test_a_wait_ends_when_it_is_woken(kind: type):
 
 @pytest.mark.parametrize("kind", [RealTime, SimulatedTime])
 def test_a_frequency_of_zero_is_refused(kind: type):
-    with pytest.raises(ValueError, match="is never due: a frequency is above 0"):
+    with pytest.raises(ValueError, match="the rate of a task must be above 0 Hz"):
         kind().every(0.0, Phase.HEAD, print)
 
 
