@@ -8,8 +8,8 @@ import pytest
 
 from btcore_robot.control.bumpgo_fsm import BumpGo, BumpGoState
 from btcore_robot.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest_direction
-from btcore_robot.process.bridge import Bridge
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
+from btcore_robot.process.robot_bridge import RobotBridge
 from btcore_robot.robot import LaserScan, Twist2D
 from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -28,9 +28,9 @@ class Bumping:
         self.executor = Executor(robot.schedule, robot.clock)
         self.process = kind(self.context)
         self.laser = Process("laser", self.context)
-        self.scans = self.laser.publisher("input_scan", LaserScan)
+        self.scans = self.laser.create_publisher("input_scan", LaserScan)
         self.said: list[tuple[float, Twist2D]] = []
-        self.laser.subscribe("output_vel", Twist2D, self.hear)
+        self.laser.create_subscription("output_vel", Twist2D, self.hear)
         self.ranges = [5.0] * 9
         self.alive = True
         self.executor.add(self.process)
@@ -157,7 +157,7 @@ def turned(kind: type[BumpGo], seconds: float) -> tuple[SimulatedRobot, BumpGo, 
     context = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
     executor = Executor(body.schedule, body.clock)
     process = kind(context, ProcessOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
-    executor.add(Bridge(context))
+    executor.add(RobotBridge(context))
     executor.add(process)
     body.world.wait_until(round(seconds * SECOND), threading.Event())
     return body, process, body.distance

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from btcore_robot.process.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
-from btcore_robot.process.launch import LaunchError, read_launch, start_all
-from btcore_robot.process.parameters import ParameterError, parameters_of
+from btcore_robot.process.launch import LaunchError, launch_processes, read_launch
+from btcore_robot.process.parameters import ParameterError, load_process_parameters
 from btcore_robot.process.process import (
     Executor,
     LogMessage,
@@ -59,7 +59,9 @@ def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
 def test_the_publisher_counts_before_it_publishes(desk: Desk):
     heard: list[tuple[float, int]] = []
     listener = Process("listener", desk.context)
-    listener.subscribe("int_topic", Int32, lambda one: heard.append((desk.clock.now() / SECOND, one.data)))
+    listener.create_subscription(
+        "int_topic", Int32, lambda one: heard.append((desk.clock.now() / SECOND, one.data))
+    )
     desk.add(NumberPublisher(desk.context), listener)
     desk.clock.sleep(1.6)
     assert heard == [(0.5, 1), (1.0, 2), (1.5, 3)]
@@ -97,7 +99,7 @@ localization_node:
 
 def test_a_parameter_file_sets_them(desk: Desk, tmp_path: Path):
     (tmp_path / "params.yaml").write_text(PARAMS)
-    given = parameters_of(tmp_path / "params.yaml", "localization_node")
+    given = load_process_parameters(tmp_path / "params.yaml", "localization_node")
     process = Localization(desk.context, ProcessOptions(parameters=given))
     assert process.number_particles == 300
     assert process.topics == ["scan", "image"]
@@ -115,14 +117,16 @@ def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
     """The first launch file of the book passes "particles"."""
     process = Localization(desk.context, ProcessOptions(parameters={"particles": 300}))
     assert process.number_particles == 200
-    assert list(process.unused()) == [
-        "the parameter 'particles' is none of localization_node's, and does nothing; "
+    assert list(process.unused_warnings()) == [
+        "localization_node has no parameter 'particles', so its value is ignored; "
         "did you mean 'number_particles'?"
     ]
 
 
 def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
-    assert list(Logger(desk.context, ProcessOptions(parameters={"use_sim_time": True})).unused()) == []
+    assert (
+        list(Logger(desk.context, ProcessOptions(parameters={"use_sim_time": True})).unused_warnings()) == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -143,7 +147,7 @@ class Talk:
     def __init__(self, desk: Desk, *, latched: bool = False) -> None:
         self.speaker = Process("speaker", desk.context)
         self.listener = Process("listener", desk.context)
-        self.numbers = self.speaker.publisher("numbers", Int32, latched=latched)
+        self.numbers = self.speaker.create_publisher("numbers", Int32, latched=latched)
         self.heard: list[int] = []
 
     def say(self, *numbers: int) -> None:
@@ -156,7 +160,7 @@ class Talk:
 
 def test_a_full_queue_loses_the_oldest(desk: Desk):
     talk = Talk(desk)
-    subscription = talk.listener.subscribe("numbers", Int32, talk.hear, depth=2)
+    subscription = talk.listener.create_subscription("numbers", Int32, talk.hear, depth=2)
     desk.add(talk.listener)
     talk.say(1, 2, 3, 4)
     assert talk.heard == []
@@ -168,7 +172,7 @@ def test_a_full_queue_loses_the_oldest(desk: Desk):
 def test_a_latched_topic_tells_its_last_to_whoever_comes_later(desk: Desk):
     talk = Talk(desk, latched=True)
     talk.say(1, 2)
-    talk.listener.subscribe("numbers", Int32, talk.hear)
+    talk.listener.create_subscription("numbers", Int32, talk.hear)
     desk.add(talk.listener)
     desk.clock.sleep(0.0)
     assert talk.heard == [2]
@@ -177,7 +181,7 @@ def test_a_latched_topic_tells_its_last_to_whoever_comes_later(desk: Desk):
 def test_without_latching_who_comes_later_hears_nothing(desk: Desk):
     talk = Talk(desk)
     talk.say(1, 2)
-    talk.listener.subscribe("numbers", Int32, talk.hear)
+    talk.listener.create_subscription("numbers", Int32, talk.hear)
     desk.add(talk.listener)
     desk.clock.sleep(0.0)
     assert talk.heard == []
@@ -185,10 +189,10 @@ def test_without_latching_who_comes_later_hears_nothing(desk: Desk):
 
 def test_a_message_or_a_listener_of_another_type_is_a_fault(desk: Desk):
     talk = Talk(desk)
-    with pytest.raises(TopicError, match="/numbers takes messages of type Int32, and this is of type str"):
+    with pytest.raises(TopicError, match="/numbers has messages of type Int32, not of type str"):
         talk.numbers.publish("seven")  # type: ignore[arg-type]
-    with pytest.raises(TopicError, match="since speaker named it, and str is another type"):
-        talk.listener.subscribe("/numbers", str, print)
+    with pytest.raises(TopicError, match="which speaker declared, not of type str"):
+        talk.listener.create_subscription("/numbers", str, print)
 
 
 def test_a_process_is_remapped_at_its_start(desk: Desk):
@@ -203,7 +207,9 @@ def test_a_process_is_remapped_at_its_start(desk: Desk):
 def test_a_message_is_heard_at_the_moment_it_is_published_after_the_sensors(desk: Desk):
     talk = Talk(desk)
     moments: list[float] = []
-    talk.listener.subscribe("numbers", Int32, lambda message: moments.append(desk.clock.now() / SECOND))
+    talk.listener.create_subscription(
+        "numbers", Int32, lambda message: moments.append(desk.clock.now() / SECOND)
+    )
     desk.add(talk.listener)
     desk.clock.every(4.0, Phase.SENSORS, lambda now: talk.say(1))
     desk.clock.sleep(1.0)
@@ -212,11 +218,11 @@ def test_a_message_is_heard_at_the_moment_it_is_published_after_the_sensors(desk
 
 def test_a_process_that_ended_hears_nothing_and_its_timers_rest(desk: Desk):
     talk = Talk(desk)
-    talk.listener.subscribe("numbers", Int32, talk.hear)
+    talk.listener.create_subscription("numbers", Int32, talk.hear)
     logger = Logger(desk.context)
     desk.add(talk.listener, logger)
-    talk.listener.end()
-    logger.end()
+    talk.listener.destroy()
+    logger.destroy()
     talk.say(1)
     desk.clock.sleep(2.0)
     assert (talk.heard, desk.lines) == ([], [])
@@ -225,7 +231,7 @@ def test_a_process_that_ended_hears_nothing_and_its_timers_rest(desk: Desk):
 def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
     process = Process("once", desk.context)
     calls: list[int] = []
-    timer = process.timer(0.1, lambda: (calls.append(1), timer.cancel()))
+    timer = process.create_timer(0.1, lambda: (calls.append(1), timer.cancel()))
     desk.add(process)
     desk.clock.sleep(1.0)
     assert calls == [1]
@@ -233,7 +239,7 @@ def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
 
 def test_callbacks_that_answer_each_other_for_ever_are_told(desk: Desk):
     talk = Talk(desk)
-    talk.listener.subscribe("numbers", Int32, talk.numbers.publish)
+    talk.listener.create_subscription("numbers", Int32, talk.numbers.publish)
     desk.add(talk.listener)
     talk.say(1)
     with pytest.raises(MessageLoopError, match="the callbacks of listener publish to each other without end"):
@@ -262,7 +268,7 @@ launch:
 
 def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Path):
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
-    desk.add(*start_all(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.context))
+    desk.add(*launch_processes(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.context))
     assert [process.name for process in desk.executor.processes] == ["speaker", "subscriber_node"]
     desk.clock.sleep(1.1)
     assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2"]
@@ -272,7 +278,7 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
     (tmp_path / "params.yaml").write_text(PARAMS)
     (tmp_path / "all.launch.yaml").write_text(WITH_PARAMS)
-    processes = start_all(read_launch(tmp_path / "all.launch.yaml"), desk.context)
+    processes = launch_processes(read_launch(tmp_path / "all.launch.yaml"), desk.context)
     assert [one.name for one in processes] == ["speaker", "subscriber_node", "localization_node"]
     assert processes[2].parameters["number_particles"] == 400
     assert processes[2].parameters["topics"] == ["scan", "image"]
@@ -286,22 +292,22 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
             r"line 2: there is no program 'publsher': did you mean 'publisher'",
         ),
         ("launch:\n- node: {name: a}\n", r"line 2: a node needs 'exec'"),
-        ("launch:\n- node: {exec: logger, parm: []}\n", "line 2: a node has no 'parm'"),
+        ("launch:\n- node: {exec: logger, parm: []}\n", "line 2: a node has no key 'parm'"),
         (
             "launch:\n- node: {exec: logger, remap: [{from: a}]}\n",
-            "'remap' is a list of {from: NAME, to: NAME}",
+            "'remap' must be a list of {from: NAME, to: NAME}",
         ),
-        ("launch:\n- arg: {name: a}\n", "line 2: 'arg' is no step here"),
+        ("launch:\n- arg: {name: a}\n", "line 2: 'arg' is not a step"),
         ("nodes: []\n", "line 1: a launch file is 'launch:'"),
-        ("launch: [\n", "line 2: this is no YAML"),
-        ("launch:\n- include: {file: f.yaml}\n", "is included by itself"),
+        ("launch: [\n", "line 2: not valid YAML"),
+        ("launch:\n- include: {file: f.yaml}\n", "includes itself, directly or through other files"),
         ("launch:\n- include: {file: none.yaml}\n", "none.yaml can't be read"),
     ],
 )
 def test_a_mistake_in_a_launch_file_is_told_with_its_place(desk: Desk, tmp_path: Path, text: str, said: str):
     (tmp_path / "f.yaml").write_text(text)
     with pytest.raises(LaunchError, match=said):
-        start_all(read_launch(tmp_path / "f.yaml"), desk.context)
+        launch_processes(read_launch(tmp_path / "f.yaml"), desk.context)
 
 
 def test_a_program_that_there_is_not_is_told(desk: Desk):

@@ -123,11 +123,11 @@ def detector(robot, **parameters) -> tuple[ProcessContext, Process, ObjectDetect
 
 def test_as_a_process_it_tells_what_it_finds_to_listeners(robot):
     _, other, process = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
-    images, heard = other.publisher("input_image", CameraImage), []
+    images, heard = other.create_publisher("input_image", CameraImage), []
     images.publish(picture((100, 50, 40, 20)))
     robot.clock.sleep(0.0)
     assert not process.detections.has_subscribers
-    other.subscribe("detection", Detections, heard.append)
+    other.create_subscription("detection", Detections, heard.append)
     images.publish(picture())
     images.publish(picture((100, 50, 40, 20), (300, 200, 40, 60)))
     robot.clock.sleep(0.0)

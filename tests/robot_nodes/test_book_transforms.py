@@ -29,9 +29,11 @@ class Looking:
         self.context = ProcessContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
         self.executor = Executor(robot.schedule, robot.clock)
         self.laser = Process("laser", self.context)
-        self.scans = self.laser.publisher("input_scan", LaserScan)
+        self.scans = self.laser.create_publisher("input_scan", LaserScan)
         self.arrows: list[Arrow] = []
-        self.laser.subscribe("obstacle_marker", Arrows, lambda one: self.arrows.extend(one.arrows), depth=1)
+        self.laser.create_subscription(
+            "obstacle_marker", Arrows, lambda one: self.arrows.extend(one.arrows), depth=1
+        )
         self.executor.add(self.laser)
 
     def know_frames(self) -> None:

@@ -110,8 +110,8 @@ class Avoiding:
         )
         self.laser = Process("laser", self.context)
         self.said: list[Twist2D] = []
-        self.scans = self.laser.publisher("/scan_raw", LaserScan)
-        self.laser.subscribe("/nav_vel", Twist2D, self.said.append)
+        self.scans = self.laser.create_publisher("/scan_raw", LaserScan)
+        self.laser.create_subscription("/nav_vel", Twist2D, self.said.append)
         self.executor.add(self.process)
         self.executor.add(self.laser)
 
@@ -154,7 +154,7 @@ def test_the_arrows_are_made_for_listeners_only(robot):
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     heard: list[Arrows] = []
     assert not avoiding.process.arrows.has_subscribers
-    avoiding.laser.subscribe("vff_debug", Arrows, heard.append)
+    avoiding.laser.create_subscription("vff_debug", Arrows, heard.append)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     arrows = {arrow.number: arrow for arrow in heard[-1].arrows}
     assert {number: arrow.colour for number, arrow in arrows.items()} == {2: BLUE, 0: RED, 1: GREEN}

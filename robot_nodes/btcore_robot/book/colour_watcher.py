@@ -31,8 +31,8 @@ class ColourWatcher(Process):
         self.each = each
         self.found = 0
         self.last: Detections | None = None
-        self.subscribe("detection", Detections, self.heard)
-        self.timer(PERIOD, self.tell)
+        self.create_subscription("detection", Detections, self.heard)
+        self.create_timer(PERIOD, self.tell)
 
     def heard(self, message: Detections) -> None:
         """Keep what was found."""

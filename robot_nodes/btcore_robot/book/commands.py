@@ -7,7 +7,7 @@ import click
 
 from btcore.program_runner import FiniteRange
 from btcore_robot.book.runner import FAULTS, BookRunner, world_command
-from btcore_robot.process.launch import read_launch, start_all
+from btcore_robot.process.launch import launch_processes, read_launch
 from btcore_robot.process.process import ProcessOptions
 from btcore_robot.process.programs import create_processes
 
@@ -32,14 +32,15 @@ def book() -> None:
 @click.pass_context
 def hello(ctx: click.Context, /, **settings: Any) -> int:
     """Run a program of chapter 2; by default the executor with publisher and subscriber."""
-    from btcore_robot.process.parameters import parameters_of
+    from btcore_robot.process.parameters import load_process_parameters
 
     runner = BookRunner(ctx, {**settings, "as_json": False, "seed": 0}, embodied=False)
     program = settings["program"]
     options = ProcessOptions()
     try:
         if settings["params"] is not None:
-            options = ProcessOptions(parameters=parameters_of(settings["params"], f"{program}_node"))
+            parameters = load_process_parameters(settings["params"], f"{program}_node")
+            options = ProcessOptions(parameters=parameters)
         runner.add(*create_processes(program, runner.context, options))
     except FAULTS as fault:
         raise click.UsageError(str(fault)) from fault
@@ -54,7 +55,7 @@ def launch(ctx: click.Context, /, **settings: Any) -> int:
 
     entries = read_launch(settings["file"])
     runner = BookRunner(ctx, settings, embodied=any(one.program == "bridge" for one in entries))
-    runner.add(*start_all(entries, runner.context))
+    runner.add(*launch_processes(entries, runner.context))
     return runner.perform(
         "Launched",
         lambda: {"processes": [one.name for one in runner.executor.processes]},

@@ -29,7 +29,7 @@ class ForceWatcher(Process):
         self.strongest: tuple[Arrow, ...] = ()
         self.nearest = math.inf
         self._points: NDArray[np.float64] = np.zeros((0, 2))
-        self.subscribe("vff_debug", Arrows, self.heard)
+        self.create_subscription("vff_debug", Arrows, self.heard)
         context.schedule.every(10.0, Phase.JUDGE, self._look)
 
     def heard(self, message: Arrows) -> None:

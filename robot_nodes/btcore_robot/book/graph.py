@@ -14,16 +14,16 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 def draw_graph(topics: Topics) -> NDArray[np.uint8]:
     """The topics that have a publisher and a listener, with both, from left to right; RGB."""
-    lines = [one for one in topics if one.publishers and one.listeners]
+    lines = [one for one in topics if one.publishers and one.subscriptions]
     speakers = _rows([sorted(set(one.publishers)) for one in lines])
-    hearers = _rows([sorted({listener.owner for listener in one.listeners}) for one in lines])
+    hearers = _rows([sorted({listener.owner for listener in one.subscriptions}) for one in lines])
     lowest = max([*speakers.values(), *hearers.values(), _y(len(lines) - 1), _ROW])
     image: NDArray[np.uint8] = np.full((lowest + 40, _WIDTH, 3), _PAPER, dtype=np.uint8)
     for index, topic in enumerate(lines):
         y = _y(index)
         for name in sorted(set(topic.publishers)):
             _arrow(image, (_LEFT + 92, speakers[name]), (_MIDDLE - 128, y))
-        for name in sorted({listener.owner for listener in topic.listeners}):
+        for name in sorted({listener.owner for listener in topic.subscriptions}):
             _arrow(image, (_MIDDLE + 128, y), (_RIGHT - 92, hearers[name]))
     for index, topic in enumerate(lines):
         y = _y(index)

@@ -28,8 +28,8 @@ class HeadWatcher(Process):
         if self.robot.camera_info is None or not (self.tracker.configure() and self.tracker.activate()):
             raise click.UsageError("this robot has no head with a camera to track with, or the camera is off")
         if turn:
-            self.timer(0.1, self.drive)
-        self.timer(PERIOD, self.tell)
+            self.create_timer(0.1, self.drive)
+        self.create_timer(PERIOD, self.tell)
 
     def drive(self) -> None:
         """Turn the base."""

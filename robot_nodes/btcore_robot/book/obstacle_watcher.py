@@ -27,10 +27,10 @@ class ObstacleWatcher(Process):
         self.twist = Twist2D(v, w)
         self.places: list[tuple[float, float]] = []
         self.arrows: tuple[Arrow, ...] = ()
-        self._keys = self.publisher(_KEY_VEL, Twist2D)
+        self._keys = self.create_publisher(_KEY_VEL, Twist2D)
         self._trail = Trail(context)
-        self.subscribe("obstacle_marker", Arrows, self.heard)
-        self.timer(0.1, self.look)
+        self.create_subscription("obstacle_marker", Arrows, self.heard)
+        self.create_timer(0.1, self.look)
 
     def heard(self, message: Arrows) -> None:
         """Keep the arrow."""

@@ -106,7 +106,7 @@ class BookRunner:
     def add(self, *processes: Process) -> None:
         """Run *processes*, and tell of parameters that none of them knows."""
         for process in processes:
-            for sentence in process.unused():
+            for sentence in process.unused_warnings():
                 click.echo(f"warning: {sentence}", err=True)
             self.executor.add(process)
 

@@ -46,9 +46,9 @@ class BumpGo(Process):
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("bump_go", context, options)
-        self.velocities = self.publisher("output_vel", Twist2D)
-        self.subscribe("input_scan", LaserScan, self.on_scan)
-        self.timer(PERIOD, self.control_cycle)
+        self.velocities = self.create_publisher("output_vel", Twist2D)
+        self.create_subscription("input_scan", LaserScan, self.on_scan)
+        self.create_timer(PERIOD, self.control_cycle)
         self.state = BumpGoState.FORWARD
         self.since = self.now()
         """The time (ns) at which the current state began."""

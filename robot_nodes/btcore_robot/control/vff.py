@@ -96,10 +96,10 @@ class Avoidance(Process):
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("avoidance_vff", context, options)
-        self.velocities = self.publisher("output_vel", Twist2D)
-        self.arrows = self.publisher("vff_debug", Arrows)
-        self.subscribe("input_scan", LaserScan, self.on_scan)
-        self.timer(PERIOD, self.control_cycle)
+        self.velocities = self.create_publisher("output_vel", Twist2D)
+        self.arrows = self.create_publisher("vff_debug", Arrows)
+        self.create_subscription("input_scan", LaserScan, self.on_scan)
+        self.create_timer(PERIOD, self.control_cycle)
         self.scan: LaserScan | None = None
         self.forces: Forces | None = None
         """The forces of the last velocity command; None after a cycle without a recent scan."""

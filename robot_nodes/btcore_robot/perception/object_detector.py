@@ -31,8 +31,8 @@ class ObjectDetector(Process):
         h, hh, s, ss, v, vv = ranges
         self.colours = ColourRange((h, hh), (s, ss), (v, vv))
         self.each = self.parameters.declare("each", False)
-        self.detections = self.publisher("detection", Detections)
-        self.subscribe("input_image", CameraImage, self.on_image)
+        self.detections = self.create_publisher("detection", Detections)
+        self.create_subscription("input_image", CameraImage, self.on_image)
 
     def on_image(self, image: CameraImage) -> None:
         """Detect the objects in *image* and publish them."""

@@ -30,7 +30,7 @@ class ObstacleDetector(Process):
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__(self.default_name, context, options)
-        self.subscribe("input_scan", LaserScan, self.on_scan)
+        self.create_subscription("input_scan", LaserScan, self.on_scan)
 
     def on_scan(self, scan: LaserScan) -> None:
         """Publish the obstacle that the middle ray hits, if any."""
@@ -65,8 +65,8 @@ class ObstacleMonitor(Process):
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("obstacle_monitor", context, options)
         self.by_distance = self.parameters.declare("colour_by_distance", False)
-        self.markers = self.publisher("obstacle_marker", Arrows)
-        self.timer(PERIOD, self.report)
+        self.markers = self.create_publisher("obstacle_marker", Arrows)
+        self.create_timer(PERIOD, self.report)
         self.position: tuple[float, float, float] | None = None
         """The last position (m) of the obstacle in ``base_footprint``."""
 

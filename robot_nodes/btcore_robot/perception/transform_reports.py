@@ -17,7 +17,7 @@ class Displacement(Process):
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("displacement", context, options)
         self.previous: Transform | None = None
-        self.timer(REPORT_PERIOD, self.report)
+        self.create_timer(REPORT_PERIOD, self.report)
 
     def report(self) -> None:
         """Compare the current pose with the pose at the last report."""
@@ -38,7 +38,7 @@ class ObstacleInFrames(Process):
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("obstacle_in_frames", context, options)
-        self.timer(PERIOD, self.report)
+        self.create_timer(PERIOD, self.report)
 
     def report(self) -> None:
         """Log the position in each frame that is connected to the obstacle's frame."""

@@ -1,1 +1,1 @@
-"""The book's processes (ROS's "nodes") on the robot's schedule: topics, timers, parameters, lifecycle."""
+"""The book's processes (ROS nodes) on the robot's schedule: topics, timers, parameters and lifecycle."""

@@ -1,11 +1,11 @@
-"""The programs of the book's second chapter: a logger, a publisher, a subscriber, parameters."""
+"""The programs of the book's second chapter: a logger, a publisher, a subscriber, and parameters."""
 
 from dataclasses import dataclass
 
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 
 PERIOD = 0.5
-"""How often (s) the logger logs and the publisher publishes."""
+"""The period (s) of the logger and the publisher."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,48 +16,48 @@ class Int32:
 
 
 class Logger(Process):
-    """Logs ``Hello N`` twice a second, N from 0 on."""
+    """Log ``Hello N`` twice a second, with N from 0."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("logger_node", context, options)
         self.counter = 0
-        self.timer(PERIOD, self.log)
+        self.create_timer(PERIOD, self.log)
 
     def log(self) -> None:
-        """Say hello, and count."""
+        """Log the message and increment the counter."""
         self.info(f"Hello {self.counter}")
         self.counter += 1
 
 
 class NumberPublisher(Process):
-    """Publishes 1, 2, 3 … on ``int_topic``, twice a second."""
+    """Publish 1, 2, 3 … on ``int_topic``, twice a second."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("publisher_node", context, options)
         self.message = Int32(0)
-        self.numbers = self.publisher("int_topic", Int32)
-        self.timer(PERIOD, self.publish)
+        self.numbers = self.create_publisher("int_topic", Int32)
+        self.create_timer(PERIOD, self.publish)
 
     def publish(self) -> None:
-        """Count, then publish: the first number is 1."""
+        """Increment the number and publish it: the first number is 1."""
         self.message = Int32(self.message.data + 1)
         self.numbers.publish(self.message)
 
 
 class NumberSubscriber(Process):
-    """Logs ``Hello N`` for each number that it hears on ``int_topic``."""
+    """Log ``Hello N`` for each number received on ``int_topic``."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("subscriber_node", context, options)
-        self.subscribe("int_topic", Int32, self.heard)
+        self.create_subscription("int_topic", Int32, self.on_number)
 
-    def heard(self, message: Int32) -> None:
-        """Say hello."""
+    def on_number(self, message: Int32) -> None:
+        """Log the number."""
         self.info(f"Hello {message.data}")
 
 
 class Localization(Process):
-    """Has parameters, and does nothing but report an error when its two lists don't match."""
+    """Declare parameters, and log an error if the two lists have different lengths."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("localization_node", context, options)

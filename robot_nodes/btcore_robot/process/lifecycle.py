@@ -1,10 +1,10 @@
-"""Components that are configured and activated from outside, with ROS 2's states and numbers."""
+"""Components with ROS 2's lifecycle: they are configured and activated by their user."""
 
 from enum import IntEnum
 
 
 class LifecycleState(IntEnum):
-    """The states that last (``lifecycle_msgs/State``)."""
+    """The primary states (``lifecycle_msgs/State``)."""
 
     UNCONFIGURED = 1
     INACTIVE = 2
@@ -13,7 +13,7 @@ class LifecycleState(IntEnum):
 
 
 class LifecycleTransition(IntEnum):
-    """The transitions that may be asked for (``lifecycle_msgs/Transition``)."""
+    """The transitions that a user may request (``lifecycle_msgs/Transition``)."""
 
     CONFIGURE = 1
     CLEANUP = 2
@@ -22,7 +22,7 @@ class LifecycleTransition(IntEnum):
     SHUTDOWN = 5
 
 
-_LEADS = {
+_TARGETS = {
     (LifecycleState.UNCONFIGURED, LifecycleTransition.CONFIGURE): LifecycleState.INACTIVE,
     (LifecycleState.INACTIVE, LifecycleTransition.CLEANUP): LifecycleState.UNCONFIGURED,
     (LifecycleState.INACTIVE, LifecycleTransition.ACTIVATE): LifecycleState.ACTIVE,
@@ -34,69 +34,72 @@ _LEADS = {
 
 
 class LifecycleComponent:
-    """A component with a `state`. A subclass says what a change does, or refuses it by returning False."""
+    """A component with a lifecycle `state`.
+
+    A subclass overrides the ``on_…`` callbacks. A callback that returns False refuses its transition.
+    """
 
     def __init__(self) -> None:
         self._state = LifecycleState.UNCONFIGURED
 
     @property
     def state(self) -> LifecycleState:
-        """Where it is now."""
+        """The current state."""
         return self._state
 
-    def change(self, asked: LifecycleTransition) -> bool:
-        """Ask for a transition; False where there is none from here, or it is refused: nothing changes."""
-        target = _LEADS.get((self._state, asked))
-        if target is None or not self._callback(asked):
+    def change_state(self, transition: LifecycleTransition) -> bool:
+        """Request *transition*; return False if it is invalid in the current state or refused."""
+        target = _TARGETS.get((self._state, transition))
+        if target is None or not self._callback(transition):
             return False
         self._state = target
         return True
 
     def configure(self) -> bool:
-        """From unconfigured to inactive."""
-        return self.change(LifecycleTransition.CONFIGURE)
+        """Change from unconfigured to inactive; return whether it succeeded."""
+        return self.change_state(LifecycleTransition.CONFIGURE)
 
     def activate(self) -> bool:
-        """From inactive to active."""
-        return self.change(LifecycleTransition.ACTIVATE)
+        """Change from inactive to active; return whether it succeeded."""
+        return self.change_state(LifecycleTransition.ACTIVATE)
 
     def deactivate(self) -> bool:
-        """From active to inactive."""
-        return self.change(LifecycleTransition.DEACTIVATE)
+        """Change from active to inactive; return whether it succeeded."""
+        return self.change_state(LifecycleTransition.DEACTIVATE)
 
     def cleanup(self) -> bool:
-        """From inactive to unconfigured."""
-        return self.change(LifecycleTransition.CLEANUP)
+        """Change from inactive to unconfigured; return whether it succeeded."""
+        return self.change_state(LifecycleTransition.CLEANUP)
 
     def shutdown(self) -> bool:
-        """From anywhere to finalized, for good."""
-        return self.change(LifecycleTransition.SHUTDOWN)
+        """Change from any state to finalized, permanently; return whether it succeeded."""
+        return self.change_state(LifecycleTransition.SHUTDOWN)
 
     def on_configure(self) -> bool:
-        """Get ready."""
+        """Prepare for work. Return False to refuse."""
         return True
 
     def on_activate(self) -> bool:
-        """Begin to work."""
+        """Start to work. Return False to refuse."""
         return True
 
     def on_deactivate(self) -> bool:
-        """Stop working."""
+        """Stop working. Return False to refuse."""
         return True
 
     def on_cleanup(self) -> bool:
-        """Give back what `on_configure` took."""
+        """Release the resources of `on_configure`. Return False to refuse."""
         return True
 
     def on_shutdown(self) -> bool:
-        """End; unless it is overridden, as `on_deactivate` stops."""
+        """Release everything; by default stop as in `on_deactivate`. Return False to refuse."""
         return self.on_deactivate()
 
-    def _callback(self, asked: LifecycleTransition) -> bool:
+    def _callback(self, transition: LifecycleTransition) -> bool:
         return {
             LifecycleTransition.CONFIGURE: self.on_configure,
             LifecycleTransition.ACTIVATE: self.on_activate,
             LifecycleTransition.DEACTIVATE: self.on_deactivate,
             LifecycleTransition.CLEANUP: self.on_cleanup,
             LifecycleTransition.SHUTDOWN: self.on_shutdown,
-        }[asked]()
+        }[transition]()

@@ -1,4 +1,4 @@
-"""Messages that no reading of a robot has a type for already."""
+"""Messages other than the robot's own data types."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ BLUE: Colour = (0.0, 0.0, 1.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class HeadCommand:
-    """Turn the head to *pan* (+ left) and *tilt* (+ up), in rad."""
+    """A command to turn the head to *pan* (rad, positive left) and *tilt* (rad, positive up)."""
 
     pan: float
     tilt: float
@@ -20,10 +20,11 @@ class HeadCommand:
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """An arrow to be drawn, from *start* to *end* (m) in *frame*.
+    """An arrow to draw, from *start* to *end* (m) in *frame*.
 
-    *number* tells it from others, *shaft* and *head* are diameters (m), *colour* is red, green, blue and
-    opacity (0–1). After *lifetime* (s) it fades; 0 stands for never.
+    *number* distinguishes arrows of the same publisher: a new arrow replaces an arrow with the same number.
+    *shaft* and *head* are diameters (m). *colour* is red, green, blue and opacity (0–1). The arrow disappears
+    after *lifetime* (s); 0 means never. *stamp* is its time (ns).
     """
 
     number: int
@@ -39,6 +40,6 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Arrows:
-    """Several arrows of one moment."""
+    """Several arrows of the same time."""
 
     arrows: tuple[Arrow, ...]

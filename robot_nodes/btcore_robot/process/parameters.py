@@ -1,4 +1,4 @@
-"""Parameters of a process: declared with a default, set at its start, from a file or by hand."""
+"""Parameters of a process: declared with a default, and set at its start by a file or by options."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -7,29 +7,35 @@ from typing import TypeVar, cast
 
 from btcore_robot.navigation.parameter_files import EVERY_SERVER, ParameterError, read_settings
 
-__all__ = ["ParameterError", "Parameters", "Value", "parameters_of"]
+__all__ = ["ParameterError", "ParameterValue", "Parameters", "load_process_parameters"]
 
 USE_SIM_TIME = "use_sim_time"
-"""What every node of ROS 2 has; here time is always that of the robot."""
+"""A parameter of every ROS 2 node; it has no effect here, because time is always the robot's time."""
 
-Value = bool | int | float | str | list[int] | list[float] | list[str]
-Declared = TypeVar("Declared", bool, int, float, str, list[int], list[float], list[str])
+ParameterValue = bool | int | float | str | list[int] | list[float] | list[str]
+DeclaredValue = TypeVar("DeclaredValue", bool, int, float, str, list[int], list[float], list[str])
 
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", list: "a list"}
 
 
 class Parameters:
-    """The parameters of the process called *owner*, of which *given* were set from outside."""
+    """The parameters of the process *owner*; *given* are the values set at its start."""
 
-    def __init__(self, owner: str, given: Mapping[str, Value]) -> None:
+    def __init__(self, owner: str, given: Mapping[str, ParameterValue]) -> None:
         self._owner = owner
         self._given = dict(given)
-        self._values: dict[str, Value] = {}
+        self._values: dict[str, ParameterValue] = {}
 
-    def declare(self, name: str, default: Declared) -> Declared:
-        """The value of *name*: what was given, else *default*, whose type it has.
+    def declare(self, name: str, default: DeclaredValue) -> DeclaredValue:
+        """Declare the parameter *name* and return its value: the given value, or else *default*.
 
-        Raises ParameterError for a value of another type; a whole number will do for a float.
+        Args:
+            name: The name of the parameter.
+            default: The default, which also determines the type.
+
+        Raises:
+            ParameterError: The given value has another type (a whole number is accepted for a float).
+
         """
         value = self._given.get(name, default)
         if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
@@ -37,54 +43,60 @@ class Parameters:
         if type(value) is not type(default):
             raise ParameterError(
                 f"{self._owner}: the parameter '{name}' is {value!r}, "
-                f"and {_WORDS[type(default)]} is expected, such as {default!r}"
+                f"but {_WORDS[type(default)]} is expected, such as {default!r}"
             )
         if isinstance(value, list) and isinstance(default, list):
             self._check_items(name, value, default)
         self._values[name] = value
-        # mypy checks this once a type that Declared may be, and can't follow the line above.
+        # mypy checks this function once for each type of DeclaredValue, and cannot narrow the type above.
         return value  # type: ignore[return-value,unused-ignore]
 
-    def __getitem__(self, name: str) -> Value:
-        """The value of a declared parameter. Raises KeyError."""
+    def __getitem__(self, name: str) -> ParameterValue:
+        """Return the value of a declared parameter. Raises KeyError for any other name."""
         return self._values[name]
 
-    def unused(self) -> Iterator[str]:
-        """A sentence for every parameter that was given but never declared."""
+    def unused_warnings(self) -> Iterator[str]:
+        """Yield a warning for every parameter that was given but never declared."""
         for name in self._given:
             if name not in self._values and name != USE_SIM_TIME:
-                near = get_close_matches(name, self._values, 1)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
-                yield f"the parameter '{name}' is none of {self._owner}'s, and does nothing{hint}"
+                suggestions = get_close_matches(name, self._values, 1)
+                hint = f"; did you mean '{suggestions[0]}'?" if suggestions else ""
+                yield f"{self._owner} has no parameter '{name}', so its value is ignored{hint}"
 
     def _check_items(self, name: str, value: Sequence[object], default: Sequence[object]) -> None:
-        kinds = {type(one) for one in value}
-        wanted = {type(one) for one in default}
-        if len(kinds) > 1 or (wanted and kinds and kinds != wanted):
+        types = {type(item) for item in value}
+        expected_types = {type(item) for item in default}
+        if len(types) > 1 or (expected_types and types and types != expected_types):
             raise ParameterError(
-                f"{self._owner}: the parameter '{name}' is {value!r}, and its items are to be of one type, "
+                f"{self._owner}: the parameter '{name}' is {value!r}, but its items must have the same type, "
                 f"as in {default!r}"
             )
 
 
-def parameters_of(path: Path, name: str) -> dict[str, Value]:
-    """What the parameter file at *path* says of the process *name*, and of all (``/**``) before it.
+def load_process_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
+    """Return the parameters in a file for a process; its own values override those for all (``/**``).
 
-    Raises ParameterError where the file can't be read, or holds what no parameter can be.
+    Args:
+        path: The parameter file.
+        name: The name of the process.
+
+    Raises:
+        ParameterError: The file cannot be read, or contains a value that is not a parameter.
+
     """
     servers = read_settings(path)
-    found: dict[str, Value] = {}
+    parameters: dict[str, ParameterValue] = {}
     for owner in (EVERY_SERVER, name):
         for key, setting in servers.get(owner, {}).items():
             value = setting.value
             if isinstance(value, list):
-                fine = all(isinstance(one, bool | int | float | str) for one in value)
+                valid = all(isinstance(item, bool | int | float | str) for item in value)
             else:
-                fine = isinstance(value, bool | int | float | str)
-            if not fine:
+                valid = isinstance(value, bool | int | float | str)
+            if not valid:
                 raise ParameterError(
-                    f"{path}, line {setting.line}: '{key}' is {value!r}, and a parameter is a number, "
+                    f"{path}, line {setting.line}: '{key}' is {value!r}, but a parameter is a number, "
                     "a text, true or false, or a list of them"
                 )
-            found[key] = cast(Value, value)
-    return found
+            parameters[key] = cast(ParameterValue, value)
+    return parameters

@@ -1,27 +1,27 @@
-"""A process (ROS's "node"): publishers, subscriptions, timers and parameters; and its executor."""
+"""A process (a ROS node) with publishers, subscriptions, timers and parameters; and its executor."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from btcore_robot.errors import RobotError
-from btcore_robot.process.parameters import Parameters, Value
+from btcore_robot.process.parameters import Parameters, ParameterValue
 from btcore_robot.process.topics import Publisher, Subscription, Topics, full_name
 from btcore_robot.robot import NS_PER_S, Phase, Robot, RobotClock, Schedule
 from btcore_robot.transforms import TransformTree
 
 Message = TypeVar("Message")
 
-ROUNDS = 1000
-"""How often, at one moment, callbacks may answer each other before that counts as endless."""
+MAX_DELIVERY_ROUNDS = 1000
+"""The maximum number of delivery rounds at the same time before an endless message loop is assumed."""
 
-QUEUE = 10
-"""How many messages wait in a queue unless said otherwise: the book's number."""
+QUEUE_DEPTH = 10
+"""The default depth of a subscription's queue: the book's number."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogMessage:
-    """What a process said: *level* (INFO, WARN or ERROR), *stamp* (ns), its *name*, the *text*."""
+    """A line of a process's log: *level* (INFO, WARN or ERROR), *stamp* (ns), process *name* and *text*."""
 
     level: str
     stamp: int
@@ -33,23 +33,29 @@ class LogMessage:
 
 
 class ProcessContext:
-    """What processes share: topics, transforms, a clock, a schedule, a log, and a robot where there is one.
+    """The resources that processes share.
 
-    *say* takes every line that a process logs.
+    Args:
+        clock: The clock of the processes.
+        schedule: The schedule of their timers.
+        log_sink: A function that receives every log message.
+        robot: The robot, if there is one.
+        transforms: The transform tree; a new tree if omitted.
+
     """
 
     def __init__(
         self,
         clock: RobotClock,
         schedule: Schedule,
-        say: Callable[[LogMessage], None],
+        log_sink: Callable[[LogMessage], None],
         *,
         robot: Robot | None = None,
         transforms: TransformTree | None = None,
     ) -> None:
         self.clock = clock
         self.schedule = schedule
-        self.say = say
+        self.log_sink = log_sink
         self.robot = robot
         self.transforms = transforms if transforms is not None else TransformTree()
         self.topics = Topics()
@@ -57,15 +63,15 @@ class ProcessContext:
 
 @dataclass(frozen=True, slots=True)
 class ProcessOptions:
-    """How a process is started: another *name* than its own, topics by other names, parameters' values."""
+    """Options of a process at its start: a *name* in place of its own, topics to *remap*, *parameters*."""
 
     name: str | None = None
     remap: Mapping[str, str] = field(default_factory=dict)
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
 
 
 class Timer:
-    """Calls *callback* every *period* seconds while its process runs."""
+    """A timer that calls *callback* every *period* seconds while its process runs."""
 
     def __init__(self, process: "Process", period: float, callback: Callable[[], None]) -> None:
         self.period = period
@@ -73,16 +79,17 @@ class Timer:
         self._process = process
 
     def cancel(self) -> None:
-        """Call it no more."""
+        """Stop the timer."""
         self._process.timers.remove(self)
         if self._process.executor is not None:
-            self._process.executor.cancel(self)
+            self._process.executor.cancel_timer(self)
 
 
 class Process:
-    """A program of the robot. A subclass sets itself up in ``__init__`` and acts in callbacks.
+    """A program of the robot. A subclass creates timers and subscriptions in ``__init__``.
 
-    An executor runs it: see `Executor.add`. *name* is its own; *options* may give it another.
+    A process runs after it has been added to an executor: see `Executor.add`. *name* is its default name,
+    which *options* may override.
     """
 
     def __init__(self, name: str, context: ProcessContext, options: ProcessOptions | None = None) -> None:
@@ -96,89 +103,112 @@ class Process:
         self._names = {full_name(old): full_name(new) for old, new in options.remap.items()}
 
     def now(self) -> int:
-        """The time (ns)."""
+        """Return the time (ns)."""
         return self.context.clock.now()
 
-    def publisher(self, topic: str, type_: type[Message], *, latched: bool = False) -> Publisher[Message]:
-        """A publisher of messages of *type_* on *topic*; a latched one keeps its last for whoever comes."""
-        named = self.context.topics.topic(self.resolve(topic), type_, self.name)
-        named.publishers.append(self.name)
-        return Publisher(named, latched)
+    def create_publisher(
+        self, topic: str, type_: type[Message], *, latched: bool = False
+    ) -> Publisher[Message]:
+        """Return a publisher of messages of *type_* on *topic*.
 
-    def subscribe(
-        self, topic: str, type_: type[Message], callback: Callable[[Message], None], depth: int = QUEUE
+        Args:
+            topic: The topic's name before remapping.
+            type_: The class of the messages.
+            latched: Whether the last message is kept for subscriptions that are created later.
+
+        Raises:
+            TopicError: The topic has messages of another type.
+
+        """
+        resolved = self.context.topics.topic(self.resolve(topic), type_, self.name)
+        resolved.publishers.append(self.name)
+        return Publisher(resolved, latched)
+
+    def create_subscription(
+        self, topic: str, type_: type[Message], callback: Callable[[Message], None], depth: int = QUEUE_DEPTH
     ) -> Subscription[Message]:
-        """Have *callback* called with each message on *topic*; *depth* of them wait at most."""
-        named = self.context.topics.topic(self.resolve(topic), type_, self.name)
-        made = Subscription(named, callback, depth, self._wake, self.name)
-        named.listeners.append(made)
-        self.subscriptions.append(made)
-        if named.latched is not None:
-            made.put(named.latched)
-        return made
+        """Subscribe *callback* to the messages of *topic*.
 
-    def timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        """Have *callback* called every *period* seconds."""
-        made = Timer(self, period, callback)
-        self.timers.append(made)
+        Args:
+            topic: The topic's name before remapping.
+            type_: The class of the messages.
+            callback: The function to call with each message.
+            depth: The maximum number of messages in the queue; when it is full the oldest message is dropped.
+
+        Raises:
+            TopicError: The topic has messages of another type.
+
+        """
+        resolved = self.context.topics.topic(self.resolve(topic), type_, self.name)
+        created = Subscription(resolved, callback, depth, self._wake, self.name)
+        resolved.subscriptions.append(created)
+        self.subscriptions.append(created)
+        if resolved.latched is not None:
+            created.put(resolved.latched)
+        return created
+
+    def create_timer(self, period: float, callback: Callable[[], None]) -> Timer:
+        """Call *callback* every *period* seconds, the first time after one period."""
+        created = Timer(self, period, callback)
+        self.timers.append(created)
         if self.executor is not None:
-            self.executor.start(made)
-        return made
+            self.executor.start_timer(created)
+        return created
 
     def resolve(self, topic: str) -> str:
-        """The name that *topic* has after the remappings."""
+        """Return the name of *topic* after remapping."""
         return self._names.get(full_name(topic), full_name(topic))
 
     def info(self, text: str) -> None:
         """Log *text*."""
-        self._say("INFO", text)
+        self._log("INFO", text)
 
     def warn(self, text: str) -> None:
         """Log *text* as a warning."""
-        self._say("WARN", text)
+        self._log("WARN", text)
 
     def error(self, text: str) -> None:
         """Log *text* as an error."""
-        self._say("ERROR", text)
+        self._log("ERROR", text)
 
-    def end(self) -> None:
-        """Leave the executor and all topics."""
+    def destroy(self) -> None:
+        """Remove the process from its executor and from all topics."""
         if self.executor is not None:
             self.executor.remove(self)
         for subscription in self.subscriptions:
-            subscription.end()
+            subscription.destroy()
 
-    def unused(self) -> Iterator[str]:
-        """A sentence for every parameter that was given and that the process never declared."""
-        yield from self.parameters.unused()
+    def unused_warnings(self) -> Iterator[str]:
+        """Yield a warning for every parameter that was given but never declared."""
+        yield from self.parameters.unused_warnings()
 
     def _wake(self) -> None:
         if self.executor is not None:
             self.executor.wake()
 
-    def _say(self, level: str, text: str) -> None:
-        self.context.say(LogMessage(level, self.now(), self.name, text))
+    def _log(self, level: str, text: str) -> None:
+        self.context.log_sink(LogMessage(level, self.now(), self.name, text))
 
 
 class MessageLoopError(RobotError):
-    """Callbacks publish to each other without end, so that time would stand still."""
+    """Callbacks publish to each other without end, so that the time would never advance."""
 
 
 class Executor:
-    """Runs the timers of its processes when they are due, and gives messages to their listeners.
+    """An executor that runs the timers of its processes when they are due, and delivers their messages.
 
-    It is a single-threaded one: a callback runs to its end before the next begins. Messages are given out at
-    the moment they are published, in rounds: processes in the order in which they were added, their
-    subscriptions in the order in which they were made, one message each. A process that belongs to no
-    executor hears nothing, and its timers rest.
+    It is single-threaded: a callback ends before the next begins. Messages are delivered at the time of their
+    publication, in rounds. In each round every subscription receives at most one message: processes in the
+    order in which they were added, and their subscriptions in the order of creation. A process without an
+    executor receives no messages, and its timers are inactive.
     """
 
     def __init__(self, schedule: Schedule, clock: RobotClock) -> None:
         self.processes: list[Process] = []
         self._schedule = schedule
         self._clock = clock
-        self._ends: dict[Timer, Callable[[], None]] = {}
-        self._asleep: Callable[[], None] | None = None
+        self._cancel_functions: dict[Timer, Callable[[], None]] = {}
+        self._cancel_wake_up: Callable[[], None] | None = None
         self._running = False
 
     def add(self, process: Process) -> None:
@@ -186,54 +216,63 @@ class Executor:
         process.executor = self
         self.processes.append(process)
         for timer in process.timers:
-            self.start(timer)
+            self.start_timer(timer)
         self.wake()
 
     def remove(self, process: Process) -> None:
-        """Run *process* no more."""
+        """Stop running *process*."""
         self.processes.remove(process)
         process.executor = None
         for timer in process.timers:
-            self.cancel(timer)
+            self.cancel_timer(timer)
 
-    def start(self, timer: Timer) -> None:
-        """Have *timer* called in its period, the first time one period from now."""
+    def start_timer(self, timer: Timer) -> None:
+        """Call *timer* periodically, the first time after one period."""
 
         def due(now: int) -> None:
-            # What was published at this very moment comes first: a controller acts on the newest reading.
-            self.run()
-            if timer in self._ends:
+            # Deliver pending messages first, so that a controller acts on the newest data.
+            self.spin_some()
+            if timer in self._cancel_functions:
                 timer.callback()
-                self.run()
+                self.spin_some()
 
-        self._ends[timer] = self._schedule.every(1.0 / timer.period, Phase.PROCESSES, due)
+        self._cancel_functions[timer] = self._schedule.every(1.0 / timer.period, Phase.PROCESSES, due)
 
-    def cancel(self, timer: Timer) -> None:
-        """Call *timer* no more."""
-        end = self._ends.pop(timer, None)
+    def cancel_timer(self, timer: Timer) -> None:
+        """Stop calling *timer*."""
+        end = self._cancel_functions.pop(timer, None)
         if end is not None:
             end()
 
     def wake(self) -> None:
-        """There is a message: give it out as soon as the world comes to processes, at this moment."""
-        if self._asleep is None and not self._running:
-            # A task of which only the first call is wanted.
-            self._asleep = self._schedule.every(
-                1.0, Phase.PROCESSES, lambda now: self.run(), first=self._clock.now()
+        """Schedule the delivery of a new message at the current time, in the phase of processes."""
+        if self._cancel_wake_up is None and not self._running:
+            # A periodic task, cancelled after its first call.
+            self._cancel_wake_up = self._schedule.every(
+                1.0, Phase.PROCESSES, lambda now: self.spin_some(), first=self._clock.now()
             )
 
-    def run(self) -> None:
-        """Give out all messages that wait. Raises MessageLoopError when that never ends."""
+    def spin_some(self) -> None:
+        """Deliver all pending messages, including those that the callbacks publish.
+
+        Raises:
+            MessageLoopError: There are still messages after `MAX_DELIVERY_ROUNDS` rounds.
+
+        """
         if self._running:
             return
-        if self._asleep is not None:
-            self._asleep()
-            self._asleep = None
+        if self._cancel_wake_up is not None:
+            self._cancel_wake_up()
+            self._cancel_wake_up = None
         self._running = True
         try:
-            for _ in range(ROUNDS):
-                took = [one.take() for process in self.processes for one in process.subscriptions]
-                if not any(took):
+            for _ in range(MAX_DELIVERY_ROUNDS):
+                delivered = [
+                    subscription.take()
+                    for process in self.processes
+                    for subscription in process.subscriptions
+                ]
+                if not any(delivered):
                     return
             names = ", ".join(process.name for process in self.processes)
             raise MessageLoopError(f"the callbacks of {names} publish to each other without end")

@@ -1,4 +1,4 @@
-"""The programs that can be started by name, as a launch file names them."""
+"""The programs that can be started by name, for example by a launch file."""
 
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -14,7 +14,7 @@ _VFF = "btcore_robot.control.vff"
 _DETECTOR = "btcore_robot.perception.obstacle_detector"
 _FRAMES = "btcore_robot.perception.transform_reports"
 
-# By name, since each is imported when it is started, and not before.
+# Class names as strings: a module is imported when one of its programs starts.
 PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
     "logger": ((_FIRST_STEPS, "Logger"),),
     "publisher": ((_FIRST_STEPS, "NumberPublisher"),),
@@ -33,31 +33,38 @@ PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
     "obstacle_in_frames": ((_FRAMES, "ObstacleInFrames"),),
     "object_detector": (("btcore_robot.perception.object_detector", "ObjectDetector"),),
     "displacement": ((_FRAMES, "Displacement"),),
-    "bridge": (("btcore_robot.process.bridge", "Bridge"),),
+    "bridge": (("btcore_robot.process.robot_bridge", "RobotBridge"),),
 }
-"""Every program's processes: the module and the class of each."""
+"""The processes of every program: module and class of each."""
 
-Made = Callable[[ProcessContext, ProcessOptions], Process]
+ProcessFactory = Callable[[ProcessContext, ProcessOptions], Process]
 
 
 class UnknownProgramError(RobotError):
-    """There is no program of that name; the text says which there are."""
+    """The program does not exist; the message lists the programs or suggests a name."""
 
 
 def create_processes(
     program: str, context: ProcessContext, options: ProcessOptions | None = None
 ) -> list[Process]:
-    """The processes of *program*, for one executor. Raises UnknownProgramError.
+    """Return the processes of *program*, which belong to the same executor.
 
-    A name in *options* is for a program of one process; each of several gets everything else.
+    Args:
+        program: The name of the program.
+        context: The resources that the processes share.
+        options: The options of each process; the name is ignored for a program of several processes.
+
+    Raises:
+        UnknownProgramError: There is no program of that name.
+
     """
     if program not in PROGRAMS:
-        near = get_close_matches(program, PROGRAMS, 1)
-        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(PROGRAMS)}"
+        suggestions = get_close_matches(program, PROGRAMS, 1)
+        hint = f"did you mean '{suggestions[0]}'?" if suggestions else f"there are {', '.join(PROGRAMS)}"
         raise UnknownProgramError(f"there is no program '{program}': {hint}")
     options = options if options is not None else ProcessOptions()
     parts = PROGRAMS[program]
     if len(parts) > 1:
         options = ProcessOptions(None, options.remap, options.parameters)
-    makers: list[Made] = [getattr(import_module(module), name) for module, name in parts]
-    return [one(context, options) for one in makers]
+    factories: list[ProcessFactory] = [getattr(import_module(module), name) for module, name in parts]
+    return [factory(context, options) for factory in factories]

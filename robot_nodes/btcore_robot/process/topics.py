@@ -1,4 +1,4 @@
-"""Typed topics: what one process publishes, others hear, each through a queue of its own."""
+"""Typed topics: each subscription receives the published messages through a queue of its own."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -10,13 +10,13 @@ Message = TypeVar("Message")
 
 
 class TopicError(RobotError):
-    """A topic is used with two types of messages; the text says which and where."""
+    """A topic is used with two types of messages; the message names the topic and the types."""
 
 
 class Subscription(Generic[Message]):
-    """One listener's queue of at most *depth* messages: when it is full the oldest is lost.
+    """A callback's queue of at most *depth* messages; when it is full the oldest message is dropped.
 
-    *wake* is called when there is something to take; *lost* counts what was never taken.
+    *wake* is called when a message arrives. *lost* is the number of dropped messages.
     """
 
     def __init__(
@@ -29,49 +29,49 @@ class Subscription(Generic[Message]):
     ) -> None:
         self.topic = topic
         self.owner = owner
-        """The process that listens."""
+        """The name of the process with the callback."""
         self.callback = callback
         self.lost = 0
         self._queue: deque[Message] = deque(maxlen=depth)
         self._wake = wake
 
     def put(self, message: Message) -> None:
-        """Take *message* into the queue."""
+        """Add *message* to the queue."""
         self.lost += len(self._queue) == self._queue.maxlen
         self._queue.append(message)
         self._wake()
 
     def take(self) -> bool:
-        """Give the oldest message to the callback; whether there was one."""
+        """Call the callback with the oldest message; return False if the queue is empty."""
         if not self._queue:
             return False
         self.callback(self._queue.popleft())
         return True
 
-    def end(self) -> None:
-        """Listen no more; what still waits in the queue is dropped."""
+    def destroy(self) -> None:
+        """Remove the subscription from its topic and drop the messages in the queue."""
         self._queue.clear()
-        if self in self.topic.listeners:
-            self.topic.listeners.remove(self)
+        if self in self.topic.subscriptions:
+            self.topic.subscriptions.remove(self)
 
 
 class Topic(Generic[Message]):
-    """A name under which messages of one type go from publishers to listeners."""
+    """A named channel for messages of a single type, from publishers to subscriptions."""
 
     def __init__(self, name: str, type_: type[Message], owner: str) -> None:
         self.name = name
         self.type = type_
         self.owner = owner
-        """The process that named it first."""
+        """The name of the process that used the topic first."""
         self.publishers: list[str] = []
-        """The processes that publish on it."""
-        self.listeners: list[Subscription[Message]] = []
+        """The names of the processes that publish on the topic."""
+        self.subscriptions: list[Subscription[Message]] = []
         self.latched: Message | None = None
-        """The last message of a latched publisher, for whoever comes later."""
+        """The last message of a latched publisher, for later subscriptions; None if there is none."""
 
 
 class Publisher(Generic[Message]):
-    """One publisher of a topic. A *latched* one leaves its last message for listeners to come."""
+    """A publisher on a topic. If it is *latched*, its last message is kept for later subscriptions."""
 
     def __init__(self, topic: Topic[Message], latched: bool) -> None:
         self.topic = topic
@@ -79,21 +79,26 @@ class Publisher(Generic[Message]):
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether anybody listens; nobody needs to make a message otherwise."""
-        return bool(self.topic.listeners)
+        """Whether the topic has subscriptions. A publisher may omit expensive messages otherwise."""
+        return bool(self.topic.subscriptions)
 
     def publish(self, message: Message) -> None:
-        """Put *message* into every listener's queue. Raises TopicError for one of another type."""
+        """Add *message* to the queue of every subscription.
+
+        Raises:
+            TopicError: The message is not of the topic's type.
+
+        """
         topic = self.topic
         if not isinstance(message, topic.type):
             raise TopicError(
-                f"{topic.name} takes messages of type {topic.type.__name__}, "
-                f"and this is of type {type(message).__name__}"
+                f"{topic.name} has messages of type {topic.type.__name__}, "
+                f"not of type {type(message).__name__}"
             )
         if self.latched:
             topic.latched = message
-        for listener in list(topic.listeners):
-            listener.put(message)
+        for subscription in list(topic.subscriptions):
+            subscription.put(message)
 
 
 class Topics:
@@ -103,27 +108,37 @@ class Topics:
         self._topics: dict[str, Topic[Any]] = {}
 
     def names(self) -> list[str]:
-        """The names of all topics, sorted."""
+        """Return the names of all topics, sorted."""
         return sorted(self._topics)
 
     def __iter__(self) -> Iterator[Topic[Any]]:
-        """All topics, by name."""
+        """Iterate over all topics, sorted by name."""
         return (self._topics[name] for name in self.names())
 
     def topic(self, name: str, type_: type[Message], owner: str) -> Topic[Message]:
-        """The topic called *name*, made where there is none; raises TopicError if its type is another."""
+        """Return the topic *name*, and create it if it does not exist.
+
+        Args:
+            name: The name, with or without a leading slash.
+            type_: The class of the messages.
+            owner: The name of the process that uses the topic.
+
+        Raises:
+            TopicError: The topic exists with another type.
+
+        """
         full = full_name(name)
-        found = self._topics.get(full)
-        if found is None:
-            found = self._topics[full] = Topic(full, type_, owner)
-        if found.type is not type_:
+        topic = self._topics.get(full)
+        if topic is None:
+            topic = self._topics[full] = Topic(full, type_, owner)
+        if topic.type is not type_:
             raise TopicError(
-                f"{owner}: {full} takes messages of type {found.type.__name__} since {found.owner} named it, "
-                f"and {type_.__name__} is another type; remap one of the two to another name"
+                f"{owner}: {full} has messages of type {topic.type.__name__}, which {topic.owner} declared, "
+                f"not of type {type_.__name__}; remap either topic to another name"
             )
-        return found
+        return topic
 
 
 def full_name(name: str) -> str:
-    """*name* with a slash before it: ``scan`` and ``/scan`` are one topic."""
+    """Return *name* with a leading slash: ``scan`` and ``/scan`` are the same topic."""
     return name if name.startswith("/") else f"/{name}"

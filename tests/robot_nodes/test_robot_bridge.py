@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from btcore_robot.process.bridge import IMAGE, JOINT_COMMAND, JOINT_STATE, ODOMETRY, SCAN, Bridge
 from btcore_robot.process.messages import HeadCommand
 from btcore_robot.process.process import Executor, Process, ProcessContext
+from btcore_robot.process.robot_bridge import (
+    IMAGE_TOPIC,
+    JOINT_COMMAND,
+    JOINT_STATE,
+    ODOMETRY_TOPIC,
+    SCAN_TOPIC,
+    RobotBridge,
+)
 from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Pose2D, Twist2D
 
 
@@ -17,12 +24,12 @@ class Bridged:
         self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
         self.other = Process("other", self.context)
         executor = Executor(robot.schedule, robot.clock)
-        executor.add(Bridge(self.context))
+        executor.add(RobotBridge(self.context))
         executor.add(self.other)
         self.heard: list[object] = []
 
     def listen(self, topic: str, kind: type) -> None:
-        self.other.subscribe(topic, kind, self.heard.append)
+        self.other.create_subscription(topic, kind, self.heard.append)
 
     def sleep(self, seconds: float) -> None:
         self.robot.clock.sleep(seconds)
@@ -41,11 +48,11 @@ def test_each_scan_is_published_once(bridged: Bridged):
     bridged.robot.see(2.0)
     bridged.sleep(0.1)
     assert bridged.heard == [first, bridged.robot.seen]
-    assert SCAN == "/scan_raw"
+    assert SCAN_TOPIC == "/scan_raw"
 
 
 def test_odometry_comes_fifty_times_a_second(bridged: Bridged):
-    bridged.listen(ODOMETRY, Odometry)
+    bridged.listen(ODOMETRY_TOPIC, Odometry)
     bridged.robot.at = Pose2D(1.0, 2.0, 0.5)
     bridged.sleep(1.0)
     assert len(bridged.heard) == 50
@@ -55,7 +62,7 @@ def test_odometry_comes_fifty_times_a_second(bridged: Bridged):
 def test_the_head_is_read_and_told(bridged: Bridged):
     bridged.listen(JOINT_STATE, HeadPosition)
     bridged.robot.turned = HeadPosition(0.1, 0.2, 7)
-    bridged.other.publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
+    bridged.other.create_publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
     bridged.sleep(0.1)
     assert bridged.heard == [HeadPosition(0.1, 0.2, 7)]
     assert bridged.robot.looks == [(0.3, -0.1)]
@@ -68,7 +75,7 @@ def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: s
     told: list[int] = []
     drive = bridged.robot.drive
     bridged.robot.drive = lambda v, w, *, priority: (told.append(priority), drive(v, w))
-    bridged.other.publisher(topic, Twist2D).publish(Twist2D(0.2, 0.1))
+    bridged.other.create_publisher(topic, Twist2D).publish(Twist2D(0.2, 0.1))
     bridged.sleep(0.0)
     assert bridged.robot.commands == [(0.2, 0.1)]
     assert told == [priority]
@@ -80,12 +87,12 @@ def test_a_picture_is_asked_for_only_while_somebody_listens(bridged: Bridged):
     bridged.robot.camera = lambda: (asked.append(1), picture)[1]
     bridged.sleep(0.5)
     assert asked == []
-    bridged.listen(IMAGE, CameraImage)
+    bridged.listen(IMAGE_TOPIC, CameraImage)
     bridged.sleep(0.5)
     assert bridged.heard == [picture]
 
 
 def test_a_bridge_without_a_robot_is_refused(robot):
     context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
-    with pytest.raises(ValueError, match="a bridge is for a robot"):
-        Bridge(context)
+    with pytest.raises(ValueError, match="a bridge needs a robot"):
+        RobotBridge(context)
