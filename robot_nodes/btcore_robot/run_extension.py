@@ -1,4 +1,4 @@
-"""Navigation, mapping and the head tracker for ``btcore run``: options, and what they offer to leaves."""
+"""The extension of ``btcore run`` that provides navigation, mapping, and tracking and locating of objects."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class NavigationExtension(RunExtension):
-    """Offers navigation on the robot's map, or while one is made, and a head tracker, to trees that ask."""
+    """Provides the navigation, exploration, head tracker and object locator that leaves require."""
 
     used_by = "leaf that navigates, makes a map, tracks or locates"
     options: Sequence[click.Option] = (
@@ -35,19 +35,19 @@ class NavigationExtension(RunExtension):
             ["--map", "map_file"],
             type=click.Path(path_type=Path),
             metavar="FILE.yaml",
-            help="The map to navigate on, as map_server has them; else one drawn from the world's walls.",
+            help="Map to navigate on, as YAML of map_server; by default drawn from the world's walls.",
         ),
         click.Option(
             ["--nav-params"],
             type=click.Path(path_type=Path),
             metavar="FILE.yaml",
-            help="Parameters of the navigation, in Nav2's form.",
+            help="Parameters of the navigation, in Nav2's format.",
         ),
         click.Option(
             ["--save-map"],
             type=click.Path(dir_okay=False, path_type=Path),
             metavar="FILE.yaml",
-            help="Where a tree that makes a map saves it, at the latest when the run ends.",
+            help="File for the map that a tree makes; written at the end of the run at the latest.",
         ),
     )
 
@@ -61,8 +61,8 @@ class NavigationExtension(RunExtension):
         self._locator: ObjectLocator | None = None
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
-        """A robot, and its map, where leaves want to navigate or to track."""
-        navigates, explores, tracks = _asked(wanted)
+        """Return the robot and its map if leaves navigate or explore, the robot if they track."""
+        navigates, explores, tracks = _required_features(wanted)
         if not (navigates or explores or tracks):
             return ()
         if not (navigates or explores):
@@ -74,36 +74,41 @@ class NavigationExtension(RunExtension):
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """What leaves want of it; a user's mistake is a `click.UsageError`."""
-        navigates, explores, tracks = _asked(wanted)
-        robot = next((one for one in provided if isinstance(one, Robot)), None)
+        """Create the resources that leaves require.
+
+        Raises:
+            click.UsageError: The user's map or parameters cannot be used.
+
+        """
+        navigates, explores, tracks = _required_features(wanted)
+        robot = next((resource for resource in provided if isinstance(resource, Robot)), None)
         if robot is None:
             return ()
-        given: list[object] = []
+        created: list[object] = []
         if explores:
-            self._file = MapFile(_writable(settings.get("save_map")))
+            self._file = MapFile(_check_folder(settings.get("save_map")))
             exploration = self._exploration = _exploration(robot, settings, provided)
-            given += [exploration, exploration.servers, exploration.mapper, self._file]
+            created += [exploration, exploration.servers, exploration.mapper, self._file]
         elif navigates:
             navigation = self._navigation = _navigation(robot, settings, provided)
-            given += [navigation, navigation.servers]
+            created += [navigation, navigation.servers]
         if tracks:
             from btcore_robot.control.head_tracker import HeadTracker
 
             self._tracker = HeadTracker(robot)
             self._tracker.configure()
-            given.append(self._tracker)
+            created.append(self._tracker)
         if ObjectLocatorProtocol in wanted:
-            # After the tracker: whoever asks for one takes the first that has its states, and this has them.
-            self._locator = _locator(robot, given)
-            given.append(self._locator)
-        return given
+            # After the tracker: the locator satisfies its protocol too, and the first match is used.
+            self._locator = _locator(robot, created)
+            created.append(self._locator)
+        return created
 
     @contextmanager
     def attach(
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
-        """When the run ends, stop what still looks, and save the map that was made if the tree hasn't."""
+        """At the end of the run, shut down the tracker and the locator, and save a map that is not saved."""
         _check_waypoints(getattr(tree, "nodes", ()))
         try:
             yield
@@ -115,17 +120,17 @@ class NavigationExtension(RunExtension):
                 _save(self._exploration, self._file.path)
 
 
-def _asked(wanted: Sequence[type]) -> tuple[bool, bool, bool]:
-    """Whether leaves want to navigate, to explore, and to track."""
+def _required_features(wanted: Sequence[type]) -> tuple[bool, bool, bool]:
+    """Return whether leaves require navigation, exploration and tracking."""
     names = {f"{kind.__module__}.{kind.__qualname__}" for kind in wanted}
     explores = Explorer in wanted or bool(names & {_EXPLORATION, _MAPPER})
     navigates = PoseNavigator in wanted or bool(names & {_NAVIGATION, _SERVERS})
-    # Who tells where things are in the map has to know where the robot is.
+    # Locating objects in the map needs the robot's pose on it.
     navigates = navigates or (ObjectLocatorProtocol in wanted and not explores)
     return navigates, explores, HeadTrackerProtocol in wanted or _TRACKER in names
 
 
-# By name: these modules need libraries that a tree without navigation must not load.
+# Class names as strings: these modules need libraries that a tree without navigation must not import.
 _NAVIGATION = "btcore_robot.navigation.stack.Navigation"
 _SERVERS = "btcore_robot.navigation.servers.Servers"
 _EXPLORATION = "btcore_robot.navigation.mapping.exploration.Exploration"
@@ -133,11 +138,11 @@ _MAPPER = "btcore_robot.navigation.mapping.mapper.Mapper"
 _TRACKER = "btcore_robot.control.head_tracker.HeadTracker"
 
 
-def _locator(robot: Robot, given: Sequence[object]) -> "ObjectLocator":
+def _locator(robot: Robot, created: Sequence[object]) -> "ObjectLocator":
     from btcore_robot.navigation.servers import Servers
     from btcore_robot.perception.object_locator import ObjectLocator
 
-    servers = next(one for one in given if isinstance(one, Servers))
+    servers = next(resource for resource in created if isinstance(resource, Servers))
     locator = ObjectLocator(robot, servers.transforms)
     locator.configure()
     return locator
@@ -149,11 +154,11 @@ def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[ob
 
     map, parameters = _map(settings, provided), _parameters(settings)
     if map is None:
-        raise click.UsageError("there is no map to navigate on: --map FILE.yaml names one")
+        raise click.UsageError("there is no map to navigate on: use --map FILE.yaml")
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
         if not cells.any():
-            raise click.UsageError(f"there is no {missing} on the map, so nobody can find a way by it")
-    with _plugins_minded(settings):
+            raise click.UsageError(f"there is no {missing} on the map, so navigation is not possible")
+    with _plugin_errors_reported(settings):
         return Navigation(robot, map, _random(settings), folder(), parameters)
 
 
@@ -161,35 +166,35 @@ def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[o
     from btcore.bundled_trees import folder
     from btcore_robot.navigation.mapping.exploration import Exploration
 
-    # Of a map that there is already only the keep-outs count: table tops, which no laser at the floor sees.
+    # Of an existing map only the keep-out areas count: table tops, which the laser cannot detect.
     map, parameters = _map(settings, provided), _parameters(settings)
     keepout = map.keepout if map is not None else ()
-    with _plugins_minded(settings):
+    with _plugin_errors_reported(settings):
         return Exploration(robot, _random(settings), folder(), parameters, keepout)
 
 
 @contextmanager
-def _plugins_minded(settings: Mapping[str, Any]) -> Iterator[None]:
-    """Tell of a node library that the parameters name and that is no good as the user's mistake."""
+def _plugin_errors_reported(settings: Mapping[str, Any]) -> Iterator[None]:
+    """Report a node library that the parameters name and that cannot be loaded as a usage error."""
     from btcore import RegistrationError
 
     try:
         yield
-    except RegistrationError as fault:
-        raise click.UsageError(f"--nav-params {settings.get('nav_params')}: {fault}") from fault
+    except RegistrationError as error:
+        raise click.UsageError(f"--nav-params {settings.get('nav_params')}: {error}") from error
 
 
 def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
-    """The map that the user names, or else that the world brings."""
+    """Return the user's map, or else the world's map."""
     from btcore_robot.navigation.occupancy_map import MapError, OccupancyMap, load_map
 
     file = settings.get("map_file")
     try:
         if file is not None:
             return load_map(file)
-    except MapError as fault:
-        raise click.UsageError(str(fault)) from fault
-    return next((one for one in provided if isinstance(one, OccupancyMap)), None)
+    except MapError as error:
+        raise click.UsageError(str(error)) from error
+    return next((resource for resource in provided if isinstance(resource, OccupancyMap)), None)
 
 
 def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
@@ -200,12 +205,12 @@ def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
         return None
     try:
         parameters = load_parameters(file)
-    except ParameterError as fault:
-        raise click.UsageError(str(fault)) from fault
+    except ParameterError as error:
+        raise click.UsageError(str(error)) from error
     from btcore.bundled_trees import folder
     from btcore_robot.navigation.stack import missing_trees
 
-    missing = [f"{file}: {one}" for one in missing_trees(parameters.navigator, folder())]
+    missing = [f"{file}: {tree}" for tree in missing_trees(parameters.navigator, folder())]
     for warning in (*parameters.warnings, *missing):
         click.echo(f"warning: {warning}", err=True)
     return parameters
@@ -218,17 +223,17 @@ def _random(settings: Mapping[str, Any]) -> "np.random.Generator":
 
 
 def _check_waypoints(nodes: Sequence[object]) -> None:
-    """Say before the run that it has nowhere to go, and not in the middle of it."""
+    """Raise click.UsageError before the run if a leaf needs waypoints that the world does not have."""
     for node in nodes:
         if isinstance(node, GetWaypoint) and not node.places:
             raise click.UsageError(
-                f"this world has no waypoints, and {node.path} sends the robot to one; "
+                f"this world has no waypoints, but {node.path} needs them; "
                 "the houses have some: --world house"
             )
 
 
-def _writable(path: Path | None) -> Path | None:
-    """*path*, if its folder is there: nobody drives for a quarter of an hour to be told that it isn't."""
+def _check_folder(path: Path | None) -> Path | None:
+    """Return *path* if its folder exists, so that a long exploration does not end without its map."""
     if path is not None and not path.resolve().parent.is_dir():
         raise click.UsageError(f"--save-map {path}: there is no folder {path.resolve().parent}")
     return path
@@ -239,5 +244,5 @@ def _save(exploration: "Exploration", path: Path) -> None:
 
     try:
         exploration.save(path)
-    except MapError as fault:
-        click.echo(f"warning: {fault}", err=True)
+    except MapError as error:
+        click.echo(f"warning: {error}", err=True)

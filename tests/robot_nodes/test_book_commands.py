@@ -98,12 +98,15 @@ def test_all_that_is_near_pushing_bumps_into_nothing():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["colour", "--hsv", "1,2,3"], "'1,2,3' is no colour range"),
-        (["colour", "--hsv", "1,2,3,4,5,999"], "is no colour range"),
+        (["colour", "--hsv", "1,2,3"], "'1,2,3' is not a colour range"),
+        (["colour", "--hsv", "1,2,3,4,5,999"], "is not a colour range"),
         (["head-tracking", "--camera", "off"], "the camera is off"),
         (["vff", "--world", "nowhere"], "nowhere"),
         (["vff", "--duration", "1", "--picture", "/nowhere/a.png"], "there is no folder /nowhere"),
-        (["vff", "--duration", "1", "--picture", "a.txt"], "pictures can't be '.txt'; .png and .jpg work"),
+        (
+            ["vff", "--duration", "1", "--picture", "a.txt"],
+            "format '.txt' is not supported; use .png or .jpg",
+        ),
         (["colour", "--camera", "off"], "the robot has no camera, or it is off"),
         (["colour", "--pan", "nan"], "nan is not a number that can be counted to"),
         (["obstacle-detector", "--drive", "nan"], "nan is not a number that can be counted to"),

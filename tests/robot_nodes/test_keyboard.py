@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from btcore_robot.control.keyboard import KeyInputError, keys_in, script
+from btcore_robot.control.keyboard import KeyInputError, parse_key_script, parse_keys
 
 Run = Callable[..., Result]
 SECOND = 1_000_000_000
@@ -30,7 +30,7 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Run:
 
 
 def test_a_script_holds_one_key_after_the_other() -> None:
-    keys = script("w:5, a:2,space,q:0.5")
+    keys = parse_key_script("w:5, a:2,space,q:0.5")
     moments = (0.0, 4.9, 5.0, 6.9, 7.0, 8.0, 8.4, 8.5)
     assert [keys.pressed(round(one * SECOND)) for one in moments] == ["w", "w", "a", "a", " ", "q", "q", "x"]
 
@@ -38,11 +38,11 @@ def test_a_script_holds_one_key_after_the_other() -> None:
 @pytest.mark.parametrize("text", ["", "f:2", "w:", "w:fast", "w:-1", "w:0", "w:nan", "5:w"])
 def test_a_script_that_says_nothing_is_told_so(text: str) -> None:
     with pytest.raises(KeyInputError, match="w"):
-        script(text)
+        parse_key_script(text)
 
 
 def test_arrows_and_capitals_are_keys() -> None:
-    assert keys_in("w\x1b[AzD\x1b[D x") == ["w", "w", "d", "a", " ", "x"]
+    assert parse_keys("w\x1b[AzD\x1b[D x") == ["w", "w", "d", "a", " ", "x"]
 
 
 def test_it_drives_as_the_keys_say(drive: Run) -> None:
@@ -72,7 +72,7 @@ def test_it_makes_a_map_on_the_way(drive: Run, tmp_path: Path) -> None:
 def test_without_a_terminal_it_says_what_to_do(drive: Run) -> None:
     result = drive()
     assert result.exit_code == 2
-    assert "standard input is no terminal" in result.stderr
+    assert "standard input is not a terminal" in result.stderr
     assert "--keys" in result.stderr
 
 

@@ -1,4 +1,4 @@
-"""Watching the colour detection: what was found, in words and in a picture."""
+"""Reports of the colour detection, in the log and as a picture."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,43 +14,51 @@ from btcore_robot.robot import Robot
 from btcore_scene import MovingScene, Picture, StaticScene
 
 CAMERA = "head_front_camera"
-"""What the picture is called for a viewer."""
+"""The name of the camera image in the scene."""
 PERIOD = 1.0
-"""How often (s) it says what it sees."""
+"""The period (s) of the reports."""
 
 
 class ColourWatcher(Process):
-    """Listens to ``detection``, and says each second what is there. *ranges*: what it looks for."""
+    """A process that logs each second which objects were detected on ``detection``.
+
+    Args:
+        context: The resources that processes share.
+        ranges: The limits of hue, saturation and value.
+        each: Whether every object is marked separately in the picture.
+
+    """
 
     def __init__(self, context: ProcessContext, ranges: list[int], each: bool) -> None:
         super().__init__("colour_watcher", context)
         if context.robot is None or context.robot.camera_info is None:
-            raise click.UsageError("there are no pictures to look at: the robot has no camera, or it is off")
+            raise click.UsageError("there are no camera images: the robot has no camera, or it is off")
         h, hh, s, ss, v, vv = ranges
         self.colours = ColourRange((h, hh), (s, ss), (v, vv))
         self.each = each
-        self.found = 0
+        self.detection_count = 0
         self.last: Detections | None = None
-        self.create_subscription("detection", Detections, self.heard)
-        self.create_timer(PERIOD, self.tell)
+        self.create_subscription("detection", Detections, self.on_detection)
+        self.create_timer(PERIOD, self.report)
 
-    def heard(self, message: Detections) -> None:
-        """Keep what was found."""
-        self.found += 1
+    def on_detection(self, message: Detections) -> None:
+        """Store the detections."""
+        self.detection_count += 1
         self.last = message
 
-    def tell(self) -> None:
-        """Say what there is."""
+    def report(self) -> None:
+        """Log the objects."""
         if self.last is None:
             self.info("Nothing of that colour is in sight")
             return
-        for one in self.last.objects:
-            centre = f"({one.x:.1f}, {one.y:.1f})"
-            self.info(f"{one.width}x{one.height} pixels at ({one.left}, {one.top}), centre {centre}")
+        for detected in self.last.objects:
+            centre = f"({detected.x:.1f}, {detected.y:.1f})"
+            corner = f"({detected.left}, {detected.top})"
+            self.info(f"{detected.width}x{detected.height} pixels at {corner}, centre {centre}")
         self.last = None
 
     def scene_moving(self) -> MovingScene:
-        """Return the camera's picture and the detections in it."""
+        """Return the camera image and the detections in it."""
         assert self.context.robot is not None
         return camera_scene(self.context.robot, self.last.objects if self.last is not None else ())
 
@@ -58,49 +66,49 @@ class ColourWatcher(Process):
         """Return an empty scene: everything moves."""
         return StaticScene()
 
-    def figures(self) -> Mapping[str, object]:
-        """In how many pictures something was found."""
-        return {"pictures_with_colour": self.found}
+    def results(self) -> Mapping[str, object]:
+        """Return the number of images with a detection."""
+        return {"pictures_with_colour": self.detection_count}
 
-    def picture(self) -> NDArray[np.uint8]:
-        """The camera's picture with the rest dimmed, and what was found boxed."""
+    def draw(self) -> NDArray[np.uint8]:
+        """Return the camera image with other colours dimmed and detections marked."""
         robot = self.context.robot
-        picture = robot.camera() if robot is not None else None
-        if picture is None:
-            raise click.UsageError("there is no picture to draw on: the robot has no camera, or it is off")
-        found = detect_each(picture, self.colours) if self.each else None
-        return debug_image(picture, self.colours, found)
+        image = robot.camera() if robot is not None else None
+        if image is None:
+            raise click.UsageError("there is no camera image: the robot has no camera, or it is off")
+        objects = detect_each(image, self.colours) if self.each else None
+        return debug_image(image, self.colours, objects)
 
 
 def camera_scene(robot: Robot, objects: Sequence[Detection]) -> MovingScene:
-    """Return the newest picture of *robot*, and *objects* as the detections in it."""
-    picture = robot.camera()
-    if picture is None:
+    """Return the newest camera image of *robot*, and *objects* as the detections in it."""
+    image = robot.camera()
+    if image is None:
         return MovingScene()
-    height, width = picture.rgb.shape[:2]
-    data = picture.rgb.tobytes()
+    height, width = image.rgb.shape[:2]
+    data = image.rgb.tobytes()
     return MovingScene(
-        pictures=[Picture(name=CAMERA, stamp=picture.stamp, size=(width, height), format="rgb8", data=data)],
+        pictures=[Picture(name=CAMERA, stamp=image.stamp, size=(width, height), format="rgb8", data=data)],
         detections=[
             btcore_scene.Detection(
-                picture=CAMERA, name="object", box=(one.left, one.top, one.width, one.height)
+                picture=CAMERA, name="object", box=(item.left, item.top, item.width, item.height)
             )
-            for one in objects
+            for item in objects
         ],
     )
 
 
-def ranges_of(text: str) -> list[int]:
-    """The six numbers of ``h,H,s,S,v,V``. Raises click.BadParameter."""
+def parse_hsv_ranges(text: str) -> list[int]:
+    """Return the six numbers of ``h,H,s,S,v,V``. Raises click.BadParameter if *text* is invalid."""
     parts = text.split(",")
     try:
         numbers = [int(part) for part in parts]
     except ValueError:
         numbers = []
-    most = (180, 180, 255, 255, 255, 255)
-    if len(numbers) != 6 or any(not 0 <= one <= top for one, top in zip(numbers, most, strict=True)):
+    limits = (180, 180, 255, 255, 255, 255)
+    if len(numbers) != 6 or any(not 0 <= n <= limit for n, limit in zip(numbers, limits, strict=True)):
         raise click.BadParameter(
-            f"'{text}' is no colour range: write six whole numbers, such as 15,20,50,200,20,200",
+            f"'{text}' is not a colour range: write six whole numbers, such as 15,20,50,200,20,200",
             param_hint="--hsv",
         )
     return numbers

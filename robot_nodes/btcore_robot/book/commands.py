@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from btcore.program_runner import FiniteRange
-from btcore_robot.book.runner import FAULTS, BookRunner, world_command
+from btcore_robot.book.runner import PROGRAM_ERRORS, BookRunner, world_command
 from btcore_robot.process.launch import launch_processes, read_launch
 from btcore_robot.process.process import ProcessOptions
 from btcore_robot.process.programs import create_processes
@@ -26,7 +26,7 @@ def book() -> None:
 
 @book.command("hello", short_help="The first programs: publisher, subscriber, executor …")
 @click.argument("program", type=click.Choice(FIRST_STEPS), default="executor")
-@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="End after so long.")
+@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time.")
 @click.option("--fast", is_flag=True, help="Simulated time, as fast as it goes, instead of real time.")
 @click.option("--params", type=click.Path(path_type=Path), metavar="FILE.yaml", help="ROS 2 parameters.")
 @click.pass_context
@@ -42,23 +42,23 @@ def hello(ctx: click.Context, /, **settings: Any) -> int:
             parameters = load_process_parameters(settings["params"], f"{program}_node")
             options = ProcessOptions(parameters=parameters)
         runner.add(*create_processes(program, runner.context, options))
-    except FAULTS as fault:
-        raise click.UsageError(str(fault)) from fault
-    return runner.perform("Hello")
+    except PROGRAM_ERRORS as error:
+        raise click.UsageError(str(error)) from error
+    return runner.run("Hello")
 
 
 @world_command("launch", "Start the programs of a launch file.")
 @click.argument("file", type=click.Path(path_type=Path))
 def launch(ctx: click.Context, /, **settings: Any) -> int:
-    """Start what FILE, a launch file in ROS 2's YAML form, names; with a robot where it names the bridge."""
-    from btcore_robot.book.graph import draw_graph
+    """Start the programs of FILE, a launch file in ROS 2's YAML format, with a robot if one is 'bridge'."""
+    from btcore_robot.book.topic_graph import draw_graph
 
     entries = read_launch(settings["file"])
-    runner = BookRunner(ctx, settings, embodied=any(one.program == "bridge" for one in entries))
+    runner = BookRunner(ctx, settings, embodied=any(entry.program == "bridge" for entry in entries))
     runner.add(*launch_processes(entries, runner.context))
-    return runner.perform(
+    return runner.run(
         "Launched",
-        lambda: {"processes": [one.name for one in runner.executor.processes]},
+        lambda: {"processes": [process.name for process in runner.executor.processes]},
         lambda: draw_graph(runner.context.topics),
     )
 
@@ -69,10 +69,10 @@ def launch(ctx: click.Context, /, **settings: Any) -> int:
     type=click.Choice(["left", "diagonals", "open-loop", "closed-loop"]),
     default="left",
     show_default=True,
-    help="Whither: as the book does, or as its exercises do.",
+    help="How to turn: as in the book, or as in its exercises.",
 )
 def bumpgo_fsm(ctx: click.Context, /, **settings: Any) -> int:
-    """Drive on, and turn away from what is nearer than 1 m; say every change of state."""
+    """Drive forward, turn away from obstacles nearer than 1 m, and log every change of state."""
     from btcore_robot.book.trail import Trail
     from btcore_robot.control.bumpgo_fsm import BumpGo
 
@@ -84,17 +84,17 @@ def bumpgo_fsm(ctx: click.Context, /, **settings: Any) -> int:
     runner.add(*create_processes("bridge", runner.context), process)
     trail = Trail(runner.context, lambda: process.state.value)
     colours = {"forward": (46, 130, 80), "back": (200, 70, 50), "turn": (40, 100, 190), "stop": (90, 90, 90)}
-    return runner.perform(
+    return runner.run(
         "BumpGo",
         lambda: {"changes": process.changes, "state": process.state.value},
-        lambda: trail.picture(colours, "bump and go: the way by odometry, what the laser saw").image,
+        lambda: trail.draw(colours, "bump and go: the way by odometry, what the laser saw").image,
     )
 
 
 @world_command("vff", "Avoidance by a virtual force field (chapter 5.1).")
-@click.option("--all", "all_near", is_flag=True, help="All that is near pushes, not only the nearest.")
+@click.option("--all", "all_near", is_flag=True, help="Avoid all near obstacles, not only the nearest.")
 def vff(ctx: click.Context, /, **settings: Any) -> int:
-    """Drive forward, pushed away by what is near."""
+    """Drive forward and avoid obstacles by a virtual force field."""
     from btcore_robot.book.force_watcher import ForceWatcher
     from btcore_robot.control.vff import Avoidance
 
@@ -104,7 +104,7 @@ def vff(ctx: click.Context, /, **settings: Any) -> int:
     assert isinstance(process, Avoidance)
     watcher = ForceWatcher(runner.context)
     runner.add(*create_processes("bridge", runner.context), process, watcher)
-    return runner.perform("AvoidanceVff", watcher.figures, watcher.picture, [watcher])
+    return runner.run("AvoidanceVff", watcher.results, watcher.draw, [watcher])
 
 
 def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name: str) -> int:
@@ -119,17 +119,17 @@ def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name:
             processes += create_processes(program, runner.context)
     watcher = ObstacleWatcher(runner.context, settings["drive"], settings["turn"])
     runner.add(*create_processes("bridge", runner.context), *processes, watcher)
-    return runner.perform(name, watcher.figures, watcher.picture, [watcher])
+    return runner.run(name, watcher.results, watcher.draw, [watcher])
 
 
 _detector_options = [
     click.option(
-        "--drive", type=FiniteRange(), default=0.0, metavar="M/S", help="Drive on meanwhile, as by keyboard."
+        "--drive", type=FiniteRange(), default=0.0, metavar="M/S", help="Drive meanwhile, as with a keyboard."
     ),
     click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn meanwhile."),
-    click.option("--colour-by-distance", is_flag=True, help="The arrow green when far, red when near."),
-    click.option("--displacement", is_flag=True, help="Say each second how far the robot has moved."),
-    click.option("--frames", "obstacle_in_frames", is_flag=True, help="Say where it is in three frames."),
+    click.option("--colour-by-distance", is_flag=True, help="Colour the arrow: green if far, red if near."),
+    click.option("--displacement", is_flag=True, help="Log each second how far the robot has moved."),
+    click.option("--frames", "obstacle_in_frames", is_flag=True, help="Log its position in three frames."),
 ]
 
 
@@ -142,14 +142,14 @@ def _with_detector_options(function: Any) -> Any:
 @world_command("obstacle-detector", "An obstacle as a frame below the laser (chapter 4).")
 @_with_detector_options
 def obstacle_detector(ctx: click.Context, /, **settings: Any) -> int:
-    """Tell of what is ahead as a static frame below the laser's: it moves with the robot."""
+    """Publish the obstacle ahead as a static frame below the laser's frame, which moves with the robot."""
     return _obstacle(ctx, settings, "obstacle_detector", "ObstacleDetector")
 
 
 @world_command("obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).")
 @_with_detector_options
 def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
-    """Tell of what is ahead as a frame below odom: it stays where it is when the robot drives."""
+    """Publish the obstacle ahead as a frame below odom, which stays in place when the robot drives."""
     return _obstacle(ctx, settings, "obstacle_detector_improved", "ObstacleDetectorImproved")
 
 
@@ -159,16 +159,16 @@ def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
     default="15,20,50,200,20,200",
     show_default=True,
     metavar="h,H,s,S,v,V",
-    help="Hue from and to (0-180), saturation, value (0-255); wooden furniture unless said otherwise.",
+    help="From and to of hue (0-180), saturation and value (0-255); the default is wooden furniture.",
 )
-@click.option("--each", is_flag=True, help="A box for each separate object, not one for all.")
-@click.option("--pan", type=FiniteRange(), default=0.0, metavar="RAD", help="The head's angle: + is left.")
-@click.option("--tilt", type=FiniteRange(), default=0.0, metavar="RAD", help="The head's angle: + is up.")
+@click.option("--each", is_flag=True, help="Detect every object separately.")
+@click.option("--pan", type=FiniteRange(), default=0.0, metavar="RAD", help="Pan of the head, + is left.")
+@click.option("--tilt", type=FiniteRange(), default=0.0, metavar="RAD", help="Tilt of the head, + is up.")
 def colour(ctx: click.Context, /, **settings: Any) -> int:
-    """Find what has a colour in the camera's pictures, and say where; the picture shows what was seen."""
-    from btcore_robot.book.colour_watcher import ColourWatcher, ranges_of
+    """Detect objects of a colour in the camera images and log where they are."""
+    from btcore_robot.book.colour_watcher import ColourWatcher, parse_hsv_ranges
 
-    ranges = ranges_of(settings["hsv"])
+    ranges = parse_hsv_ranges(settings["hsv"])
     runner = BookRunner(ctx, settings)
     options = ProcessOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": settings["each"]})
     watcher = ColourWatcher(runner.context, ranges, settings["each"])
@@ -178,20 +178,20 @@ def colour(ctx: click.Context, /, **settings: Any) -> int:
         watcher,
     )
     runner.robot.move_head(settings["pan"], settings["tilt"])
-    return runner.perform("ColourDetection", watcher.figures, watcher.picture, [watcher])
+    return runner.run("ColourDetection", watcher.results, watcher.draw, [watcher])
 
 
 @world_command("head-tracking", "The head follows a colour, by PID (chapter 5.2).")
 @click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
-@click.option("--reactive", is_flag=True, help="Higher gains, and 20 times a second: the exercise.")
+@click.option("--reactive", is_flag=True, help="Use higher gains and 20 Hz, as in the book's exercise.")
 def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
-    """Turn the head to what has the colour of wooden furniture; the picture is the head camera's."""
+    """Turn the head towards objects of the colour of wooden furniture."""
     from btcore_robot.book.head_watcher import HeadWatcher
 
     runner = BookRunner(ctx, settings)
     watcher = HeadWatcher(runner.context, settings["turn"], settings["reactive"])
     runner.add(watcher)
-    return runner.perform("HeadTracking", watcher.figures, watcher.picture, [watcher])
+    return runner.run("HeadTracking", watcher.results, watcher.draw, [watcher])
 
 
 for command in (

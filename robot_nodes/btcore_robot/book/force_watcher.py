@@ -1,4 +1,4 @@
-"""Watching the forces of the VFF avoidance: as a picture from above, and as figures."""
+"""Reports of the virtual force field: the smallest distance, and a picture of the strongest repulsion."""
 
 import math
 from collections.abc import Mapping
@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 
 import btcore_scene
 from btcore_robot.book.top_view import TopView
-from btcore_robot.book.trail import points_in
+from btcore_robot.book.trail import scan_points_in
 from btcore_robot.process.messages import Arrow, Arrows
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Phase, Pose2D
 from btcore_scene import MovingScene, StaticScene
 
 REACH = 2.0
-"""How far (m) around the robot the picture reaches."""
+"""The distance (m) from the robot that the picture covers on each side."""
 FRAME = "base_footprint"
 _NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
 
 
 class ForceWatcher(Process):
-    """Listens to ``vff_debug``; keeps the moment at which the push was the strongest, for the picture."""
+    """A process that stores the arrows on ``vff_debug`` at the time of the strongest repulsion."""
 
     def __init__(self, context: ProcessContext) -> None:
         super().__init__("vff_watcher", context)
@@ -29,36 +29,38 @@ class ForceWatcher(Process):
         self.strongest: tuple[Arrow, ...] = ()
         self.nearest = math.inf
         self._points: NDArray[np.float64] = np.zeros((0, 2))
-        self.create_subscription("vff_debug", Arrows, self.heard)
-        context.schedule.every(10.0, Phase.JUDGE, self._look)
+        self.create_subscription("vff_debug", Arrows, self.on_arrows)
+        context.schedule.every(10.0, Phase.JUDGE, self._record_nearest)
 
-    def heard(self, message: Arrows) -> None:
-        """Keep the arrows, and with the longest push what the laser sees."""
+    def on_arrows(self, message: Arrows) -> None:
+        """Store the arrows and, if the repulsion is the strongest so far, the laser's points."""
         self.arrows = message.arrows
         assert self.context.robot is not None
         scan = self.context.robot.scan()
-        if scan is not None and (not self.strongest or _push(message.arrows) > _push(self.strongest)):
+        if scan is not None and (
+            not self.strongest or _repulsion(message.arrows) > _repulsion(self.strongest)
+        ):
             self.strongest = message.arrows
-            self._points = points_in(self.context, FRAME, scan)
+            self._points = scan_points_in(self.context, FRAME, scan)
 
-    def figures(self) -> Mapping[str, object]:
-        """The nearest reading of the run (m)."""
+    def results(self) -> Mapping[str, object]:
+        """Return the smallest range (m) that the laser measured."""
         return {"nearest_m": round(self.nearest, 3)}
 
-    def picture(self) -> NDArray[np.uint8]:
-        """The moment of the strongest push: laser, robot, and the three vectors, ahead being up."""
-        drawn = TopView((-REACH, -REACH), (REACH, REACH), (480, 480))
-        drawn.points(_ahead_up(self._points))
+    def draw(self) -> NDArray[np.uint8]:
+        """Return a picture of the strongest repulsion: laser points, robot and forces; ahead is up."""
+        view = TopView((-REACH, -REACH), (REACH, REACH), (480, 480))
+        view.points(_ahead_up(self._points))
         assert self.context.robot is not None
-        drawn.robot(Pose2D(0.0, 0.0, math.pi / 2), self.context.robot.base.radius)
+        view.robot(Pose2D(0.0, 0.0, math.pi / 2), self.context.robot.base.radius)
         colours = {}
         for arrow in self.strongest:
             colour = tuple(round(230 * part) for part in arrow.colour[:3])
             rgb = colours[_NAMES[arrow.number]] = (colour[0], colour[1], colour[2])
             end = _ahead_up(np.array([arrow.end[:2]]))[0]
-            drawn.arrow((0.0, 0.0), (float(end[0]), float(end[1])), rgb)
-        drawn.legend(colours, "VFF: forces at the nearest moment; a square is 1 m")
-        return drawn.image
+            view.arrow((0.0, 0.0), (float(end[0]), float(end[1])), rgb)
+        view.legend(colours, "VFF: forces at the nearest moment; a square is 1 m")
+        return view.image
 
     def scene_moving(self) -> MovingScene:
         """Return the forces as arrows."""
@@ -68,12 +70,12 @@ class ForceWatcher(Process):
         """Return an empty scene: everything moves."""
         return StaticScene()
 
-    def _look(self, now: int) -> None:
+    def _record_nearest(self, now: int) -> None:
         assert self.context.robot is not None
         scan = self.context.robot.scan()
         if scan is not None:
-            seen = scan.ranges[np.isfinite(scan.ranges)]
-            self.nearest = min(self.nearest, float(seen.min())) if len(seen) else self.nearest
+            finite = scan.ranges[np.isfinite(scan.ranges)]
+            self.nearest = min(self.nearest, float(finite.min())) if len(finite) else self.nearest
 
 
 def scene_arrow(arrow: Arrow, name: str) -> btcore_scene.Arrow:
@@ -83,8 +85,8 @@ def scene_arrow(arrow: Arrow, name: str) -> btcore_scene.Arrow:
     return btcore_scene.Arrow(name=name, frame=arrow.frame, start=arrow.start, end=arrow.end, color=color)
 
 
-def _push(arrows: tuple[Arrow, ...]) -> float:
-    return max(math.hypot(one.end[0], one.end[1]) for one in arrows if one.number == 0)
+def _repulsion(arrows: tuple[Arrow, ...]) -> float:
+    return max(math.hypot(arrow.end[0], arrow.end[1]) for arrow in arrows if arrow.number == 0)
 
 
 def _ahead_up(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Watching the head tracker: it is configured and activated, and seen at work through its own camera."""
+"""Reports of the head tracker: the position of the head, and the image of its camera."""
 
 from collections.abc import Mapping
 
@@ -13,11 +13,11 @@ from btcore_robot.process.process import Process, ProcessContext
 from btcore_scene import MovingScene, StaticScene
 
 PERIOD = 1.0
-"""How often (s) it says where the head looks."""
+"""The period (s) of the reports."""
 
 
 class HeadWatcher(Process):
-    """Keeps a head tracker active, turns the base at *turn* (rad/s), and says where the head looks."""
+    """A process that runs a head tracker, turns the base at *turn* (rad/s), and logs the head's position."""
 
     def __init__(self, context: ProcessContext, turn: float, reactive: bool) -> None:
         super().__init__("head_watcher", context)
@@ -29,35 +29,35 @@ class HeadWatcher(Process):
             raise click.UsageError("this robot has no head with a camera to track with, or the camera is off")
         if turn:
             self.create_timer(0.1, self.drive)
-        self.create_timer(PERIOD, self.tell)
+        self.create_timer(PERIOD, self.report)
 
     def drive(self) -> None:
         """Turn the base."""
         self.robot.drive(0.0, self.turn)
 
-    def tell(self) -> None:
-        """Say where the head looks, and where the object is in its picture."""
-        head, seen = self.robot.head(), self.tracker.detection
+    def report(self) -> None:
+        """Log the position of the head and of the object in the image."""
+        head, detection = self.robot.head(), self.tracker.detection
         if head is None:
             return
-        where = f"pan {head.pan:+.3f} rad, tilt {head.tilt:+.3f} rad"
-        if seen is None:
-            self.info(f"{where}; nothing is in sight")
+        position = f"pan {head.pan:+.3f} rad, tilt {head.tilt:+.3f} rad"
+        if detection is None:
+            self.info(f"{position}; nothing is in sight")
         else:
-            command = command_from_detection(seen)
-            self.info(f"{where}; the object is off by {command.pan:+.2f}, {command.tilt:+.2f}")
+            command = command_from_detection(detection)
+            self.info(f"{position}; the object is off by {command.pan:+.2f}, {command.tilt:+.2f}")
 
     def scene_moving(self) -> MovingScene:
-        """Return the picture of the head's camera, and the detected object in it."""
-        found = self.tracker.detection
-        return camera_scene(self.robot, [] if found is None else [found])
+        """Return the image of the head's camera, and the detected object in it."""
+        detection = self.tracker.detection
+        return camera_scene(self.robot, [] if detection is None else [detection])
 
     def scene_static(self) -> StaticScene:
         """Return an empty scene: everything moves."""
         return StaticScene()
 
-    def figures(self) -> Mapping[str, object]:
-        """In how many pictures an object was, and where the head looks (rad)."""
+    def results(self) -> Mapping[str, object]:
+        """Return the number of images with a detection, and the position of the head (rad)."""
         head = self.robot.head()
         assert head is not None
         return {
@@ -65,9 +65,9 @@ class HeadWatcher(Process):
             "head": {"pan": round(head.pan, 4), "tilt": round(head.tilt, 4)},
         }
 
-    def picture(self) -> NDArray[np.uint8]:
-        """What the head's camera sees, with the object boxed."""
-        picture = self.robot.camera()
-        if picture is None:
-            raise click.UsageError("there is no picture to draw on")
-        return debug_image(picture, self.tracker.colours)
+    def draw(self) -> NDArray[np.uint8]:
+        """Return the image of the head's camera with the object marked."""
+        image = self.robot.camera()
+        if image is None:
+            raise click.UsageError("there is no camera image to draw on")
+        return debug_image(image, self.tracker.colours)

@@ -1,4 +1,4 @@
-"""Running programs of the book in a robot's world: what all commands of ``btcore book`` share."""
+"""What all commands of ``btcore book`` share: options, a robot in its world, and an executor of processes."""
 
 import functools
 import json
@@ -18,7 +18,7 @@ from btcore.program_runner import (
     require_resources,
     run_program,
 )
-from btcore_robot.book.top_view import save_picture, writable
+from btcore_robot.book.top_view import is_image_format_supported, save_picture
 from btcore_robot.process.launch import LaunchError
 from btcore_robot.process.parameters import ParameterError
 from btcore_robot.process.process import Executor, LogMessage, MessageLoopError, Process, ProcessContext
@@ -31,126 +31,149 @@ from btcore_robot.transforms import FrameBroadcaster
 Image = NDArray[np.uint8]
 Settings = Mapping[str, Any]
 
-FAULTS = (LaunchError, ParameterError, UnknownProgramError, TopicError, MessageLoopError)
+PROGRAM_ERRORS = (LaunchError, ParameterError, UnknownProgramError, TopicError, MessageLoopError)
+"""The errors of a user's files and programs, which are reported without a traceback."""
 
 
 def world_command(name: str, help_line: str) -> Callable[[Callable[..., int]], click.Command]:
-    """A command called *name* that runs in a robot's world, with the options for that."""
+    """Return a decorator that makes a function a command with the options of a run in a robot's world."""
 
-    def made(function: Callable[..., int]) -> click.Command:
+    def decorate(function: Callable[..., int]) -> click.Command:
         options = [
             click.option(
-                "--duration", type=FiniteRange(0, min_open=True), metavar="S", help="End after so long."
+                "--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time."
             ),
-            click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="For chance."),
-            click.option("--fast", is_flag=True, help="As fast as it goes, instead of real time."),
+            click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed."),
+            click.option("--fast", is_flag=True, help="Run as fast as possible instead of in real time."),
             click.option(
                 "--picture",
                 type=click.Path(dir_okay=False, path_type=Path),
                 metavar="FILE.png",
-                help="Draw how it stands at the end.",
+                help="Draw the result at the end.",
             ),
-            click.option("--json", "as_json", is_flag=True, help="One JSON object as the last line."),
-            click.option("--quiet", is_flag=True, help="Leave out what the programs log."),
+            click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line."),
+            click.option("--quiet", is_flag=True, help="Omit the log of the programs."),
         ]
         for option in reversed(options):
             function = option(function)
         return click.command(name, cls=RunCommand, short_help=help_line)(
-            click.pass_context(guarded(function))
+            click.pass_context(report_usage_errors(function))
         )
 
-    return made
+    return decorate
 
 
-def guarded(function: Callable[..., int]) -> Callable[..., int]:
-    """*function*, whose user's mistakes are told as such."""
+def report_usage_errors(function: Callable[..., int]) -> Callable[..., int]:
+    """Return *function* with `PROGRAM_ERRORS` reported as usage errors."""
 
     @functools.wraps(function)
     def call(*arguments: Any, **settings: Any) -> int:
         try:
             return function(*arguments, **settings)
-        except FAULTS as fault:
-            raise click.UsageError(str(fault)) from fault
+        except PROGRAM_ERRORS as error:
+            raise click.UsageError(str(error)) from error
 
     return call
 
 
 class BookRunner:
-    """A robot in its world, or time alone, for processes of which one executor runs all.
+    """A run of processes in the world of a robot or, without a robot, on a clock alone.
 
-    The robot's frames are in the transforms 50 times a second.
+    An executor runs all processes. The robot's frames are published in the transform tree 50 times a second.
+
+    Args:
+        ctx: The context of the command.
+        settings: The values of the command's options.
+        embodied: Whether the run needs a robot.
+
     """
 
     def __init__(self, ctx: click.Context, settings: Settings, *, embodied: bool = True) -> None:
         self.settings = settings
         self.clock: RealTime | SimulatedTime | None = None
-        say = (lambda line: None) if settings.get("quiet") else _say
+        log_sink = (lambda line: None) if settings.get("quiet") else _print
         if embodied:
             self.gathered = require_resources(ctx, settings, (Robot,))
-            robot = next(one for one in self.gathered.resources if isinstance(one, Robot))
-            self.context = ProcessContext(robot.clock, robot.schedule, say, robot=robot)
+            robot = next(resource for resource in self.gathered.resources if isinstance(resource, Robot))
+            self.context = ProcessContext(robot.clock, robot.schedule, log_sink, robot=robot)
             broadcaster = FrameBroadcaster(robot, self.context.transforms)
             broadcaster.step(robot.clock.now())
             robot.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, broadcaster.step)
         else:
             self.gathered = GatheredResources([], [], [])
             self.clock = SimulatedTime() if settings["fast"] else RealTime()
-            self.context = ProcessContext(self.clock, self.clock, _since(self.clock, say))
+            self.context = ProcessContext(self.clock, self.clock, _since(self.clock, log_sink))
         self.executor = Executor(self.context.schedule, self.context.clock)
 
     @property
     def robot(self) -> Robot:
-        """The robot; a stage without one has none to ask for."""
+        """The robot. A run without a robot must not use it."""
         return cast(Robot, self.context.robot)
 
     def add(self, *processes: Process) -> None:
-        """Run *processes*, and tell of parameters that none of them knows."""
+        """Run *processes*, and print a warning for each parameter that its process does not declare."""
         for process in processes:
-            for sentence in process.unused_warnings():
-                click.echo(f"warning: {sentence}", err=True)
+            for warning in process.unused_warnings():
+                click.echo(f"warning: {warning}", err=True)
             self.executor.add(process)
 
-    def perform(
+    def run(
         self,
         name: str,
-        figures: Callable[[], Mapping[str, object]] = dict,
-        picture: Callable[[], Image] | None = None,
+        get_results: Callable[[], Mapping[str, object]] = dict,
+        draw: Callable[[], Image] | None = None,
         shown: Sequence[object] = (),
     ) -> int:
-        """Run it all as *name*; then draw, and report *figures*. The exit code."""
+        """Run the processes, then draw the picture and print the results.
+
+        Args:
+            name: The name of the run.
+            get_results: A function that returns the results at the end.
+            draw: A function that returns the picture (RGB) at the end.
+            shown: Objects that a viewer shows during the run.
+
+        Returns:
+            The exit code.
+
+        Raises:
+            click.UsageError: The picture cannot be written.
+
+        """
         path: Path | None = self.settings.get("picture")
         if path is not None and not path.resolve().parent.is_dir():
             raise click.UsageError(f"--picture {path}: there is no folder {path.resolve().parent}")
-        if path is not None and not writable(path):
-            raise click.UsageError(f"--picture {path}: pictures can't be '{path.suffix}'; .png and .jpg work")
-        told: dict[str, object] = {}
+        if path is not None and not is_image_format_supported(path):
+            raise click.UsageError(
+                f"--picture {path}: format '{path.suffix}' is not supported; use .png or .jpg"
+            )
+        results: dict[str, object] = {}
 
         def end() -> None:
-            told.update(figures())
-            if path is not None and picture is not None:
+            results.update(get_results())
+            if path is not None and draw is not None:
                 try:
-                    save_picture(picture(), path)
-                except OSError as fault:
+                    save_picture(draw(), path)
+                except OSError as error:
                     raise click.UsageError(
-                        f"--picture {path}: it can't be written: {fault.strerror}"
-                    ) from fault
+                        f"--picture {path}: cannot be written: {error.strerror}"
+                    ) from error
 
         done = run_program(name, self.gathered, self.settings, end, clock=self.clock, shown=shown)
         command = click.get_current_context().info_name
-        print_result(command or name, done, told)
+        print_result(command or name, done, results)
         if self.settings["as_json"]:
-            figures_of_all = {"time_s": round(done.seconds, 3), **told, **done.report}
-            click.echo(json.dumps(figures_of_all, ensure_ascii=False))
+            output = {"time_s": round(done.seconds, 3), **results, **done.report}
+            click.echo(json.dumps(output, ensure_ascii=False))
         return done.code
 
 
-def _say(line: LogMessage) -> None:
+def _print(line: LogMessage) -> None:
     click.echo(str(line))
 
 
 def _since(
-    clock: RealTime | SimulatedTime, say: Callable[[LogMessage], None]
+    clock: RealTime | SimulatedTime, log_sink: Callable[[LogMessage], None]
 ) -> Callable[[LogMessage], None]:
-    """Lines whose stamps count from now on: the machine's clock says nothing to a reader."""
+    """Return a log sink that counts stamps from now on: the monotonic clock has no meaningful start."""
     start = clock.now()
-    return lambda line: say(LogMessage(line.level, line.stamp - start, line.name, line.text))
+    return lambda line: log_sink(LogMessage(line.level, line.stamp - start, line.name, line.text))

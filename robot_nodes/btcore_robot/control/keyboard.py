@@ -1,4 +1,4 @@
-"""Driving by keys: what each of them means, where they come from, and how long one counts."""
+"""Driving with keys: the velocity of each key, sources of keys, and the time for which a key counts."""
 
 import os
 import select
@@ -11,12 +11,12 @@ from typing import Protocol, Self
 from btcore_robot.errors import RobotError
 from btcore_robot.robot import NS_PER_S, Robot, Twist2D
 
-KEY_VEL = 90
-"""The priority of a keyboard's commands (twist_mux of Tiago's start-up files)."""
-HELD = round(0.75 * NS_PER_S)
-"""How long (ns) a key counts. A terminal repeats one that is held, the first time after half a second."""
+KEY_VEL_PRIORITY = 90
+"""The priority of a keyboard's commands (twist_mux configuration of Tiago)."""
+KEY_TIMEOUT = round(0.75 * NS_PER_S)
+"""The time (ns) for which a key counts. A terminal repeats a held key, the first time after about 0.5 s."""
 FORWARD, BACKWARD, TURN = 0.3, -0.2, 0.5
-"""How fast keys drive: m/s, m/s, rad/s."""
+"""The velocities of the keys: m/s, m/s, rad/s."""
 
 _KEYS = {
     "w": Twist2D(FORWARD, 0.0),
@@ -28,71 +28,76 @@ _KEYS = {
     " ": Twist2D(0.0, 0.0),
 }
 _ARROWS = {"\x1b[A": "w", "\x1b[B": "s", "\x1b[C": "d", "\x1b[D": "a"}
-END = ("x", "\x03", "\x04")
-"""Keys that end the drive: x, Ctrl-C, Ctrl-D."""
-HELP = "w/↑ forward, s/↓ back, a/← left, d/→ right, q and e both at once, space stop, x end"
+END_KEYS = ("x", "\x03", "\x04")
+"""The keys that end the drive: x, Ctrl-C, Ctrl-D."""
+HELP = "w/↑ forward, s/↓ back, a/← left, d/→ right, q/e forward and left/right, space stop, x end"
 
 
 class KeyInputError(RobotError):
-    """Keys that can't be driven by: a sentence that says which, and what would be right."""
+    """The keys cannot be used; the message names the problem and gives an example."""
 
 
-class Keys(Protocol):
-    """Where keys come from."""
+class KeySource(Protocol):
+    """A source of keys."""
 
     def pressed(self, now: int) -> str | None:
-        """The key that was pressed last, or is held, at *now* (ns); None if none; "x" for the end."""
+        """Return the key that is held at *now* (ns), None if there is none, or "x" to end the drive."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Script(Keys):
-    """Keys that are held one after the other: pairs of a key and until when (ns) from the start on."""
+class ScriptedKeys(KeySource):
+    """Keys that are held one after another: pairs of a key and its end (ns from the start)."""
 
     holds: tuple[tuple[str, int], ...]
 
     def pressed(self, now: int) -> str | None:
-        """The key that is held; after the last one the drive ends."""
+        """Return the key that is held; after the last key, "x"."""
         return next((key for key, until in self.holds if now < until), "x")
 
 
-def script(text: str) -> Script:
-    """The keys written ``w:5,a:2,…``: each with how long (s) it is held. Raises `KeyInputError`."""
+def parse_key_script(text: str) -> ScriptedKeys:
+    """Return the keys in *text*, ``w:5,a:2,…``: each with the time (s) for which it is held.
+
+    Raises:
+        KeyInputError: A key or a time is invalid.
+
+    """
     holds, until = [], 0
     for part in text.split(","):
         name, colon, seconds = part.strip().partition(":")
         key = " " if name == "space" else name
         if key not in _KEYS:
-            raise KeyInputError(
-                f"'{part.strip()}' has no key to drive by: there are w, a, s, d, q, e and space"
-            )
+            raise KeyInputError(f"'{part.strip()}' has no key to drive by: use w, a, s, d, q, e or space")
         try:
-            lasts = float(seconds) if colon else 1.0
+            duration = float(seconds) if colon else 1.0
         except ValueError:
-            lasts = -1.0
-        if not 0.0 < lasts < 1e6:
-            raise KeyInputError(f"'{part.strip()}' says no time: w:5 holds the key w for 5 s")
-        until += round(lasts * NS_PER_S)
+            duration = -1.0
+        if not 0.0 < duration < 1e6:
+            raise KeyInputError(f"'{part.strip()}' has no valid time: w:5 holds the key w for 5 s")
+        until += round(duration * NS_PER_S)
         holds.append((key, until))
-    return Script(tuple(holds))
+    return ScriptedKeys(tuple(holds))
 
 
-class Terminal(Keys):
-    """The keys of the terminal that the program runs in, which doesn't show them meanwhile.
+class Terminal(KeySource):
+    """The keys of the program's terminal, which does not echo them during the drive.
 
-    Raises `KeyInputError` where standard input is no terminal.
+    Raises:
+        KeyInputError: Standard input is not a terminal.
+
     """
 
     def __init__(self) -> None:
         if not sys.stdin.isatty():
-            raise KeyInputError("standard input is no terminal that has keys: --keys w:5,a:2 drives without")
+            raise KeyInputError("standard input is not a terminal: use --keys w:5,a:2 to drive without one")
         self._pressed: tuple[str, int] | None = None
 
     def __enter__(self) -> Self:
         import termios
         import tty
 
-        self._before = termios.tcgetattr(sys.stdin)
+        self._terminal_attributes = termios.tcgetattr(sys.stdin)
         tty.setcbreak(sys.stdin)
         return self
 
@@ -101,15 +106,15 @@ class Terminal(Keys):
     ) -> None:
         import termios
 
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._terminal_attributes)
 
     def pressed(self, now: int) -> str | None:
-        """The last key, while it counts."""
-        for key in keys_in(self._read()):
+        """Return the last key while it counts."""
+        for key in parse_keys(self._read()):
             self._pressed = (key, now)
-            if key in END:
+            if key in END_KEYS:
                 return "x"
-        if self._pressed is None or now - self._pressed[1] > HELD:
+        if self._pressed is None or now - self._pressed[1] > KEY_TIMEOUT:
             return None
         return self._pressed[0]
 
@@ -119,31 +124,35 @@ class Terminal(Keys):
             more = os.read(sys.stdin.fileno(), 64)
             if not more:
                 return read.decode(errors="ignore") + "\x04"
+                # End of input, for example when a pipe is closed: end the drive.
             read += more
         return read.decode(errors="ignore")
 
 
-def keys_in(text: str) -> Sequence[str]:
-    """The keys in what a terminal sends: arrows come as three characters, capitals mean the same."""
+def parse_keys(text: str) -> Sequence[str]:
+    """Return the keys in the input of a terminal.
+
+    An arrow key arrives as three characters; case is ignored.
+    """
     for arrow, key in _ARROWS.items():
         text = text.replace(arrow, key)
-    return [one for one in text.lower() if one in _KEYS or one in END]
+    return [key for key in text.lower() if key in _KEYS or key in END_KEYS]
 
 
-class KeyDrive:
-    """Drives *robot* by *keys*, from now on. `step` is called ten times a second or so."""
+class KeyboardTeleop:
+    """Drives *robot* with *keys*. Call `step` about ten times a second."""
 
-    def __init__(self, robot: Robot, keys: Keys) -> None:
+    def __init__(self, robot: Robot, keys: KeySource) -> None:
         self._robot = robot
         self._keys = keys
-        self._began = robot.clock.now()
+        self._start = robot.clock.now()
 
     def step(self) -> bool:
-        """Drive as the key says that is held; whether the drive goes on."""
-        key = self._keys.pressed(self._robot.clock.now() - self._began)
+        """Send the command of the held key; return False when the drive ends."""
+        key = self._keys.pressed(self._robot.clock.now() - self._start)
         if key == "x":
-            self._robot.drive(0.0, 0.0, priority=KEY_VEL)
+            self._robot.drive(0.0, 0.0, priority=KEY_VEL_PRIORITY)
             return False
-        asked = _KEYS.get(key or " ", _KEYS[" "])
-        self._robot.drive(asked.v, asked.w, priority=KEY_VEL)
+        twist = _KEYS.get(key or " ", _KEYS[" "])
+        self._robot.drive(twist.v, twist.w, priority=KEY_VEL_PRIORITY)
         return True

@@ -54,7 +54,7 @@ class ObstacleDetectorImproved(ObstacleDetector):
         try:
             odom2laser = transforms.lookup(ODOM_FRAME, scan.frame, scan.stamp)
         except TransformError as error:
-            self.warn(f"Obstacle transform not obstacle: {error}")
+            self.warn(f"Obstacle transform not found: {error}")
             return
         transforms.set(_frame(ODOM_FRAME, odom2laser * laser2object, scan.stamp))
 
@@ -75,7 +75,7 @@ class ObstacleMonitor(Process):
         try:
             obstacle = self.context.transforms.lookup(BASE_FRAME, OBSTACLE_FRAME)
         except TransformError as error:
-            self.warn(f"Obstacle transform not obstacle: {error}")
+            self.warn(f"Obstacle transform not found: {error}")
             return
         x, y, z = self.position = obstacle.position
         angle = math.atan2(y, x)

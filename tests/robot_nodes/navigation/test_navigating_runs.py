@@ -78,7 +78,7 @@ def test_a_patrol_of_a_world_without_waypoints_ends_before_it_begins():
     done = run("patrolling", "--world", "arena", "--duration", "1")
     assert done.exit_code == 2
     assert done.stdout == ""
-    assert "this world has no waypoints, and GetWaypoint::6 sends the robot to one" in done.stderr
+    assert "this world has no waypoints, but GetWaypoint::6 needs them" in done.stderr
 
 
 def test_on_a_map_that_the_robot_is_not_on_it_looks_around_and_drives_nowhere(tmp_path):

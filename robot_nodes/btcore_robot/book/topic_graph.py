@@ -1,4 +1,4 @@
-"""Drawing who publishes what for whom: processes as ellipses, topics as boxes."""
+"""A drawing of the topic graph: processes as ellipses, topics as boxes."""
 
 import cv2
 import numpy as np
@@ -13,33 +13,33 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def draw_graph(topics: Topics) -> NDArray[np.uint8]:
-    """The topics that have a publisher and a listener, with both, from left to right; RGB."""
-    lines = [one for one in topics if one.publishers and one.subscriptions]
-    speakers = _rows([sorted(set(one.publishers)) for one in lines])
-    hearers = _rows([sorted({listener.owner for listener in one.subscriptions}) for one in lines])
-    lowest = max([*speakers.values(), *hearers.values(), _y(len(lines) - 1), _ROW])
+    """Return a drawing (RGB) of the topics that have publishers and subscribers, with both."""
+    connected = [topic for topic in topics if topic.publishers and topic.subscriptions]
+    publishers = _rows([sorted(set(topic.publishers)) for topic in connected])
+    subscribers = _rows([sorted({item.owner for item in topic.subscriptions}) for topic in connected])
+    lowest = max([*publishers.values(), *subscribers.values(), _y(len(connected) - 1), _ROW])
     image: NDArray[np.uint8] = np.full((lowest + 40, _WIDTH, 3), _PAPER, dtype=np.uint8)
-    for index, topic in enumerate(lines):
+    for index, topic in enumerate(connected):
         y = _y(index)
         for name in sorted(set(topic.publishers)):
-            _arrow(image, (_LEFT + 92, speakers[name]), (_MIDDLE - 128, y))
-        for name in sorted({listener.owner for listener in topic.subscriptions}):
-            _arrow(image, (_MIDDLE + 128, y), (_RIGHT - 92, hearers[name]))
-    for index, topic in enumerate(lines):
+            _arrow(image, (_LEFT + 92, publishers[name]), (_MIDDLE - 128, y))
+        for name in sorted({subscription.owner for subscription in topic.subscriptions}):
+            _arrow(image, (_MIDDLE + 128, y), (_RIGHT - 92, subscribers[name]))
+    for index, topic in enumerate(connected):
         y = _y(index)
         cv2.rectangle(image, (_MIDDLE - 126, y - 14), (_MIDDLE + 126, y + 14), _TOPIC, -1)
         cv2.rectangle(image, (_MIDDLE - 126, y - 14), (_MIDDLE + 126, y + 14), _INK, 1)
-        _word(image, topic.name, _MIDDLE, y)
-    for x, names in ((_LEFT, speakers), (_RIGHT, hearers)):
+        _label(image, topic.name, _MIDDLE, y)
+    for x, names in ((_LEFT, publishers), (_RIGHT, subscribers)):
         for name, y in names.items():
             cv2.ellipse(image, (x, y), (90, 17), 0, 0, 360, _PROCESS, -1, cv2.LINE_AA)
             cv2.ellipse(image, (x, y), (90, 17), 0, 0, 360, _INK, 1, cv2.LINE_AA)
-            _word(image, name, x, y)
+            _label(image, name, x, y)
     return image
 
 
 def _rows(names: list[list[str]]) -> dict[str, int]:
-    """The height (pixels) of each name: the middle of its topics', moved apart where two would meet."""
+    """Return the height (pixels) of each name: the mean of its topics' heights, moved to avoid overlaps."""
     places: dict[str, list[int]] = {}
     for index, group in enumerate(names):
         for name in group:
@@ -61,6 +61,6 @@ def _arrow(image: NDArray[np.uint8], start: tuple[int, int], end: tuple[int, int
     cv2.arrowedLine(image, start, end, _INK, 1, cv2.LINE_AA, 0, 10.0 / max(length, 20.0))
 
 
-def _word(image: NDArray[np.uint8], text: str, x: int, y: int) -> None:
+def _label(image: NDArray[np.uint8], text: str, x: int, y: int) -> None:
     (width, height), _ = cv2.getTextSize(text, _FONT, 0.42, 1)
     cv2.putText(image, text, (x - width // 2, y + height // 2), _FONT, 0.42, _INK, 1, cv2.LINE_AA)
