@@ -82,6 +82,7 @@ def _mapper(robot: Robot) -> "Mapper":
 
     tree = TransformTree()
     frames = FrameBroadcaster(robot, tree)
+    # Once before the start, so that the first scan finds its frame.
     frames.step(robot.clock.now())
     mapper = Mapper(robot, tree)
     robot.schedule.every(frames.RATE, Phase.TRANSFORMS, frames.step)

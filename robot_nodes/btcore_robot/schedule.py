@@ -54,6 +54,7 @@ class _Tasks:
     def next_due(self) -> int | None:
         """Return when (ns) the next task is due, or None if there is none."""
         due = self._due
+        # Ended tasks stay in the heap until they are due.
         while due and due[0][2] not in self._tasks:
             heapq.heappop(due)
         return due[0][0] if due else None

@@ -26,7 +26,7 @@ _UNIT = 1e-3  # tolerance of the length of a unit quaternion
 
 
 class TransformError(RobotError):
-    """A transform is not available; the message says why."""
+    """A transform is not available; the message gives the reason."""
 
 
 class UnknownFrameError(TransformError):
@@ -68,6 +68,7 @@ class _Link:
             while stamps[0] < oldest:
                 del stamps[0], transforms[0]
         elif stamp >= stamps[-1] - CACHE_TIME:
+            # A late transform: insert it in the order of stamps.
             place = bisect_left(stamps, stamp)
             if stamps[place] == stamp:
                 transforms[place] = transform

@@ -50,7 +50,7 @@ def hello(ctx: click.Context, /, **settings: Any) -> int:
 @world_command("launch", "Start the programs of a launch file.")
 @click.argument("file", type=click.Path(path_type=Path))
 def launch(ctx: click.Context, /, **settings: Any) -> int:
-    """Start the programs of FILE, a launch file in ROS 2's YAML format, with a robot if one is 'bridge'."""
+    """Start the programs of FILE, a launch file in ROS 2's YAML format; 'bridge' needs a robot."""
     from btcore_robot.book.topic_graph import draw_graph
 
     entries = read_launch(settings["file"])

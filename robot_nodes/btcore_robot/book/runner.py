@@ -97,6 +97,7 @@ class BookRunner:
             robot = next(resource for resource in self.gathered.resources if isinstance(resource, Robot))
             self.context = ProcessContext(robot.clock, robot.schedule, log_sink, robot=robot)
             broadcaster = FrameBroadcaster(robot, self.context.transforms)
+            # Once before the start, so that the first callbacks find the frames.
             broadcaster.step(robot.clock.now())
             robot.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, broadcaster.step)
         else:

@@ -71,6 +71,7 @@ class TopView:
         length = float(np.hypot(*(pixels[1] - pixels[0]))) / 16
         if length < 2.0:
             return
+        # `arrowedLine` expects the length of the head as a fraction of the arrow.
         tip = min(14.0 / length, 0.6)
         first, last = pixels.astype(np.int32).tolist()
         cv2.arrowedLine(self.image, first, last, colour, width, cv2.LINE_AA, _SHIFT, tip)

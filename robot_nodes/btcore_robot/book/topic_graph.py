@@ -19,6 +19,7 @@ def draw_graph(topics: Topics) -> NDArray[np.uint8]:
     subscribers = _rows([sorted({item.owner for item in topic.subscriptions}) for topic in connected])
     lowest = max([*publishers.values(), *subscribers.values(), _y(len(connected) - 1), _ROW])
     image: NDArray[np.uint8] = np.full((lowest + 40, _WIDTH, 3), _PAPER, dtype=np.uint8)
+    # Arrows first, so that boxes and ellipses cover their ends.
     for index, topic in enumerate(connected):
         y = _y(index)
         for name in sorted(set(topic.publishers)):

@@ -88,12 +88,14 @@ class BumpGo(Process):
         next_state = None
         if self.is_stale(scan):
             next_state = BumpGoState.STOP
+        # Checked last: an obstacle takes precedence over an old scan.
         if self.is_blocked(scan):
             next_state = BumpGoState.BACK
         return Twist2D(SPEED_LINEAR, 0.0), next_state
 
     def back(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Drive backwards."""
+        # Strictly more than the time, as in the book.
         return Twist2D(-SPEED_LINEAR, 0.0), BumpGoState.TURN if elapsed > BACKING_TIME else None
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:

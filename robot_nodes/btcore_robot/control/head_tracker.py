@@ -122,6 +122,7 @@ class HeadTracker(LifecycleComponent):
 
     def _look(self) -> None:
         picture = self.robot.camera()
+        # The camera is slower than the control: the same image may be returned several times.
         if picture is None or picture.stamp == self._last_stamp:
             return
         self._last_stamp = picture.stamp

@@ -120,6 +120,7 @@ class Terminal(KeySource):
 
     def _read(self) -> str:
         read = b""
+        # Read without waiting whatever has been typed since the last call.
         while select.select([sys.stdin], [], [], 0.0)[0]:
             more = os.read(sys.stdin.fileno(), 64)
             if not more:
@@ -153,6 +154,7 @@ class KeyboardTeleop:
         if key == "x":
             self._robot.drive(0.0, 0.0, priority=KEY_VEL_PRIORITY)
             return False
+        # Without a held key the robot stops.
         twist = _KEYS.get(key or " ", _KEYS[" "])
         self._robot.drive(twist.v, twist.w, priority=KEY_VEL_PRIORITY)
         return True

@@ -44,6 +44,7 @@ class PID:
             scaled = math.copysign(self.max_output, error)
         else:
             scaled = math.copysign(self.min_output, error) + error * (self.max_output - self.min_output)
+        # The integral decays, so that old errors lose their effect.
         self._integral = (self._integral + scaled) * 2.0 / 3.0
         derivative = scaled - self._previous
         self._previous = scaled

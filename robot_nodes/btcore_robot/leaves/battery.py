@@ -39,6 +39,7 @@ class BatteryChecker(Condition):
         seconds = (now - self.last_check) / NS_PER_S
         self.last_check = now
         command = self.robot.commanded_velocity()
+        # The book's formula adds m/s and rad/s.
         drained = (DRAIN * math.hypot(command.v, command.w) + DRAIN_AT_REST) * seconds
         level = max(0.0, estimated_level(self.board, self.robot) - drained)
         self.board[LEVEL_KEY] = level

@@ -51,6 +51,7 @@ class Move(StatefulAction):
             return Status.FAILURE
         if handle.status is GoalStatus.UNKNOWN and self.clock.now() - self.sent > SERVER_TIMEOUT:
             handle.cancel()
+            # 9000 is UNKNOWN of Nav2's action NavigateToPose.
             return self.fail(9000, "the navigator didn't accept the goal within 1 s")
         if not handle.done:
             return Status.RUNNING

@@ -88,6 +88,7 @@ def depth_to_points(
 def _patches(image: CameraImage, depth: NDArray[np.float32], colours: ColourRange) -> NDArray[np.uint8]:
     """Return the mask of pixels with the colour and a depth, without the pixels just behind a depth step."""
     mask = np.isfinite(depth) & (depth > 0.0)
+    # A missing depth counts as far away, so that its neighbours do not lose their edge pixels.
     z = np.where(mask, depth, NO_DEPTH)
     mask &= colour_mask(image, colours) > 0
     # A pixel is removed if its neighbour to the right, to the left, above or below is much nearer.

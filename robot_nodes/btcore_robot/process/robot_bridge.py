@@ -52,6 +52,7 @@ class RobotBridge(Process):
         head = robot.head()
         if head is not None and self._is_new(JOINT_STATE, head.stamp):
             self._joints.publish(head)
+        # A simulated camera renders an image when it is requested.
         if self._images.has_subscribers:
             image = robot.camera()
             if image is not None and self._is_new(IMAGE_TOPIC, image.stamp):

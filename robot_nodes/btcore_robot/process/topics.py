@@ -37,6 +37,7 @@ class Subscription(Generic[Message]):
 
     def put(self, message: Message) -> None:
         """Add *message* to the queue."""
+        # A full deque drops its oldest item when another is appended.
         self.lost += len(self._queue) == self._queue.maxlen
         self._queue.append(message)
         self._wake()

@@ -120,6 +120,7 @@ class CorrelationGrid:
         for scan in scans:
             cells = np.floor(scan.points / RESOLUTION).astype(np.intp) - self._low
             hits[np.unique(cells[:, 1] * width + cells[:, 0])] += 1.0
+        # A scan counts once per cell, and further scans add ever less: the value approaches 1.
         hits /= hits + np.float32(_SATURATION)
         spread = SEARCH_BLUR / RESOLUTION
         ridges = cv2.GaussianBlur(hits.reshape(height, width), (0, 0), spread)
@@ -136,6 +137,7 @@ class CorrelationGrid:
         cells = np.floor(position).astype(np.intp)
         across, up = (position - cells).T
         first = cells[:, 1] * width + cells[:, 0]
+        # A point is shared between its four nearest cells, by its distance from their centres.
         shares = ((1 - across) * (1 - up), across * (1 - up), (1 - across) * up, across * up)
         drawn = np.bincount(
             np.concatenate((first, first + 1, first + width, first + width + 1)),
@@ -163,10 +165,13 @@ class CorrelationGrid:
         max_turn = round(window.turn / window.turn_step)
         edge = reach + 1
         stride = width + 2 * edge
+        # The padding has no walls and is wide enough that every shifted point stays inside the array.
         flat = np.pad(self._field, edge).ravel()
+        # All shifts as offsets in the flattened grid, so that a single `take` evaluates them.
         offsets = (shifts[:, None] * stride + shifts).ravel()
         penalty = (shifts[:, None] ** 2 + shifts**2).ravel() * (_DISTANCE_PENALTY / max(1, reach) ** 2)
         best_score, best_pose = -1.0, guess
+        # Small turns first: of equal scores the first is kept.
         for turn in sorted(range(-max_turn, max_turn + 1), key=abs):
             yaw = guess[2] + turn * window.turn_step
             moved = transform_points(points, np.array((guess[0], guess[1], yaw)))
@@ -209,6 +214,7 @@ class CorrelationGrid:
         for _ in range(_MAX_STEPS):
             moved = outline.at(at)
             offsets, weight = self._ridge_offsets(moved)
+            # The derivatives of an offset by x, y and yaw: the normal, and its moment about the robot.
             arm = moved.points - at[:2]
             jacobian = np.stack(
                 (
@@ -221,6 +227,7 @@ class CorrelationGrid:
             information = weighted @ jacobian.T
             to_prior = prior - at
             to_prior[2] = wrap_angle(float(to_prior[2]))
+            # The damping keeps the step short in directions that neither the points nor the prior determine.
             normal_matrix = information + prior_information + _DAMPING * np.eye(3)
             step = np.linalg.solve(normal_matrix, prior_information @ to_prior - weighted @ offsets)
             at += step
@@ -247,6 +254,7 @@ class CorrelationGrid:
         across, up = (position - cells).T
         turned = np.arctan2(moved.normals[:, 1], moved.normals[:, 0])
         side = np.rint(turned / (math.tau / _DIRECTIONS)).astype(np.intp) % _DIRECTIONS
+        # The grids of all directions lie one behind another in the flattened array.
         first = (side * height + cells[:, 1]) * width + cells[:, 0]
         flat = self._sides.ravel()
         # Bilinear interpolation between the four nearest cells, and its gradient along the normal.
@@ -255,6 +263,7 @@ class CorrelationGrid:
         value = low + up * (high - low)
         along = ((1 - up) * (v01 - v00) + up * (v11 - v10)) * moved.normals[:, 0]
         along += (high - low) * moved.normals[:, 1]
+        # For a Gaussian ridge b of variance σ² the offset from its centre line is -σ²·∇b/b.
         offsets = -_RIDGE_VARIANCE * along / RESOLUTION / np.maximum(value, _MIN_RIDGE)
         known = inside & (value > _MIN_RIDGE) & (np.abs(offsets) < MAX_OFFSET)
         # The Geman-McClure kernel: points far from their ridge count less.

@@ -65,6 +65,7 @@ def frontier_mask(map: OccupancyMap, excluded: Sequence[tuple[float, float]] = (
 
     """
     size = 2 * WALL_CELLS + 1
+    # Unknown cells next to occupied cells are the inside of a wall, not unexplored space.
     walls = cv2.dilate((map.occupied | map.kept_out()).astype(np.uint8), np.ones((size, size), np.uint8))
     unknown = (map.unknown & (walls == 0)).astype(np.uint8)
     frontier_cells = map.free & (cv2.dilate(unknown, np.ones((3, 3), np.uint8)) > 0)
@@ -98,6 +99,7 @@ def find_frontiers(
         frontier_mask(map, excluded).astype(np.uint8), connectivity=8
     )
     min_length = MIN_LENGTH / map.resolution
+    # The length of a frontier is the longer side of its bounding box.
     lengths = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     long_enough = [label for label in range(1, count) if lengths[label] >= min_length]
     start = costmap.cell(here.x, here.y)
@@ -108,6 +110,7 @@ def find_frontiers(
     costs[~reached] = WALL
     field, _ = MCP_Geometric(costs).find_costs([start])
     from_unknown = cv2.distanceTransform((~map.unknown).astype(np.uint8), cv2.DIST_L2, 5)
+    # Goals keep a distance from unknown cells, unless no reachable cell does.
     suitable = reached & (from_unknown * map.resolution >= radius + CLEARANCE)
     distance, nearest = _nearest(suitable if suitable.any() else reached)
     found = []
@@ -149,6 +152,7 @@ def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
     around = frontier_cells[
         max(0, near_row - reach) : near_row + reach + 1, max(0, near_col - reach) : near_col + reach + 1
     ]
+    # A part of the minimum length: what is left of a frontier after a look at it is shorter.
     return int(np.count_nonzero(around)) * map.resolution >= MIN_LENGTH / 3
 
 

@@ -77,6 +77,7 @@ def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float 
         ends, laser_pose = rays[hit] * ranges[hit, None], pose_to_row(localised.laser.to_pose())
         base_pose = relative_pose(pose_to_row(last.odometry), pose_to_row(localised.odometry))
         outlines.append(_outline(ends).at(compose(base_pose, laser_pose)))
+    # The free part of each ray: up to the obstacle, up to the maximum range, or none if the echo is too near.
     free = np.where(hit, np.maximum(ranges - margin, 0.0), np.where(ranges >= MAX_RANGE, MAX_RANGE, 0.0))
     return KeyScan(
         # `ends`, `rays` and `ranges` are now those of the last scan, whose pose is the origin.
@@ -96,6 +97,7 @@ def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float 
 def _outline(ends: Floats) -> Outline:
     """Return some of *ends*, which follow walls as seen from (0, 0), and the normals of the walls there."""
     steps = np.hypot(*np.diff(ends, axis=0, prepend=ends[:1]).T)
+    # At most one point per `SPACING` of length along a wall; a gap counts as one spacing.
     walked = np.floor(np.cumsum(np.minimum(steps, SPACING)) / SPACING)
     points = ends[np.flatnonzero(np.diff(walked, prepend=-1.0) > 0)]
     if len(points) < 2 * _NEIGHBOURS + 1:
@@ -106,6 +108,7 @@ def _outline(ends: Floats) -> Outline:
     known = (length > SPACING) & (length < _MAX_SPAN)
     unit = np.where(known, 1.0 / np.maximum(length, SPACING), 0.0)[:, None] * along
     normals = np.stack((-unit[:, 1], unit[:, 0]), axis=1)
+    # Normals point towards the laser, which is at (0, 0).
     away = (normals * points).sum(axis=1) > 0.0
     normals[away] *= -1.0
     return Outline(points, normals)

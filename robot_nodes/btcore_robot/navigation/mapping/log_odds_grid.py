@@ -89,7 +89,9 @@ class LogOddsGrid:
         """Return the map of all cells; cells without an observation are unknown."""
         cells = np.full(self._log_odds.shape, -1, dtype=np.int8)
         cells[self._observed & (self._log_odds < 0.0)] = 0
+        # A probably occupied cell with too few hits stays unknown.
         cells[(self._log_odds > 0.0) & (self._hits >= MIN_HITS)] = 100
+        # Rounded, so that the origin in the map's YAML file has no floating-point noise.
         origin = (
             round(self._low_cell[0] * self.resolution, 9),
             round(self._low_cell[1] * self.resolution, 9),
@@ -105,6 +107,7 @@ class LogOddsGrid:
             self._low_cell = (first[0], first[1])
         x0, y0 = self._low_cell
         more = math.ceil(_GROWTH / self.resolution)
+        # Growing by a large step makes it rare that the arrays are copied.
         west, south = (more if first[0] < x0 else 0), (more if first[1] < y0 else 0)
         west, south = max(west, x0 - first[0]) * (west > 0), max(south, y0 - first[1]) * (south > 0)
         east = max(more, last[0] - x0 - width) if last[0] > x0 + width else 0

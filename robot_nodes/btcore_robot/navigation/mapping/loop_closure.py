@@ -65,9 +65,11 @@ class LoopClosureDetector:
         if len(chain) < MIN_CHAIN:
             return None
         grid = CorrelationGrid([scans[index].outline.at(graph.poses[index]) for index in chain])
+        # The drift since the pose was last corrected, or since the old key scan if that is more recent.
         since = newest.travelled - max(self._closed_after, scans[nearest].travelled)
         drift = min(MAX_DRIFT, MIN_DRIFT + DRIFT * since)
         turn = min(_MAX_TURN, 0.1 + _TURN_DRIFT * since)
+        # About 150 points are enough for the search.
         points = newest.outline.points[:: max(1, len(newest.outline.points) // 150)]
         guess = grid.search(here, points, SearchWindow(drift, turn, 2, 0.035))
         match = grid.refine(guess, newest.outline)

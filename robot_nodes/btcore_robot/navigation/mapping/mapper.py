@@ -153,6 +153,7 @@ class Mapper:
                 np.hypot(odometry.x - self._last_odometry.x, odometry.y - self._last_odometry.y)
             )
         self._last_odometry = odometry
+        # The last scans, of which the newest may become a key scan.
         self._recent_scans = [*self._recent_scans[1 - SCANS_PER_KEY :], LocalisedScan(scan, laser, odometry)]
         if self._is_key(odometry):
             self._add_key_scan(key_scan(self._recent_scans, self._travelled))
@@ -179,6 +180,7 @@ class Mapper:
             self.graph.add(*self._match(scan, step))
             self.scans.append(scan)
         graph = self.graph
+        # The map is only redrawn if the poses moved visibly; otherwise the new scan is added to it.
         if self._close_loop() and graph.optimise() > _REDRAW_DISTANCE:
             self._grid.draw(self.scans, graph.poses)
         else:
@@ -214,6 +216,7 @@ class Mapper:
         if not recent:
             return step, prior
         grid = CorrelationGrid(recent)
+        # The search needs few points; all points are used to refine its result.
         best = grid.search(predicted, scan.outline.points[:: 2 * SCANS_PER_KEY], NEARBY)
         match = grid.refine(best, scan.outline, predicted, uncertainty)
         if match.score < MIN_SCORE:

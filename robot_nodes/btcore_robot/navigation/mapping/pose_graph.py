@@ -76,6 +76,7 @@ class PoseGraph:
         steps = np.array([edge.step for edge in self.edges])
         information = np.array([edge.information for edge in self.edges])
         loops = np.array([edge.loop for edge in self.edges])
+        # Loops have their full weight in the first rounds and are weakened afterwards if they disagree.
         for scale in _LOOP_SCALES:
             step = self._step(first, last, steps, information, np.where(loops, scale, math.inf))
             if step < _MIN_STEP and scale == _LOOP_SCALES[-1]:
@@ -89,6 +90,7 @@ class PoseGraph:
         error = relative_pose(start, end) - steps
         error[:, 2] = wrap_angles(error[:, 2])
         chi_squared = np.einsum("ei,eij,ej->e", error, information, error)
+        # The Geman-McClure kernel; an infinite scale leaves the full weight.
         weight = (1.0 / (1.0 + chi_squared / scales)) ** 2
         by_start, by_end = _jacobians(start, end)
         weighted = information * weight[:, None, None]
@@ -97,6 +99,7 @@ class PoseGraph:
         rows: list[Indices] = []
         cols: list[Indices] = []
         right = np.zeros((count, 3))
+        # The normal equations JᵀΩJ·step = -JᵀΩe, assembled from 3 x 3 blocks for each pair of poses.
         for indices, jacobian in ((first, by_start), (last, by_end)):
             left = np.einsum("eji,ejk->eik", jacobian, weighted)
             np.add.at(right, indices, -np.einsum("eij,ej->ei", left, error))
@@ -104,6 +107,7 @@ class PoseGraph:
                 blocks.append(np.einsum("eij,ejk->eik", left, other_jacobian))
                 rows.append(np.repeat(3 * indices[:, None] + np.arange(3), 3, axis=1).reshape(-1, 3, 3))
                 cols.append(np.tile(3 * other_indices[:, None] + np.arange(3), 3).reshape(-1, 3, 3))
+        # Unless a pose is fixed, the whole graph could be shifted and turned at no cost.
         first_pose = np.arange(3)
         matrix = coo_matrix(
             (

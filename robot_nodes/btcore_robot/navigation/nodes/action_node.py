@@ -64,6 +64,7 @@ class BtActionNode(StatefulAction):
         if handle is None:
             return Status.FAILURE
         if not handle.done:
+            # UNKNOWN: the server has not accepted the goal yet.
             if handle.status is GoalStatus.UNKNOWN and self.acceptance_timed_out():
                 handle.cancel()
                 self.report(int(Nav2ErrorCode.SEND_GOAL_FAILURE), "no server accepted the goal")

@@ -41,6 +41,7 @@ class RateController(DecoratorNode):
 
     def tick(self) -> Status:
         """Tick the child if its period is over."""
+        # Before `set_status`, because `is_first_tick` reads the status.
         first = is_first_tick(self)
         if first:
             self.since = self.now()

@@ -81,6 +81,7 @@ class FollowPath(MotionNode):
         if handle.feedback is not None:
             write_outputs(self, tracking_feedback=handle.feedback)
         goal = self.make_goal()
+        # Without a path, for example while a new path is planned, the current path stays.
         if not len(goal.path):
             goal = replace(goal, path=handle.goal.path)
         if goal != handle.goal:

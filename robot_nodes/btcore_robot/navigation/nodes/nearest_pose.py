@@ -36,5 +36,6 @@ class NearestPoseSearch:
         heading_error = wrap_angles(poses[:, 2] - here.yaw)
         distance = np.hypot(np.hypot(poses[:, 0] - here.x, poses[:, 1] - here.y), turn * heading_error)
         nearest = self.at + int(np.argmin(distance))
+        # A search of the whole path does not restrict the next search.
         self.at = 0 if whole else nearest
         return nearest

@@ -50,6 +50,7 @@ class TruncatePath(SyncAction):
         last = int(np.flatnonzero(far)[-1]) if far.any() else 0
         poses = path.poses[: max(last, 1) + 1].copy()
         dx, dy = goal - poses[-1, :2]
+        # The last pose may be the goal itself, which keeps its heading.
         if math.hypot(dx, dy) > 0.0:
             poses[-1, 2] = math.atan2(dy, dx)
         write_outputs(self, output_path=NavPath(poses, path.stamp, path.frame))
