@@ -8,8 +8,8 @@ from typing import Any
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:
     """Return ``did you mean 'house'? `` when one of *names* is near to *word*, else an empty text."""
-    found = get_close_matches(word, list(names), n=1, cutoff=0.6)
-    return f"did you mean '{found[0]}'? " if found else ""
+    matches = get_close_matches(word, list(names), n=1, cutoff=0.6)
+    return f"did you mean '{matches[0]}'? " if matches else ""
 
 
 class FieldReader:
@@ -65,9 +65,9 @@ class FieldReader:
     ) -> list[list[float]]:
         """Return a list of lists of *count* finite numbers each."""
         value = self._field(key, default)
-        found = [self._parse_numbers(one) for one in value] if isinstance(value, list) else [None]
-        rows = [row for row in found if row is not None and len(row) == count]
-        if len(rows) < len(found):
+        parsed = [self._parse_numbers(row) for row in value] if isinstance(value, list) else [None]
+        rows = [row for row in parsed if row is not None and len(row) == count]
+        if len(rows) < len(parsed):
             raise self._unexpected(key, value, f"a list of lists of {count} numbers")
         return rows
 
@@ -96,5 +96,5 @@ class FieldReader:
     def _parse_numbers(self, value: object) -> list[float] | None:
         if not isinstance(value, list):
             return None
-        numbers = [self.parse_number(one) for one in value]
-        return None if None in numbers else [one for one in numbers if one is not None]
+        numbers = [self.parse_number(item) for item in value]
+        return None if None in numbers else [number for number in numbers if number is not None]

@@ -113,20 +113,20 @@ class HeadTracker(LifecycleComponent):
 
     def scene_moving(self) -> MovingScene:
         """Return the newest detection in the camera image."""
-        found = self.detection
-        if found is None:
+        detection = self.detection
+        if detection is None:
             return MovingScene(detections=())
-        box = (found.left, found.top, found.width, found.height)
-        shown = btcore_scene.Detection(picture="camera", name="object", stamp=found.stamp, box=box)
+        box = (detection.left, detection.top, detection.width, detection.height)
+        shown = btcore_scene.Detection(picture="camera", name="object", stamp=detection.stamp, box=box)
         return MovingScene(detections=[shown])
 
     def _look(self) -> None:
-        picture = self.robot.camera()
+        image = self.robot.camera()
         # The camera is slower than the control: the same image may be returned several times.
-        if picture is None or picture.stamp == self._last_stamp:
+        if image is None or image.stamp == self._last_stamp:
             return
-        self._last_stamp = picture.stamp
-        self.detection = detect_colour(picture, self.colours)
+        self._last_stamp = image.stamp
+        self.detection = detect_colour(image, self.colours)
         if self.detection is not None:
             self.detection_count += 1
             self._command = command_from_detection(self.detection)

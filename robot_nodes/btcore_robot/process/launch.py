@@ -124,15 +124,15 @@ def _entries(path: Path, step: object, depth: int) -> Iterator[LaunchEntry]:
     if not isinstance(step, dict):
         raise LaunchError(f"{path}: {step!r} is not a step of a launch file: a step is a node or an include")
     line = step[_LINE]
-    kinds = [key for key in step if key != _LINE]
-    match kinds:
+    keys = [key for key in step if key != _LINE]
+    match keys:
         case ["include"] if isinstance(step["include"], dict) and "file" in step["include"]:
             yield from read_launch(path.parent / str(step["include"]["file"]), depth + 1)
         case ["node"] if isinstance(step["node"], dict):
             yield _entry(path, step["node"])
         case _:
             raise LaunchError(
-                f"{path}, line {line}: '{', '.join(map(str, kinds))}' is not a step; a step is "
+                f"{path}, line {line}: '{', '.join(map(str, keys))}' is not a step; a step is "
                 "'node:' with 'exec' below it, or 'include:' with 'file' below it"
             )
 

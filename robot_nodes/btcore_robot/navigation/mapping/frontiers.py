@@ -113,7 +113,7 @@ def find_frontiers(
     # Goals keep a distance from unknown cells, unless no reachable cell does.
     suitable = reached & (from_unknown * map.resolution >= radius + CLEARANCE)
     distance, nearest = _nearest(suitable if suitable.any() else reached)
-    found = []
+    frontiers = []
     for label in long_enough:
         cells = np.argwhere(labels == label)
         visible = distance[cells[:, 0], cells[:, 1]] * map.resolution <= MAX_VIEW_DISTANCE
@@ -125,7 +125,7 @@ def find_frontiers(
         cheapest = int(np.argmin(travel_costs))
         cell, view_cell = cells[cheapest], view_cells[cheapest]
         x, y = map.center(int(view_cell[0]), int(view_cell[1]))
-        found.append(
+        frontiers.append(
             Frontier(
                 map.center(int(cell[0]), int(cell[1])),
                 Pose2D(x, y, _towards_unknown(map, cell, view_cell)),
@@ -133,7 +133,7 @@ def find_frontiers(
                 float(travel_costs[cheapest]) / NEUTRAL * map.resolution,
             )
         )
-    return sorted(found, key=lambda frontier: (frontier.cost, frontier.position))
+    return sorted(frontiers, key=lambda frontier: (frontier.cost, frontier.position))
 
 
 def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
