@@ -354,13 +354,13 @@ class Robot(Protocol):
         ...
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        """Command the base to drive. For as long as it should drive, repeat the command within the timeout.
+        """Command the base to drive; repeat the command within its timeout for as long as the base should drive.
 
         The base follows the command within its limits; if it has to reduce the speed it keeps the radius of
         the curve. It stops when no command has arrived for ``base.command_timeout`` seconds.
 
-        Several sources may send commands. A command is ignored if a command of a higher priority arrived less
-        than 0.5 s ago.
+        Several sources may send commands. A command is ignored if a command of a higher priority arrived
+        within the last 0.5 s.
 
         Args:
             v: The speed (m/s), positive forward.
