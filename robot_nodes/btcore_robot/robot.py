@@ -354,7 +354,7 @@ class Robot(Protocol):
         ...
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        """Command the base to drive; repeat the command within its timeout for as long as the base should drive.
+        """Command the base to drive. Repeat the command within its timeout as long as the base should drive.
 
         The base follows the command within its limits; if it has to reduce the speed it keeps the radius of
         the curve. It stops when no command has arrived for ``base.command_timeout`` seconds.
