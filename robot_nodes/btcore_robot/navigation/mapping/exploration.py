@@ -129,7 +129,7 @@ class Exploration(Navigation):
         )
 
     def _make_global_costmap(self) -> GlobalCostmap:
-        costmap = GrowingCostmap(self.map, **costmap_figures(self.parameters.global_costmap))
+        costmap = GrowingCostmap(self.map, **costmap_arguments(self.parameters.global_costmap))
         costmap.lower_bound = None
         return costmap
 

@@ -66,7 +66,7 @@ def frontier_mask(map: OccupancyMap, excluded: Sequence[tuple[float, float]] = (
     """
     size = 2 * WALL_CELLS + 1
     # Unknown cells next to occupied cells are the inside of a wall, not unexplored space.
-    walls = cv2.dilate((map.occupied | map.kept_out()).astype(np.uint8), np.ones((size, size), np.uint8))
+    walls = cv2.dilate((map.occupied | map.keepout_mask()).astype(np.uint8), np.ones((size, size), np.uint8))
     unknown = (map.unknown & (walls == 0)).astype(np.uint8)
     frontier_cells = map.free & (cv2.dilate(unknown, np.ones((3, 3), np.uint8)) > 0)
     mask = frontier_cells.astype(np.uint8)
@@ -106,8 +106,8 @@ def find_frontiers(
     if not long_enough or not costmap.inside(here.x, here.y):
         return []
     costs = _costs_with_open_start(costmap, here, start, radius)
-    reached = connected(costs, start)
-    costs[~reached] = WALL
+    reached = reachable_cells(costs, start)
+    costs[~reached] = IMPASSABLE
     field, _ = MCP_Geometric(costs).find_costs([start])
     from_unknown = cv2.distanceTransform((~map.unknown).astype(np.uint8), cv2.DIST_L2, 5)
     # Goals keep a distance from unknown cells, unless no reachable cell does.
@@ -130,7 +130,7 @@ def find_frontiers(
                 map.center(int(cell[0]), int(cell[1])),
                 Pose2D(x, y, _towards_unknown(map, cell, view_cell)),
                 float(lengths[label]) * map.resolution,
-                float(travel_costs[cheapest]) / NEUTRAL * map.resolution,
+                float(travel_costs[cheapest]) / COST_NEUTRAL * map.resolution,
             )
         )
     return sorted(frontiers, key=lambda frontier: (frontier.cost, frontier.position))

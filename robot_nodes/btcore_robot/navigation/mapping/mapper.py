@@ -119,7 +119,7 @@ class Mapper:
         """Return the current pose of the base in ``map``, by the last key scan and the newest odometry."""
         return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()
 
-    def global_localisation(self) -> None:
+    def reinitialise_global_localisation(self) -> None:
         """Do nothing: a growing map has no other places where the robot could be."""
 
     def map(self) -> OccupancyMap:

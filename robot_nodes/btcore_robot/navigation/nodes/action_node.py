@@ -46,10 +46,10 @@ class BtActionNode(StatefulAction):
         """Return the goal to send."""
         raise NotImplementedError
 
-    def on_completion(self, handle: Handle) -> None:
+    def on_completion(self, handle: AnyGoalHandle) -> None:
         """Write the output ports when the goal has ended."""
 
-    def on_wait_for_result(self, handle: Handle) -> None:
+    def on_wait_for_result(self, handle: AnyGoalHandle) -> None:
         """React to a goal that has not ended yet: write feedback, or send an updated goal."""
 
     def on_start(self) -> Status:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from btcore import Condition, In, NodeError, Port
 from btcore_robot.leaves.pose_types import Poses
-from btcore_robot.navigation.controller import FollowFeedback
+from btcore_robot.navigation.controller import FollowPathFeedback
 from btcore_robot.navigation.nodes.nearest_pose import NearestPoseSearch
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
@@ -289,7 +289,7 @@ class IsWithinPathTrackingBounds(Condition):
     max_error_left: Annotated[In[float], "Maximum tracking error (m) to the left of the path."] = 0.5
     max_error_right: Annotated[In[float], "Maximum tracking error (m) to the right of the path."] = 0.5
     max_error_heading: Annotated[In[float], "Maximum heading error (rad)."] = 3.14
-    tracking_feedback: Annotated[In[FollowFeedback], "Tracking feedback of FollowPath."] = OPTIONAL
+    tracking_feedback: Annotated[In[FollowPathFeedback], "Tracking feedback of FollowPath."] = OPTIONAL
 
     def tick(self) -> bool:
         """Compare the errors with the bounds; return True without feedback."""

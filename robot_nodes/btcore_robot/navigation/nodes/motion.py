@@ -53,7 +53,7 @@ class FollowPath(MotionNode):
     progress_checker_id: Annotated[In[str], "Progress checker plug-in."] = ""
     path_handler_id: Annotated[In[str], "Path handler plug-in."] = ""
     tracking_feedback: Annotated[
-        Out[FollowFeedback], "Tracking feedback: remaining path length and deviation from the path."
+        Out[FollowPathFeedback], "Tracking feedback: remaining path length and deviation from the path."
     ] = OPTIONAL
 
     @staticmethod
@@ -65,7 +65,7 @@ class FollowPath(MotionNode):
         """Return the controller server."""
         return self.servers.follow_path
 
-    def make_goal(self) -> FollowGoal:
+    def make_goal(self) -> FollowPathGoal:
         """Return a goal with the current path and plug-ins."""
         path = path_input(self, "path")
         return FollowPathGoal(
@@ -76,7 +76,7 @@ class FollowPath(MotionNode):
             plugin_input(self, "path_handler_id"),
         )
 
-    def on_wait_for_result(self, handle: Handle) -> None:
+    def on_wait_for_result(self, handle: AnyGoalHandle) -> None:
         """Write the feedback; send the goal again when its path or a plug-in has changed."""
         if handle.feedback is not None:
             write_outputs(self, tracking_feedback=handle.feedback)
@@ -88,9 +88,9 @@ class FollowPath(MotionNode):
             self.handle = self.servers.follow_path.send_goal(goal)
             self.sent = self.now()
 
-    def on_completion(self, handle: Handle) -> None:
+    def on_completion(self, handle: AnyGoalHandle) -> None:
         """Reset the tracking feedback, because no path is followed any more."""
-        write_outputs(self, tracking_feedback=FollowFeedback())
+        write_outputs(self, tracking_feedback=FollowPathFeedback())
 
 
 class RecoveryAction(MotionNode):

@@ -52,7 +52,7 @@ class PlanningNode(BtActionNode):
         """Return the planner server."""
         return self.servers.compute_path
 
-    def on_completion(self, handle: Handle) -> None:
+    def on_completion(self, handle: AnyGoalHandle) -> None:
         """Write the planned path, or an empty path."""
         path = handle.result.value if handle.result is not None else None
         if handle.status is GoalStatus.SUCCEEDED and isinstance(path, NavPath):
@@ -78,7 +78,7 @@ class ComputePathToPose(PlanningNode):
     use_start: Annotated[In[bool], "False: ignore start and plan from the robot's pose."] = OPTIONAL
     viapoints: Annotated[In[Poses], "Poses to pass on the way."] = OPTIONAL
 
-    def make_goal(self) -> PathGoal:
+    def make_goal(self) -> ComputePathGoal:
         """Return a goal with the viapoints followed by the destination."""
         start = pose_input(self, "start") if optional_input(self, "use_start") is not False else None
         return ComputePathGoal(
@@ -95,9 +95,9 @@ class ComputePathThroughPoses(PlanningNode):
         Out[int], "Index of the last goal that a partial path reaches; -1 for a complete path and for none."
     ] = OPTIONAL
 
-    def make_goal(self) -> PathGoal:
+    def make_goal(self) -> ComputePathGoal:
         """Return a goal with all destinations."""
-        return PathGoal(
+        return ComputePathGoal(
             poses_input(self, "goals"),
             pose_input(self, "start"),
             plugin_input(self, "planner_id"),

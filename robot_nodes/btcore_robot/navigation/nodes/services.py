@@ -160,7 +160,7 @@ class ReinitializeGlobalLocalization(SyncAction):
 
     def tick(self) -> bool:
         """Request global localisation."""
-        self.servers.localiser.global_localisation()
+        self.servers.localiser.reinitialise_global_localisation()
         return True
 
 
