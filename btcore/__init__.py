@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from btcore import builds
 
+__version__ = "0.1.0"  # pyproject.toml reads it from here
+
 # The build is chosen before any module is imported that may be compiled.
 builds.select_build()
 

@@ -1,4 +1,4 @@
-"""The trees that come with btcore, by name."""
+"""The trees that are bundled with btcore, by name."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from btcore.suggestions import join_names, nearest_name
 
 
 def folder() -> Path:
-    """Return the folder of the bundled trees: in the package if installed, beside it in a checkout."""
+    """Return the folder of the bundled trees: in the package if installed, next to it in a checkout."""
     package = Path(btcore.__file__).parent
     installed = package / "trees"
     return installed if installed.is_dir() else package.parent / "trees"
@@ -20,10 +20,10 @@ def names() -> list[str]:
 
 
 def find(name: str) -> Path:
-    """Return the file that *name* means: a file's path, or one of :func:`names`.
+    """Return the file for *name*, which is the path of a file or one of :func:`names`.
 
     Raises:
-        FileNotFoundError: There is neither; the message has the nearest name.
+        FileNotFoundError: There is no such file or tree; the message suggests the nearest name.
     """
     path = Path(name)
     if path.is_file():
@@ -31,19 +31,19 @@ def find(name: str) -> Path:
     if path.suffix != ".xml" and name in names():
         return folder() / f"{name}.xml"
     if path.is_dir():
-        raise FileNotFoundError(f"'{name}' is a folder; name one of its files.")
+        raise FileNotFoundError(f"'{name}' is a folder; give the path of a file.")
     raise FileNotFoundError(_missing_message(path, name))
 
 
 def _missing_message(path: Path, name: str) -> str:
-    """Return the message for a *name* that means nothing, with what was probably meant."""
+    """Return the error message for an unknown *name*, with the nearest name or the bundled trees."""
     if path.suffix == ".xml" or path.parent != Path():
-        beside = [str(other) for other in path.parent.glob("*.xml")] if path.parent.is_dir() else []
-        meant = nearest_name(name, beside)
+        siblings = [str(other) for other in path.parent.glob("*.xml")] if path.parent.is_dir() else []
+        nearest = nearest_name(name, siblings)
         text = f"there is no file '{name}'."
     else:
-        meant = nearest_name(name, names())
+        nearest = nearest_name(name, names())
         text = f"there is neither a file nor a tree '{name}'."
-    if meant is not None:
-        return f"{text} Did you mean '{meant}'?"
-    return f"{text} The trees that have a name: {join_names(names())}." if names() else text
+    if nearest is not None:
+        return f"{text} Did you mean '{nearest}'?"
+    return f"{text} Bundled trees: {join_names(names())}." if names() else text

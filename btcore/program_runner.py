@@ -1,8 +1,9 @@
-"""Running a program in the world that extensions provide: for commands of other packages.
+"""Running a program without a tree of its own, for commands of other packages.
 
 A command of class :class:`RunCommand` has the options of all extensions. :func:`require_resources` returns
-what they provide, say a robot. :func:`run_program` lets time pass, with a tree of a single leaf that is
-RUNNING, so that the viewer and the recorder take part.
+the resources that they provide, such as a robot. :func:`run_program` advances the time of their world. It
+ticks a tree of a single leaf that stays RUNNING, so that the viewer and the recorder work as in ``btcore
+run``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,11 +37,18 @@ __all__ = [
 ]
 
 RATE = 10.0
-"""How often (Hz) the tree is ticked, and with it viewers are updated."""
+"""The rate (Hz) at which the tree is ticked, and viewers are updated."""
 
 
 class ProgramResult(NamedTuple):
-    """How a program ended: the reason, the exit code, the duration (s), and the reports of the extensions."""
+    """The result of a program.
+
+    Attributes:
+        ending: The reason why the program ended.
+        code: The exit code.
+        seconds: The duration in s of the world's clock.
+        report: The reports of the extensions.
+    """
 
     ending: EndReason
     code: ExitCode
@@ -51,24 +59,24 @@ class ProgramResult(NamedTuple):
 def require_resources(
     ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
 ) -> GatheredResources:
-    """Return what the extensions provide for *wanted*, say a robot.
+    """Return the resources that the extensions provide for *wanted*, such as a robot.
 
     Args:
         ctx: The context of a command of class `RunCommand`.
         settings: The options of the command.
-        wanted: The types of which there has to be a resource.
+        wanted: The types of the required resources.
 
     Raises:
         click.UsageError: No extension provides a resource of one of the types.
-        ExtensionError: An installed extension can't be used.
+        ExtensionError: An installed extension cannot be used.
     """
     extensions, missing = load_extensions(ctx)
-    found = gather_resources(extensions, {"rate": None, **settings}, wanted)
+    gathered = gather_resources(extensions, {"rate": None, **settings}, wanted)
     for kind in wanted:
-        if not any(isinstance(one, kind) for one in found.resources):
-            why = "; ".join(f"'{one.name}' may, and isn't there: {one.remedy}" for one in missing)
-            raise click.UsageError(f"no package brings a {kind.__name__}{': ' * bool(why)}{why}")
-    return found
+        if not any(isinstance(resource, kind) for resource in gathered.resources):
+            unloaded = "".join(f"; '{point.name}' cannot be loaded: {point.remedy}" for point in missing)
+            raise click.UsageError(f"no extension provides a {kind.__name__}{unloaded}")
+    return gathered
 
 
 def run_program(
@@ -81,16 +89,16 @@ def run_program(
     shown: Sequence[object] = (),
     goes_on: Callable[[], bool] = lambda: True,
 ) -> ProgramResult:
-    """Let time pass in the world of *gathered* while the tasks on the robot's schedule run.
+    """Advance the time of the world, in which the tasks on the robot's schedule run.
 
     Args:
         name: The ID, in CamelCase, that viewers show for the program.
-        gathered: What `require_resources` returned.
-        settings: The options of the command, among them ``duration`` (s, or None) and ``fast``.
+        gathered: The result of `require_resources`.
+        settings: The options of the command, including ``duration`` (s, or None) and ``fast``.
         end: Called once at the end, while the world still exists.
         clock: The clock of a program without a world.
         shown: Further objects that viewers draw.
-        goes_on: Called ten times a second; the program ends when it returns false.
+        goes_on: Called ten times a second; the program ends when it returns False.
     """
 
     class Work(StatefulAction):
@@ -103,16 +111,16 @@ def run_program(
     nodes = Registry.standard()
     nodes.add(Work, ID=name)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="{name}Alone"><{name}/></BehaviorTree></root>'
-    things = [*gathered.resources, *shown]
-    timing = clock if clock is not None else clock_of(things, settings["fast"])
-    tree = loads(text, nodes=nodes, resources=things, clock=timing)
-    pace = TickLoop(tree, RATE, settings["duration"], "done", lambda status: None, fast=settings["fast"])
+    resources = [*gathered.resources, *shown]
+    clock = clock if clock is not None else clock_of(resources, settings["fast"])
+    tree = loads(text, nodes=nodes, resources=resources, clock=clock)
+    loop = TickLoop(tree, RATE, settings["duration"], "done", lambda status: None, fast=settings["fast"])
     with ExitStack() as attached:
         for extension in gathered.extensions:
-            attached.enter_context(extension.attach(tree, things, settings))
+            attached.enter_context(extension.attach(tree, resources, settings))
         try:
-            with pace.signals():
-                ending = pace.run()
+            with loop.signals():
+                ending = loop.run()
             if ending == "interrupted":
                 for extension in gathered.extensions:
                     extension.on_interrupt()
@@ -121,11 +129,17 @@ def run_program(
             tree.halt()
     report = merge_reports(gathered.extensions)
     code = ExitCode.INTERRUPTED if ending == "interrupted" else ExitCode.SUCCESS
-    return ProgramResult(ending, code, pace.elapsed / NS_PER_S, report)
+    return ProgramResult(ending, code, loop.elapsed / NS_PER_S, report)
 
 
-def print_result(name: str, done: ProgramResult, figures: Mapping[str, object]) -> None:
-    """Print the summary of the program *name* on stderr: its *figures*, and what the extensions report."""
-    took = f"{done.seconds:.1f} s{END_REASON_TEXT[done.ending]}"
+def print_result(name: str, result: ProgramResult, figures: Mapping[str, object]) -> None:
+    """Print the summary of a program on stderr.
+
+    Args:
+        name: The name of the program.
+        result: The result of `run_program`, with the reports of the extensions.
+        figures: The program's own report.
+    """
+    took = f"{result.seconds:.1f} s{END_REASON_TEXT[result.ending]}"
     terminal.stderr_console().print(Text.assemble(("■ ", "dim"), (name, "bold"), "  ", took), soft_wrap=True)
-    print_figures({**({name: figures} if figures else {}), **done.report})
+    print_figures({**({name: figures} if figures else {}), **result.report})

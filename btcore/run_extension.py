@@ -22,41 +22,40 @@ if TYPE_CHECKING:
 
 
 class ExtensionError(BtcoreError):
-    """An installed extension can't be used: a hook is missing, misspelled or takes other arguments."""
+    """Raised when an installed extension has a hook that is missing, misspelled or of the wrong type."""
 
 
 class RunExtension(Protocol):
-    """An extension of ``btcore run``: its options, what it provides for leaves, and its part in a run.
+    """An extension of ``btcore run``: its options, the resources that it provides, and its part in a run.
 
     The hooks of a run are called in the order in which they are listed here. *settings* are the options of
-    the command by their click names, those of all extensions included. A hook may raise `click.UsageError`
-    for a mistake in the options: the message is printed and the exit code is 2. Any other exception counts
+    the command by their click names, including those of all extensions. A hook may raise `click.UsageError`
+    for an error in the options: the message is printed and the exit code is 2. Any other exception counts
     as an internal error.
 
-    A Protocol and not an abstract base class, since a package may implement an extension without importing
-    btcore; it then has to have every hook. A class that inherits from this one overrides only the hooks
-    that it needs: the others have the defaults below. Either way every hook exists, so that callers look
-    up none by its name.
+    This is a Protocol instead of an abstract base class so that a package can implement an extension without
+    importing btcore; it must then define every hook. A class that inherits from `RunExtension` overrides only
+    the hooks that it needs; the others keep the defaults below.
     """
 
     options: Sequence["click.Option"] = ()
     """The command-line options that the extension adds to ``btcore run``."""
 
     single_run_options: Collection[str] = ()
-    """Click names of those *options* that several runs at a time can't have: a sweep refuses them."""
+    """Click names of the *options* that simultaneous runs cannot share: ``btcore sweep`` rejects them."""
 
     used_by: str | None = None
-    """The leaves without which *options* have no effect, as a noun phrase: "leaf that asks for a robot".
+    """The leaves without which *options* have no effect, as a noun phrase: "leaf that needs a robot".
 
-    ``btcore run`` warns of options that are given for a tree without such leaves. None: the options always
-    have an effect.
+    ``btcore run`` prints a warning if the options are given for a tree without such leaves. None means that
+    the options always have an effect.
     """
 
     is_fallback: bool = False
-    """Whether the extension is to provide only what no other extension has provided: it is called last."""
+    """Whether the extension provides only what no other extension has provided: it is called last."""
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
-        """Return the further types that the extension needs for its part of *wanted*; () if none.
+        """Return the types of the resources that the extension itself needs to provide for *wanted*.
 
         Called once, before any extension provides. An extension that requires something provides after
         those that require nothing.
@@ -71,13 +70,13 @@ class RunExtension(Protocol):
     ) -> Sequence[object]:
         """Return resources for leaves; () if *wanted* has no type of this extension.
 
-        Called once, before the tree is made: the place to check options. The first resource of all
-        extensions with an attribute ``clock`` that is not None sets the tree's time.
+        Called once, before the tree is created: the place to check options. The first resource of all
+        extensions that has an attribute ``clock`` other than None determines the clock of the tree.
 
         Args:
             settings: The options of the command.
             wanted: The types that leaves declare as resources, and those that extensions require.
-            provided: The resources of the extensions that were called before.
+            provided: The resources of the extensions that were called earlier.
 
         Raises:
             click.UsageError: An option has an invalid value.
@@ -87,7 +86,7 @@ class RunExtension(Protocol):
     def attach(
         self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> AbstractContextManager[object]:
-        """Return a context that is entered before the first tick, and left after the tree was halted.
+        """Return a context that is entered before the first tick, and exited after the tree was halted.
 
         Extensions that provided something enter before those that did not, and leave after them.
 
@@ -97,12 +96,12 @@ class RunExtension(Protocol):
             settings: The options of the command.
 
         Raises:
-            click.UsageError: The tree can't be run with these options.
+            click.UsageError: The tree cannot be run with these options.
         """
         return nullcontext()
 
     def replace_tree(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
-        """Continue with *tree*, which was made from a saved file (``--watch``).
+        """Continue with *tree*, which was created from a saved file (``--watch``).
 
         Called between two ticks, after the previous tree was halted.
 
@@ -114,13 +113,13 @@ class RunExtension(Protocol):
         return
 
     def on_interrupt(self) -> None:
-        """Note that Ctrl-C or a signal has ended the run; the context of `attach` is left next."""
+        """Handle the end of the run by Ctrl-C or a signal. The context of `attach` is exited afterwards."""
         return
 
     def report(self) -> Mapping[str, object]:
-        """Return the results for the summary and for ``--json``, by heading; {} if none.
+        """Return the results for the summary and for ``--json``, by heading; {} if there are none.
 
-        Called once, after the context of `attach` was left. The values have to be JSON data; dictionaries
+        Called once, after the context of `attach` was exited. The values must be JSON data; dictionaries
         under the same heading are merged.
         """
         return {}

@@ -1,7 +1,7 @@
-"""``btcore bench``: the project's benchmarks, run on this machine, beside their targets.
+"""``btcore bench``: run the project's benchmarks and compare their ratios with the targets.
 
-Each benchmark is a file of its own, and runs in a process of its own: so one whose libraries aren't
-installed takes no other with it, and none warms up another's caches.
+Each benchmark is a file that runs in a separate process: a missing library affects only the benchmarks that
+use it, and no benchmark warms up the caches of another benchmark.
 """
 
 import json
@@ -24,48 +24,48 @@ from btcore.cli import files, terminal
 from btcore.suggestions import join_names, nearest_name
 
 _MISSING: Final = re.compile(r"^ModuleNotFoundError: No module named '([^']+)'", re.MULTILINE)
-_PLOT: Final = Path("measure") / "plot.py"
+_PLOT: Final = Path("measure") / "plot.py"  # in a process of its own as well: it needs matplotlib
 
 BenchmarkData = Mapping[str, Any]
-"""What a benchmark says of itself, as its ``--json`` has it."""
+"""The results of a benchmark, as written by its option ``--json``."""
 
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkResult:
-    """What became of one benchmark: what it told, or why it told nothing."""
+    """The *data* of a benchmark, or the reason why there is none."""
 
     name: str
     data: BenchmarkData | None = None
-    lacks: str = ""
-    """The module that isn't there."""
-    failed: str = ""
-    """Its last words."""
+    missing_module: str = ""
+    """The name of the module that the benchmark failed to import."""
+    error: str = ""
+    """What the benchmark wrote to stderr before it failed."""
 
 
-@click.command(short_help="Measure how fast trees are here.")
+@click.command(short_help="Run the benchmarks and compare them with their targets.")
 @click.argument("names", nargs=-1, metavar="[NAME]…")
-@click.option("--pairs", type=click.IntRange(1), metavar="N", help="How many paired runs.")
-@click.option("--quick", is_flag=True, help="Tiny sizes: to see that all of it runs, not how fast.")
+@click.option("--pairs", type=click.IntRange(1), metavar="N", help="Number of paired runs.")
+@click.option("--quick", is_flag=True, help="Use tiny sizes, to check that every benchmark works.")
 @click.option(
     "--json",
     "json_file",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Write everything that was measured.",
+    help="Write all measurements to FILE.",
 )
 @click.option(
     "--beside",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Show another run, which --json wrote, side by side; of the other build, for instance.",
+    help="Show an earlier run, written by --json, next to this run: for example of the other build.",
 )
 @click.option(
     "--plot",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Draw the ratios that have a target, with those of --beside.",
+    help="Plot the ratios that have a target, of this run and of --beside.",
 )
-@click.option("--list", "only_list", is_flag=True, help="List the benchmarks, and run none.")
+@click.option("--list", "only_list", is_flag=True, help="List the benchmarks instead of running them.")
 def bench(
     names: Sequence[str],
     pairs: int | None,
@@ -75,113 +75,113 @@ def bench(
     plot: Path | None,
     only_list: bool,
 ) -> None:
-    """Run the benchmarks called NAME, or all, and print ratios: with spread, and with their targets.
+    """Run the benchmarks NAME, or all benchmarks, and print their ratios, spreads and targets.
 
-    Every ratio is between two things measured in turns, in one process. BTCORE_PURE=1 measures the pure
-    build of an install that is compiled.
+    Each ratio compares two programs that are measured in turns, to cancel out changes of the machine's speed.
+    Set BTCORE_PURE=1 to measure the pure build of a compiled installation.
     """
     here = folder()
     known = benchmarks(here)
     if unknown := [name for name in names if name not in known]:
-        meant = nearest_name(unknown[0], known)
-        hint = f"Did you mean '{meant}'?" if meant else f"There are {join_names(list(known))}."
-        raise click.UsageError(f"there is no benchmark '{unknown[0]}'. {hint}")
+        nearest = nearest_name(unknown[0], known)
+        hint = f"Did you mean '{nearest}'?" if nearest else f"Available benchmarks: {join_names(known)}."
+        raise click.UsageError(f"unknown benchmark '{unknown[0]}'. {hint}")
     if only_list:
         for name, file in known.items():
             click.echo(f"{name:<22} {first_line(file)}")
         return
-    other = _read(beside) if beside is not None else []
-    outcomes = []
+    earlier = _read(beside) if beside is not None else []
+    results = []
     for name in names or known:
-        outcomes.append(_run(known[name], pairs, quick))
+        results.append(_run(known[name], pairs, quick))
         click.echo()
-    told = [one.data for one in outcomes if one.data is not None]
+    measured = [result.data for result in results if result.data is not None]
     if json_file is not None:
-        files.write(json_file, json.dumps(told, ensure_ascii=False, indent=1).encode())
-    if any("target" in row for one in [*told, *other] for row in one["rows"]):
-        terminal.stdout_console().print(targets([*other, *told]))
-    for one in outcomes:
-        if one.lacks:
-            terminal.print_warning(f"'{one.name}' was not run: {_remedy(one.lacks)}")
+        files.write(json_file, json.dumps(measured, ensure_ascii=False, indent=1).encode())
+    if any("target" in row for data in [*measured, *earlier] for row in data["rows"]):
+        terminal.stdout_console().print(targets([*earlier, *measured]))
+    for result in results:
+        if result.missing_module:
+            terminal.print_warning(f"'{result.name}' was not run: {_remedy(result.missing_module)}")
     if plot is not None:
-        _draw(here, plot, [*other, *told])
-    if failed := [one for one in outcomes if one.failed]:
-        raise click.ClickException("\n".join(f"'{one.name}' failed:\n{one.failed}" for one in failed))
+        _plot(here, plot, [*earlier, *measured])
+    if failed := [result for result in results if result.error]:
+        raise click.ClickException("\n".join(f"'{result.name}' failed:\n{result.error}" for result in failed))
 
 
 def folder() -> Path:
-    """Where the benchmarks lie: inside the package when installed, beside it in a checkout."""
+    """Return the folder of the benchmarks: in the package if installed, beside it in a checkout."""
     package = Path(btcore.__file__).parent
     installed = package / "benchmarks"
     return installed if installed.is_dir() else package.parent / "benchmarks"
 
 
 def benchmarks(here: Path) -> dict[str, Path]:
-    """The benchmarks in the folder *here*, by name."""
+    """Return the files of the benchmarks in the folder *here*, by name."""
     return {path.stem: path for path in sorted(here.glob("*.py")) if path.stem != "__init__"}
 
 
 def first_line(file: Path) -> str:
-    """The first sentence of a benchmark's docstring."""
+    """Return the first line of a benchmark's docstring."""
     return file.read_text(encoding="utf-8").removeprefix('"""').split("\n", 1)[0]
 
 
 def _run(file: Path, pairs: int | None, quick: bool) -> BenchmarkResult:
-    """Run one benchmark, which prints its table itself."""
+    """Run a benchmark, which prints its own table."""
     with tempfile.TemporaryDirectory() as scratch:
-        answer = Path(scratch) / "told.json"
-        options = ["--json", str(answer)]
+        measured = Path(scratch) / "measured.json"
+        options = ["--json", str(measured)]
         if pairs is not None:
             options += ["--pairs", str(pairs)]
         if quick:
             options.append("--quick")
-        lacks, failed = _python(file, options)
-        if lacks or failed:
-            return BenchmarkResult(file.stem, lacks=lacks, failed=failed)
-        return BenchmarkResult(file.stem, json.loads(answer.read_text(encoding="utf-8")))
+        missing_module, error = _python(file, options)
+        if missing_module or error:
+            return BenchmarkResult(file.stem, missing_module=missing_module, error=error)
+        return BenchmarkResult(file.stem, json.loads(measured.read_text(encoding="utf-8")))
 
 
 def _python(file: Path, options: Sequence[str]) -> tuple[str, str]:
-    """Run *file* with this Python. If it fails: the name of the module that it lacks, or its last words."""
+    """Run *file* with this Python. Return the missing module and the error text, both empty on success."""
     environment = dict(os.environ)
     checkout = Path(btcore.__file__).parent.parent
     if file.is_relative_to(checkout / "benchmarks"):
-        # It may be a checkout that isn't installed.
+        # The new process must find btcore also in a checkout that is not installed.
         paths = [str(checkout), environment.get("PYTHONPATH", "")]
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     sys.stdout.flush()
     done = subprocess.run([sys.executable, str(file), *options], env=environment, stderr=subprocess.PIPE)
-    said = done.stderr.decode(errors="replace").strip()
+    errors = done.stderr.decode(errors="replace").strip()
     if done.returncode == 0:
         return "", ""
-    if found := _MISSING.search(said):
-        return found[1], ""
-    return "", said or f"exit code {done.returncode}"
+    if match := _MISSING.search(errors):
+        return match[1], ""
+    return "", errors or f"exit code {done.returncode}"
 
 
 def _remedy(module: str) -> str:
-    """What to do about a *module* that isn't installed."""
-    return f"the module '{module}' isn't installed; you can have it: pip install 'btcore[all,bench]'"
+    """Return the message for a *module* that is not installed."""
+    return f"the module '{module}' is not installed; install it with: pip install 'btcore[all,bench]'"
 
 
 def _read(path: Path) -> list[BenchmarkData]:
-    """What another run told. Raises :class:`click.UsageError` when *path* is no such file."""
+    """Read the results of an earlier run. Raise click.UsageError if *path* holds none."""
     try:
-        told: list[BenchmarkData] = json.loads(path.read_text(encoding="utf-8"))
-        if all("rows" in one and "build" in one for one in told):
-            return told
+        results: list[BenchmarkData] = json.loads(path.read_text(encoding="utf-8"))
+        if all("rows" in data and "build" in data for data in results):
+            return results
     except (ValueError, TypeError):
         pass
     raise click.UsageError(f"'{path}' was not written by 'btcore bench --json'.")
 
 
-def targets(told: Sequence[BenchmarkData]) -> Table:
-    """Every ratio that has a target, a line each; the builds side by side."""
-    builds = list(dict.fromkeys(one["build"] for one in told))
+def targets(results: Sequence[BenchmarkData]) -> Table:
+    """Return a table with a line for each ratio that has a target, and columns for each build."""
+    builds = list(dict.fromkeys(data["build"] for data in results))
     lines: dict[tuple[str, str], dict[str, BenchmarkData]] = {}
-    for one in told:
-        for row in one["rows"]:
-            lines.setdefault((one["benchmark"], row["what"]), {})[one["build"]] = row
+    for data in results:
+        for row in data["rows"]:
+            lines.setdefault((data["benchmark"], row["what"]), {})[data["build"]] = row
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("ratios with targets")
     for build in builds:
@@ -199,7 +199,7 @@ def targets(told: Sequence[BenchmarkData]) -> Table:
 
 
 def _cells(row: BenchmarkData | None) -> list[str | Text]:
-    """Ratio, spread and target of one build."""
+    """Return the ratio, spread and target of a build as table cells."""
     if row is None:
         return ["", "", ""]
     ratio = Text(_short(row["median"]), style="bold")
@@ -214,12 +214,12 @@ def _short(value: float) -> str:
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 
-def _draw(here: Path, plot: Path, told: Sequence[BenchmarkData]) -> None:
-    """Draw what was *told* into the file *plot*."""
+def _plot(here: Path, plot: Path, results: Sequence[BenchmarkData]) -> None:
+    """Plot *results* into the file *plot*."""
     with tempfile.TemporaryDirectory() as scratch:
-        data = Path(scratch) / "told.json"
-        data.write_text(json.dumps(told), encoding="utf-8")
-        lacks, failed = _python(here / _PLOT, [str(data), str(plot)])
-    if lacks or failed:
-        raise click.ClickException(f"nothing is drawn: {_remedy(lacks) if lacks else failed}")
-    terminal.print_labelled("drawn:", str(plot))
+        data = Path(scratch) / "measured.json"
+        data.write_text(json.dumps(results), encoding="utf-8")
+        missing_module, error = _python(here / _PLOT, [str(data), str(plot)])
+    if missing_module or error:
+        raise click.ClickException(f"cannot plot: {_remedy(missing_module) if missing_module else error}")
+    terminal.print_labelled("plotted:", str(plot))

@@ -1,4 +1,4 @@
-"""``btcore convert``: a tree of format 3 becomes one of format 4."""
+"""``btcore convert``: convert a tree from XML format 3 to format 4."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,23 +23,34 @@ from btcore.xml.read.document import parse_file
 _BYTE_ORDER_MARK = "\ufeff".encode()
 
 
-@click.command(short_help="Turn a tree of format 3 into one of format 4.")
+@click.command(short_help="Convert a tree from XML format 3 to format 4.")
 @click.argument("source", metavar="FILE")
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="The file to write.")
-@click.option("--in-place", is_flag=True, help="Write the result into FILE itself.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write the result to this file instead of stdout.",
+)
+@click.option("--in-place", is_flag=True, help="Overwrite the input file with the result.")
 @node_libraries.plugin_option
 @node_models.model_option
 def convert(
     source: str, output: Path | None, in_place: bool, plugins: Sequence[str], models: Sequence[Path]
 ) -> int:
-    """Print FILE in format 4; comments, the order of attributes and the layout stay as they are.
+    """Convert FILE from XML format 3 to format 4, and print the result.
 
-    What is written differently, and what means something else in format 4, is listed on stderr.
-    Exits with 2 when format 4 refuses something that format 3 took, else 0; what is wrong in both
-    `btcore validate` tells.
+    Comments, the order of attributes and the layout are preserved. The changes are listed on stderr, with
+    those that change the meaning of the tree. Errors that exist in both formats are not reported: use 'btcore
+    validate' to find them.
+
+    \b
+    Exit codes:
+      0  success
+      2  the tree uses something that format 4 does not support, or FILE is invalid
     """
     if in_place and output is not None:
-        raise click.UsageError("--in-place and --output are two places: name one of them.")
+        raise click.UsageError("--in-place and --output cannot be used together.")
     path = trees.find(source)
     document = parse_file(path)
     nodes = node_libraries.load_libraries(plugins).nodes
@@ -53,30 +64,30 @@ def convert(
         click.echo(data, nl=False)
     else:
         files.write(target, data)
-    _tell(result)
+    _print_summary(result)
     return ExitCode.USER_ERROR if result.remaining else ExitCode.SUCCESS
 
 
-def _tell(result: Conversion) -> None:
-    """The list of changes, errors of the result, and the count of them, on stderr."""
+def _print_summary(result: Conversion) -> None:
+    """Print the changes, the errors in the result, and their numbers on stderr."""
     terminal.print_diagnostics([*result.changes, *result.remaining])
     if not result.changes:
-        terminal.print_notes(["it is of format 4 already; nothing is changed"])
+        terminal.print_notes(["the file already has format 4; nothing is changed"])
         return
     mark = Text("✘ ", style="bold red") if result.remaining else Text("✔ ", style="bold green")
     counts = [
-        f"{_count(result.changes, 'same meaning')} rewritten",
-        f"{_count(result.changes, 'new meaning')} with another meaning",
+        f"{_count(result.changes, 'same meaning')} rewritten with the same meaning",
+        f"{_count(result.changes, 'new meaning')} with a new meaning",
     ]
-    if left := _count(result.changes, "manual step"):
-        counts.append(f"{left} left to you")
+    if manual := _count(result.changes, "manual step"):
+        counts.append(f"{manual} to convert manually")
     if result.remaining:
-        counts.append(f"{len(result.remaining)} that format 4 refuses")
+        counts.append(f"{len(result.remaining)} not supported by format 4")
     mark.append(", ".join(counts), style="bold")
     console = terminal.stderr_console()
     console.print()
     console.print(mark)
 
 
-def _count(found: Sequence[Diagnostic], severity: Severity) -> int:
-    return sum(one.code.severity == severity for one in found)
+def _count(diagnostics: Sequence[Diagnostic], severity: Severity) -> int:
+    return sum(diagnostic.code.severity == severity for diagnostic in diagnostics)

@@ -1,4 +1,4 @@
-"""The table of ``btcore show --data``: who writes and who reads each blackboard entry."""
+"""The table of ``btcore show --data``: the nodes that write and read each blackboard entry."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow
 
 
 def print_data(rows: Sequence[DataflowRow]) -> None:
-    """Print *rows*, a section a scope."""
+    """Print *rows* as a table with a section for each blackboard scope."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     table.add_column("entry", no_wrap=True)
     table.add_column("type", style="dim")
@@ -20,19 +20,20 @@ def print_data(rows: Sequence[DataflowRow]) -> None:
     for number, row in enumerate(rows):
         name = Text.assemble((f"{row.scope}/" if row.scope else "", "dim"), (row.key, "bold yellow"))
         last = number + 1 == len(rows) or rows[number + 1].scope != row.scope
-        table.add_row(name, row.type, _places(row.writers, row), _places(row.readers, row), end_section=last)
+        accesses = _accesses(row.writers, row), _accesses(row.readers, row)
+        table.add_row(name, row.type, *accesses, end_section=last)
     terminal.stdout_console().print(table if rows else Text("no node uses the blackboard", style="dim"))
 
 
-def _places(found: Sequence[DataflowAccess], row: DataflowRow) -> Text:
-    """One line a place; the name that the entry has there, where it is another one."""
-    if not found:
+def _accesses(accesses: Sequence[DataflowAccess], row: DataflowRow) -> Text:
+    """Return a line for each access, with the key that the node uses if it differs from the entry's key."""
+    if not accesses:
         return Text("—", style="dim")
     lines = []
-    for one in found:
-        line = Text(one.node)
-        line.append(f" {one.attribute}", style="dim")
-        if one.key.lstrip("@") != row.key:
-            line.append(f" as {one.key}", style="yellow")
+    for access in accesses:
+        line = Text(access.node)
+        line.append(f" {access.attribute}", style="dim")
+        if access.key.lstrip("@") != row.key:
+            line.append(f" as {access.key}", style="yellow")
         lines.append(line)
     return Text("\n").join(lines)

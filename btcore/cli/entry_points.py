@@ -1,20 +1,22 @@
-"""What other packages bring to the command line, and what to say when one of them isn't there.
+"""Loading the entry points by which packages extend the command line.
 
-A package is found by its entry points, never by its name: ``btcore.commands`` holds click
-commands, ``btcore.resources`` extensions of ``run``. An extra that isn't installed, or is broken,
-is remembered instead of raised: the rest of the command line works without it.
+The group ``btcore.commands`` holds click commands, ``btcore.resources`` holds extensions of ``btcore run``.
+An entry point that cannot be loaded, because an extra is not installed or broken, does not raise: it is
+returned together with the error, so that the rest of the command line works without it.
 """
 
-from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points, metadata
-from typing import Any
+# importlib.metadata is imported inside the functions: importing it takes as long as importing click, and
+# `btcore --version` does not need it. Named tuples instead of dataclasses save another import.
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 OWN_DISTRIBUTION = "btcore"
 
 
-@dataclass(frozen=True, slots=True)
-class UnavailableEntryPoint:
-    """An entry point that couldn't be loaded."""
+class UnavailableEntryPoint(NamedTuple):
+    """An entry point that could not be loaded, and the *error* that loading it raised."""
 
     name: str
     distribution: str
@@ -22,20 +24,21 @@ class UnavailableEntryPoint:
 
     @property
     def remedy(self) -> str:
-        """Why it isn't there, and what brings it."""
+        """The reason of the failure; for a missing module of an extra also the command that installs it."""
         reason = f"{type(self.error).__name__}: {self.error}"
         if isinstance(self.error, ModuleNotFoundError):
-            reason = f"the module '{self.error.name}' isn't installed"
+            reason = f"the module '{self.error.name}' is not installed"
             if self.distribution == OWN_DISTRIBUTION:
+                from importlib.metadata import metadata
+
                 extras = metadata(OWN_DISTRIBUTION).get_all("Provides-Extra") or ()
                 extra = self.name if self.name in extras else "all"
-                return f"{reason}; you can have it: pip install '{OWN_DISTRIBUTION}[{extra}]'"
+                return f"{reason}; install it with: pip install '{OWN_DISTRIBUTION}[{extra}]'"
         return f"{reason} (from the distribution '{self.distribution}')"
 
 
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """What an entry point led to, and who brought it."""
+class Loaded(NamedTuple):
+    """The object that an entry point names, and the distribution that declares the entry point."""
 
     name: str
     distribution: str
@@ -43,24 +46,36 @@ class Loaded:
 
 
 def names(group: str) -> list[str]:
-    """The names in an entry-point *group*, without loading any."""
+    """Return the sorted names of the entry points of *group*, without loading them."""
+    from importlib.metadata import entry_points
+
     return sorted({point.name for point in entry_points(group=group)})
 
 
 def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[UnavailableEntryPoint]]:
-    """Everything in an entry-point *group* (or only what is called *name*), and what failed to load."""
-    found: list[Loaded] = []
-    missing: list[UnavailableEntryPoint] = []
-    for point in sorted(entry_points(group=group), key=lambda one: one.name):
+    """Load the entry points of a group, sorted by name.
+
+    Args:
+        group: The group, such as ``btcore.commands``.
+        name: Load only the entry points of this name.
+
+    Returns:
+        The loaded entry points, and those that could not be loaded.
+    """
+    from importlib.metadata import entry_points
+
+    loaded: list[Loaded] = []
+    unavailable: list[UnavailableEntryPoint] = []
+    for point in sorted(entry_points(group=group), key=lambda point: point.name):
         if name is not None and point.name != name:
             continue
         try:
-            found.append(Loaded(point.name, distribution_of(point), point.load()))
+            loaded.append(Loaded(point.name, distribution_of(point), point.load()))
         except Exception as error:
-            missing.append(UnavailableEntryPoint(point.name, distribution_of(point), error))
-    return found, missing
+            unavailable.append(UnavailableEntryPoint(point.name, distribution_of(point), error))
+    return loaded, unavailable
 
 
-def distribution_of(point: EntryPoint) -> str:
-    """The name of the distribution that declares *point*."""
+def distribution_of(point: "EntryPoint") -> str:
+    """Return the name of the distribution that declares *point*."""
     return point.dist.name if point.dist is not None else "an unknown distribution"

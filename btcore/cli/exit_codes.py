@@ -4,16 +4,16 @@ from enum import IntEnum
 
 
 class ExitCode(IntEnum):
-    """What a command's process exits with."""
+    """The exit code of a command's process."""
 
     SUCCESS = 0
     FAILURE = 1
-    """A tree ended in FAILURE, or the runs that were compared differ."""
+    """The tree ended in FAILURE, or the compared runs differ."""
     USER_ERROR = 2
-    """A mistake in a tree or on the command line."""
+    """An error in a tree or on the command line."""
     LEAF_ERROR = 3
-    """A leaf raised."""
+    """A leaf raised an exception."""
     INTERNAL_ERROR = 70
-    """An error of btcore itself: EX_SOFTWARE of sysexits.h."""
+    """An error in btcore itself: EX_SOFTWARE of sysexits.h."""
     INTERRUPTED = 130
-    """Ctrl-C or SIGTERM: 128 + SIGINT, as shells have it."""
+    """Ctrl-C or SIGTERM: 128 + SIGINT, the convention of shells."""

@@ -1,4 +1,4 @@
-"""The extensions of a run: loading and checking them, and the order in which they are called."""
+"""Loading and checking the extensions of a run, and collecting their resources and reports."""
 
 import inspect
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ _METHODS: Final = {
 
 
 class LoadedExtensions(NamedTuple):
-    """The *extensions* of a run, and the entry points that are *missing*, as they can't be imported."""
+    """The *extensions* of a run, and the *missing* entry points: those that could not be imported."""
 
     extensions: list[RunExtension]
     missing: list[entry_points.UnavailableEntryPoint]
@@ -31,54 +31,55 @@ def load_extensions(ctx: click.Context) -> LoadedExtensions:
     """Return the extensions of the run of *ctx*; they are created on the first call.
 
     Raises:
-        ExtensionError: An extension does not keep to `RunExtension`.
+        ExtensionError: An extension does not conform to `RunExtension`.
     """
     if _META not in ctx.meta:
-        found, missing = entry_points.load(GROUP)
-        ctx.meta[_META] = LoadedExtensions([_create(one) for one in found], missing)
+        loaded_points, missing = entry_points.load(GROUP)
+        ctx.meta[_META] = LoadedExtensions([_create(point) for point in loaded_points], missing)
     loaded: LoadedExtensions = ctx.meta[_META]
     return loaded
 
 
 def _create(loaded: entry_points.Loaded) -> RunExtension:
-    """Create the extension that *loaded* names, and check it."""
+    """Create an extension from its loaded entry point, and check its hooks."""
     try:
         extension: RunExtension = loaded.value()
     except Exception as error:
-        faults = [f"creating it raised {type(error).__name__}: {error}"]
+        problems = [f"creating it raised {type(error).__name__}: {error}"]
     else:
-        faults = _find_faults(extension)
-    if faults:
+        problems = _find_problems(extension)
+    if problems:
         raise ExtensionError(
-            f"the extension '{loaded.name}' of the distribution '{loaded.distribution}' can't be used: "
-            f"{'; '.join(faults)}. The hooks are described in btcore.run_extension.RunExtension"
+            f"the extension '{loaded.name}' of the distribution '{loaded.distribution}' cannot be used: "
+            f"{'; '.join(problems)}. The hooks are described in btcore.run_extension.RunExtension"
         )
     return extension
 
 
-def _find_faults(extension: RunExtension) -> list[str]:
-    """Return a sentence for each hook of *extension* that is missing, misspelled or of another form."""
-    faults = []
+def _find_problems(extension: RunExtension) -> list[str]:
+    """Return a message for each hook of *extension* that is missing, misspelled or has the wrong type."""
+    problems = []
     unset = {name for name in (*_ATTRIBUTES, *_METHODS) if _is_unset(extension, name)}
     for name in dir(extension):
         known = name in _ATTRIBUTES or name in _METHODS
-        meant = None if known or name.startswith("_") else nearest_name(name, sorted(unset))
-        if meant is not None:
-            faults.append(f"unknown hook '{name}' (did you mean '{meant}'?)")
-            unset.discard(meant)
-    faults += [f"missing hook '{name}'" for name in sorted(unset) if not hasattr(extension, name)]
+        # A public attribute that resembles a hook without a value is probably that hook, misspelled.
+        nearest = None if known or name.startswith("_") else nearest_name(name, sorted(unset))
+        if nearest is not None:
+            problems.append(f"unknown hook '{name}' (did you mean '{nearest}'?)")
+            unset.discard(nearest)
+    problems += [f"missing hook '{name}'" for name in sorted(unset) if not hasattr(extension, name)]
     for name, parameters in _METHODS.items():
         hook = getattr(extension, name, None)
         if hook is not None and not _accepts(hook, parameters):
-            faults.append(f"hook '{name}' has to be a method that takes ({', '.join(parameters)})")
+            problems.append(f"hook '{name}' must be a method that takes ({', '.join(parameters)})")
     options = getattr(extension, "options", ())
-    if not isinstance(options, Sequence) or not all(isinstance(one, click.Option) for one in options):
-        faults.append("hook 'options' has to be a sequence of click.Option")
-    return faults
+    if not isinstance(options, Sequence) or not all(isinstance(option, click.Option) for option in options):
+        problems.append("hook 'options' must be a sequence of click.Option")
+    return problems
 
 
 def _is_unset(extension: RunExtension, name: str) -> bool:
-    """Whether *extension* lacks the hook, or has the default that it inherits."""
+    """Return whether *extension* lacks the hook *name*, or inherits its default from `RunExtension`."""
     hook = getattr(extension, name, None)
     return getattr(hook, "__func__", hook) in (None, getattr(RunExtension, name))
 
@@ -94,9 +95,9 @@ def _accepts(hook: object, parameters: Sequence[str]) -> bool:
 
 
 class GatheredResources(NamedTuple):
-    """The *resources* for leaves, and the extensions in the order in which they are to be attached.
+    """The *resources* for leaves, and the *extensions* in the order in which they must be attached.
 
-    *idle* are the extensions that provided nothing.
+    *idle* holds the extensions that provided nothing.
     """
 
     resources: list[object]
@@ -107,13 +108,22 @@ class GatheredResources(NamedTuple):
 def gather_resources(
     extensions: Sequence[RunExtension], settings: Mapping[str, Any], wanted: Sequence[type]
 ) -> GatheredResources:
-    """Return what *extensions* provide for leaves that declare the types *wanted*.
+    """Return the resources that the extensions of a run provide.
 
-    Extensions that require nothing provide first; among equals, fallbacks provide last. Those that provide
-    something are attached first, and so take part in the run from its start to its end.
+    Extensions that require nothing provide first, then those with requirements; in both groups fallbacks
+    provide last. Extensions that provide something are attached before the others, and detached after them.
+
+    Args:
+        extensions: The extensions of the run.
+        settings: The options of the command.
+        wanted: The types that the leaves of the tree declare as resources.
+
+    Raises:
+        click.UsageError: An extension rejects an option.
     """
     all_wanted = list(wanted)
     ranked: list[tuple[bool, RunExtension]] = []
+    # From the last to the first: an extension sees the requirements of those that come after it.
     for extension in reversed(extensions):
         required = extension.requires(tuple(all_wanted))
         all_wanted += required
@@ -130,7 +140,7 @@ def gather_resources(
 
 
 def merge_reports(extensions: Sequence[RunExtension]) -> dict[str, object]:
-    """Return the reports of *extensions* as a single object; objects of the same name are merged."""
+    """Return the reports of *extensions* as one dictionary; dictionaries with the same key are merged."""
     merged: dict[str, object] = {}
     for extension in extensions:
         for key, value in extension.report().items():

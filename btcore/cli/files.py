@@ -1,4 +1,4 @@
-"""Writing what a command makes into a file that the user names."""
+"""Writing a command's output to a file."""
 
 from pathlib import Path
 
@@ -6,8 +6,16 @@ import click
 
 
 def write(target: Path, data: bytes) -> None:
-    """Write *data* into *target*. Raises :class:`click.ClickException` where that can't be."""
+    """Write *data* to the file *target*.
+
+    Args:
+        target: The file; it is overwritten if it exists.
+        data: The new content.
+
+    Raises:
+        click.ClickException: The file cannot be written.
+    """
     try:
         target.write_bytes(data)
-    except OSError as fault:
-        raise click.ClickException(f"'{target}' can't be written: {fault.strerror}") from fault
+    except OSError as error:
+        raise click.ClickException(f"cannot write '{target}': {error.strerror}") from error

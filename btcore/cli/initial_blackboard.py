@@ -1,4 +1,4 @@
-"""``btcore run --set``: what is on the blackboard before the first tick."""
+"""``btcore run --set``: blackboard entries that are written before the first tick."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -14,20 +14,27 @@ from btcore.values.numbers import read_json
 
 
 def parse_entries(texts: Iterable[str], option: str = "--set") -> dict[str, str]:
-    """Keys and the texts of their values, from KEY=VALUE; ``{KEY}=VALUE`` means the same.
+    """Return the keys and the texts of their values.
 
-    Raises :class:`click.UsageError`, which names the *option*, for a text of another form.
+    Args:
+        texts: Assignments in the form KEY=VALUE or ``{KEY}=VALUE``.
+        option: The command-line option, for error messages.
+
+    Raises:
+        click.UsageError: A text is not an assignment, or a key is assigned twice.
     """
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for text in texts:
-        written, equals, value = text.partition("=")
-        key = remapped_key(written, written) or written.strip()
+        left_side, equals, value = text.partition("=")
+        key = remapped_key(left_side, left_side) or left_side.strip()
         if not equals or not key:
-            raise click.UsageError(f"{option} '{text}' sets nothing: write KEY=VALUE, say {option} laps=3.")
-        if key in found:
-            raise click.UsageError(f"{option}: '{key}' has two values; give one.")
-        found[key] = value
-    return found
+            raise click.UsageError(
+                f"{option} '{text}' is not an assignment: write KEY=VALUE, for example {option} laps=3."
+            )
+        if key in entries:
+            raise click.UsageError(f"{option}: '{key}' is set more than once.")
+        entries[key] = value
+    return entries
 
 
 def _callback(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> dict[str, str]:
@@ -40,16 +47,22 @@ set_option = click.option(
     multiple=True,
     callback=_callback,
     metavar="KEY=VALUE",
-    help="Write a key of the main tree's blackboard before the first tick. VALUE is read as the ports "
-    "that use the key read it; where none has a type, as JSON if it is, else as text. May be given "
-    "several times.",
+    help="Set an entry of the main tree's blackboard before the first tick. VALUE has the type of the "
+    "ports that use KEY; without a typed port it is read as JSON if possible, else as a string. Repeatable.",
 )
 
 
 def value_of(text: str, kind: ValueType | None, format: int) -> object:
-    """What *text* stands for as a *kind*, by the rules of *format*; without one as JSON, else itself.
+    """Convert the text of a value.
 
-    Raises ConversionError.
+    Args:
+        text: The text to convert.
+        kind: The type of the value. None: a JSON value if *text* is valid JSON and not null, else *text*
+            itself.
+        format: The XML format (3 or 4), whose conversion rules apply.
+
+    Raises:
+        ConversionError: *text* is not a value of the type *kind*.
     """
     if kind is not None:
         return kind.from_text(text, format)
@@ -61,22 +74,29 @@ def value_of(text: str, kind: ValueType | None, format: int) -> object:
 
 
 def write(tree: Tree, entries: Mapping[str, str], option: str = "--set") -> None:
-    """Write *entries* to the blackboard of *tree*, which wasn't ticked yet.
+    """Write entries to the blackboard of a tree, before its first tick.
 
-    Warns of a key that nobody declares if it looks like one that somebody does. Raises
-    :class:`click.UsageError` for a text that is no value of its key's type.
+    A key that no port uses is written too; if it resembles a key that a port uses, a warning is printed.
+
+    Args:
+        tree: The tree.
+        entries: The texts of the values, by key.
+        option: The command-line option, for messages.
+
+    Raises:
+        click.UsageError: A text is not a value of its key's type.
     """
     board = tree.blackboard
     for key, text in entries.items():
         entry = board.find(key)
         if entry is None:
-            meant = nearest_name(key, (one for one in board.visible_keys() if one not in entries))
-            if meant is not None:
+            nearest = nearest_name(key, (other for other in board.visible_keys() if other not in entries))
+            if nearest is not None:
                 terminal.print_warning(
-                    f"{option} {key}: no port of the tree uses '{key}'; did you mean '{meant}'?"
+                    f"{option} {key}: no port of the tree uses '{key}'; did you mean '{nearest}'?"
                 )
         kind = entry.declared if entry is not None and entry.declared.strong else None
         try:
             board.set(key, value_of(text, kind, tree.format), kind)
-        except (BlackboardError, ConversionError) as fault:
-            raise click.UsageError(f"{option} {key}={text}: {fault}.") from fault
+        except (BlackboardError, ConversionError) as error:
+            raise click.UsageError(f"{option} {key}={text}: {error}.") from error

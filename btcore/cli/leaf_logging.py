@@ -1,4 +1,4 @@
-"""What leaves log while a tree runs, as lines of their own above the live line."""
+"""Printing the log messages of leaves during a run, above the live status line."""
 
 import logging
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ _WORDS: Final = (
 
 
 class ConsoleLogHandler(logging.Handler):
-    """Prints what is logged on *console*: a line each, WARNING and worse with the word in front."""
+    """A handler that prints each log record on *console*; warnings and errors have a coloured prefix."""
 
     def __init__(self, console: Console) -> None:
         super().__init__()
         self.console = console
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print *record*; one that can't be written is told of as `logging` does."""
+        """Print *record*; errors of formatting or printing are reported as `logging` reports them."""
         try:
             word, style = next((word, style) for level, word, style in _WORDS if record.levelno >= level)
             self.console.print(Text.assemble((word, style), self.format(record)), soft_wrap=True)
@@ -33,9 +33,10 @@ class ConsoleLogHandler(logging.Handler):
 
 @contextmanager
 def log_to_console(console: Console) -> Iterator[None]:
-    """Within it warnings that are logged appear on *console*, unless the program has set up logging itself.
+    """Return a context in which logged warnings and errors appear on *console*.
 
-    The same console carries the live line, which stays below.
+    If the root logger already has a handler, the program has configured logging itself: nothing changes.
+    *console* must be the console of the live status line, so that messages appear above that line.
     """
     root = logging.getLogger()
     if root.handlers:

@@ -1,67 +1,74 @@
-"""``btcore``: the command line. One file a command; other packages' commands join by entry point."""
+"""The ``btcore`` command: a click group whose commands are imported when they are used.
 
+Each command of btcore is a file in this folder. Other packages add commands by entry points.
+"""
+
+# Modules that only errors or single commands need (rich, traceback, importlib.metadata, dataclasses by way
+# of btcore.errors) are imported where they are used, so that `btcore --version` starts fast.
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NoReturn
 
 import click
 
-from btcore import builds
-from btcore.cli import entry_points, terminal
+from btcore import __version__, builds
+from btcore.cli import entry_points
 from btcore.cli.exit_codes import ExitCode
-from btcore.errors import BtcoreError
-from btcore.suggestions import join_names, nearest_name
 
-COMMANDS = "btcore.commands"
-OWN = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "bench")
+COMMAND_GROUP = "btcore.commands"
+OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "bench")
 
-_BROUGHT = "btcore.cli.main.brought"
+_LOADED_COMMAND = "btcore.cli.main.loaded_command"
 
 
 class CommandLine(click.Group):
-    """A group whose commands are imported when they are asked for, and whose errors are sentences."""
+    """A group that imports its commands on demand and prints each error as a message, without a traceback."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """The commands of btcore, then those of the packages around it."""
-        return [*OWN, *(name for name in entry_points.names(COMMANDS) if name not in OWN)]
+        """Return the names of btcore's commands, then those that installed packages add."""
+        added = entry_points.names(COMMAND_GROUP)
+        return [*OWN_COMMANDS, *(name for name in added if name not in OWN_COMMANDS)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command called *cmd_name*; one whose package can't be loaded explains that when it is run."""
-        if cmd_name in OWN:
-            command: click.Command = getattr(import_module(f"btcore.cli.{cmd_name}"), cmd_name)
+        """Return the command *cmd_name*, or None.
+
+        A command that cannot be imported is replaced by a command that explains what to install.
+        """
+        if cmd_name in OWN_COMMANDS:
+            own: click.Command = getattr(import_module(f"btcore.cli.{cmd_name}"), cmd_name)
+            return own
+        loaded, unavailable = entry_points.load(COMMAND_GROUP, cmd_name)
+        if loaded:
+            ctx.meta[_LOADED_COMMAND] = loaded[0]
+            command: click.Command = loaded[0].value
             return command
-        found, missing = entry_points.load(COMMANDS, cmd_name)
-        if found:
-            brought: click.Command = found[0].value
-            ctx.meta[_BROUGHT] = found[0]
-            return brought
-        return _absent(missing[0]) if missing else None
+        return _placeholder(unavailable[0]) if unavailable else None
 
     def invoke(self, ctx: click.Context) -> Any:
-        """As click does; a module that the command finds missing when it needs it is explained."""
+        """Invoke the command; if it fails to import an optional module, explain what to install."""
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
             name = ctx.invoked_subcommand or ""
-            brought = ctx.meta.get(_BROUGHT)
-            origin = entry_points.OWN_DISTRIBUTION if brought is None else brought.distribution
-            remedy = entry_points.UnavailableEntryPoint(name, origin, error).remedy
-            raise click.ClickException(f"'{name}' needs something more: {remedy}") from error
+            loaded = ctx.meta.get(_LOADED_COMMAND)
+            distribution = entry_points.OWN_DISTRIBUTION if loaded is None else loaded.distribution
+            remedy = entry_points.UnavailableEntryPoint(name, distribution, error).remedy
+            raise click.ClickException(f"'{name}' requires an optional dependency: {remedy}") from error
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, with the nearest name when there is no such command."""
+        """Resolve the command's name; the error for an unknown name suggests the nearest name."""
         name = args[0]
         if self.get_command(ctx, name) is None and not name.startswith("-"):
+            from btcore.suggestions import join_names, nearest_name
+
             known = self.list_commands(ctx)
-            meant = nearest_name(name, known)
-            hint = f"Did you mean '{meant}'?" if meant else f"The commands are {join_names(known)}."
-            raise click.UsageError(f"there is no command '{name}'. {hint}")
+            nearest = nearest_name(name, known)
+            hint = f"Did you mean '{nearest}'?" if nearest else f"Available commands: {join_names(known)}."
+            raise click.UsageError(f"unknown command '{name}'. {hint}")
         return super().resolve_command(ctx, args)
 
     def main(
@@ -72,27 +79,35 @@ class CommandLine(click.Group):
         standalone_mode: bool = True,
         **extra: Any,
     ) -> Any:
-        """Run the command that *args* name; in stand-alone mode leave the process with its exit code."""
+        """Run the command in *args*. In standalone mode exit with the command's `ExitCode`."""
         if not standalone_mode:
             return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
         try:
             code = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
             sys.stdout.flush()
         except Exception as error:
-            _leave(error)
+            _exit_for_error(error)
         except KeyboardInterrupt:
+            from btcore.cli import terminal
+
             terminal.stderr_console().print("[bold]interrupted[/]")
             sys.exit(ExitCode.INTERRUPTED)
         sys.exit(code if isinstance(code, int) else ExitCode.SUCCESS)
 
 
-def _leave(error: Exception) -> NoReturn:
-    """Say what went wrong in one message, and exit by the kind of mistake."""
+def _exit_for_error(error: Exception) -> NoReturn:
+    """Print *error* as one message, and exit with the code for errors of its kind."""
+    from btcore.cli import terminal
+    from btcore.errors import BtcoreError
+
     if isinstance(error, BrokenPipeError):
-        # The reader of our output has gone (`btcore nodes | head`); nothing more can be said there.
+        # The reader of stdout has exited (`btcore nodes | head`). Python flushes stdout once more at exit:
+        # without a new stdout that would print a second error.
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
         sys.exit(ExitCode.SUCCESS)
     if builds.env_flag("BTCORE_DEBUG"):
+        import traceback
+
         traceback.print_exception(error)
     if isinstance(error, click.Abort):
         sys.exit(ExitCode.INTERRUPTED)
@@ -102,38 +117,34 @@ def _leave(error: Exception) -> NoReturn:
     if isinstance(error, BtcoreError):
         terminal.print_btcore_error(error)
         sys.exit(ExitCode.USER_ERROR)
-    terminal.print_error(f"btcore itself failed: {type(error).__name__}: {error}")
+    terminal.print_error(f"internal error (please report it): {type(error).__name__}: {error}")
     terminal.stderr_console().print(
-        "BTCORE_DEBUG=1 shows where. A report of it is welcome.", style="dim", highlight=False
+        "Set BTCORE_DEBUG=1 to print the traceback.", style="dim", highlight=False
     )
     sys.exit(ExitCode.INTERNAL_ERROR)
 
 
-def _absent(missing: entry_points.UnavailableEntryPoint) -> click.Command:
-    """A stand-in for a command whose package can't be loaded."""
+def _placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Command:
+    """Return a command that takes the place of a command that cannot be imported, and explains why."""
 
     def explain() -> None:
-        raise click.ClickException(f"the command '{missing.name}' can't be loaded: {missing.remedy}")
+        raise click.ClickException(f"the command '{unavailable.name}' cannot be loaded: {unavailable.remedy}")
 
     return click.Command(
-        missing.name,
+        unavailable.name,
         callback=explain,
-        short_help=f"(not installed: pip install 'btcore[{missing.name}]')",
+        short_help=f"(not installed: pip install 'btcore[{unavailable.name}]')",
         context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
         add_help_option=False,
     )
 
 
-def _version(ctx: click.Context, parameter: click.Parameter, asked: bool) -> None:
-    if asked and not ctx.resilient_parsing:
+def _print_version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:
+    if requested and not ctx.resilient_parsing:
         python = ".".join(str(part) for part in sys.version_info[:3])
-        try:
-            number = version("btcore")
-        except PackageNotFoundError:
-            number = "(a checkout, not installed)"
-        click.echo(f"btcore {number} ({builds.active_build()} build, Python {python})")
-        if remark := builds.unused_build_message():
-            click.echo(remark)
+        click.echo(f"btcore {__version__} ({builds.active_build()} build, Python {python})")
+        if message := builds.unused_build_message():
+            click.echo(message)
         ctx.exit()
 
 
@@ -146,13 +157,17 @@ def _version(ctx: click.Context, parameter: click.Parameter, asked: bool) -> Non
 @click.option(
     "--version",
     is_flag=True,
-    callback=_version,
+    callback=_print_version,
     expose_value=False,
     is_eager=True,
-    help="Show the version and which build runs.",
+    help="Show the version and the active build (pure or compiled), and exit.",
 )
 @click.pass_context
 def main(ctx: click.Context) -> None:
-    """Behavior trees written for BehaviorTree.CPP, run in Python, and watched live."""
+    """Run, check and analyse behavior trees written for BehaviorTree.CPP.
+
+    TREE arguments are XML files, or names of trees that are bundled with btcore, such as bumpgo.
+    'btcore COMMAND --help' shows the options of a command.
+    """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())

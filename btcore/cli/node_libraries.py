@@ -1,4 +1,4 @@
-"""The node libraries that a command works with: built-ins, installed ones, and ``--plugin``."""
+"""Loading the node libraries for a command: built-in, installed, and given by ``--plugin``."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,26 +19,28 @@ plugin_option = click.option(
     "plugins",
     multiple=True,
     metavar="MODULE|FILE.py",
-    help="A node library, by module name or file path; may be given several times.",
+    help="Load a node library, by module name or file path. Repeatable.",
 )
 
 
 @dataclass(slots=True)
 class NodeLibraries:
-    """The nodes at hand, and the installed libraries that lack something to be imported."""
+    """The available nodes, and the *absent* libraries: those that are installed but cannot be imported."""
 
     nodes: Registry
     absent: list[UnavailableEntryPoint] = field(default_factory=list)
 
     def missing_library_notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:
-        """Where nodes that *diagnostics* call unknown may be, if not here."""
-        if not any(one.code == UNKNOWN_NODE for one in diagnostics):
+        """Return a note for each absent library, if *diagnostics* report an unknown node."""
+        if not any(diagnostic.code == UNKNOWN_NODE for diagnostic in diagnostics):
             return []
-        return [f"the node library '{one.name}' isn't there: {one.remedy}" for one in self.absent]
+        return [
+            f"the node library '{library.name}' cannot be loaded: {library.remedy}" for library in self.absent
+        ]
 
     @contextmanager
     def annotate_errors(self) -> Iterator[None]:
-        """Add :meth:`missing_library_notes` to a TreeError that passes."""
+        """Return a context that adds :meth:`missing_library_notes` to a TreeError raised in it."""
         try:
             yield
         except TreeError as error:
@@ -48,30 +50,33 @@ class NodeLibraries:
 
 
 def load_libraries(plugins: Sequence[str]) -> NodeLibraries:
-    """Everything installed, and *plugins*.
+    """Load all installed node libraries and *plugins*.
 
-    An installed library that can't be imported does not stop a tree that does without it: one that
-    lacks a module is remembered, one that raises is told of in a warning. Raises RegistrationError
-    for one of *plugins*, and UsageError for one that is given twice.
+    An installed library that cannot be imported is no error, since the tree may not use it. It is noted in
+    `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
+
+    Raises:
+        RegistrationError: One of *plugins* cannot be loaded.
+        click.UsageError: One of *plugins* is given twice.
     """
-    found = NodeLibraries(Registry.standard())
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
+    libraries = NodeLibraries(Registry.standard())
+    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
         try:
-            found.nodes.add_installed(point.value, point.name)
+            libraries.nodes.add_installed(point.value, point.name)
         except RegistrationError as error:
             cause = error.__cause__
             if not isinstance(cause, ModuleNotFoundError):
                 terminal.print_warning(str(error))
-            found.absent.append(UnavailableEntryPoint(point.name, distribution_of(point), cause or error))
+            libraries.absent.append(UnavailableEntryPoint(point.name, distribution_of(point), cause or error))
     seen: set[str | Path] = set()
     for plugin in plugins:
-        place = Path(plugin).resolve() if plugin.endswith(".py") else plugin
-        if place in seen:
-            raise click.UsageError(f"--plugin {plugin} is given twice; once is enough.")
-        seen.add(place)
-        found.nodes.add_plugin(plugin)
-    for installed, own in found.nodes.overridden_nodes:
+        module_or_file = Path(plugin).resolve() if plugin.endswith(".py") else plugin
+        if module_or_file in seen:
+            raise click.UsageError(f"--plugin {plugin} is given more than once.")
+        seen.add(module_or_file)
+        libraries.nodes.add_plugin(plugin)
+    for installed, own in libraries.nodes.overridden_nodes:
         terminal.print_warning(
-            f"<{own.id}> of {own.distribution} takes the place of {installed.distribution}'s"
+            f"<{own.id}> of {own.distribution} overrides <{own.id}> of {installed.distribution}"
         )
-    return found
+    return libraries

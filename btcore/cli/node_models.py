@@ -1,4 +1,4 @@
-"""``--model FILE``: nodes that a command knows from a TreeNodesModel alone."""
+"""``--model FILE``: nodes that are declared by a TreeNodesModel and have no code."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,14 +17,24 @@ model_option = click.option(
     multiple=True,
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="A TreeNodesModel, say, Groot's: its nodes are known without code; may be given several times.",
+    help="Load node declarations from a TreeNodesModel file, such as Groot exports: these nodes need no "
+    "code. Repeatable.",
 )
 
 
 def add_node_models(nodes: Registry, models: Sequence[Path], documents: Iterable[Document] = ()) -> None:
-    """Add the nodes of *models*, and those that explicit tags name in *documents* and what they include.
+    """Add nodes that have no code to a registry.
 
-    Without *models* nothing is added: an unknown node is a mistake then. Raises TreeError.
+    Without *models* nothing is added, so that unknown nodes remain errors.
+
+    Args:
+        nodes: The registry.
+        models: Files with a TreeNodesModel.
+        documents: Documents whose explicit tags, such as ``<Action ID="Move"/>``, declare further nodes;
+            the documents that they include count as well.
+
+    Raises:
+        TreeError: A model is invalid.
     """
     for model in models:
         add_models(nodes, model)
@@ -33,8 +43,8 @@ def add_node_models(nodes: Registry, models: Sequence[Path], documents: Iterable
 
 
 def add_document_nodes(nodes: Registry, documents: Iterable[Document]) -> None:
-    """Add the unknown nodes that explicit tags name in *documents* and in what they include."""
-    # What can't be included is told when the tree is checked.
+    """Add the unknown nodes in explicit tags of *documents*, and of the documents that they include."""
+    diagnostics = DiagnosticCollector()  # dropped: failing includes are reported when the tree is checked
     add_explicit_nodes(
-        nodes, [one for document in documents for one in resolve_includes(document, DiagnosticCollector())]
+        nodes, [included for document in documents for included in resolve_includes(document, diagnostics)]
     )

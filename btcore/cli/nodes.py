@@ -1,4 +1,4 @@
-"""``btcore nodes``: the palette, as a table or as a TreeNodesModel for Groot."""
+"""``btcore nodes``: list the available nodes as a table, as JSON, or as a TreeNodesModel for Groot."""
 
 import json
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _ORDER: Final = (
 _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 
 
-@click.command(short_help="List the nodes that trees may use.")
+@click.command(short_help="List the available nodes and their ports.")
 @click.argument("ids", nargs=-1, metavar="[ID]…")
 @node_libraries.plugin_option
 @click.option(
@@ -36,52 +36,55 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
     type=click.Choice(["3", "4"]),
     default="4",
     show_default=True,
-    help="Of which XML format.",
+    help="The XML format whose nodes are listed.",
 )
-@click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot imports.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def nodes(ids: Sequence[str], plugins: Sequence[str], format_: str, as_xml: bool, as_json: bool) -> None:
-    """List the palette: what is built in, installed, or brought by --plugin. IDs narrow it down."""
+    """List the nodes that trees can use: built-in, installed, and loaded by --plugin.
+
+    With IDs, list only these nodes.
+    """
     palette = node_libraries.load_libraries(plugins).nodes.manifests_of(4 if format_ == "4" else 3)
-    if unknown := [one for one in ids if one not in palette]:
-        meant = nearest_name(unknown[0], palette)
-        hint = f"Did you mean '{meant}'?" if meant else "Without an ID, all are listed."
-        raise click.UsageError(f"there is no node {join_names(unknown)}. {hint}")
-    chosen = [palette[one] for one in ids] if ids else list(palette.values())
+    if unknown := [node_id for node_id in ids if node_id not in palette]:
+        nearest = nearest_name(unknown[0], palette)
+        hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."
+        raise click.UsageError(f"unknown node {join_names(unknown)}. {hint}")
+    manifests = [palette[node_id] for node_id in ids] if ids else list(palette.values())
     if as_xml:
-        click.echo(write_models(chosen, int(format_)), nl=False)
+        click.echo(write_models(manifests, int(format_)), nl=False)
     elif as_json:
-        click.echo(json.dumps({one.id: _as_data(one) for one in chosen}, ensure_ascii=False, indent=2))
+        data = {manifest.id: _as_data(manifest) for manifest in manifests}
+        click.echo(json.dumps(data, ensure_ascii=False, indent=2))
     else:
-        _print(chosen)
+        _print(manifests)
 
 
-def _print(chosen: Sequence[Manifest]) -> None:
-    """The palette as a table, a section a family; ports stand below what the node does."""
-    several = len({one.distribution for one in chosen}) > 1
+def _print(manifests: Sequence[Manifest]) -> None:
+    """Print *manifests* as a table with a section for each node type."""
+    several = len({manifest.distribution for manifest in manifests}) > 1
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     table.add_column("node", no_wrap=True)
-    table.add_column("what it does, and its ports", ratio=1)
+    table.add_column("description and ports", ratio=1)
     if several:
         table.add_column("from", style="dim", no_wrap=True)
     for kind in _ORDER:
-        family = sorted((one for one in chosen if one.type is kind), key=lambda one: one.id)
-        for number, one in enumerate(family):
-            name = Text(
-                terminal.node_symbol(one.cls.node_symbol, kind) + " ", style=terminal.KIND_STYLE[kind]
-            )
-            name.append(one.id, style="bold")
-            about = Text(_first_paragraph(one.description))
-            if one.ports:
+        section = sorted((item for item in manifests if item.type is kind), key=lambda item: item.id)
+        for number, manifest in enumerate(section):
+            symbol = terminal.node_symbol(manifest.cls.node_symbol, kind)
+            name = Text(f"{symbol} ", style=terminal.KIND_STYLE[kind])
+            name.append(manifest.id, style="bold")
+            about = Text(_first_paragraph(manifest.description))
+            if manifest.ports:
                 about.append("\n" if about else "")
-                about.append_text(Text("   ").join(_port(port) for port in one.ports.values()))
-            origin = [one.distribution] if several else []
-            table.add_row(name, about, *origin, end_section=number == len(family) - 1)
+                about.append_text(Text("   ").join(_port(port) for port in manifest.ports.values()))
+            origin = [manifest.distribution] if several else []
+            table.add_row(name, about, *origin, end_section=number == len(section) - 1)
     terminal.stdout_console().print(table)
 
 
 def _port(port: Port) -> Text:
-    """A port: direction, name, type, default; its parts stay on one line."""
+    """Return the direction, name, type and default of *port*, with no-break spaces between them."""
     text = Text.assemble((_ARROW[port.direction] + "\u00a0", "dim"), (port.name, "yellow"))
     text.append(f"\u00a0{_short(port.type.name)}".replace(" ", "\u00a0"), style="dim")
     if port.default is not None:
@@ -93,19 +96,19 @@ def _port(port: Port) -> Text:
 
 
 def _short(type_name: str) -> str:
-    """A C++ type name without what people don't say."""
+    """Return a C++ type name without its namespaces."""
     return type_name.replace("BT::", "").replace("std::", "")
 
 
 def _first_paragraph(description: str) -> str:
-    """The first paragraph of *description*, on one line."""
+    """Return the first paragraph of *description* on one line."""
     return " ".join(description.strip().split("\n\n")[0].split())
 
 
-def _as_data(one: Manifest) -> dict[str, object]:
-    """A manifest as plain data."""
+def _as_data(manifest: Manifest) -> dict[str, object]:
+    """Return *manifest* as JSON data."""
     return {
-        "type": one.type.name,
+        "type": manifest.type.name,
         "ports": {
             port.name: {
                 "direction": port.direction.value,
@@ -113,8 +116,8 @@ def _as_data(one: Manifest) -> dict[str, object]:
                 "default": port.default,
                 "description": port.description,
             }
-            for port in one.ports.values()
+            for port in manifest.ports.values()
         },
-        "description": one.description,
-        "distribution": one.distribution,
+        "description": manifest.description,
+        "distribution": manifest.distribution,
     }

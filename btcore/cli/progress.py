@@ -1,4 +1,4 @@
-"""What `btcore run` shows on stderr: one live line while it runs, a table at its end."""
+"""The output of ``btcore run`` on stderr: a live status line during the run, and a table at its end."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -16,12 +16,18 @@ from btcore.clock import NS_PER_S
 from btcore.status import Status
 from btcore.tree.tree import Tree
 
-_LIVE_EVERY: Final = 0.1  # s of real time between two pictures of the live line
-_PLAIN_EVERY: Final = 10.0  # s between two lines where the output is no terminal
+_LIVE_INTERVAL_S: Final = 0.1  # real time between two updates of the live line
+_PLAIN_INTERVAL_S: Final = 10.0  # real time between two lines if stderr is not a terminal
 
 
 class Progress:
-    """The line that lives while a tree runs. In a pipe or a log: a line now and then."""
+    """The live status line of a run. If stderr is not a terminal, a plain line every few seconds.
+
+    Args:
+        tree: The tree of the run.
+        name: The name of the run.
+        duration: The limit of the run (s of the tree's clock), or None.
+    """
 
     def __init__(self, tree: Tree, name: str, duration: float | None) -> None:
         self.tree = tree
@@ -30,7 +36,7 @@ class Progress:
         self.console: Console = terminal.stderr_console()
         self.live: Live | None = None
         self.start = tree.clock.now()
-        self.began = self.shown = time.perf_counter()
+        self.began = self.updated = time.perf_counter()
         self.line = Text()
         self._open()
 
@@ -40,28 +46,33 @@ class Progress:
             self.live.start()
 
     def ticked(self, status: Status) -> None:
-        """Show how things stand, if it is time to."""
+        """Update the line after a tick that returned *status*, unless the last update is too recent."""
         now = time.perf_counter()
-        if now - self.shown < (_LIVE_EVERY if self.live is not None else _PLAIN_EVERY):
+        if now - self.updated < (_LIVE_INTERVAL_S if self.live is not None else _PLAIN_INTERVAL_S):
             return
-        self.shown = now
+        self.updated = now
         self._show(self._line(status, now - self.began))
 
     def follow(self, tree: Tree) -> None:
-        """Show *tree* from now on."""
+        """Show *tree*, which replaces the previous tree of the run."""
         self.tree = tree
         self.line = Text()
 
     def show_waiting(self, status: Status | None, file: str) -> None:
-        """Show that the tree ended with *status* (None = a leaf raised), and that *file* is waited for."""
+        """Show that the tree has ended and that the run waits for the next save of its file.
+
+        Args:
+            status: The last status of the tree; None if a leaf raised an exception.
+            file: The name of the file.
+        """
         result = Text("✘ RAISED", style="bold red") if status is None else terminal.format_status(status)
         line = Text.assemble(result, "  ", (self.name, "bold"), f"  tick {self.tree.ticks}")
-        line.append(f"  waiting until {file} is saved", style="dim")
+        line.append(f"  waiting for a new version of {file}", style="dim")
         self._show(line)
 
     @contextmanager
     def suspend(self) -> Iterator[None]:
-        """Within it other things can be printed; the line comes back below them."""
+        """Return a context without the line, for other output; afterwards the line appears below that."""
         self.close()
         try:
             yield
@@ -78,7 +89,7 @@ class Progress:
             self.console.print(line, soft_wrap=True)
 
     def close(self) -> None:
-        """Take the line away."""
+        """Remove the line."""
         if self.live is not None:
             self.live.stop()
             self.live = None
@@ -103,11 +114,16 @@ def print_summary(
     heading: Text,
     results: Mapping[str, Mapping[str, object]],
     figures: Mapping[str, object],
-    most: int = 40,
+    max_nodes: int = 40,
 ) -> None:
-    """Print, on stderr, how the run ended, and what each node did in it (the first *most* of them).
+    """Print the summary of a run on stderr.
 
-    *figures* are what others report of it, say, of the robot.
+    Args:
+        tree: The tree of the run, for the order, depth and symbols of the nodes.
+        heading: The first line.
+        results: The tick counts of each node of *tree*, in its order.
+        figures: The reports of the extensions, such as the robot's.
+        max_nodes: The number of nodes that are printed at most.
     """
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
     table.add_column("node", overflow="fold")
@@ -120,56 +136,56 @@ def print_summary(
     ):
         table.add_column(title, justify="right", style=style)
     depths = _depths(tree)
-    for node, result in list(zip(tree.nodes, results.values(), strict=True))[:most]:
-        quiet = not result["ticks"]
+    for node, result in list(zip(tree.nodes, results.values(), strict=True))[:max_nodes]:
+        never_ticked = not result["ticks"]
         name = Text("  " * depths[node.uid])
         name.append(
             terminal.node_symbol(node.node_symbol, node.type) + " ",
             style=terminal.KIND_STYLE.get(node.type, ""),
         )
-        name.append(node.name, style="dim" if quiet else "")
+        name.append(node.name, style="dim" if never_ticked else "")
         if node.name != node.id:
             name.append(f" {node.id}", style="dim")
         columns = [str(result[key] or "·") for key in ("ticks", "success", "failure", "skipped", "halted")]
-        table.add_row(name, *columns, style="dim" if quiet else "")
+        table.add_row(name, *columns, style="dim" if never_ticked else "")
     console = terminal.stderr_console()
     console.print(heading, soft_wrap=True)
     console.print()
     console.print(table)
-    if len(tree.nodes) > most:
-        console.print(f"  … and {len(tree.nodes) - most} more nodes; --json has them all", style="dim")
+    if len(tree.nodes) > max_nodes:
+        console.print(f"  … and {len(tree.nodes) - max_nodes} more nodes; --json lists all", style="dim")
     print_figures(figures)
 
 
 def print_figures(figures: Mapping[str, object]) -> None:
-    """Print *figures* on stderr: a line for each word of it, what belongs to it beside."""
-    for word, figure in figures.items():
-        line = Text.assemble("\n ", (f"{word}  ", "bold"), *_figures(figure))
+    """Print *figures*, the reports of extensions, on stderr: a line for each heading."""
+    for heading, figure in figures.items():
+        line = Text.assemble("\n ", (f"{heading}  ", "bold"), *_figures(figure))
         line.rstrip()
         terminal.stderr_console().print(line, soft_wrap=True)
 
 
 def _figures(figure: object) -> list[tuple[str, str]]:
-    """A report as words and numbers on one line, names dim; of several that are None, the others."""
+    """Return the parts of a line for a report, with styles: names and values, without values of None."""
     if isinstance(figure, Mapping):
         known = {key: value for key, value in figure.items() if value is not None}
         if figure and not known:
             return [("not measured  ", "dim")]
         return [part for key, value in known.items() for part in ((f"{key} ", "dim"), *_figures(value))]
-    return [(f"{_said(figure)}  ", "")]
+    return [(f"{_format_figure(figure)}  ", "")]
 
 
-def _said(figure: object) -> str:
-    """One figure, or a list of them."""
+def _format_figure(figure: object) -> str:
+    """Return the text of a value, or of a list of values."""
     if isinstance(figure, (list, tuple)):
-        return ", ".join(map(_said, figure)) or "none"
+        return ", ".join(map(_format_figure, figure)) or "none"
     if figure is None:
         return "not measured"
     return f"{figure:g}" if isinstance(figure, float) else str(figure)
 
 
 def _depths(tree: Tree) -> dict[int, int]:
-    """How deep each node stands, by uid."""
+    """Return the depth of each node below the root, by UID."""
     depths = {tree.root.uid: 0}
     for node in tree.nodes:
         for child in node.children:

@@ -1,4 +1,4 @@
-"""``btcore run``: a tree from its file to its end, in the world that other packages bring."""
+"""``btcore run``: run a tree, with the resources that extensions from other packages provide."""
 
 import math
 import random
@@ -31,34 +31,35 @@ from btcore.xml.models.stand_ins import StubPlans
 
 
 class FiniteRange(click.FloatRange):
-    """A range of numbers without "nan"."""
+    """A range of finite numbers: infinity and NaN are errors."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The number."""
+        """Return the number."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f"{value} is not a number that can be counted to.", param, ctx)
+            self.fail(f"{value} is not a finite number.", param, ctx)
         return number
 
 
 class RunCommand(click.Command):
-    """The command, with the options of the packages that bring worlds, robots and monitors."""
+    """A command that also has the options of all extensions of `btcore run`."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Its own options, then those of the extensions, then ``--help``."""
+        """Return the command's options, those of the extensions, and ``--help``."""
         own = super().get_params(ctx)
-        added = [option for one in load_extensions(ctx).extensions for option in one.options]
+        extensions = load_extensions(ctx).extensions
+        added = [option for extension in extensions for option in extension.options]
         return [*own[:-1], *added, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As click does; an option that an absent package may bring is explained."""
+        """Parse *args*; for an unknown option explain which packages may add it."""
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 
 
 @contextmanager
 def explain_missing_options(ctx: click.Context) -> Iterator[None]:
-    """Within it, of an option that there isn't it is told that an absent package may bring it."""
+    """Return a context that explains that an unknown option may come from a package that is not installed."""
     try:
         yield
     except click.NoSuchOption as error:
@@ -66,11 +67,13 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
         if not missing:
             raise
         text = error.format_message().rstrip(".")
-        why = "; ".join(f"'{one.name}', because {one.remedy}" for one in missing)
-        raise click.UsageError(f"{text}. Or a package brings it that isn't there: {why}", ctx) from error
+        packages = "; ".join(f"'{point.name}': {point.remedy}" for point in missing)
+        raise click.UsageError(
+            f"{text}. The option may belong to an extension that cannot be loaded: {packages}", ctx
+        ) from error
 
 
-@click.command(cls=RunCommand, short_help="Run a tree, until it is done.")
+@click.command(cls=RunCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE")
 @trees.tree_option
 @trees.format_option
@@ -84,34 +87,36 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     type=FiniteRange(0, 10_000, min_open=True),
     default=10.0,
     show_default=True,
+    metavar="HZ",
     help="Ticks per second.",
 )
 @click.option(
     "--duration",
     type=FiniteRange(0, min_open=True),
     metavar="S",
-    help="End after so many seconds of the tree's clock.",
+    help="End the run after S seconds of the tree's clock.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help="What chance is drawn from; the same seed gives the same run.",
+    metavar="N",
+    help="Seed of the random numbers; the same seed reproduces the same run.",
 )
-@click.option("--fast", is_flag=True, help="Simulated time, as fast as it goes, instead of real time.")
+@click.option("--fast", is_flag=True, help="Use simulated time and run as fast as possible.")
 @click.option(
     "--until",
     type=click.Choice(["done", "success", "failure", "never"]),
     default="done",
     show_default=True,
-    help="What result ends the run; after any other the tree is ticked on.",
+    help="The result of the tree that ends the run; after any other result the tree is ticked again.",
 )
 @click.option(
     "--watch",
     is_flag=True,
-    help="When the XML is saved, go on with the new tree and the same blackboard; one that is broken is "
-    "reported, and the old one goes on. A tree that is done, or raised, waits for the next save: "
+    help="Reload the tree whenever its file is saved, and keep the blackboard. A file with errors is "
+    "reported, and the previous tree continues. After the tree has ended, wait for the next save, until "
     "--duration or Ctrl-C ends the run.",
 )
 @log_option
@@ -119,14 +124,22 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     "--json",
     "as_json",
     is_flag=True,
-    help="One JSON object as the last line of stdout; with --watch, of the last tree.",
+    help="Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
 )
 @click.pass_context
 def run(ctx: click.Context, /, **settings: Any) -> int:
-    """Run TREE, a file or the name of a tree that comes with btcore (say, bumpgo).
+    """Run TREE until it ends.
 
-    Exits with 0 when it ends in SUCCESS or SKIPPED or by --duration, 1 for FAILURE, 2 for a
-    mistake in the tree or on the command line, 3 when a leaf raised, 130 when interrupted.
+    TREE is an XML file, or the name of a tree that is bundled with btcore, such as bumpgo. The summary is
+    printed on stderr.
+
+    \b
+    Exit codes:
+      0    the tree ended in SUCCESS or SKIPPED, or --duration ended the run
+      1    the tree ended in FAILURE
+      2    an error in the tree or on the command line
+      3    a leaf raised an exception
+      130  interrupted
     """
     return create_session(ctx, settings).run()
 
@@ -137,14 +150,24 @@ def create_session(
     joining: Sequence[RunExtension] = (),
     installed: node_libraries.NodeLibraries | None = None,
 ) -> RunSession:
-    """The run that the command's *settings* ask for, before its first tick.
+    """Return a run, before its first tick.
 
-    Further extensions may be *joining* those of the packages: they are attached last. A process with many
-    runs finds the nodes *installed* once: they are left as they are. Raises what says that
-    it can't be had: click.ClickException, TreeError, RegistrationError.
+    Args:
+        ctx: The context of ``btcore run``.
+        settings: The options of the command.
+        joining: Extensions besides those of the installed packages; they are attached last.
+        installed: The installed nodes, for a process that loads them once for many runs. They are copied,
+            not changed.
+
+    Raises:
+        click.ClickException: An option has an invalid value.
+        TreeError: The tree has an error, or lacks a resource.
+        RegistrationError: A node library cannot be loaded.
+        ExtensionError: An installed extension cannot be used.
     """
+    # The watcher looks at the files before they are read: a save in between is not missed.
     saves = SaveWatcher(trees.find(settings["source"])) if settings["watch"] else None
-    recipe, (examined, nodes) = read_tree_source(settings, installed)
+    source, (examined, nodes) = read_tree_source(settings, installed)
     installed_extensions, missing = load_extensions(ctx)
     wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
     resources, extensions, idle = gather_resources(installed_extensions, settings, wanted)
@@ -153,34 +176,51 @@ def create_session(
     try:
         tree = TreeInstantiator(examined, nodes, None, resources, clock).instantiate()
     except TreeError as error:
-        for one in missing if wanted else ():
-            error.add_note(f"'{one.name}' isn't there, and may bring it: {one.remedy}")
+        for point in missing if wanted else ():
+            error.add_note(
+                f"the extension '{point.name}', which may provide it, cannot be loaded: {point.remedy}"
+            )
         raise
     initial_blackboard.write(tree, settings["entries"])
     terminal.print_diagnostics(examined.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
     _warn_unused_options(ctx, idle)
-    return RunSession(tree, recipe, settings, [*extensions, *joining], resources, saves)
+    return RunSession(tree, source, settings, [*extensions, *joining], resources, saves)
 
 
 def read_tree_source(
     settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
 ) -> tuple[TreeSource, CheckedSource]:
-    """How the tree of the command's *settings* is made, and its document, checked, before any world is."""
+    """Read and check the document of a run's tree, before extensions create resources such as a world.
+
+    Args:
+        settings: The options of ``btcore run``.
+        installed: The installed nodes, or None to load them.
+
+    Raises:
+        click.UsageError: An option has an invalid value.
+        TreeError: The document has an error.
+        RegistrationError: A node library cannot be loaded.
+    """
     path = trees.find(settings["source"])
     if installed is None or settings["plugins"]:
-        found = node_libraries.load_libraries(settings["plugins"])
+        libraries = node_libraries.load_libraries(settings["plugins"])
     else:
-        found = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
-    recipe = TreeSource(path, settings["tree"], found, settings["models"], settings["format"])
-    substitute.add_rules(found.nodes, settings["substitutes"])
-    reading = recipe.read()
-    stub_plans.check(settings["plans"], reading.examined)
-    return recipe, reading
+        libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
+    source = TreeSource(path, settings["tree"], libraries, settings["models"], settings["format"])
+    substitute.add_rules(libraries.nodes, settings["substitutes"])
+    checked = source.read()
+    stub_plans.check(settings["plans"], checked.examined)
+    return source, checked
 
 
 def _warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension]) -> None:
-    """Warn of options on the command line whose extension is *idle*, as no leaf of the tree uses it."""
+    """Print a warning for options on the command line that no leaf of the tree uses.
+
+    Args:
+        ctx: The context of the command.
+        idle: The extensions that provided no resource.
+    """
     for extension in idle:
         given = [
             option.opts[0]
@@ -188,14 +228,19 @@ def _warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension]) -> No
             if ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
         ]
         if extension.used_by is not None and given:
-            do = "does" if len(given) == 1 else "do"
+            have = "has" if len(given) == 1 else "have"
             terminal.print_warning(
-                f"{join_names(given)} {do} nothing here: the tree has no {extension.used_by}"
+                f"{join_names(given)} {have} no effect: the tree has no {extension.used_by}"
             )
 
 
 def clock_of(resources: Sequence[object], fast: bool) -> Clock:
-    """The clock of the world if there is one, else simulated or real time."""
+    """Return the clock for a run: the first clock among *resources*, or a new clock.
+
+    Args:
+        resources: The resources of the run. A simulated world has an attribute ``clock``.
+        fast: Whether a new clock is simulated instead of real.
+    """
     for resource in resources:
         clock = getattr(resource, "clock", None)
         if clock is not None:

@@ -1,4 +1,4 @@
-"""``btcore run --log``: the logs of a run, a file each; a tree that is loaded anew gets files of its own."""
+"""``btcore run --log``: the logs of a run; each reloaded tree is logged to new files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ def _distinct(ctx: click.Context, parameter: click.Parameter, names: Sequence[st
     for name in names:
         place = name if name == CONSOLE else str(Path(name).resolve())
         if place in seen:
-            raise click.UsageError(f"--log names '{name}' twice, and a file holds one log.")
+            raise click.UsageError(f"--log '{name}' is given more than once.")
         seen.add(place)
     return names
 
@@ -27,13 +27,17 @@ log_option = click.option(
     multiple=True,
     callback=_distinct,
     metavar="FILE",
-    help="Log every change of a status: .btlog (Groot 2), .db3 (SQLite), .json (a trace for Perfetto), "
-    "or - for lines on stdout; may be given several times.",
+    help="Log all status changes to FILE: .btlog (for Groot 2), .db3 (SQLite), .json (trace for Perfetto), "
+    "or - for text on stdout. Repeatable.",
 )
 
 
 class Logs:
-    """The logs called *names*, of one tree after the other."""
+    """The logs of a run.
+
+    Args:
+        names: The file names that ``--log`` gives.
+    """
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = names
@@ -41,25 +45,29 @@ class Logs:
         self._open: list[Log] = []
 
     def open(self, tree: Tree) -> None:
-        """Log *tree* from now on. Raises LogError."""
+        """Start logging *tree*.
+
+        Raises:
+            LogError: A file cannot be written.
+        """
         for name in self.names:
             self._open.append(open_log(tree, name))
 
     def open_next(self, tree: Tree) -> None:
-        """End the logs, and log *tree* in files whose names have the next number, as ``run.2.btlog``.
+        """Close the logs, and log *tree* to files with the next number in their names: ``run.2.btlog``.
 
-        One that can't be written is told of, and left out.
+        A file that cannot be written is skipped with a warning, so that the run continues.
         """
         self.close()
         self.number += 1
         for name in self.names:
             try:
                 self._open.append(open_log(tree, self._numbered(name)))
-            except LogError as fault:
-                terminal.print_warning(str(fault))
+            except LogError as error:
+                terminal.print_warning(str(error))
 
     def close(self) -> None:
-        """End the logs."""
+        """Close the logs."""
         while self._open:
             self._open.pop().close()
 

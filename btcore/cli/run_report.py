@@ -1,4 +1,4 @@
-"""How a run went: as a line for people, and as the object of ``--json``."""
+"""The report of a run: the heading of its summary, and the object of ``--json``."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -17,14 +17,17 @@ END_REASON_TEXT: Final[dict[EndReason, str]] = {
     "duration": ", by --duration",
     "interrupted": ", interrupted",
 }
-"""What a heading says of how a run ended."""
+"""The end of a heading, by the reason why the run ended."""
 
 
 class RunReport:
-    """What is known at the end of the run called *name*.
+    """The report of the run *name*.
 
-    *status* is the last tick's, *error* what a leaf raised; *elapsed* is in s of the tree's clock, *wall*
-    in s of real time, both of the whole run.
+    Attributes:
+        status: The status after the last tick.
+        error: The exception that a leaf raised, or None.
+        elapsed: The duration of the whole run in s of the tree's clock.
+        wall: The duration of the whole run in s of real time.
     """
 
     def __init__(self, name: str) -> None:
@@ -36,11 +39,16 @@ class RunReport:
 
     @property
     def factor(self) -> float:
-        """How many times faster than real time it was."""
+        """The speed of the run as a multiple of real time."""
         return self.elapsed / self.wall if self.wall > 0 else 0.0
 
     def heading(self, tree: Tree, ending: EndReason) -> Text:
-        """One line: the result, the time, the ticks of the (last) *tree*, and what ended it."""
+        """Return a line with the result, the time, the number of ticks, and what ended the run.
+
+        Args:
+            tree: The last tree of the run.
+            ending: The reason why the run ended.
+        """
         raised = Text("✘ RAISED", style="bold red")
         result = terminal.format_status(self.status) if self.error is None else raised
         ticks = "1 tick" if tree.ticks == 1 else f"{tree.ticks} ticks"
@@ -48,7 +56,7 @@ class RunReport:
         return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
 
     def results(self, tree: Tree) -> dict[str, dict[str, object]]:
-        """What each node did, by full path; where two paths are equal ``#<uid>`` tells them apart."""
+        """Return the tick counts of each node by full path; equal paths are distinguished by ``#<uid>``."""
         return {
             key: {
                 "id": node.id,
@@ -63,7 +71,12 @@ class RunReport:
         }
 
     def report(self, tree: Tree, figures: Mapping[str, object]) -> dict[str, object]:
-        """The object of ``--json``; *figures* are what others add to it."""
+        """Return the object of ``--json``.
+
+        Args:
+            tree: The last tree of the run.
+            figures: The reports of the extensions, which are added to the object.
+        """
         report: dict[str, object] = {
             "status": self.status.name,
             "ticks": tree.ticks,

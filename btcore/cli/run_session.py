@@ -1,4 +1,4 @@
-"""One run of ``btcore run``: what is attached, what ends it, and what takes a tree's place."""
+"""The course of a run: attaching extensions, ticking, reloading a saved tree, and reporting."""
 
 import json
 import time
@@ -28,7 +28,7 @@ from btcore.xml.plan.document_checks import DocumentAnalysis
 
 
 class SessionResult(NamedTuple):
-    """What ended a run, its exit *code*, and what the extensions report."""
+    """The reason why a run ended, its exit *code*, and the reports of the extensions."""
 
     ending: EndReason
     code: ExitCode
@@ -36,49 +36,63 @@ class SessionResult(NamedTuple):
 
 
 class RunSession:
-    """The run of *tree* and, if *saves* are looked for, of those that take its place.
+    """The run of a tree and, with ``--watch``, of the trees that replace it.
 
-    *recipe* made it, of *resources*; *settings* are the options, and *extensions* the extensions in the
-    order in which they are attached.
+    Args:
+        tree: The first tree.
+        source: The source of the tree.
+        settings: The options of ``btcore run``.
+        extensions: The extensions in the order in which they are attached.
+        resources: The resources of the leaves.
+        saves: Detects that the tree's file was saved; None without ``--watch``.
     """
 
     def __init__(
         self,
         tree: Tree,
-        recipe: TreeSource,
+        source: TreeSource,
         settings: Mapping[str, Any],
         extensions: Sequence[RunExtension],
         resources: Sequence[object],
         saves: SaveWatcher | None = None,
     ) -> None:
         self.tree = tree
-        self.recipe = recipe
+        self.source = source
         self.settings = settings
         self.extensions = extensions
         self.resources = resources
         self.saves = saves
         self.logs = Logs(settings["logs"])
-        asked = settings["tree"]
-        name = recipe.path.stem if asked is None else f"{recipe.path.stem}:{asked}"
-        self.outcome = RunReport(name)
+        stem, tree_id = source.path.stem, settings["tree"]
+        self.outcome = RunReport(stem if tree_id is None else f"{stem}:{tree_id}")
         self.reloads = 0
-        self._told: NodeExecutionError | None = None
+        self._printed_error: NodeExecutionError | None = None
 
     def run(self) -> int:
-        """Run to the end, say how it went, and return the exit code."""
-        done = self.execute()
+        """Run to the end, print the summary, and return the exit code.
+
+        Raises:
+            LogError: A log cannot be written.
+            click.UsageError: An extension rejects the options of the run.
+        """
+        result = self.execute()
         outcome = self.outcome
         print_summary(
-            self.tree, outcome.heading(self.tree, done.ending), outcome.results(self.tree), done.figures
+            self.tree, outcome.heading(self.tree, result.ending), outcome.results(self.tree), result.figures
         )
-        if outcome.error is not None and outcome.error is not self._told:
+        if outcome.error is not None and outcome.error is not self._printed_error:
             terminal.print_error(str(outcome.error))
         if self.settings["as_json"]:
-            click.echo(json.dumps(outcome.report(self.tree, done.figures), ensure_ascii=False))
-        return done.code
+            click.echo(json.dumps(outcome.report(self.tree, result.figures), ensure_ascii=False))
+        return result.code
 
     def execute(self) -> SessionResult:
-        """Run to the end, without printing a summary: notify attached extensions only."""
+        """Run to the end without printing a summary, and return the result.
+
+        Raises:
+            LogError: A log cannot be written.
+            click.UsageError: An extension rejects the options of the run.
+        """
         self.tree.count_ticks()
         with ExitStack() as attached:
             for extension in self.extensions:
@@ -103,19 +117,19 @@ class RunSession:
         return ExitCode.FAILURE if failed else ExitCode.SUCCESS
 
     def _loop(self) -> EndReason:
-        """Tick until the end; the tree is halted afterwards, however it ended."""
+        """Tick until the end of the run, and halt the tree, also after an exception."""
         settings = self.settings
         duration = settings["duration"]
         progress = Progress(self.tree, self.outcome.name, duration)
         until = cast(Until, settings["until"])
-        pace = TickLoop(
+        loop = TickLoop(
             self.tree, settings["rate"], duration, until, progress.ticked, self.saves, settings["fast"]
         )
         began = time.perf_counter()
         ending: EndReason = "done"
         try:
-            with pace.signals(), log_to_console(progress.console):
-                ending = pace.run() if self.saves is None else self._follow(pace, progress)
+            with loop.signals(), log_to_console(progress.console):
+                ending = loop.run() if self.saves is None else self._run_and_reload(loop, progress)
             self.tree.halt()
         except NodeExecutionError as error:
             self.outcome.error = error
@@ -123,79 +137,80 @@ class RunSession:
             self.tree.halt()
             raise
         finally:
-            self.outcome.status = pace.status if self.outcome.error is None else Status.IDLE
-            self.outcome.elapsed = pace.elapsed / NS_PER_S
+            self.outcome.status = loop.status if self.outcome.error is None else Status.IDLE
+            self.outcome.elapsed = loop.elapsed / NS_PER_S
             self.outcome.wall = time.perf_counter() - began
             progress.close()
-        if pace.late:
-            left_out = "1 tick was" if pace.late == 1 else f"{pace.late} ticks were"
+        if loop.late:
+            skipped = "1 tick was" if loop.late == 1 else f"{loop.late} ticks were"
             terminal.print_warning(
-                f"{left_out} left out, because the one before took longer than "
-                f"{1000 / settings['rate']:g} ms; a lower --rate fits this tree"
+                f"{skipped} skipped, because the previous tick took longer than "
+                f"{1000 / settings['rate']:g} ms; use a lower --rate"
             )
         return ending
 
-    def _follow(self, pace: TickLoop, progress: Progress) -> EndReason:
-        """Tick one tree after the other; when one is done, or raised, wait for the next save."""
-        resting = False
+    def _run_and_reload(self, loop: TickLoop, progress: Progress) -> EndReason:
+        """Tick the tree, and reload it after each save; when it has ended, wait for the next save."""
+        waiting = False
         while True:
             try:
-                ending = pace.wait_for_save() if resting else pace.run()
+                ending = loop.wait_for_save() if waiting else loop.run()
             except NodeExecutionError as error:
-                self.outcome.error = self._told = error
+                self.outcome.error = self._printed_error = error
                 with progress.suspend():
                     terminal.print_error(str(error))
                 ending = "done"
             if ending == "done":
-                resting = True
+                waiting = True
                 raised = self.outcome.error is not None
-                progress.show_waiting(None if raised else pace.status, self.recipe.path.name)
+                progress.show_waiting(None if raised else loop.status, self.source.path.name)
             elif ending == "saved":
                 with progress.suspend():
-                    if self._replaced():
-                        pace.tree = self.tree
+                    if self._reload():
+                        loop.tree = self.tree
                         progress.follow(self.tree)
-                        resting = False
+                        waiting = False
             else:
                 return ending
 
-    def _replaced(self) -> bool:
-        """Let the tree of the saved file take the place of the old one; if it is broken, tell why."""
+    def _reload(self) -> bool:
+        """Replace the tree by the tree in the saved file; if that has errors, print them and return False."""
         examined: DocumentAnalysis | None = None
         try:
-            examined, nodes = self.recipe.read()
-            made = rebuild_tree(self.tree, examined, self.resources, nodes)
+            examined, nodes = self.source.read()
+            tree = rebuild_tree(self.tree, examined, self.resources, nodes)
         except BtcoreError as error:
             if examined is not None:
-                self._note_resources(error, examined)
+                self._note_missing_resources(error, examined)
             terminal.print_btcore_error(error)
-            goes_on = "goes on" if self.tree.status is Status.RUNNING else "stays"
-            terminal.print_warning(f"{self.recipe.path.name} is broken: the tree from before {goes_on}")
+            action = "continues" if self.tree.status is Status.RUNNING else "is kept"
+            terminal.print_warning(f"{self.source.path.name} has errors: the previous tree {action}")
             return False
         terminal.print_diagnostics(examined.diagnostics.warnings)
-        self._exchange(made)
-        terminal.print_labelled("reloaded", str(self.recipe.path))
+        self._replace_tree(tree)
+        terminal.print_labelled("reloaded", str(self.source.path))
         return True
 
-    def _note_resources(self, error: BtcoreError, examined: DocumentAnalysis) -> None:
+    def _note_missing_resources(self, error: BtcoreError, examined: DocumentAnalysis) -> None:
+        """Add a note to *error* if leaves of the new tree need resources that this run does not have."""
         wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
         try:
-            all_there = all(any(fits(one, kind) for one in self.resources) for kind in wanted)
+            complete = all(any(fits(resource, kind) for resource in self.resources) for kind in wanted)
         except TypeError:
-            return  # a type that can't be asked for, which is the very error
-        if not all_there:
-            error.add_note("what leaves ask for is made when a run begins: begin another one for this tree")
+            return  # isinstance does not support one of the types, which *error* already reports
+        if not complete:
+            error.add_note("resources are created only at the start of a run: start a new run for this tree")
 
-    def _exchange(self, made: Tree) -> None:
-        """Halt the tree, and let everybody go over to *made*."""
+    def _replace_tree(self, tree: Tree) -> None:
+        """Halt the current tree, and continue with *tree*."""
         try:
             self.tree.halt()
         except NodeExecutionError as error:
             terminal.print_error(str(error))
-        made.count_ticks()
-        self.tree = made
+        tree.count_ticks()
+        self.tree = tree
         self.outcome.error = None
         self.reloads += 1
-        self.logs.open_next(made)
+        self.logs.open_next(tree)
         for extension in self.extensions:
-            extension.replace_tree(made, self.resources, self.settings)
+            extension.replace_tree(tree, self.resources, self.settings)

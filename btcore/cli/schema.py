@@ -1,4 +1,4 @@
-"""``btcore schema``: an XSD of the palette, for editors."""
+"""``btcore schema``: print an XML schema (XSD) of the available nodes, for editors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ from btcore.cli import node_libraries, node_models
 from btcore.xml.schema import write_schema
 
 
-@click.command(short_help="Print an XML schema of the nodes, for editors.")
+@click.command(short_help="Print an XML schema (XSD) for XML editors.")
 @node_libraries.plugin_option
 @node_models.model_option
 @click.option(
@@ -18,12 +18,13 @@ from btcore.xml.schema import write_schema
     type=click.Choice(["3", "4"]),
     default="4",
     show_default=True,
-    help="Of which XML format.",
+    help="The XML format that the schema describes.",
 )
 def schema(plugins: Sequence[str], models: Sequence[Path], format_: str) -> None:
-    """Print an XSD of everything that trees may hold: built in, installed, or brought by --plugin.
+    """Print an XML schema (XSD) of trees and all available nodes.
 
-    An editor that is told of it completes tags and ports, and shows what they mean.
+    The schema covers nodes that are built-in, installed, or loaded by --plugin or --model. XML editors use it
+    to complete tags and attributes, and to show their documentation.
     """
     nodes = node_libraries.load_libraries(plugins).nodes
     node_models.add_node_models(nodes, models)

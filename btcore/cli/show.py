@@ -1,4 +1,4 @@
-"""``btcore show``: a tree, drawn in the terminal or as an SVG, and the data that flows in it."""
+"""``btcore show``: draw a tree in the terminal or as SVG, or list its data flow."""
 
 import json
 from collections.abc import Sequence
@@ -24,22 +24,22 @@ from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 
-@click.command(short_help="Draw a tree, or list its data.")
+@click.command(short_help="Draw a tree, or list its data flow.")
 @click.argument("source", metavar="TREE")
-@click.option("--tree", metavar="ID", help="Which of the file's trees; default: its main one.")
+@trees.tree_option
 @node_libraries.plugin_option
 @node_models.model_option
-@click.option("--ports/--no-ports", default=True, help="Whether ports and scripts are shown.")
+@click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
 @click.option(
     "--svg",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Draw it into an SVG file instead.",
+    help="Write the drawing to an SVG file.",
 )
 @click.option(
-    "--data", "as_table", is_flag=True, help="Who writes and who reads each blackboard entry, instead."
+    "--data", "as_table", is_flag=True, help="List the nodes that write and read each blackboard entry."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object (a list for --data).")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object; with --data a JSON list.")
 def show(
     source: str,
     tree: str | None,
@@ -50,21 +50,24 @@ def show(
     as_table: bool,
     as_json: bool,
 ) -> None:
-    """Draw TREE, a file or the name of a tree that comes with btcore, with its subtrees in place."""
+    """Draw TREE with its subtrees in the terminal.
+
+    TREE is an XML file, or the name of a tree that is bundled with btcore.
+    """
     if svg is not None and (as_table or as_json):
         other = "--data" if as_table else "--json"
-        raise click.UsageError(f"--svg and {other} are two answers: ask for one.")
+        raise click.UsageError(f"--svg and {other} cannot be used together.")
     path = trees.find(source)
-    found = node_libraries.load_libraries(plugins)
-    with found.annotate_errors():
+    libraries = node_libraries.load_libraries(plugins)
+    with libraries.annotate_errors():
         document = parse_file(path)
-        node_models.add_node_models(found.nodes, models, [document])
-        examined = analyse_document(document, found.nodes, tree)
+        node_models.add_node_models(libraries.nodes, models, [document])
+        examined = analyse_document(document, libraries.nodes, tree)
         examined.diagnostics.raise_errors()
     main, format = examined.main, examined.planner.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_table:
-        rows = trace_dataflow(examined, found.nodes)
+        rows = trace_dataflow(examined, libraries.nodes)
         if as_json:
             _print_json(dataflow_to_dicts(rows))
         else:
@@ -87,9 +90,9 @@ def _print_json(data: object) -> None:
 
 
 def _draw(node: DiagramNode, above: Drawing, ports: bool) -> None:
-    """Add *node*, and what is below, to the drawing."""
-    sign = terminal.node_symbol(node.symbol, node.type)
-    line = Text(f"{sign} ", style=terminal.KIND_STYLE.get(node.type, ""))
+    """Add *node* and its descendants to the branch *above* of the drawing."""
+    symbol = terminal.node_symbol(node.symbol, node.type)
+    line = Text(f"{symbol} ", style=terminal.KIND_STYLE.get(node.type, ""))
     line.append(node.name, style="bold" if node.type is not NodeType.ACTION else "")
     if node.name != node.id:
         line.append(f"  {node.id}", style=terminal.KIND_STYLE.get(node.type, ""))
@@ -108,7 +111,7 @@ def _draw(node: DiagramNode, above: Drawing, ports: bool) -> None:
 
 
 def _as_data(node: DiagramNode) -> dict[str, object]:
-    """A node as plain data."""
+    """Return a node and its descendants as JSON data."""
     return {
         "uid": node.uid,
         "id": node.id,

@@ -1,4 +1,4 @@
-"""``btcore stats``: what a log says of each node."""
+"""``btcore stats``: print statistics of each node in a log."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -20,48 +20,48 @@ from btcore.logs import (
 from btcore.status import FAILURE, SUCCESS
 
 SLOWEST: Final = 3
-"""How many leaves are named under the table."""
+"""The number of leaves that are listed under the table."""
 
 _ORDERS: Final[dict[str, Callable[[RecordedStatistics], Any]]] = {
-    "total": lambda one: one.total,
-    "mean": lambda one: one.mean,
-    "max": lambda one: one.longest,
-    "count": lambda one: one.results + one.halted,
-    "failures": lambda one: one.failure,
+    "total": lambda row: row.total,
+    "mean": lambda row: row.mean,
+    "max": lambda row: row.longest,
+    "count": lambda row: row.results + row.halted,
+    "failures": lambda row: row.failure,
 }
 
 
-@click.command(short_help="Count what a log's nodes did, and for how long.")
+@click.command(short_help="Print statistics of the nodes in a log.")
 @click.argument("log", metavar="LOG")
 @click.option(
     "--sort",
     type=click.Choice(["tree", *_ORDERS]),
     default="tree",
     show_default=True,
-    help="By what the nodes are ordered, the largest first; tree: from the root on.",
+    help="Sort by this column, the largest value first; 'tree' is the order of the tree, from the root.",
 )
-@click.option("--top", type=click.IntRange(min=1), metavar="N", help="Show only the first N.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--top", type=click.IntRange(min=1), metavar="N", help="Show only the first N nodes.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
-    """Count what each node of LOG did: results, share of success, and the time it was RUNNING.
+    """Print statistics of each node in LOG: results, success rate, and the time in RUNNING.
 
-    LOG is a .btlog, an SQLite log (.db3, .btdb; its last session, or FILE.db3#2 for session 2) or
-    a format-3 .fbl. A node that comes to its result at once is never RUNNING, and takes no time.
-    A file that was cut off counts up to the cut.
+    LOG is a .btlog file, an SQLite file (.db3 or .btdb; the last session, or FILE.db3#2 for session 2) or a
+    .fbl file of format 3. A truncated file is read up to the point of truncation. A node that returns its
+    result in the tick in which it starts is never RUNNING; its time is 0.
     """
     recording = read_log(log)
-    for remark in recording.warnings:
-        terminal.print_warning(remark)
-    found = recorded_statistics(recording)
-    shown = found if sort == "tree" else sorted(found, key=_ORDERS[sort], reverse=True)
+    for warning in recording.warnings:
+        terminal.print_warning(warning)
+    rows = recorded_statistics(recording)
+    ordered = rows if sort == "tree" else sorted(rows, key=_ORDERS[sort], reverse=True)
     if as_json:
-        click.echo(json.dumps(_as_data(recording, shown[:top]), ensure_ascii=False, indent=2))
+        click.echo(json.dumps(_as_data(recording, ordered[:top]), ensure_ascii=False, indent=2))
         return
     length = (recording.end - recording.start) / NS_PER_S
-    head = f"{len(recording.transitions)} transitions of {len(found)} nodes in {length:.3f} s"
+    head = f"{len(recording.transitions)} transitions of {len(rows)} nodes in {length:.3f} s"
     terminal.stdout_console().print(Text.assemble((log, "bold"), "  ", head))
-    terminal.stdout_console().print(_table(shown[:top]))
-    slowest = _slowest(found)
+    terminal.stdout_console().print(_table(ordered[:top]))
+    slowest = _slowest(rows)
     if slowest:
         terminal.stdout_console().print(Text.assemble(("slowest leaves  ", "bold"), slowest))
 
@@ -71,32 +71,32 @@ def _table(rows: Sequence[RecordedStatistics]) -> Table:
     table.add_column("node", overflow="fold", ratio=1)
     for name in ("success", "failure", "skipped", "halted", "rate", "total s", "mean s", "max s"):
         table.add_column(name, justify="right", no_wrap=True)
-    for one in rows:
+    for row in rows:
         label = Text(
-            terminal.recorded_symbol(one.node.id, one.node.type) + " ",
-            style=terminal.KIND_STYLE.get(one.node.type, ""),
+            terminal.recorded_symbol(row.node.id, row.node.type) + " ",
+            style=terminal.KIND_STYLE.get(row.node.type, ""),
         )
-        label.append(one.path, style="" if one.results or one.runs else "dim")
-        if one.running:
+        label.append(row.path, style="" if row.results or row.runs else "dim")
+        if row.running:
             label.append(" ▶", style="bold yellow")
-        rate = "" if one.rate is None else f"{100 * one.rate:.0f} %"
-        times = [_seconds(ns) for ns in (one.total, one.mean, one.longest)] if one.runs else [""] * 3
+        rate = "" if row.rate is None else f"{100 * row.rate:.0f} %"
+        times = [_seconds(ns) for ns in (row.total, row.mean, row.longest)] if row.runs else [""] * 3
         table.add_row(
             label,
-            _count(one.success, terminal.STATUS_STYLE[SUCCESS]),
-            _count(one.failure, terminal.STATUS_STYLE[FAILURE]),
-            _count(one.skipped),
-            _count(one.halted),
+            _count(row.success, terminal.STATUS_STYLE[SUCCESS]),
+            _count(row.failure, terminal.STATUS_STYLE[FAILURE]),
+            _count(row.skipped),
+            _count(row.halted),
             rate,
             *times,
         )
     return table
 
 
-def _slowest(found: Sequence[RecordedStatistics]) -> str:
-    leaves = [one for one in found if not one.node.children and one.total]
-    leaves.sort(key=lambda one: one.total, reverse=True)
-    return ", ".join(f"{one.path} {_seconds(one.total)} s" for one in leaves[:SLOWEST])
+def _slowest(rows: Sequence[RecordedStatistics]) -> str:
+    leaves = [row for row in rows if not row.node.children and row.total]
+    leaves.sort(key=lambda row: row.total, reverse=True)
+    return ", ".join(f"{row.path} {_seconds(row.total)} s" for row in leaves[:SLOWEST])
 
 
 def _count(number: int, style: str = "") -> Text:
@@ -115,19 +115,19 @@ def _as_data(recording: Recording, rows: Sequence[RecordedStatistics]) -> dict[s
         "damage": recording.damage or None,
         "gaps": [{"before": gap.at + 1, "said": gap.reason} for gap in recording.gaps],
         "nodes": {
-            one.path: {
-                "id": one.node.id,
-                "success": one.success,
-                "failure": one.failure,
-                "skipped": one.skipped,
-                "halted": one.halted,
-                "rate": one.rate,
-                "runs": one.runs,
-                "total_s": one.total / NS_PER_S,
-                "mean_s": one.mean / NS_PER_S,
-                "max_s": one.longest / NS_PER_S,
-                "running": one.running,
+            row.path: {
+                "id": row.node.id,
+                "success": row.success,
+                "failure": row.failure,
+                "skipped": row.skipped,
+                "halted": row.halted,
+                "rate": row.rate,
+                "runs": row.runs,
+                "total_s": row.total / NS_PER_S,
+                "mean_s": row.mean / NS_PER_S,
+                "max_s": row.longest / NS_PER_S,
+                "running": row.running,
             }
-            for one in rows
+            for row in rows
         },
     }

@@ -1,4 +1,4 @@
-"""``btcore run --plan``: what the nodes give whose code isn't here."""
+"""``btcore run --plan``: the results of leaves that have no code because they come from ``--model``."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -20,11 +20,11 @@ def _parsed(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]
         name, _, letters = text.rpartition("=")
         if not name or not _LETTERS.fullmatch(letters):
             raise click.UsageError(
-                f"--plan '{text}' is no plan: write NAME=LETTERS, say Move=RRS|F; the letters are "
-                "R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED), and | stands between two starts."
+                f"--plan '{text}' is invalid: write NAME=LETTERS, for example Move=RRS|F; the letters are "
+                "R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); | separates the starts of the leaf."
             )
         if name in plans:
-            raise click.UsageError(f"--plan: '{name}' has two plans; give one.")
+            raise click.UsageError(f"--plan: '{name}' has more than one plan.")
         plans[name] = letters
     return plans
 
@@ -35,36 +35,49 @@ plan_option = click.option(
     multiple=True,
     callback=_parsed,
     metavar="NAME=LETTERS",
-    help="What a leaf of --model gives, by its name or ID: a letter a tick of R, S, F and K (skipped), a "
-    "| between starts, say Move=RRS|F; else SUCCESS. May be given several times.",
+    help="Results of a leaf from --model, given by its name or ID: one letter for each tick, R (RUNNING), "
+    "S (SUCCESS), F (FAILURE) or K (SKIPPED), and | between two starts, for example Move=RRS|F. Leaves "
+    "without a plan return SUCCESS. Repeatable.",
 )
 
 
 def check(plans: Mapping[str, str], examined: DocumentAnalysis) -> None:
-    """Raise :class:`click.UsageError` for a plan that no leaf without code follows."""
+    """Check that each plan applies to a leaf of the tree that has no code.
+
+    Args:
+        plans: The letters of each plan, by the name or ID of its leaf.
+        examined: The analysis of the tree's document.
+
+    Raises:
+        click.UsageError: There is no such leaf, or the plan of a condition contains ``|``.
+    """
     kinds = _leaves(examined) if plans else {}
     for name, letters in plans.items():
         if name not in kinds:
-            meant = nearest_name(name, kinds)
-            hint = "The tree has none." if not kinds else f"Those that it has: {join_names(kinds)}."
-            if meant is not None:
-                hint = f"Did you mean '{meant}'?"
-            raise click.UsageError(f"--plan {name}=…: the tree has no leaf '{name}' of a --model. {hint}")
+            nearest = nearest_name(name, kinds)
+            hint = (
+                f"Leaves from a --model: {join_names(kinds)}."
+                if kinds
+                else "It has no leaves from a --model."
+            )
+            if nearest is not None:
+                hint = f"Did you mean '{nearest}'?"
+            raise click.UsageError(f"--plan {name}=…: the tree has no leaf '{name}' from a --model. {hint}")
         if "|" in letters and kinds[name] is NodeType.CONDITION:
             raise click.UsageError(
-                f"--plan {name}={letters}: '{name}' is a condition, which takes one letter a tick and "
-                "never starts; leave out the |."
+                f"--plan {name}={letters}: '{name}' is a condition, which uses one letter for each tick and "
+                "has no starts; remove the |."
             )
 
 
 def _leaves(examined: DocumentAnalysis) -> dict[str, NodeType]:
-    """The leaves that follow plans, by name and by ID."""
-    found: dict[str, NodeType] = {}
+    """Return the types of the leaves that have no code, by name and by ID."""
+    leaves: dict[str, NodeType] = {}
     assert examined.main is not None
     for plan in reachable_plans(examined.planner, examined.main):
         for node in nodes_of(plan):
             manifest = node.manifest
             if manifest is not None and issubclass(manifest.cls, (StubAction, StubCondition)):
-                found.setdefault(node.name or node.id, manifest.type)
-                found.setdefault(node.id, manifest.type)
-    return found
+                leaves.setdefault(node.name or node.id, manifest.type)
+                leaves.setdefault(node.id, manifest.type)
+    return leaves

@@ -1,4 +1,4 @@
-"""``btcore run --substitute``: other nodes in the place of some, by the rules of BehaviorTree.CPP."""
+"""``btcore run --substitute``: replace nodes by BehaviorTree.CPP's substitution rules."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,33 +17,41 @@ substitute_option = click.option(
     multiple=True,
     type=click.Path(path_type=Path),
     metavar="FILE.json",
-    help="Substitution rules, as BehaviorTree.CPP's JSON: nodes that are replaced by others, or by a "
-    "TestNode; may be given several times.",
+    help="Replace nodes by other nodes or by a TestNode, as described by BehaviorTree.CPP's substitution "
+    "rules in a JSON file. Repeatable.",
 )
 
 
 def add_rules(nodes: Registry, files: Sequence[Path]) -> None:
-    """Give *nodes* the rules of *files*. Raises :class:`click.UsageError` for a file that has none."""
+    """Add the substitution rules in *files* to a registry.
+
+    Args:
+        nodes: The registry.
+        files: The JSON files of the rules.
+
+    Raises:
+        click.UsageError: A file cannot be read, or contains invalid rules.
+    """
     for file in files:
         try:
             load_substitution_rules(nodes, file)
-        except OSError as fault:
-            raise click.UsageError(f"--substitute {file}: it can't be read: {fault.strerror}.") from fault
-        except UnicodeDecodeError as fault:
-            raise click.UsageError(f"--substitute {file}: it is no text in UTF-8.") from fault
-        except SubstitutionError as fault:
-            raise click.UsageError(f"--substitute {file}: {fault}.") from fault
+        except OSError as error:
+            raise click.UsageError(f"--substitute {file}: cannot read the file: {error.strerror}.") from error
+        except UnicodeDecodeError as error:
+            raise click.UsageError(f"--substitute {file}: the file is not text in UTF-8.") from error
+        except SubstitutionError as error:
+            raise click.UsageError(f"--substitute {file}: {error}.") from error
 
 
 def warn_unused_rules(tree: Tree) -> None:
-    """Warn of the rules that no node of *tree* is met by."""
+    """Print a warning if substitution rules match no node of *tree*."""
     rules = tree.registry.substitutions.values()
     configs = [node.config for node in tree.nodes] if rules else []
-    idle = [rule.filter for rule in rules if not any(rule.matches(config) for config in configs)]
-    if not idle:
+    unused = [rule.filter for rule in rules if not any(rule.matches(config) for config in configs)]
+    if not unused:
         return
     names = [name for config in configs for name in (config.id, config.name, config.path)]
-    rules_say = "the rule" if len(idle) == 1 else "the rules"
-    said = f"--substitute: no node is met by {rules_say} {join_names([repr(one) for one in idle])}"
-    meant = nearest_name(idle[0], names)
-    terminal.print_warning(f"{said}; did you mean '{meant}'?" if meant is not None else said)
+    rules_match = "the rule {} matches" if len(unused) == 1 else "the rules {} match"
+    message = f"--substitute: {rules_match.format(join_names(map(repr, unused)))} no node"
+    nearest = nearest_name(unused[0], names)
+    terminal.print_warning(f"{message}; did you mean '{nearest}'?" if nearest is not None else message)

@@ -1,4 +1,4 @@
-"""How things look in a terminal: statuses, node kinds, diagnostics."""
+"""Printing on the terminal: styles of statuses and nodes, diagnostics, errors and warnings."""
 
 import os
 from collections.abc import Iterable
@@ -48,94 +48,105 @@ _KIND_SIGN: Final = {
 
 
 def stdout_console() -> Console:
-    """The console for what was asked for: stdout. In a pipe or a file, lines may be long."""
+    """Return the console for results, on stdout."""
     console = Console(highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
-        console.width = 140
+        console.width = 140  # in a pipe or a file rich would assume 80, which is too narrow for the tables
     return console
 
 
 def stderr_console() -> Console:
-    """The console for progress and mistakes: stderr."""
+    """Return the console for progress and errors, on stderr."""
     return Console(stderr=True, highlight=False)
 
 
 def node_symbol(symbol: str, kind: NodeType) -> str:
-    """The sign for a node: that of its class's *symbol*, else that of its *kind*."""
+    """Return the character for a node in drawings.
+
+    Args:
+        symbol: The symbol that the node's class declares, or "". Only its first character is used.
+        kind: The node type, whose symbol is used by default.
+    """
     return symbol[:1] or _KIND_SIGN.get(kind, "▪")
 
 
 def recorded_symbol(node_id: str, kind: NodeType) -> str:
-    """The sign for a node of a log, which knows the ID and the kind alone."""
+    """Return the character for a node in a log, which contains no classes.
+
+    Args:
+        node_id: The registration ID; the class is known if it is the ID of a built-in node.
+        kind: The node type.
+    """
     cls = BUILTIN_NODES[4].get(node_id) or BUILTIN_NODES[3].get(node_id)
     return node_symbol("" if cls is None else cls.node_symbol, kind)
 
 
 def format_status(value: Status) -> Text:
-    """A status as sign and word, in its colour."""
+    """Return the symbol and the name of a status, in its colour."""
     return Text(f"{STATUS_SIGN[value]} {value.name}", style=STATUS_STYLE[value])
 
 
-def format_diagnostic(one: Diagnostic) -> Text:
-    """A diagnostic as people read it: place, code, sentence, the line with carets, the hint."""
-    colour = "red" if one.is_error else "yellow"
+def format_diagnostic(diagnostic: Diagnostic) -> Text:
+    """Return the place, code and message of a diagnostic, its source line with carets, and its hint."""
+    colour = "red" if diagnostic.is_error else "yellow"
     text = Text()
-    text.append(f"{one.where}: ", style="bold")
-    text.append(f"{one.code} ", style=f"bold {colour}")
-    text.append(one.message)
-    if one.source and one.line:
-        for line in excerpt(one.source, one.line, one.column, one.width).split("\n"):
+    text.append(f"{diagnostic.where}: ", style="bold")
+    text.append(f"{diagnostic.code} ", style=f"bold {colour}")
+    text.append(diagnostic.message)
+    if diagnostic.source and diagnostic.line:
+        lines = excerpt(diagnostic.source, diagnostic.line, diagnostic.column, diagnostic.width)
+        for line in lines.split("\n"):
             carets = not line.strip(" |^") and "^" in line
             text.append("\n")
             text.append(line, style=f"bold {colour}" if carets else "dim")
-    if one.hint:
-        text.append("\n      " + one.hint, style="italic")
+    if diagnostic.hint:
+        text.append("\n      " + diagnostic.hint, style="italic")
     return text
 
 
-def print_diagnostics(found: Iterable[Diagnostic]) -> None:
-    """Print diagnostics on stderr, an empty line between them."""
+def print_diagnostics(diagnostics: Iterable[Diagnostic]) -> None:
+    """Print diagnostics on stderr, separated by empty lines."""
     console = stderr_console()
-    for number, one in enumerate(found):
+    for number, diagnostic in enumerate(diagnostics):
         if number:
             console.print()
-        console.print(format_diagnostic(one), soft_wrap=True)
+        console.print(format_diagnostic(diagnostic), soft_wrap=True)
 
 
 def print_error(message: str) -> None:
-    """Print one sentence as an error, on stderr."""
+    """Print an error on stderr."""
     stderr_console().print(Text.assemble(("error: ", "bold red"), message), soft_wrap=True)
 
 
 def print_warning(message: str) -> None:
-    """Print one sentence as a warning, on stderr."""
+    """Print a warning on stderr."""
     stderr_console().print(Text.assemble(("warning: ", "bold yellow"), message), soft_wrap=True)
 
 
 def print_labelled(word: str, rest: str) -> None:
-    """Print that something happened, on stderr."""
+    """Print *rest* after the bold *word*, on stderr."""
     stderr_console().print(Text.assemble((word, "bold"), " ", rest), soft_wrap=True)
 
 
-def print_notes(sentences: Iterable[str]) -> None:
-    """Print what may help besides, on stderr."""
-    for sentence in sentences:
-        stderr_console().print(Text.assemble(("note: ", "bold"), sentence), soft_wrap=True)
+def print_notes(notes: Iterable[str]) -> None:
+    """Print notes on stderr, which follow an error or a warning."""
+    for note in notes:
+        stderr_console().print(Text.assemble(("note: ", "bold"), note), soft_wrap=True)
 
 
-def print_btcore_error(found: BtcoreError) -> None:
-    """Print what is wrong with a user's things, and the notes added to it, on stderr."""
-    if isinstance(found, TreeError):
-        print_diagnostics(found.diagnostics)
+def print_btcore_error(error: BtcoreError) -> None:
+    """Print *error*, or all its diagnostics, and its notes on stderr."""
+    if isinstance(error, TreeError):
+        print_diagnostics(error.diagnostics)
     else:
-        print_error(str(found))
-    print_notes(getattr(found, "__notes__", ()))
+        print_error(str(error))
+    print_notes(getattr(error, "__notes__", ()))
 
 
 def print_click_error(exception: click.ClickException) -> None:
-    """Print what a user did wrong on the command line, and where the options are explained."""
+    """Print an error of the command line on stderr, with a reference to the command's help."""
     message = exception.format_message()
     print_error(message[:1].lower() + message[1:])
     context = getattr(exception, "ctx", None)
     if isinstance(exception, click.UsageError) and context is not None:
-        stderr_console().print(f"       '{context.command_path} --help' lists what it takes.", style="dim")
+        stderr_console().print(f"       Try '{context.command_path} --help' for help.", style="dim")

@@ -1,9 +1,9 @@
-"""Ticking at a fixed rate on the tree's clock, until something ends it.
+"""Ticking a tree at a fixed rate on its clock, until the run ends.
 
-Ticks are due on a grid of 1/rate from the start; a node that wants one earlier (its delay is
-over, a thread woke the tree) gets it, and the grid stays. Ctrl-C, SIGTERM and the closing of the
-terminal (SIGHUP) end the run between two ticks, so that the tree is halted in order; a second one
-breaks the tick off.
+Ticks are due at multiples of 1/rate from the start. If a node needs an earlier tick, because its delay has
+elapsed or a thread has woken the tree, an additional tick takes place; the due times do not change. Ctrl-C,
+SIGTERM and SIGHUP (the terminal was closed) end the run between two ticks, so that the tree is halted as
+usual; a second signal interrupts the tick.
 """
 
 import signal
@@ -21,7 +21,7 @@ Until = Literal["done", "success", "failure", "never"]
 EndReason = Literal["done", "duration", "interrupted", "saved"]
 
 POLL_INTERVAL_S: Final = 0.05
-"""The longest time (s) without a look at whether the file was saved."""
+"""The longest time (s) between two checks whether the file was saved."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "done": (Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.IDLE),
@@ -32,12 +32,20 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
 
 
 class TickLoop:
-    """The loop of one run, whose *tree* may be exchanged between two calls of it.
+    """The tick loop of a run. The attribute `tree` may be replaced between two calls of `run`.
 
-    *rate* is in Hz, *duration* in s of the tree's clock (None = no limit). *on_tick* is called
-    after every tick with its result; *saved*, if given, between ticks: when it is true the loop ends.
-    *fast* says that the clock jumps, or runs as fast as it goes. Afterwards *late* counts the ticks
-    that were due while an earlier one was still under way, and were left out.
+    Args:
+        tree: The tree to tick.
+        rate: Ticks per second of the tree's clock (Hz).
+        duration: The limit of the run in s of the tree's clock, or None.
+        until: The result of the tree that ends the run.
+        on_tick: Called with the tree's status after every tick.
+        saved: Called between ticks; the loop ends when it returns True.
+        fast: Whether the tree's clock is simulated instead of real.
+
+    Attributes:
+        status: The tree's status after the last tick.
+        late: The number of ticks that were skipped because an earlier tick was still in progress.
     """
 
     def __init__(
@@ -65,11 +73,11 @@ class TickLoop:
 
     @property
     def elapsed(self) -> int:
-        """How long (ns of the tree's clock) the run has taken so far."""
+        """The time since the start of the run, in ns of the tree's clock."""
         return self.tree.clock.now() - self.start
 
     def run(self) -> EndReason:
-        """Tick until the tree's status, the duration, a save or a signal ends it, and say which did."""
+        """Tick until the tree's status, the duration, a save or a signal ends the loop; return the reason."""
         due = self.tree.clock.now()
         while True:
             self.status = self.tree.tick_once()
@@ -92,10 +100,10 @@ class TickLoop:
                 return "saved"
 
     def wait_for_save(self) -> EndReason:
-        """Tick no more until the duration, a save or a signal ends that.
+        """Wait without ticking until the duration, a save or a signal ends the wait; return the reason.
 
-        Real time goes on, and a world with it. With *fast* nothing is left to happen: the clock goes to
-        the end of the duration, or stands still if there is none.
+        In real time the clock, and a world that owns it, keep running. In simulated time nothing can happen
+        any more: the clock advances to the end of the duration at once, or stands still without a duration.
         """
         while not self._stop:
             now = self.tree.clock.now()
@@ -120,7 +128,7 @@ class TickLoop:
             context.doze(POLL_INTERVAL_S)
 
     def _wait(self, moment: int) -> bool:
-        """Wait until *moment*, or less: until woken, stopped or (the answer) the file is saved."""
+        """Wait until *moment*, a wake-up, a stop or a save; return whether the file was saved."""
         saved = self.saved is not None and self.saved()
         self._waiting = True
         while not (self._stop or saved):
@@ -135,26 +143,29 @@ class TickLoop:
 
     @contextmanager
     def signals(self) -> Iterator[None]:
-        """What ends a process ends the loop instead, where the thread may say so."""
+        """Return a context in which SIGINT, SIGTERM and SIGHUP end the loop instead of the process.
+
+        Outside the main thread, where Python allows no signal handlers, the context has no effect.
+        """
         if threading.current_thread() is not threading.main_thread():
             yield
             return
         numbers = [signal.SIGINT, signal.SIGTERM]
-        # nohup asks to outlive the terminal; and not every system has one to close.
+        # Windows has no SIGHUP; nohup sets it to SIG_IGN, so that the run survives the terminal.
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
             numbers.append(signal.SIGHUP)
-        before = [(number, signal.signal(number, self._heard)) for number in numbers]
+        before = [(number, signal.signal(number, self._handle_signal)) for number in numbers]
         try:
             yield
         finally:
             for number, handler in before:
                 signal.signal(number, handler)
 
-    def _heard(self, number: int, frame: FrameType | None) -> None:
+    def _handle_signal(self, number: int, frame: FrameType | None) -> None:
         if self._stop:
             raise KeyboardInterrupt
         self._stop = True
-        # The handler may have interrupted the very lines that hold a lock.
+        # In threads, since the handler may have interrupted code that holds the locks that these calls need.
         threading.Thread(target=self._leave_breakpoint, daemon=True).start()
         if self._waiting:
             threading.Thread(target=self.tree.context.wake_up, daemon=True).start()

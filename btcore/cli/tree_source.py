@@ -1,4 +1,4 @@
-"""How a run makes its tree: once, or whenever its file is saved."""
+"""The source of a run's tree: its file, read at the start and, with ``--watch``, after each save."""
 
 import time
 from collections.abc import Sequence
@@ -15,40 +15,49 @@ from btcore.xml.read.document import parse_file
 
 
 class CheckedSource(NamedTuple):
-    """A document without errors, and the nodes that it was examined with."""
+    """The analysis of a document without errors, and the registry that it was analysed with."""
 
     examined: DocumentAnalysis
     nodes: Registry
 
 
 class TreeSource:
-    """The file *path*, which of its trees, and the nodes for it: those *found*, and those of *models*.
+    """The file of a tree, and how to read it.
 
-    *format* (3 or 4) overrides what the file says.
+    Args:
+        path: The XML file.
+        tree: The ID of the tree; None for the file's main tree.
+        libraries: The available nodes.
+        models: Files with a TreeNodesModel, whose nodes have no code.
+        format: The XML format (3 or 4); None for the file's own.
     """
 
     def __init__(
         self,
         path: Path,
         tree: str | None,
-        found: NodeLibraries,
+        libraries: NodeLibraries,
         models: Sequence[Path],
         format: int | None = None,
     ) -> None:
         self.path = path
         self.tree = tree
         self.format = format
-        self.found = found
+        self.libraries = libraries
         self.without_code = bool(models)
-        node_models.add_node_models(found.nodes, models)
+        node_models.add_node_models(libraries.nodes, models)
 
     def read(self) -> CheckedSource:
-        """The file as it is now. Raises TreeError."""
-        with self.found.annotate_errors():
+        """Read and check the file.
+
+        Raises:
+            TreeError: The file has an error.
+        """
+        with self.libraries.annotate_errors():
             document = parse_file(self.path)
-            nodes = self.found.nodes
+            nodes = self.libraries.nodes
             if self.without_code:
-                # A saved file may give the ports of an explicit tag anew.
+                # A copy, since the saved file may declare other ports for the same explicit tag.
                 nodes = nodes.copy()
                 node_models.add_document_nodes(nodes, [document])
             examined = analyse_document(document, nodes, self.tree, self.format)
@@ -57,7 +66,10 @@ class TreeSource:
 
 
 class SaveWatcher:
-    """Tells that a tree's file, or one that it includes, was saved. To be asked often: it looks rarely."""
+    """Detects that a tree's file, or a file that it includes, was saved.
+
+    Calling it is cheap: it looks at the files only once every `POLL_INTERVAL_S` seconds.
+    """
 
     def __init__(self, path: Path) -> None:
         self._watch = FileWatcher(path)
@@ -65,7 +77,10 @@ class SaveWatcher:
         self._written = False
 
     def __call__(self) -> bool:
-        """Whether there is something new, once, as soon as a look finds the writing over."""
+        """Return True once after each save, when the file did not change between two looks.
+
+        Waiting for a second look avoids reading a file that an editor is still writing.
+        """
         now = time.monotonic()
         if now < self._next:
             return False

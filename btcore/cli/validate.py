@@ -1,4 +1,4 @@
-"""``btcore validate``: every fault of some trees, each with its place."""
+"""``btcore validate``: report all errors and warnings in tree files."""
 
 import json
 from collections.abc import Sequence
@@ -23,9 +23,13 @@ from btcore.xml.read.document import parse_file
 
 
 class ValidationOptions(NamedTuple):
-    """What is asked of each file: which *tree*, in which *format*, on a blackboard that holds *given*.
+    """How to check each file.
 
-    Nodes that explicit tags name are good *without_code* too, if that is set.
+    Attributes:
+        tree: The ID of the tree; None for the main tree.
+        format: The XML format (3 or 4); None for the file's own.
+        given: The blackboard keys that the program sets before the first tick.
+        without_code: Whether nodes in explicit tags, such as ``<Action ID="Move"/>``, need no code.
     """
 
     tree: str | None
@@ -34,7 +38,7 @@ class ValidationOptions(NamedTuple):
     without_code: bool
 
 
-@click.command(short_help="Find every fault in trees, with file, line and column.")
+@click.command(short_help="Check trees, and report all errors and warnings.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…")
 @node_libraries.plugin_option
 @node_models.model_option
@@ -45,10 +49,10 @@ class ValidationOptions(NamedTuple):
     "given",
     multiple=True,
     metavar="KEY",
-    help="A key that the program writes before the first tick; may be given several times.",
+    help="Assume that the program sets the blackboard key KEY before the first tick. Repeatable.",
 )
-@click.option("--strict", is_flag=True, help="Warnings count as errors.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--strict", is_flag=True, help="Treat warnings as errors.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def validate(
     sources: Sequence[str],
     plugins: Sequence[str],
@@ -59,64 +63,69 @@ def validate(
     strict: bool,
     as_json: bool,
 ) -> int:
-    """Check trees: files, names of trees that come with btcore, or folders of XML files.
+    """Report all errors and warnings in trees, each with file, line and column.
 
-    Exits with 0 when they can be run, 2 when one can't.
+    Arguments are XML files, names of trees that are bundled with btcore, and folders: all .xml files in a
+    folder and its subfolders are checked.
+
+    \b
+    Exit codes:
+      0  no errors
+      2  errors, or with --strict warnings
     """
-    nodes = node_libraries.load_libraries(plugins)
+    libraries = node_libraries.load_libraries(plugins)
     files = [file for source in sources for file in _files(source)]
-    node_models.add_node_models(nodes.nodes, models)
-    asked = ValidationOptions(tree, format, given, without_code=bool(models))
-    found = [one for file in files for one in _check(file, nodes.nodes, asked)]
-    errors = [one for one in found if one.is_error]
-    warnings = [one for one in found if not one.is_error]
-    good = not errors and not (strict and warnings)
+    node_models.add_node_models(libraries.nodes, models)
+    options = ValidationOptions(tree, format, given, without_code=bool(models))
+    diagnostics = [item for file in files for item in _check(file, libraries.nodes, options)]
+    errors = [item for item in diagnostics if item.is_error]
+    warnings = [item for item in diagnostics if not item.is_error]
+    valid = not errors and not (strict and warnings)
     if as_json:
-        click.echo(
-            json.dumps({"ok": good, "files": len(files), "diagnostics": [_as_data(one) for one in found]})
-        )
+        data = {"ok": valid, "files": len(files), "diagnostics": list(map(_as_data, diagnostics))}
+        click.echo(json.dumps(data))
     else:
-        _print(errors, warnings, len(files), good)
-        terminal.print_notes(nodes.missing_library_notes(found))
-    return ExitCode.SUCCESS if good else ExitCode.USER_ERROR
+        _print(errors, warnings, len(files), valid)
+        terminal.print_notes(libraries.missing_library_notes(diagnostics))
+    return ExitCode.SUCCESS if valid else ExitCode.USER_ERROR
 
 
 def _files(source: str) -> list[Path]:
-    """The files that *source* means."""
+    """Return the XML files that the argument *source* selects."""
     if not Path(source).is_dir():
         return [trees.find(source)]
     files = sorted(Path(source).rglob("*.xml"))
     if not files:
-        raise click.UsageError(f"the folder '{source}' holds no XML file.")
+        raise click.UsageError(f"the folder '{source}' contains no XML file.")
     return files
 
 
-def _check(file: Path, nodes: Registry, asked: ValidationOptions) -> list[Diagnostic]:
-    """What is wrong with *file*."""
+def _check(file: Path, nodes: Registry, options: ValidationOptions) -> list[Diagnostic]:
+    """Return the diagnostics of *file*."""
     try:
         document = parse_file(file)
-    except TreeError as fault:
-        return list(fault.diagnostics)
-    if asked.without_code:
-        # Of this file alone: in another one the same tag may have other ports.
+    except TreeError as error:
+        return list(error.diagnostics)
+    if options.without_code:
+        # A copy for each file, since the same explicit tag may have other ports in another file.
         nodes = nodes.copy()
         node_models.add_document_nodes(nodes, [document])
     return validate_document(
         document,
         nodes=nodes,
-        tree=asked.tree,
-        format=asked.format,
-        given=[remapped_key(one, one) or one for one in asked.given],
+        tree=options.tree,
+        format=options.format,
+        given=[remapped_key(key, key) or key for key in options.given],
     )
 
 
-def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, good: bool) -> None:
-    """Errors, then warnings, then the count of both."""
+def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, valid: bool) -> None:
+    """Print the errors, the warnings, and their numbers."""
     console = terminal.stdout_console()
-    for one in (*errors, *warnings):
-        console.print(terminal.format_diagnostic(one), soft_wrap=True)
+    for diagnostic in (*errors, *warnings):
+        console.print(terminal.format_diagnostic(diagnostic), soft_wrap=True)
         console.print()
-    mark = Text("✔ ", style="bold green") if good else Text("✘ ", style="bold red")
+    mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
     mark.append(
         ", ".join(
             [_counted(files, "file"), _counted(len(errors), "error"), _counted(len(warnings), "warning")]
@@ -130,16 +139,16 @@ def _counted(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
-def _as_data(one: Diagnostic) -> dict[str, object]:
-    """A diagnostic as plain data."""
+def _as_data(diagnostic: Diagnostic) -> dict[str, object]:
+    """Return *diagnostic* as JSON data."""
     return {
-        "code": one.code,
-        "severity": one.code.severity,
-        "documentation": one.code.documentation,
-        "message": one.message,
-        "file": one.file,
-        "line": one.line,
-        "column": one.column,
-        "width": one.width,
-        "hint": one.hint,
+        "code": diagnostic.code,
+        "severity": diagnostic.code.severity,
+        "documentation": diagnostic.code.documentation,
+        "message": diagnostic.message,
+        "file": diagnostic.file,
+        "line": diagnostic.line,
+        "column": diagnostic.column,
+        "width": diagnostic.width,
+        "hint": diagnostic.hint,
     }
