@@ -81,9 +81,8 @@ def _headline(divergence: Divergence) -> str:
         ended, other = ("A", "B") if first is None else ("B", "A")
         return f"{headline}: {ended} ends, {other} continues"
     if divergence.by_time:
-        return (
-            f"{headline}: the next transitions are {abs(first.since - second.since) / NS_PER_S:.6f} s apart"
-        )
+        apart = abs(first.since - second.since) / NS_PER_S
+        return f"{headline}: the next transition is the same, but {apart:.6f} s apart"
     return headline
 
 

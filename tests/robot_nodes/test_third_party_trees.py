@@ -23,7 +23,7 @@ def btcore_run(name: str, *options: str) -> Result:
     arguments = ["run", name, "--camera", "off", "--fast", *options]
     done = CliRunner().invoke(main, arguments, prog_name="btcore")
     assert "Traceback" not in done.stderr
-    assert "btcore itself failed" not in done.stderr
+    assert "internal error" not in done.stderr
     return done
 
 

@@ -71,7 +71,7 @@ def test_options_are_handed_on(cli: Cli, tmp_path: Path) -> None:
 def test_one_whose_library_is_missing_says_so_and_the_others_run(cli: Cli) -> None:
     result = cli("bench", "lacking", "telling")
     assert result.exit_code == 0
-    assert "'lacking' was not run: the module 'no_such_thing' isn't installed" in words(result)
+    assert "'lacking' was not run: the module 'no_such_thing' is not installed" in words(result)
     assert "telling: ours / theirs 3 2.9 – 3.25 ≥ 2 ✓" in words(result)
 
 

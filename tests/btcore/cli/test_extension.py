@@ -151,9 +151,9 @@ class NeedsAnArgument(RunExtension):
         (Misspelled, "unknown hook 'replce_tree' (did you mean 'replace_tree'?)"),
         (WithoutAttach, "missing hook 'attach'. The hooks are described in"),
         (Renamed, "unknown hook 'atach' (did you mean 'attach'?)"),
-        (Shortened, "hook 'provide' has to be a method that takes (settings, wanted, provided)"),
+        (Shortened, "hook 'provide' must be a method that takes (settings, wanted, provided)"),
         (Lacking, "missing hook 'attach'; missing hook 'is_fallback'; missing hook 'on_interrupt'"),
-        (WithTexts, "hook 'options' has to be a sequence of click.Option"),
+        (WithTexts, "hook 'options' must be a sequence of click.Option"),
         (NeedsAnArgument, "creating it raised TypeError: "),
     ],
     ids=lambda value: value.__name__ if isinstance(value, type) else "",
@@ -165,6 +165,6 @@ def test_an_extension_that_breaks_the_protocol_is_named(
     offer(extension)
     done = cli(command, tree_file("<AlwaysSuccess/>"))
     assert done.exit_code == 2
-    assert "the extension 'rover' of the distribution 'rover-driver' can't be used: " in done.stderr
+    assert "the extension 'rover' of the distribution 'rover-driver' cannot be used: " in done.stderr
     assert said in " ".join(done.stderr.split())
     assert "Traceback" not in done.stderr

@@ -79,12 +79,12 @@ def test_a_run_goes_by_plans_for_names_and_for_ids(
     ("plans", "said"),
     [
         (["Hual=S"], "Did you mean 'Haul'?"),
-        (["Sequence=S"], "Those that it has: "),
+        (["Sequence=S"], "Leaves from a --model: "),
         (["Haul=X"], "the letters are R (RUNNING)"),
         (["Haul="], "write NAME=LETTERS"),
         (["Haul=S|"], "write NAME=LETTERS"),
         (["RRS"], "write NAME=LETTERS"),
-        (["Haul=S", "Haul=F"], "'Haul' has two plans"),
+        (["Haul=S", "Haul=F"], "'Haul' has more than one plan"),
         (["IsOk=S|F"], "'IsOk' is a condition"),
     ],
 )
@@ -100,7 +100,7 @@ def test_a_plan_that_nobody_can_follow_is_a_mistake(
 def test_a_plan_without_a_model_is_a_mistake(cli: Cli, tree_file: TreeFile) -> None:
     result = cli("run", tree_file("<AlwaysSuccess/>"), "--plan", "AlwaysSuccess=F", "--fast")
     assert result.exit_code == 2
-    assert "the tree has no leaf 'AlwaysSuccess' of a --model. The tree has none." in result.stderr
+    assert "the tree has no leaf 'AlwaysSuccess' from a --model. Leaves from a --model: none." in result.stderr
 
 
 @pytest.mark.parametrize("command", ["run", "show", "validate"])

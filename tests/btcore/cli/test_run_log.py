@@ -43,8 +43,8 @@ def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_f
         (["run.btlgo"], "did you mean run.btlog?"),
         (["run.fbl"], "it writes run.btlog"),
         (["nowhere/run.btlog"], "there is no folder nowhere"),
-        (["run.btlog", "./run.btlog"], "--log names './run.btlog' twice"),
-        (["-", "-"], "--log names '-' twice"),
+        (["run.btlog", "./run.btlog"], "--log './run.btlog' is given more than once"),
+        (["-", "-"], "--log '-' is given more than once"),
     ],
 )
 def test_a_log_that_cannot_be_is_a_mistake_before_the_first_tick(

@@ -117,7 +117,7 @@ def test_a_broken_tree_is_told_of_and_the_old_one_goes_on(
     running.until("blink                     IDLE -> RUNNING")
     tree_file('<Sequense name="second"/>')
     running.until("tree.xml:3:5: E101 unknown node <Sequense>")
-    running.until("tree.xml is broken: the tree from before goes on")
+    running.until("tree.xml has errors: the previous tree continues")
     so_far = sum("blink" in line for line in running.said)
     running.until("blink", so_far + 20)
     tree_file(SECOND.replace("n == 1", "true"))
@@ -145,9 +145,9 @@ def test_a_tree_that_is_done_waits_for_the_next_save(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     running = watched(tree_file("<AlwaysSuccess/>"))
-    running.until("waiting until tree.xml is saved")
+    running.until("waiting for a new version of tree.xml")
     tree_file("<AlwaysFailure/>")
-    running.until("✘ FAILURE  tree  tick 1  waiting until tree.xml is saved")
+    running.until("✘ FAILURE  tree  tick 1  waiting for a new version of tree.xml")
     assert running.end() == 130
     assert running.report()["status"] == "FAILURE"
 
@@ -156,7 +156,7 @@ def test_a_tree_that_raised_waits_for_its_repair(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     running = watched(tree_file('<ScriptCondition name="early" code="nobody == 1"/>'))
-    running.until("✘ RAISED  tree  tick 1  waiting until tree.xml is saved")
+    running.until("✘ RAISED  tree  tick 1  waiting for a new version of tree.xml")
     tree_file("<AlwaysSuccess/>")
     running.until("✔ SUCCESS  tree")
     assert running.end() == 130
@@ -183,9 +183,9 @@ def test_in_simulated_time_without_an_end_time_stands_still_until_the_next_save(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     running = watched(tree_file('<Sleep msec="250"/>'), "--fast")
-    running.until("waiting until tree.xml is saved")
+    running.until("waiting for a new version of tree.xml")
     tree_file('<Sleep msec="500"/>')
-    running.until("waiting until tree.xml is saved", 2)
+    running.until("waiting for a new version of tree.xml", 2)
     assert running.end() == 130
     assert running.report()["time_s"] == 0.75
 
@@ -240,8 +240,8 @@ def test_a_tree_that_asks_for_what_the_run_does_not_have_is_broken(
     running = watched(tree_file(FIRST), "--plugin", plugin)
     running.until("first                     IDLE -> RUNNING")
     tree_file("<Dive/>")
-    running.until("note: what leaves ask for is made when a run begins: begin another one for this tree")
-    running.until("the tree from before goes on")
+    running.until("note: resources are created only at the start of a run: start a new run for this tree")
+    running.until("the previous tree continues")
 
 
 def test_an_explicit_tag_may_get_other_ports(
@@ -250,7 +250,7 @@ def test_an_explicit_tag_may_get_other_ports(
     model = tmp_path / "model.xml"
     model.write_text('<root><TreeNodesModel><Action ID="Other"/></TreeNodesModel></root>')
     running = watched(tree_file('<Action ID="Haul" name="old" goal="a"/>'), "--model", model)
-    running.until("waiting until tree.xml is saved")
+    running.until("waiting for a new version of tree.xml")
     tree_file('<Action ID="Haul" name="new" goal="a" speed="2"/>')
     running.until("new                       IDLE -> SUCCESS")
 

@@ -134,9 +134,9 @@ def test_svg_goes_into_a_file_and_nothing_to_stdout(cli: Cli, file: Path, tmp_pa
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--svg", "no/such/folder.svg"], "'no/such/folder.svg' can't be written"),
-        (["--svg", "tree.svg", "--json"], "--svg and --json are two answers"),
-        (["--svg", "tree.svg", "--data"], "--svg and --data are two answers"),
+        (["--svg", "no/such/folder.svg"], "cannot write 'no/such/folder.svg'"),
+        (["--svg", "tree.svg", "--json"], "--svg and --json cannot be used together"),
+        (["--svg", "tree.svg", "--data"], "--svg and --data cannot be used together"),
         (["--svg", "."], "is a directory"),
     ],
 )

@@ -87,7 +87,7 @@ def test_what_is_no_log_is_a_sentence_and_exit_code_2(
 
 def test_the_same_run_in_two_formats_is_the_same(cli: Cli) -> None:
     result = cli("diff", BTLOG, DB3, "--times", "0.001")
-    assert (result.exit_code, result.stdout) == (0, "the same: 57 transitions\n")
+    assert (result.exit_code, result.stdout) == (0, "no difference: 57 transitions\n")
 
 
 def test_two_runs_of_a_tree_are_compared_by_what_their_nodes_did(cli: Cli, tree_file: TreeFile) -> None:
@@ -100,7 +100,7 @@ def test_two_runs_of_a_tree_are_compared_by_what_their_nodes_did(cli: Cli, tree_
     longer = cli("diff", "a.btlog", "c.btlog", "--context", "2")
     assert longer.exit_code == 1
     lines = longer.stdout.splitlines()
-    assert lines[0] == "the runs part after 7 common transitions"
+    assert lines[0] == "the runs differ after 7 common transitions"
     assert [line[:2].strip() for line in lines[1:]] == ["", "", "A", "A", "B", "B", "B"]
     assert "SUCCESS" in lines[3]
     assert "RUNNING" in lines[5]
@@ -122,8 +122,8 @@ def test_a_run_that_ends_earlier_and_trees_that_differ_are_said(cli: Cli, tmp_pa
     (tmp_path / "cut.btlog").write_bytes(BTLOG.read_bytes()[:-18])
     result = cli("diff", "cut.btlog", BTLOG)
     assert result.exit_code == 1
-    assert "after 55 common transitions: A ends, and B goes on" in result.stdout
+    assert "after 55 common transitions: A ends, B continues" in result.stdout
     assert "(the end of cut.btlog)" in result.stdout
     other = cli("diff", BTLOG, FBL)
     assert other.exit_code == 1
-    assert "only the tree of A has Script::2" in other.stderr
+    assert "only the tree of A contains Script::2" in other.stderr

@@ -55,13 +55,13 @@ def test_a_rule_that_no_node_is_met_by_is_told_of(
     result = cli("run", tree_file('<AlwaysSuccess name="home"/>'), "--substitute", rules({"hom": "Sleep"}))
     assert result.exit_code == 0
     assert result.stderr.startswith(
-        "warning: --substitute: no node is met by the rule 'hom'; did you mean 'home'?\n"
+        "warning: --substitute: the rule 'hom' matches no node; did you mean 'home'?\n"
     )
 
 
 MISTAKES = {
-    "no file": (None, "rules.json: it can't be read: No such file or directory."),
-    "no text": (b"\xff\xfe", "rules.json: it is no text in UTF-8."),
+    "no file": (None, "rules.json: cannot read the file: No such file or directory."),
+    "no text": (b"\xff\xfe", "rules.json: the file is not text in UTF-8."),
     "no JSON": (b"{", "rules.json: the substitution rules are no JSON: "),
     "no rules": (b"{}", "rules.json: the substitution rules lack the object 'SubstitutionRules'."),
     "a setting": (

@@ -48,7 +48,7 @@ def test_a_folder_without_trees_is_a_mistake(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     result = cli("validate", "empty")
     assert result.exit_code == 2
-    assert "holds no XML file" in result.stderr
+    assert "contains no XML file" in result.stderr
 
 
 def test_a_warning_refuses_only_when_strict(cli: Cli, tree_file: TreeFile) -> None:
@@ -147,4 +147,4 @@ def test_json_for_programs(cli: Cli, tree_file: TreeFile) -> None:
 def test_the_trees_that_come_with_btcore_are_good_without_their_libraries(cli: Cli) -> None:
     result = cli("validate", "bumpgo", "bumpgo_wide")
     # Without the robot's node library the nodes are unknown, and it is said which library is absent.
-    assert result.exit_code == 0 or "the node library 'robot_nodes' isn't there" in result.stderr
+    assert result.exit_code == 0 or "the node library 'robot_nodes' cannot be loaded" in result.stderr

@@ -148,7 +148,7 @@ def test_without_the_extra_it_says_what_to_install(
     result = sweep(tree("<AlwaysSuccess/>"), "--seeds", "3", "--format", "parquet")
     assert result.exit_code == 2
     said = " ".join(result.stderr.split())
-    assert f"'sweep' needs something more: the module '{module}' isn't installed" in said
+    assert f"'sweep' requires an optional dependency: the module '{module}' is not installed" in said
     assert "pip install 'btcore[sweep]'" in said
     assert not (folder / "tree.sweep").exists()
 
