@@ -55,11 +55,7 @@ def check(plans: Mapping[str, str], examined: DocumentAnalysis) -> None:
     for name, letters in plans.items():
         if name not in kinds:
             nearest = nearest_name(name, kinds)
-            hint = (
-                f"Leaves from a --model: {join_names(kinds)}."
-                if kinds
-                else "It has no leaves from a --model."
-            )
+            hint = f"Leaves from a --model: {join_names(kinds) or 'none'}."
             if nearest is not None:
                 hint = f"Did you mean '{nearest}'?"
             raise click.UsageError(f"--plan {name}=…: the tree has no leaf '{name}' from a --model. {hint}")

@@ -1,11 +1,12 @@
-"""``.btlog``: the file of BehaviorTree.CPP 4's FileLogger2, written and read (groot2.md §11).
+"""Writing and reading ``.btlog``, the file of BehaviorTree.CPP 4's FileLogger2.
 
-The magic word, one byte of protocol, the tree's XML behind its length, the first stamp in µs since
-1970; then nine bytes a transition: 48 bits of µs since the first stamp, the node's uid, its status.
-Little endian. There is no count and no end, so a file that was cut off is a shorter file.
+The format is that of src/loggers/bt_file_logger_v2.cpp. All numbers are little-endian. The file begins with a
+magic word, the protocol version (1 byte), the length and text of the tree's XML, and the first time stamp
+(µs since 1970). Each transition has nine bytes: the time since the first stamp (µs, 48 bits), the node's UID
+(16 bits), and its status (8 bits). There is no count and no end mark: a truncated file is a shorter log.
 
-It has no place for what a writer knows to be missing. That stands beside it, in ``FILE.btlog.gaps``: a
-line a gap, the number of transitions before it and a sentence.
+The format cannot express that transitions are missing. Known gaps are written to ``FILE.btlog.gaps``, a line
+for each gap with the number of transitions before it and the reason.
 """
 
 import os
@@ -29,6 +30,7 @@ from btcore.logs.recording import (
     Recording,
     TransitionCollector,
     parse_nodes,
+    truncation_message,
 )
 from btcore.status import Transition
 from btcore.tree.tree import Tree
@@ -40,15 +42,20 @@ EXTENSION: Final = ".btlog"
 
 _HEADER: Final = struct.Struct(f"<{len(MAGIC)}sBi")
 _FIRST_STAMP: Final = struct.Struct("<q")
-# The stamp's 48 bits as their low 32 and high 16.
+# The 48 bits of the stamp as the low 32 and the high 16 bits, then the UID and the status.
 _RECORD: Final = struct.Struct("<IHHB")
 
 
 class BtLogWriter:
-    """Such a file, being written; what was in it is gone.
+    """A writer of a ``.btlog`` file; an existing file is overwritten.
 
-    *xml* is the tree, *start* the first stamp (µs since 1970). Raises LogError: the extension isn't
-    ``.btlog``, or the file can't be written.
+    Args:
+        path: The file.
+        xml: The XML of the tree, in UTF-8.
+        start: The first time stamp (µs since 1970).
+
+    Raises:
+        LogError: The extension is not ``.btlog``, or the file cannot be written.
     """
 
     def __init__(self, path: Path, xml: bytes, start: int) -> None:
@@ -57,36 +64,49 @@ class BtLogWriter:
         self._count = 0
         self._file = create(path, _HEADER.pack(MAGIC, PROTOCOL, len(xml)) + xml + _FIRST_STAMP.pack(start))
         try:
-            _beside(path).unlink(missing_ok=True)
+            _gaps_file(path).unlink(missing_ok=True)
         except OSError as error:
             self._file.close()
             raise LogError(
-                f"{_beside(path)}: this is of an older log, and can't be removed: {error}"
+                f"{_gaps_file(path)}: cannot remove the gaps of the previous log: {error}"
             ) from None
 
     def append(self, records: Iterable[tuple[int, int, int]]) -> None:
-        """Append transitions: µs since the start, uid, status. Raises OSError."""
+        """Append transitions, given as the time since the start (µs), the UID and the status.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
         data = bytearray()
         for since, uid, status in records:
             data += _RECORD.pack(since & 0xFFFFFFFF, since >> 32, uid, status)
             self._count += 1
         write_whole(self._file, bytes(data))
 
-    def gap(self, said: str) -> None:
-        """Note, beside the file, what is missing before the next transition. Raises OSError."""
-        with _beside(self.path).open("a", encoding="utf-8") as file:
-            file.write(f"{self._count} {' '.join(said.split())}\n")
+    def gap(self, reason: str) -> None:
+        """Record that transitions are missing before the next transition, and the reason.
+
+        Raises:
+            OSError: The file of the gaps cannot be written.
+        """
+        with _gaps_file(self.path).open("a", encoding="utf-8") as file:
+            file.write(f"{self._count} {' '.join(reason.split())}\n")
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
 
 
 class BtLog(Log):
-    """Writes the transitions of *tree* to *path*, as FileLogger2 does; what was in the file is gone.
+    """A log of a tree in a ``.btlog`` file, as FileLogger2 writes it; an existing file is overwritten.
 
-    *idle* false leaves out the transitions to IDLE. Raises LogError: the extension isn't ``.btlog``,
-    or the file can't be written.
+    Args:
+        tree: The tree.
+        path: The file.
+        idle: Whether to log transitions to IDLE.
+
+    Raises:
+        LogError: The extension is not ``.btlog``, or the file cannot be written.
     """
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str], *, idle: bool = True) -> None:
@@ -110,37 +130,36 @@ class BtLog(Log):
 
 
 def read_btlog(path: str | os.PathLike[str]) -> Recording:
-    """What the file *path* tells, up to where it was cut off or damaged, if it was.
+    """Read a ``.btlog`` file. A truncated or damaged file is read up to the damage.
 
-    Raises LogError if it can't be read, is no such log, or ends before its first transition could begin.
+    Raises:
+        LogError: The file cannot be read, is not a ``.btlog`` file, or ends within its header.
     """
     path = Path(path)
     data = read_bytes(path)
     if not data.startswith(MAGIC):
-        raise LogError(f"{path}: this isn't a {EXTENSION}, it doesn't begin with {MAGIC.decode()}")
+        raise LogError(f"{path}: this is not a {EXTENSION} file, it does not begin with {MAGIC.decode()}")
     if len(data) < _HEADER.size:
         raise LogError(f"{path}: this log ends in its header, after {len(data)} bytes")
     _, protocol, size = _HEADER.unpack_from(data)
     if protocol != PROTOCOL:
-        raise LogError(f"{path}: this log is of protocol {protocol}, and btcore reads protocol {PROTOCOL}")
+        raise LogError(
+            f"{path}: this log has protocol version {protocol}; btcore supports version {PROTOCOL}"
+        )
     first = _HEADER.size + size + _FIRST_STAMP.size
     if size < 0 or len(data) < first:
-        said = f"{len(data)} of {first} bytes" if size >= 0 else f"a tree of {size} bytes is announced"
-        raise LogError(f"{path}: this log ends in its header: {said}")
+        reason = f"{len(data)} of {first} bytes" if size >= 0 else f"the length of the tree is {size}"
+        raise LogError(f"{path}: this log ends in its header: {reason}")
     xml = data[_HEADER.size : _HEADER.size + size]
     nodes = parse_nodes(xml, str(path))
     (start,) = _FIRST_STAMP.unpack_from(data, _HEADER.size + size)
-    whole = first + (len(data) - first) // _RECORD.size * _RECORD.size
-    damage = ""
-    if whole < len(data):
-        damage = (
-            f"the file is cut off within a transition, {len(data) - whole} bytes after the last whole one"
-        )
+    complete = first + (len(data) - first) // _RECORD.size * _RECORD.size
+    damage = truncation_message(len(data) - complete)
     history = TransitionCollector()
-    for index, (low, high, uid, code) in enumerate(_RECORD.iter_unpack(data[first:whole])):
+    for index, (low, high, uid, code) in enumerate(_RECORD.iter_unpack(data[first:complete])):
         if uid not in nodes or code not in STATUSES:
-            what = f"status {code}" if uid in nodes else f"node {uid}"
-            damage = f"the file is damaged from byte {first + index * _RECORD.size} on: there is no {what}"
+            unknown = f"status {code}" if uid in nodes else f"node {uid}"
+            damage = f"the file is damaged from byte {first + index * _RECORD.size} on: unknown {unknown}"
             break
         history.add((start + low + (high << 32)) * NS_PER_US, uid, STATUSES[code])
     changes = history.changes
@@ -148,15 +167,15 @@ def read_btlog(path: str | os.PathLike[str]) -> Recording:
     return Recording(path, text, start * NS_PER_US, nodes, changes, damage, _gaps(path, len(changes)))
 
 
-def _beside(path: Path) -> Path:
+def _gaps_file(path: Path) -> Path:
     return path.with_name(f"{path.name}.gaps")
 
 
-def _gaps(path: Path, most: int) -> tuple[Gap, ...]:
-    """The gaps noted beside *path*, up to *most* transitions; what is no such line is passed over."""
+def _gaps(path: Path, count: int) -> tuple[Gap, ...]:
+    """Return the recorded gaps of the log *path* with *count* transitions; invalid lines are ignored."""
     try:
-        lines = _beside(path).read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = _gaps_file(path).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return ()
-    parted = [line.partition(" ") for line in lines]
-    return tuple(Gap(int(at), said) for at, _, said in parted if at.isdecimal() and int(at) <= most and said)
+    parts = [line.partition(" ") for line in lines]
+    return tuple(Gap(int(at), text) for at, _, text in parts if at.isdecimal() and int(at) <= count and text)

@@ -1,4 +1,7 @@
-"""Transitions as lines of text, in the format of BehaviorTree.CPP's StdCoutLogger (groot2.md §14)."""
+"""Printing transitions as text, in the format of BehaviorTree.CPP's StdCoutLogger.
+
+See src/loggers/bt_cout_logger.cpp.
+"""
 
 import os
 import sys
@@ -22,14 +25,18 @@ _NAME_WIDTH: Final = 25
 
 
 class ConsoleLog(Log):
-    """Prints ``[seconds]: name  PREVIOUS -> STATUS`` for every transition of *tree*, as StdCoutLogger does.
+    """A log that prints ``[seconds]: name  PREVIOUS -> STATUS`` for each transition of a tree.
 
-    *stream* is stdout if none is given. Seconds count from 1970, or from the log's start if *relative*.
-    *idle* false leaves out the transitions to IDLE. Statuses are coloured on a terminal, unless the
-    environment has ``NO_COLOR``; *colours* decides otherwise.
+    Args:
+        tree: The tree.
+        stream: The output stream; None for stdout.
+        idle: Whether to print transitions to IDLE.
+        relative: Whether times are seconds since the start of the log instead of seconds since 1970.
+        colours: Whether statuses are coloured; None for colours on a terminal, unless the environment
+            variable ``NO_COLOR`` is set.
     """
 
-    # A closed stream raises ValueError.
+    # Writing to a closed stream raises ValueError.
     write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError, ValueError)
 
     def __init__(
@@ -51,7 +58,7 @@ class ConsoleLog(Log):
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
-        """Print *changes*, and see that they are out."""
+        """Print *changes*, and flush the stream."""
         origin = self.wall(self.start) if not self.relative else 0
         words, names = self._words, self._names
         text = "".join(
@@ -59,6 +66,7 @@ class ConsoleLog(Log):
             f"{words[previous]} -> {words[status]}\n"
             for _, stamp, _, uid, previous, status in changes
         )
+        # Names may contain characters that the stream cannot encode.
         encoding = self.stream.encoding or "utf-8"
         self.stream.write(text.encode(encoding, "backslashreplace").decode(encoding))
         self.stream.flush()
@@ -69,5 +77,13 @@ def _word(status: Status, colours: bool) -> str:
 
 
 def format_transition(since: int, path: str, previous: Status, status: Status, width: int = 0) -> str:
-    """The transition *since* ns from the start, with *path* in at least *width* characters."""
+    """Return a transition as a line of text.
+
+    Args:
+        since: The time since the start (ns).
+        path: The path of the node.
+        previous: The previous status.
+        status: The new status.
+        width: The minimum width of the column for *path*.
+    """
     return f"{since / NS_PER_S:12.6f}  {path:<{width}}  {previous.name:>7} → {status.name}"

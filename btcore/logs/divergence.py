@@ -1,4 +1,4 @@
-"""Where two runs part: the first of their transitions in which they differ."""
+"""Comparing two runs: finding the first transition that differs."""
 
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -9,7 +9,7 @@ from btcore.status import IDLE, Status
 
 
 class Step(NamedTuple):
-    """A transition as runs are compared: *since* the run's first one (ns), the node's path, the statuses."""
+    """A transition for comparisons: time *since* the first transition of the run (ns), path, statuses."""
 
     since: int
     path: str
@@ -19,9 +19,13 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """Two runs part after *common* transitions; *by_time* tells that there only the times differ.
+    """The first difference between two runs.
 
-    One of *first* and *second*, the steps there, is None where its run ends.
+    Attributes:
+        common: The number of transitions before the difference.
+        first: The next transition of the first run; None if the run ends.
+        second: The next transition of the second run; None if the run ends.
+        by_time: Whether the two transitions differ only in their times.
     """
 
     common: int
@@ -31,10 +35,14 @@ class Divergence:
 
 
 def steps(recording: Recording, *, idle: bool = True) -> list[Step]:
-    """The transitions of *recording*, without those to IDLE if *idle* is false.
+    """Return the transitions of a recording for a comparison.
 
-    Nodes are named by their paths, for uids may differ between programs; times count from the first
-    transition, for not every format knows when its log began.
+    Nodes are identified by their paths, since UIDs may differ between programs. Times count from the first
+    transition, since some formats do not contain the start of the log.
+
+    Args:
+        recording: The recording.
+        idle: Whether to include transitions to IDLE.
     """
     keys = recording.keys()
     origin = recording.transitions[0].stamp if recording.transitions else 0
@@ -46,13 +54,16 @@ def steps(recording: Recording, *, idle: bool = True) -> list[Step]:
 
 
 def find_divergence(first: list[Step], second: list[Step], tolerance: int | None = None) -> Divergence | None:
-    """Where *first* and *second* part: by node, by status, by order; None if they don't.
+    """Return the first difference between two runs in node, status or order; None if there is none.
 
-    With a *tolerance* (ns) also where one comes so much earlier than the other.
+    Args:
+        first: The transitions of the first run.
+        second: The transitions of the second run.
+        tolerance: The largest difference (ns) between the times of a transition; None to ignore times.
     """
-    for common, (one, other) in enumerate(zip_longest(first, second)):
-        if one is None or other is None or one[1:] != other[1:]:
-            return Divergence(common, one, other)
-        if tolerance is not None and abs(one.since - other.since) > tolerance:
-            return Divergence(common, one, other, by_time=True)
+    for common, (step, other) in enumerate(zip_longest(first, second)):
+        if step is None or other is None or step[1:] != other[1:]:
+            return Divergence(common, step, other)
+        if tolerance is not None and abs(step.since - other.since) > tolerance:
+            return Divergence(common, step, other, by_time=True)
     return None

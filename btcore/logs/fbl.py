@@ -1,7 +1,9 @@
-"""``.fbl``: the file of BehaviorTree.CPP 3's FileLogger, read (groot1.md §3 and §6).
+"""Reading ``.fbl``, the file of BehaviorTree.CPP 3's FileLogger.
 
-A length, a flatbuffer with the tree, then twelve bytes a transition: seconds and µs since 1970, the
-node's uid, its previous and its new status. Little endian, with neither a magic word nor an end.
+The format is that of src/loggers/bt_file_logger.cpp in version 3. All numbers are little-endian. The file
+begins with a length and a flatbuffer with the tree. Each transition has twelve bytes: seconds and µs since
+1970 (32 bits each), the node's UID (16 bits), its previous and its new status (8 bits each). There is neither
+a magic word nor an end mark.
 """
 
 import os
@@ -16,6 +18,7 @@ from btcore.logs.recording import (
     LoggedTransition,
     RecordedNode,
     Recording,
+    truncation_message,
 )
 from btcore.status import NodeType
 
@@ -24,7 +27,7 @@ EXTENSION: Final = ".fbl"
 _SIZE: Final = struct.Struct("<I")
 _RECORD: Final = struct.Struct("<IIHbb")
 _TYPES: Final = {int(kind): kind for kind in NodeType}
-# Fields of the tables, by their numbers in the schema.
+# Field numbers of the tables in BehaviorTree.CPP 3's flatbuffer schema, BT_logger.fbs.
 _TREE_NODES, _TREE_MODELS = 1, 2
 _NODE_UID, _NODE_CHILDREN, _NODE_NAME, _NODE_ID, _NODE_PORTS = 0, 1, 3, 4, 5
 _PORT_NAME, _PORT_TEXT = 0, 1
@@ -32,10 +35,13 @@ _MODEL_ID, _MODEL_TYPE = 0, 1
 
 
 def read_fbl(path: str | os.PathLike[str]) -> Recording:
-    """What the file *path* tells, up to where it was cut off or damaged, if it was.
+    """Read a ``.fbl`` file. A truncated or damaged file is read up to the damage.
 
-    Paths are made by BehaviorTree.CPP 4's rule (version 3 has none); the order of nodes is the file's.
-    Raises LogError if it can't be read, is no such log, or ends within the tree.
+    The paths of the nodes follow the rule of BehaviorTree.CPP 4, since version 3 has no paths. The order of
+    the nodes is that of the file.
+
+    Raises:
+        LogError: The file cannot be read, is not a ``.fbl`` file, or ends within the tree.
     """
     path = Path(path)
     data = read_bytes(path)
@@ -43,24 +49,20 @@ def read_fbl(path: str | os.PathLike[str]) -> Recording:
     first = _SIZE.size + size
     if not size or first > len(data):
         raise LogError(
-            f"{path}: this isn't a {EXTENSION}, or it ends within the tree: "
-            f"it begins with the length of a tree, {size}, and has {len(data)} bytes"
+            f"{path}: this is not a {EXTENSION} file, or it ends within the tree: "
+            f"the length of the tree is {size}, and the file has {len(data)} bytes"
         )
     try:
         nodes = _nodes(Table.root(data[_SIZE.size : first]))
-    except FlatbufferError as fault:
-        raise LogError(f"{path}: this isn't a {EXTENSION}, the tree in it makes no sense: {fault}") from None
-    whole = first + (len(data) - first) // _RECORD.size * _RECORD.size
-    damage = ""
-    if whole < len(data):
-        damage = (
-            f"the file is cut off within a transition, {len(data) - whole} bytes after the last whole one"
-        )
+    except FlatbufferError as error:
+        raise LogError(f"{path}: this is not a {EXTENSION} file, its tree is invalid: {error}") from None
+    complete = first + (len(data) - first) // _RECORD.size * _RECORD.size
+    damage = truncation_message(len(data) - complete)
     changes: list[LoggedTransition] = []
-    for index, (seconds, micros, uid, before, after) in enumerate(_RECORD.iter_unpack(data[first:whole])):
+    for index, (seconds, micros, uid, before, after) in enumerate(_RECORD.iter_unpack(data[first:complete])):
         if uid not in nodes or before not in STATUSES or after not in STATUSES:
-            what = f"status {before} or {after}" if uid in nodes else f"node {uid}"
-            damage = f"the file is damaged from byte {first + index * _RECORD.size} on: there is no {what}"
+            unknown = f"status {before} or {after}" if uid in nodes else f"node {uid}"
+            damage = f"the file is damaged from byte {first + index * _RECORD.size} on: unknown {unknown}"
             break
         stamp = seconds * 1_000_000_000 + micros * 1_000
         changes.append(LoggedTransition(stamp, uid, STATUSES[before], STATUSES[after]))
@@ -71,8 +73,8 @@ def read_fbl(path: str | os.PathLike[str]) -> Recording:
 def _nodes(tree: Table) -> dict[int, RecordedNode]:
     types = {model.text(_MODEL_ID): model.i8(_MODEL_TYPE) for model in tree.tables(_TREE_MODELS)}
     prefixes: dict[int, str] = {}
-    found: dict[int, RecordedNode] = {}
-    # A parent stands before its children, so their prefix is known when they come.
+    nodes: dict[int, RecordedNode] = {}
+    # The file lists parents before their children, so the prefix of a child's path is known in time.
     for table in tree.tables(_TREE_NODES):
         uid, name, id = table.u16(_NODE_UID), table.text(_NODE_NAME), table.text(_NODE_ID)
         kind = _TYPES.get(types.get(id, 0), NodeType.UNDEFINED)
@@ -83,5 +85,5 @@ def _nodes(tree: Table) -> dict[int, RecordedNode]:
         inside = f"{path}/" if kind is NodeType.SUBTREE else prefix
         prefixes.update(dict.fromkeys(children, inside))
         ports = {port.text(_PORT_NAME): port.text(_PORT_TEXT) for port in table.tables(_NODE_PORTS)}
-        found[uid] = RecordedNode(uid, name, id, kind, path, children, ports)
-    return found
+        nodes[uid] = RecordedNode(uid, name, id, kind, path, children, ports)
+    return nodes

@@ -1,4 +1,4 @@
-"""Where logs are kept: their extensions, and what goes wrong with files, as sentences."""
+"""The files of logs: checking their extensions, creating and reading them, and explaining errors."""
 
 import os
 from io import FileIO
@@ -9,20 +9,37 @@ from btcore.suggestions import join_names
 
 
 class LogError(BtcoreError):
-    """A log can't be written where it is wanted, or what is read isn't one."""
+    """Raised when a log cannot be written, or when a file that is read is not a log."""
 
 
 def expect_extension(path: Path, *extensions: str) -> None:
-    """Raise LogError unless *path* ends in one of *extensions*, which the tools that read it ask for."""
+    """Check the extension of a log, since BehaviorTree.CPP's tools require it too.
+
+    Args:
+        path: The file.
+        extensions: The accepted extensions, such as ``.btlog``.
+
+    Raises:
+        LogError: The file has another extension.
+    """
     if path.suffix in extensions:
         return
-    wanted = join_names(extensions, "or")
     hint = path.with_suffix(extensions[0]) if path.name else f"run{extensions[0]}"
-    raise LogError(f"{path}: this log's file ends in {wanted}; did you mean {hint}?")
+    raise LogError(
+        f"{path}: the name of this log must end in {join_names(extensions, 'or')}; did you mean {hint}?"
+    )
 
 
 def create(path: Path, head: bytes) -> FileIO:
-    """The file *path*, with *head* in it and open for writing without a buffer. Raises LogError."""
+    """Create or overwrite a file, and return it open for unbuffered writing.
+
+    Args:
+        path: The file.
+        head: The first bytes, which are written at once.
+
+    Raises:
+        LogError: The file cannot be written.
+    """
     try:
         file = path.open("wb", buffering=0)
         try:
@@ -31,47 +48,69 @@ def create(path: Path, head: bytes) -> FileIO:
             file.close()
             raise
     except OSError as error:
-        raise LogError(f"{path}: {_why_not(path, error)}") from None
+        raise LogError(f"{path}: {_explain(path, error)}") from None
     return file
 
 
 def ensure_writable(path: Path) -> None:
-    """Raise LogError unless *path* is, or can be made, a file to write; what it holds stays."""
+    """Check that *path* can be written; the file is created if it does not exist, and not changed otherwise.
+
+    Raises:
+        LogError: The file cannot be written.
+    """
     try:
         path.open("ab").close()
     except OSError as error:
-        raise LogError(f"{path}: {_why_not(path, error)}") from None
+        raise LogError(f"{path}: {_explain(path, error)}") from None
 
 
 def write_whole(file: FileIO, data: bytes) -> None:
-    """Write all of *data*, in one call of the system unless that takes less. Raises OSError."""
+    """Write all of *data* to an unbuffered file.
+
+    Args:
+        file: The file.
+        data: The bytes to write.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    # Usually a single system call, so that a killed process leaves complete records. A call may write less.
     written = file.write(data)
     while written < len(data):
         data = data[written:]
         written = file.write(data)
 
 
-def read_bytes(path: Path, most: int = -1) -> bytes:
-    """The bytes of *path*, the first *most* if that is not negative. Raises LogError."""
+def read_bytes(path: Path, limit: int = -1) -> bytes:
+    """Return the content of a file.
+
+    Args:
+        path: The file.
+        limit: The largest number of bytes to read; negative for all.
+
+    Raises:
+        LogError: The file cannot be read.
+    """
     try:
         with path.open("rb") as file:
-            return file.read(most)
+            return file.read(limit)
     except OSError as error:
-        raise LogError(f"{path}: this log can't be read: {_reason(error)}") from None
+        raise LogError(f"{path}: cannot read this log: {_reason(error)}") from None
 
 
-def _why_not(path: Path, error: OSError) -> str:
-    said = "a log can't be written here"
+def _explain(path: Path, error: OSError) -> str:
+    """Return the message for *error*, which was raised when *path* was opened for writing."""
+    message = "cannot write a log here"
     folder = path.parent
     if isinstance(error, IsADirectoryError):
-        return f"{said}, this is a folder; name a file in it"
+        return f"{message}: this is a folder; give the path of a file"
     if isinstance(error, NotADirectoryError):
-        return f"{said}, {folder} is no folder"
+        return f"{message}: {folder} is not a folder"
     if isinstance(error, FileNotFoundError):
-        return f"{said}, there is no folder {folder}; make it first"
+        return f"{message}: the folder {folder} does not exist; create it first"
     if isinstance(error, PermissionError):
-        return f"{said}, {path if os.access(path, os.F_OK) else folder} is write-protected for you"
-    return f"{said}: {_reason(error)}"
+        return f"{message}: no permission to write to {path if os.access(path, os.F_OK) else folder}"
+    return f"{message}: {_reason(error)}"
 
 
 def _reason(error: OSError) -> str:

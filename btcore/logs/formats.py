@@ -1,4 +1,4 @@
-"""The right log for a file, by its extension."""
+"""Choosing the format of a log by the extension of its file."""
 
 import os
 from collections.abc import Callable
@@ -24,7 +24,7 @@ WRITERS: Final[dict[str, Callable[[Tree, Path], Log]]] = {
     ".btdb": SqliteLog,
     ".json": TraceLog,
 }
-"""What can be written, by extension."""
+"""The logs that btcore writes, by extension."""
 
 READERS: Final[dict[str, Callable[[Path], Recording]]] = {
     ".btlog": read_btlog,
@@ -32,41 +32,50 @@ READERS: Final[dict[str, Callable[[Path], Recording]]] = {
     ".btdb": read_sqlite,
     ".fbl": read_fbl,
 }
-"""What can be read, by extension."""
+"""The functions that read logs, by extension."""
 
 CONSOLE: Final = "-"
 
 
 def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
-    """The log of *tree* that *path*'s extension asks for, attached; ``-`` is the console.
+    """Start a log of a tree.
 
-    ``.btlog`` is FileLogger2's file, ``.db3`` and ``.btdb`` SqliteLogger's database (its sessions are
-    replaced), ``.json`` trace events for Perfetto. Raises LogError.
+    Args:
+        tree: The tree.
+        path: The file, whose extension determines the format: ``.btlog`` (FileLogger2), ``.db3`` or
+            ``.btdb`` (SqliteLogger; existing sessions are deleted), ``.json`` (trace events for Perfetto).
+            ``-`` prints to stdout.
+
+    Raises:
+        LogError: The extension is unknown, or the file cannot be written.
     """
     if path == CONSOLE:
         return ConsoleLog(tree)
-    place = Path(path)
-    if place.suffix == ".fbl":
-        hint = place.with_suffix(".btlog")
-        raise LogError(f"{place}: .fbl is a log of format 3, which btcore reads; it writes {hint.name}")
-    return _chosen(place, WRITERS, "written")(tree, place)
+    file = Path(path)
+    if file.suffix == ".fbl":
+        hint = file.with_suffix(".btlog")
+        raise LogError(f"{file}: btcore reads but does not write .fbl, a log of format 3; use {hint.name}")
+    return _by_extension(file, WRITERS, "written")(tree, file)
 
 
 def read_log(path: str | os.PathLike[str]) -> Recording:
-    """What the log *path* tells; of a database its last session, of ``FILE.db3#2`` its session 2.
+    """Read a log of any format. A truncated or damaged file is read up to the damage.
 
-    Raises LogError.
+    Of a database the last session is read; ``FILE.db3#2`` selects session 2.
+
+    Raises:
+        LogError: The extension is unknown, or the file cannot be read or is not a log.
     """
-    place = Path(path)
-    name, mark, number = place.name.rpartition("#")
-    if mark and number.isdecimal() and Path(name).suffix in EXTENSIONS and not place.exists():
-        return read_sqlite(place.with_name(name), int(number))
-    return _chosen(place, READERS, "read")(place)
+    file = Path(path)
+    name, mark, number = file.name.rpartition("#")
+    if mark and number.isdecimal() and Path(name).suffix in EXTENSIONS and not file.exists():
+        return read_sqlite(file.with_name(name), int(number))
+    return _by_extension(file, READERS, "read")(file)
 
 
-def _chosen(path: Path, choices: dict[str, T], what: str) -> T:
+def _by_extension(path: Path, choices: dict[str, T], what: str) -> T:
     if path.suffix in choices:
         return choices[path.suffix]
     guess = nearest_name(path.suffix, choices) or next(iter(choices))
-    hint = f"did you mean {path.with_suffix(guess)}?" if path.name else f"say, run{guess}"
+    hint = f"did you mean {path.with_suffix(guess)}?" if path.name else f"for example run{guess}"
     raise LogError(f"{path}: logs that can be {what} end in {join_names(choices, 'or')}; {hint}")

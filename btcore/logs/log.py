@@ -1,4 +1,4 @@
-"""What all logs have in common: attached in one line, written once at the end of each tick."""
+"""The base class of all logs, which write the transitions of a tree at the end of each tick."""
 
 import logging
 import time
@@ -14,11 +14,16 @@ _log = logging.getLogger("btcore")
 
 
 class AttachedObserver(Observer):
-    """An observer that hears *tree* until it is closed; ``with`` closes it.
+    """An observer that is subscribed to a tree until it is closed; a context manager that closes itself.
 
-    *epoch* is the wall time (ns since 1970) at which it was made, *start* the tree clock's time (ns)
-    then. Stamps are the one plus the tree clock's time since the other: on a simulated clock a log
-    lasts as long as the simulated run did.
+    Attributes:
+        tree: The tree.
+        start: The time of the tree's clock (ns) at which the observer was created.
+        epoch: The wall time (ns since 1970) at which the observer was created.
+        closed: Whether the observer is closed.
+
+    A wall time is computed as `epoch` plus the time of the tree's clock since `start`. So a log of a
+    simulated run has the duration of the simulated run.
     """
 
     def __init__(self, tree: Tree) -> None:
@@ -29,15 +34,15 @@ class AttachedObserver(Observer):
         self._unsubscribe: Callable[[], None] | None = None
 
     def attach(self) -> None:
-        """Hear from now on. The constructors of logs call it when all else is done."""
+        """Subscribe to the tree. Constructors call it last: transitions may follow at once."""
         self._unsubscribe = self.tree.subscribe(self)
 
     def wall(self, stamp: int) -> int:
-        """The moment *stamp* (ns, tree's clock) in ns since 1970."""
+        """Convert *stamp*, a time of the tree's clock (ns), to ns since 1970."""
         return self.epoch + stamp - self.start
 
     def close(self) -> None:
-        """Hear no more. Closing again does nothing."""
+        """Unsubscribe. Closing again has no effect."""
         self.closed = True
         if self._unsubscribe is not None:
             self._unsubscribe()
@@ -52,14 +57,19 @@ class AttachedObserver(Observer):
 
 
 class Log(AttachedObserver):
-    """Writes the transitions of a tick at its end, and those of a halt after it.
+    """The base class of logs: writes the transitions of each tick at its end, and those of a halt after it.
 
-    So a process that is killed loses at most the tick in progress. A log that can't be written any more
-    (a full disk) ends with a warning of the logger ``btcore``; the tree does not notice.
+    A process that is killed loses at most the tick in progress. If writing fails, for example because the
+    disk is full, the log is closed with a warning of the logger ``btcore``; the tree is not affected.
+
+    Args:
+        tree: The tree.
+        name: The name of the log in warnings.
+        idle: Whether to log transitions to IDLE.
     """
 
     write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError,)
-    """What writing may raise for reasons that are the world's, not the program's."""
+    """The exceptions by which writing fails because of its environment; others are bugs, and propagate."""
 
     def __init__(self, tree: Tree, name: str, *, idle: bool = True) -> None:
         self.name = name
@@ -67,7 +77,7 @@ class Log(AttachedObserver):
         super().__init__(tree)
 
     def transitions(self, changes: Transitions) -> None:
-        """Write *changes*."""
+        """Write the transitions of a tick."""
         kept = [change for change in changes if change.status is not IDLE or self.idle]
         if self.closed or not kept:
             return
@@ -77,11 +87,11 @@ class Log(AttachedObserver):
             self._give_up(error)
 
     def close(self) -> None:
-        """Write what isn't written yet, and end the log. Closing again does nothing."""
+        """Write pending transitions, and close the log. Closing again has no effect."""
         if self.closed:
             return
         self.tree.flush_observers()
-        if self.closed:
+        if self.closed:  # writing the pending transitions has failed
             return
         try:
             self.finish()
@@ -91,19 +101,19 @@ class Log(AttachedObserver):
         self.release()
 
     def write(self, changes: list[Transition]) -> None:
-        """Write *changes*, all at once."""
+        """Write the transitions *changes*, none of which `idle` excludes. Subclasses override it."""
         raise NotImplementedError
 
     def finish(self) -> None:
-        """Write what belongs to the end of the log."""
+        """Write the end of the log, if the format has one."""
 
     def release(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
 
     def _give_up(self, error: Exception) -> None:
         if self.closed:
             return
-        why = getattr(error, "strerror", None) or str(error)
-        _log.warning("the log %s ends here, it can't be written any more: %s", self.name, why)
+        reason = getattr(error, "strerror", None) or str(error)
+        _log.warning("the log %s is incomplete, writing failed: %s", self.name, reason)
         super().close()
         self.release()

@@ -1,4 +1,4 @@
-"""What a log file tells, whatever its format: the tree's nodes, and how their statuses changed."""
+"""The content of a log file, independent of its format: the nodes of the tree, and their transitions."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -24,7 +24,7 @@ _TYPES: Final = {
 
 
 class LoggedTransition(NamedTuple):
-    """One change of one node's status; *stamp* in ns since 1970 (the files hold µs)."""
+    """A change of a node's status; *stamp* is in ns since 1970 (log files have a resolution of 1 µs)."""
 
     stamp: int
     uid: int
@@ -33,7 +33,7 @@ class LoggedTransition(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """Something is missing before the change number *at* (0: the first); *said* tells what, and why."""
+    """A place where transitions are missing: before the transition with index *at*, for a *reason*."""
 
     at: int
     reason: str
@@ -43,8 +43,14 @@ class Gap(NamedTuple):
 class RecordedNode:
     """A node of the recorded tree.
 
-    *id* is its registration ID, *path* its full path, *children* are uids, *ports* maps ports and conditions
-    to their text in the XML.
+    Attributes:
+        uid: The UID.
+        name: The name of the instance.
+        id: The registration ID.
+        type: The node type; UNDEFINED if the log does not contain it.
+        path: The full path.
+        children: The UIDs of the children.
+        ports: The texts of ports and conditions in the XML, by name.
     """
 
     uid: int
@@ -58,12 +64,16 @@ class RecordedNode:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A log file, read.
+    """The content of a log file.
 
-    *nodes* are the tree's by uid, in pre-order; *xml* is the tree as BehaviorTree.CPP 4 writes it ("" in
-    a format-3 log); *start* is when the log began (ns since 1970; the first change's stamp where the file
-    does not say). *damage* says, in one sentence, where the file stops making sense ("" if it does not);
-    *gaps* tell what the writer knew to be missing, in order.
+    Attributes:
+        path: The file.
+        xml: The tree as written by BehaviorTree.CPP 4; "" for a log of format 3.
+        start: The start of the log (ns since 1970); the first transition if the format does not contain it.
+        nodes: The nodes of the tree by UID, in pre-order.
+        transitions: The transitions in the order of the file.
+        damage: Where the file is truncated or damaged, as a sentence; "" if it is complete.
+        gaps: The places where the writer recorded that transitions are missing, in order.
     """
 
     path: Path
@@ -76,50 +86,69 @@ class Recording:
 
     @property
     def end(self) -> int:
-        """When the last change was (ns since 1970)."""
+        """The time of the last transition (ns since 1970)."""
         return self.transitions[-1].stamp if self.transitions else self.start
 
     @property
     def warnings(self) -> list[str]:
-        """What a reader has to know of what is missing: sentences on every gap, and on the damage."""
-        told = [f"{self.path}: a gap before transition {gap.at + 1}: {gap.reason}" for gap in self.gaps]
+        """Warnings for users about missing data: a sentence for each gap, and for damage."""
+        warnings = [f"{self.path}: a gap before transition {gap.at + 1}: {gap.reason}" for gap in self.gaps]
         if self.damage:
-            told.append(f"{self.path}: {self.damage}; {len(self.transitions)} transitions are read")
-        return told
+            warnings.append(f"{self.path}: {self.damage}; {len(self.transitions)} transitions are read")
+        return warnings
 
     def keys(self) -> dict[int, str]:
-        """The path of every node by its uid; where paths are equal ``#<uid>`` is appended."""
-        times = Counter(node.path for node in self.nodes.values())
+        """Return the paths of all nodes by UID; equal paths are distinguished by an appended ``#<uid>``."""
+        counts = Counter(node.path for node in self.nodes.values())
         return {
-            uid: node.path if times[node.path] == 1 else f"{node.path}#{uid}"
+            uid: node.path if counts[node.path] == 1 else f"{node.path}#{uid}"
             for uid, node in self.nodes.items()
         }
 
     def statuses(self, count: int | None = None) -> dict[int, Status]:
-        """How every node stands after the first *count* changes, by default after all."""
-        found: dict[int, Status] = dict.fromkeys(self.nodes, IDLE)
+        """Return the status of each node after the first *count* transitions, by default after all."""
+        statuses: dict[int, Status] = dict.fromkeys(self.nodes, IDLE)
         for change in self.transitions[:count]:
-            found[change.uid] = change.status
-        return found
+            statuses[change.uid] = change.status
+        return statuses
+
+
+def truncation_message(rest: int) -> str:
+    """Return the `Recording.damage` of a file that ends with *rest* bytes of an incomplete transition."""
+    if not rest:
+        return ""
+    return f"the file is truncated within a transition, {rest} bytes after the last complete transition"
 
 
 class TransitionCollector:
-    """Collects changes from records that don't tell the previous status."""
+    """Collects transitions from records that do not contain the previous status."""
 
     def __init__(self) -> None:
         self.changes: list[LoggedTransition] = []
         self._last: dict[int, Status] = {}
 
     def add(self, stamp: int, uid: int, status: Status) -> None:
-        """Node *uid* became *status* at *stamp* (ns since 1970)."""
+        """Add a transition.
+
+        Args:
+            stamp: The time in ns since 1970.
+            uid: The UID of the node.
+            status: Its new status.
+        """
         self.changes.append(LoggedTransition(stamp, uid, self._last.get(uid, IDLE), status))
         self._last[uid] = status
 
 
 def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
-    """The nodes of a tree as BehaviorTree.CPP 4 writes it with metadata (groot2.md §4.1), in pre-order.
+    """Return the nodes of a recorded tree by UID, in pre-order.
 
-    Raises LogError, about *source*, if *xml* isn't that.
+    Args:
+        xml: The tree with ``_uid`` and ``_fullpath`` attributes, as BehaviorTree.CPP 4's WriteTreeToXML
+            writes it (src/xml_parsing.cpp).
+        source: The name of the log, for errors.
+
+    Raises:
+        LogError: *xml* is not such a tree.
     """
     data = xml.encode("utf-8", "replace") if isinstance(xml, str) else xml
     parser = etree.XMLParser(
@@ -128,7 +157,7 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
     try:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
-        raise LogError(f"{source}: the tree in this log is no XML: {error.msg}") from None
+        raise LogError(f"{source}: the tree in this log is not valid XML: {error.msg}") from None
     trees = {str(tree.get("_fullpath", "")): tree for tree in reversed(root.findall("BehaviorTree"))}
     types = {
         str(model.get("ID")): _TYPES[str(model.tag)]
@@ -143,7 +172,7 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
 def _walk(
     trees: dict[str, etree._Element], types: dict[str, NodeType], source: str
 ) -> Iterator[RecordedNode]:
-    """Depth first, without recursion: trees can be very deep."""
+    """Yield the nodes depth first. Not recursive, since trees can be deeper than Python's recursion limit."""
     open_trees = dict(trees)
     waiting = [(element, "") for element in _elements(open_trees.pop(""))]
     seen: set[int] = set()
@@ -157,7 +186,7 @@ def _walk(
         prefix = f"{subtree}/" if subtree else ""
         if tag == "SubTree":
             path = inside = str(element.get("_fullpath", ""))
-            # Each instance is written once, so a tree that contains itself ends here.
+            # Each instance of a subtree is written once: `pop` ends the recursion of a tree in itself.
             below = _elements(open_trees.pop(path)) if path in open_trees else []
             name = path.removeprefix(prefix).removesuffix(f"::{uid}")
             kind = NodeType.SUBTREE
@@ -179,5 +208,5 @@ def _elements(parent: etree._Element) -> list[etree._Element]:
 def _uid(element: etree._Element, source: str) -> int:
     text = element.get("_uid", "")
     if not (text.isascii() and text.isdigit() and len(text) <= 10):
-        raise LogError(f"{source}: a node of the tree in this log, <{element.tag}>, has the _uid '{text}'")
+        raise LogError(f"{source}: the node <{element.tag}> in this log has the invalid _uid '{text}'")
     return int(text)

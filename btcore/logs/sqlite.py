@@ -1,8 +1,8 @@
-"""``.db3``: the database of BehaviorTree.CPP 4's SqliteLogger, written and read (groot2.md §12).
+"""Writing and reading ``.db3``, the database of BehaviorTree.CPP 4's SqliteLogger.
 
-Three tables: Definitions, a row for each session with the tree's XML; Nodes, the full path of every
-node of a session; Transitions, with a stamp in µs since 1970 that is the key, and therefore strictly
-increasing over all sessions.
+The format is that of src/loggers/bt_sqlite_logger.cpp, with three tables. Definitions has a row for each
+session with the tree's XML; Nodes has the full path of each node of a session. Transitions has a time stamp
+in µs since 1970, which is the primary key, and therefore strictly increasing over all sessions.
 """
 
 import os
@@ -34,7 +34,7 @@ from btcore.xml.render.tree_xml import tree_to_xml
 EXTENSIONS: Final = (".db3", ".btdb")
 
 GAP_PREFIX: Final = "gap: "
-"""What a row's ``extra_data`` begins with where something is missing before it; the sentence follows."""
+"""The beginning of a row's ``extra_data`` if transitions are missing before it; the reason follows."""
 
 _TABLES: Final = (
     "CREATE TABLE IF NOT EXISTS Definitions (session_id INTEGER PRIMARY KEY AUTOINCREMENT,"
@@ -45,22 +45,30 @@ _TABLES: Final = (
     " session_id INTEGER NOT NULL, node_uid INTEGER NOT NULL, duration INTEGER,"
     " state INTEGER NOT NULL, extra_data VARCHAR)",
 )
-_PATIENCE_MS: Final = 1_000
+_LOCK_TIMEOUT_MS: Final = 1_000  # for a database that another program is writing, at the start and the end
 
 _MAGIC: Final = b"SQLite format 3\0"
 _HEAD: Final = 100
 _PAGE_SIZE: Final = struct.Struct(">H")
 _NUMBER: Final = struct.Struct(">I")
-# Offsets in the head of a database file (https://www.sqlite.org/fileformat.html).
+# Byte offsets in the header of a database file (https://www.sqlite.org/fileformat.html).
 _AT_PAGE_SIZE, _AT_VERSIONS, _AT_CHANGES, _AT_PAGES, _AT_VALID = 16, 18, 24, 28, 92
 _GROWTH: Final = 64
 
 
 class SqliteWriter:
-    """A new session in the database *path*, for the tree *xml* with its *nodes* (path and uid).
+    """A writer of a new session in a database.
 
-    Without *append* the sessions that are there are deleted (the numbers of sessions go on). While another
-    program writes, rows wait for a later :meth:`flush`. Raises LogError.
+    While another program writes to the database, rows are kept for a later :meth:`flush`.
+
+    Args:
+        path: The database.
+        xml: The XML of the tree.
+        nodes: The path and UID of each node.
+        append: Whether to keep the existing sessions. Their numbers are not reused in either case.
+
+    Raises:
+        LogError: The extension is wrong, or the database cannot be written.
     """
 
     def __init__(
@@ -72,18 +80,18 @@ class SqliteWriter:
         self._rows: list[tuple[int, int, int, int, int, str]] = []
         self._since: dict[int, int] = {}
         self._base = sqlite3.connect(
-            path, timeout=_PATIENCE_MS / 1000, isolation_level=None, check_same_thread=False
+            path, timeout=_LOCK_TIMEOUT_MS / 1000, isolation_level=None, check_same_thread=False
         )
         try:
             self._last = self._begin(xml, nodes, append)
         except sqlite3.Error as error:
             self._base.close()
-            busy = "; another program writes to it" if _is_busy(error) else ""
-            raise LogError(f"{path}: a log can't be written here: {error}{busy}") from None
+            busy = "; another program is writing to it" if _is_busy(error) else ""
+            raise LogError(f"{path}: cannot write a log here: {error}{busy}") from None
         self._first = self._last + 1
 
     def _begin(self, xml: str, nodes: Iterable[tuple[str, int]], append: bool) -> int:
-        """Make the tables and the session; returns the last stamp (µs since 1970) that is taken."""
+        """Create the tables and the session. Return the largest existing stamp (µs since 1970), or 0."""
         base = self._base
         base.execute("PRAGMA journal_mode = WAL")
         base.execute("PRAGMA synchronous = OFF")
@@ -93,27 +101,32 @@ class SqliteWriter:
         if not append:
             for name in ("Definitions", "Nodes", "Transitions"):
                 base.execute(f"DELETE FROM {name}")
-        made = base.execute(
+        cursor = base.execute(
             "INSERT INTO Definitions (date, xml_tree) VALUES (datetime('now', 'localtime'), ?)", (xml,)
         )
-        self.session = made.lastrowid or 0
+        self.session = cursor.lastrowid or 0
         paths = [(self.session, path, uid) for path, uid in nodes]
         base.executemany("INSERT INTO Nodes VALUES (?, ?, ?)", paths)
         (last,) = base.execute("SELECT max(timestamp) FROM Transitions").fetchone()
         base.execute("COMMIT")
-        # From now on whoever writes does not wait for other programs.
+        # From now on a locked database is an immediate error, so that a tick never waits for other programs.
         base.execute("PRAGMA busy_timeout = 0")
         return int(last or 0)
 
     def begin_at(self, start: int) -> None:
-        """Stamps are to count from *start* (µs since 1970), or from right after the last one there is."""
+        """Set the start of the session (µs since 1970); the session begins after the last existing stamp."""
         self._first = max(start, self._last + 1)
 
     def add(self, since: int, uid: int, previous: Status, status: Status, extra: str = "") -> None:
-        """Keep a row for the next :meth:`flush`; *since* is in µs since the start.
+        """Keep a row for the next :meth:`flush`. Equal stamps are increased, since they must be unique.
 
-        Stamps are made to increase. The row's ``duration`` is how long (µs) the node was RUNNING, in the row
-        in which it leaves it, else 0.
+        Args:
+            since: The time since the start (µs).
+            uid: The UID of the node.
+            previous: Its previous status. If it is RUNNING, the row's ``duration`` is the time (µs) that the
+                node was RUNNING, else 0.
+            status: Its new status.
+            extra: The row's ``extra_data``.
         """
         stamp = max(self._last + 1, self._first + since)
         self._last = stamp
@@ -125,7 +138,11 @@ class SqliteWriter:
         self._rows.append((stamp, self.session, uid, duration, int(status), extra))
 
     def flush(self) -> None:
-        """Write the rows that wait, in one transaction. Raises sqlite3.Error."""
+        """Write the pending rows in a single transaction; keep them if another program locks the database.
+
+        Raises:
+            sqlite3.Error: Writing failed for another reason.
+        """
         base = self._base
         try:
             base.execute("BEGIN IMMEDIATE")
@@ -140,13 +157,20 @@ class SqliteWriter:
             self._rows.clear()
 
     def finish(self) -> None:
-        """Write the rows that had to wait, and put everything into the one file. Raises BlockingIOError."""
-        self._base.execute(f"PRAGMA busy_timeout = {_PATIENCE_MS}")
+        """Write the pending rows, and merge the write-ahead log into the database file.
+
+        Raises:
+            BlockingIOError: Another program locks the database.
+            sqlite3.Error: Writing failed for another reason.
+        """
+        self._base.execute(f"PRAGMA busy_timeout = {_LOCK_TIMEOUT_MS}")
         if self._rows:
             self.flush()
         if self._rows:
-            raise BlockingIOError(f"another program writes, and {len(self._rows)} transitions are lost")
-        # A reader that is still there keeps the write-ahead log; nothing is lost by that.
+            raise BlockingIOError(
+                f"another program is writing to the database, {len(self._rows)} transitions are lost"
+            )
+        # Fails while another program reads: the write-ahead log is then kept, and nothing is lost.
         with suppress(sqlite3.OperationalError):
             self._base.execute("PRAGMA journal_mode = DELETE")
 
@@ -156,7 +180,7 @@ class SqliteWriter:
 
 
 def _is_busy(error: sqlite3.Error) -> bool:
-    """Whether *error* is one that passes: another connection holds the database."""
+    """Return whether *error* is temporary: another connection locks the database."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 
@@ -164,17 +188,25 @@ Extra = Callable[[TreeNode, Transition], str]
 
 
 class SqliteLog(Log):
-    """Writes the transitions of *tree* to the database *path*, as SqliteLogger does, in a new session.
+    """A log of a tree in a new session of a database, as SqliteLogger writes it.
 
-    Without *append* the sessions that are there are deleted (the numbers of sessions go on). *extra* is
-    called for every transition, on the thread that ticks; its text becomes the row's ``extra_data``.
-    Where a database holds stamps that are later than now (of a run in simulated time), the new session
-    begins right after them. A row's ``duration`` is how long (µs) the node was RUNNING, in the row in
-    which it leaves it, else 0.
+    If the database contains stamps that are later than now (from a run in simulated time), the new session
+    begins directly after them. In the row in which a node leaves RUNNING, ``duration`` is the time (µs) that
+    it was RUNNING, else 0.
 
-    The database keeps a write-ahead log beside it until the log is closed, so that other programs can
-    read while the tree runs; it does not wait for the disk, so it outlives the process, but not the
-    power. While another program writes, rows wait for the end of a later tick. Raises LogError.
+    Until the log is closed, a write-ahead log exists next to the database, so that other programs can read
+    while the tree runs. Writing does not wait for the disk: the log survives a crash of the process, but not
+    a power failure. While another program writes to the database, rows are kept for the end of a later tick.
+
+    Args:
+        tree: The tree.
+        path: The database.
+        append: Whether to keep the existing sessions. Their numbers are not reused in either case.
+        idle: Whether to log transitions to IDLE.
+        extra: Called for each transition, on the thread that ticks; returns the row's ``extra_data``.
+
+    Raises:
+        LogError: The extension is wrong, or the database cannot be written.
     """
 
     write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError, sqlite3.Error)
@@ -197,44 +229,44 @@ class SqliteLog(Log):
         self.session = self._base.session
         super().__init__(tree, str(self.path), idle=idle)
         self._base.begin_at(self.epoch // NS_PER_US)
-        self._stop_asking = tree.subscribe(ExtraDataCollector(self)) if extra is not None else None
+        self._unsubscribe_extra = tree.subscribe(ExtraDataCollector(self)) if extra is not None else None
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
-        """Append *changes* in one transaction, with those that had to wait."""
+        """Append *changes* and pending rows in a single transaction."""
         extras, self.extras = self.extras, []
         for index, (_, stamp, _, uid, previous, status) in enumerate(changes):
-            said = extras[index] if index < len(extras) else ""
-            self._base.add((stamp - self.start) // NS_PER_US, uid, previous, status, said)
+            extra = extras[index] if index < len(extras) else ""
+            self._base.add((stamp - self.start) // NS_PER_US, uid, previous, status, extra)
         self._base.flush()
 
     def finish(self) -> None:
-        """Write the rows that had to wait, and put everything into the one file."""
+        """Write the pending rows, and merge the write-ahead log into the database file."""
         self._base.finish()
 
     def release(self) -> None:
         """Close the database."""
-        if self._stop_asking is not None:
-            self._stop_asking()
+        if self._unsubscribe_extra is not None:
+            self._unsubscribe_extra()
         self._base.close()
 
 
 class ExtraDataCollector(Observer):
-    """Asks for the extra data of *log* at the moment of each transition."""
+    """An observer that collects the extra data of *log* at the time of each transition."""
 
     def __init__(self, log: SqliteLog) -> None:
         self._log = log
         self._nodes = {node.uid: node for node in log.tree.nodes}
 
     def transition(self, change: Transition) -> None:
-        """Ask, and keep the answer for the end of the tick."""
+        """Call the log's function for *change*, and keep the result for the end of the tick."""
         extra = self._log.extra
         if extra is not None and (change.status is not IDLE or self._log.idle):
             self._log.extras.append(extra(self._nodes[change.uid], change))
 
 
 class Session(NamedTuple):
-    """One run in a database; *date* is when it began, in local time (``2026-01-31 12:00:00``)."""
+    """A run in a database; *date* is its start in local time (``2026-01-31 12:00:00``)."""
 
     number: int
     date: str
@@ -242,7 +274,11 @@ class Session(NamedTuple):
 
 
 def sessions(path: str | os.PathLike[str]) -> list[Session]:
-    """The sessions of the database *path*, the oldest first. Raises LogError if it is no such log."""
+    """Return the sessions of a database, the oldest first.
+
+    Raises:
+        LogError: The file cannot be read, or is not a log.
+    """
     query = (
         "SELECT session_id, date, (SELECT count(*) FROM Transitions AS t WHERE t.session_id = d.session_id)"
         " FROM Definitions AS d ORDER BY session_id"
@@ -252,22 +288,26 @@ def sessions(path: str | os.PathLike[str]) -> list[Session]:
 
 
 def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Recording:
-    """What *session* of the database *path* tells, by default the last one.
+    """Read a session of a database. A truncated or damaged database is read up to the damage.
 
-    A database that is cut off or damaged is read up to there. Raises LogError if it can't be read, is no
-    such log, or has no such session.
+    Args:
+        path: The database.
+        session: The number of the session; None for the last session.
+
+    Raises:
+        LogError: The file cannot be read, is not a log, or does not contain the session.
     """
     path = Path(path)
     with _opened(path) as (base, damage):
-        there = [
+        numbers = [
             number for (number,) in base.execute("SELECT session_id FROM Definitions ORDER BY session_id")
         ]
-        if not there:
+        if not numbers:
             raise LogError(f"{path}: this log has no session")
-        number = there[-1] if session is None else session
-        if number not in there:
-            known = join_names(str(one) for one in there)
-            raise LogError(f"{path}: this log has no session {number}; there is {known}")
+        number = numbers[-1] if session is None else session
+        if number not in numbers:
+            known = join_names(map(str, numbers))
+            raise LogError(f"{path}: this log has no session {number}; it has {known}")
         nodes, xml = _tree(base, number, path, damage)
         rows = base.execute(
             "SELECT timestamp, node_uid, state, extra_data FROM Transitions WHERE session_id = ?"
@@ -279,14 +319,14 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
         try:
             for stamp, uid, code, extra in rows:
                 if uid not in nodes or code not in STATUSES:
-                    what = f"status {code}" if uid in nodes else f"node {uid}"
-                    damage = f"the log is damaged from the transition at {stamp} µs on: there is no {what}"
+                    unknown = f"status {code}" if uid in nodes else f"node {uid}"
+                    damage = f"the log is damaged from the transition at {stamp} µs on: unknown {unknown}"
                     break
                 if isinstance(extra, str) and extra.startswith(GAP_PREFIX):
                     gaps.append(Gap(len(history.changes), extra.removeprefix(GAP_PREFIX)))
                 history.add(stamp * NS_PER_US, uid, STATUSES[code])
         except sqlite3.Error as error:
-            damage = damage or f"the log can't be read beyond its transition {len(history.changes)}: {error}"
+            damage = damage or f"cannot read the log after its transition {len(history.changes)}: {error}"
     start = history.changes[0].stamp if history.changes else 0
     return Recording(path, xml, start, nodes, history.changes, damage, tuple(gaps))
 
@@ -294,25 +334,28 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
 def _tree(
     base: sqlite3.Connection, session: int, path: Path, damage: str
 ) -> tuple[dict[int, RecordedNode], str]:
-    """The nodes of *session*, and their XML. Raises LogError."""
+    """Return the nodes of *session*, and the XML of their tree."""
     try:
         (xml,) = base.execute("SELECT xml_tree FROM Definitions WHERE session_id = ?", (session,)).fetchone()
         return parse_nodes(str(xml), str(path)), str(xml)
     except (sqlite3.Error, LogError):
         if damage:
-            raise LogError(f"{path}: {damage}, and its tree was in the rest") from None
+            raise LogError(f"{path}: {damage}, and the tree is in the missing part") from None
         raise
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, str]]:
-    """The database *path*, for reading, and where it is cut off; what goes wrong with it is a LogError."""
-    # SQLite says of whatever file it can't open only that it can't.
+    """Return a context with the database *path*, open for reading, and the message if it is truncated.
+
+    SQLite's errors in the context are raised as LogError.
+    """
+    # Checked here, because SQLite's own errors do not explain why it cannot open a file.
     head = read_bytes(path, _HEAD)
     if not head.startswith(_MAGIC):
-        what = "it doesn't begin as one" if head else "it is empty"
-        raise LogError(f"{path}: this isn't an SQLite database, {what}")
-    missing = _missing(path, head)
+        reason = "its first bytes are different" if head else "it is empty"
+        raise LogError(f"{path}: this is not an SQLite database, {reason}")
+    missing = _truncation(path, head)
     try:
         if missing:
             base = sqlite3.connect(":memory:")
@@ -320,49 +363,52 @@ def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, str]]:
             base = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
         with closing(base):
             if missing:
-                base.deserialize(_whole_pages(path, head))
+                base.deserialize(_complete_pages(path, head))
             yield base, missing
     except sqlite3.Error as error:
-        why = f"{missing}, too few to read it" if missing else f"this log can't be read: {error}"
-        raise LogError(f"{path}: {why}") from None
+        reason = f"{missing}, too few to read it" if missing else f"cannot read this log: {error}"
+        raise LogError(f"{path}: {reason}") from None
 
 
-def _missing(path: Path, head: bytes) -> str:
-    """The sentence on how much of the database is missing; "" if nothing is, or a journal may have it."""
+def _truncation(path: Path, head: bytes) -> str:
+    """Return the message about the missing part of a truncated database.
+
+    "" if the database is complete, or a journal next to it may contain the missing pages.
+    """
     if len(head) < _HEAD:
         raise LogError(f"{path}: this log ends in its header, after {len(head)} bytes")
     if any(path.with_name(path.name + more).exists() for more in ("-wal", "-journal")):
         return ""
     (pages,) = _NUMBER.unpack_from(head, _AT_PAGES)
-    # An SQLite of before 2010 left another program's number of pages as it was.
-    counted = head[_AT_CHANGES : _AT_CHANGES + 4] == head[_AT_VALID : _AT_VALID + 4]
-    size, announced = path.stat().st_size, pages * _page_size(head)
-    if not counted or size >= announced:
+    # SQLite before 3.7.0 (2010) did not update the number of pages; it is valid if these counters are equal.
+    valid = head[_AT_CHANGES : _AT_CHANGES + 4] == head[_AT_VALID : _AT_VALID + 4]
+    size, expected = path.stat().st_size, pages * _page_size(head)
+    if not valid or size >= expected:
         return ""
-    return f"the file is cut off: it has {size} of {announced} bytes"
+    return f"the file is truncated: it has {size} of {expected} bytes"
 
 
 def _page_size(head: bytes) -> int:
     (size,) = _PAGE_SIZE.unpack_from(head, _AT_PAGE_SIZE)
-    return 65536 if size == 1 else int(size)
+    return 65536 if size == 1 else int(size)  # 65536 does not fit into the field's 16 bits
 
 
-def _whole_pages(path: Path, head: bytes) -> bytes:
-    """Return the complete pages of the database *path*, with empty pages for the rest.
+def _complete_pages(path: Path, head: bytes) -> bytes:
+    """Return the complete pages of the database *path*, with empty pages for the missing part.
 
-    SQLite refuses a database that was cut off as a whole, though most of it may be there. Its head counts
-    the pages; SQLite reads nothing from a page that is empty.
+    SQLite rejects a truncated database completely, although most of its pages may be intact. It accepts a
+    file with the number of pages in the header, and reads no rows from empty pages.
     """
     size = _page_size(head)
     data = read_bytes(path)
-    there = len(data) // size if size else 0
-    if not there:
+    count = len(data) // size if size else 0
+    if not count:
         raise LogError(f"{path}: this log ends in its first page, after {len(data)} bytes")
-    (announced,) = _NUMBER.unpack_from(head, _AT_PAGES)
-    # A damaged head may announce more than any memory has.
-    pages = min(announced, _GROWTH * (there + 1))
-    whole = bytearray(data[: there * size]) + bytes((pages - there) * size)
-    _NUMBER.pack_into(whole, _AT_PAGES, pages)
-    # A database in memory can't have a write-ahead log.
-    whole[_AT_VERSIONS : _AT_VERSIONS + 2] = b"\1\1"
-    return bytes(whole)
+    (expected,) = _NUMBER.unpack_from(head, _AT_PAGES)
+    # The number in a damaged header may exceed all memory.
+    pages = min(expected, _GROWTH * (count + 1))
+    database = bytearray(data[: count * size]) + bytes((pages - count) * size)
+    _NUMBER.pack_into(database, _AT_PAGES, pages)
+    # 1 is the legacy journal mode: a database in memory cannot have a write-ahead log.
+    database[_AT_VERSIONS : _AT_VERSIONS + 2] = b"\1\1"
+    return bytes(database)

@@ -1,4 +1,4 @@
-"""How often each node came to which result, as BehaviorTree.CPP's TreeObserver counts (groot2.md §14)."""
+"""Counting the results of each node, in a running tree and in a recording."""
 
 from dataclasses import dataclass, replace
 
@@ -20,12 +20,17 @@ from btcore.tree.tree import Tree
 
 @dataclass(slots=True)
 class NodeStatistics:
-    """What is known of one node.
+    """The statistics of a node in a running tree.
 
-    *last_result* is its last SUCCESS or FAILURE (IDLE before); *transitions_count* counts all
-    transitions but those to IDLE; *last_timestamp* is that of its last transition, also to IDLE, in ns
-    since 1970 (0 before). A node that is skipped by its pre-condition does not change its status, so
-    *skip_count* counts only those that say SKIPPED themselves.
+    Attributes:
+        last_result: The last SUCCESS or FAILURE; IDLE before the first.
+        current_status: The current status.
+        transitions_count: The number of transitions, without those to IDLE.
+        success_count: The number of transitions to SUCCESS.
+        failure_count: The number of transitions to FAILURE.
+        skip_count: The number of transitions to SKIPPED. A node that is skipped by its pre-condition does not
+            change its status, and is not counted.
+        last_timestamp: The time of the last transition, including those to IDLE, in ns since 1970; 0 before.
     """
 
     last_result: Status = IDLE
@@ -38,10 +43,10 @@ class NodeStatistics:
 
 
 class TreeObserver(AttachedObserver):
-    """Counts the results of every node of *tree*, until closed.
+    """An observer that counts the results of each node of *tree* until it is closed.
 
-    Nodes are looked up by uid or by path; where two paths are equal ``#<uid>`` tells them apart, as in
-    :meth:`btcore.Tree.keys`.
+    It counts as BehaviorTree.CPP's TreeObserver (src/loggers/bt_observer.cpp). Nodes are identified by UID or
+    by path; equal paths are distinguished by ``#<uid>``, as in :meth:`btcore.Tree.nodes_by_path`.
     """
 
     def __init__(self, tree: Tree) -> None:
@@ -54,54 +59,69 @@ class TreeObserver(AttachedObserver):
     def transition(self, change: Transition) -> None:
         """Count *change*."""
         status = change.status
-        one = self._statistics[change.uid]
-        one.current_status = status
-        one.last_timestamp = self.wall(change.stamp)
+        node = self._statistics[change.uid]
+        node.current_status = status
+        node.last_timestamp = self.wall(change.stamp)
         if status is IDLE:
             return
-        one.transitions_count += 1
+        node.transitions_count += 1
         if status is SUCCESS:
-            one.last_result = status
-            one.success_count += 1
+            node.last_result = status
+            node.success_count += 1
         elif status is FAILURE:
-            one.last_result = status
-            one.failure_count += 1
+            node.last_result = status
+            node.failure_count += 1
         elif status is SKIPPED:
-            one.skip_count += 1
+            node.skip_count += 1
 
     def get_statistics(self, node: int | str) -> NodeStatistics:
-        """What is known now of the node with that uid or path. Raises BtcoreError if there is none."""
+        """Return a copy of the current statistics of a node, given by its UID or path.
+
+        Raises:
+            BtcoreError: There is no such node, or several nodes have this path.
+        """
         uid = node if isinstance(node, int) else self.path_to_uid.get(node)
         if uid not in self._statistics:
             raise BtcoreError(self._unknown(node))
         return replace(self._statistics[uid])
 
     def statistics(self) -> dict[str, NodeStatistics]:
-        """What is known now of every node, by path, in pre-order."""
+        """Return a copy of the current statistics of all nodes by path, in pre-order."""
         return {path: replace(self._statistics[uid]) for path, uid in self.path_to_uid.items()}
 
     def reset_statistics(self) -> None:
-        """Count from zero again."""
-        for uid, one in self._statistics.items():
-            self._statistics[uid] = NodeStatistics(current_status=one.current_status)
+        """Reset all counts to 0."""
+        for uid, node in self._statistics.items():
+            self._statistics[uid] = NodeStatistics(current_status=node.current_status)
 
     def _unknown(self, node: int | str) -> str:
         if isinstance(node, int):
             return f"the tree has no node {node}; its nodes are 1 to {max(self._statistics)}"
-        alike = [path for path in self.path_to_uid if path.rpartition("#")[0] == node]
-        if alike:
-            return f"'{node}' is the path of {len(alike)} nodes; say which: {join_names(alike, 'or')}"
+        equal = [path for path in self.path_to_uid if path.rpartition("#")[0] == node]
+        if equal:
+            return f"'{node}' is the path of {len(equal)} nodes; use {join_names(equal, 'or')}"
         guess = nearest_name(node, self.path_to_uid)
         return f"the tree has no node '{node}'" + (f"; did you mean '{guess}'?" if guess else "")
 
 
 @dataclass(slots=True)
 class RecordedStatistics:
-    """One node's figures. *path* is its full path, with ``#uid`` where two are equal.
+    """The statistics of a node in a recording.
 
-    *success*, *failure* and *skipped* count results, *halted* how often it went from RUNNING to IDLE.
-    *runs* counts the stretches of time in which it was RUNNING; *total* and *longest* are their times (ns).
-    A stretch that the recording ends in lasts to its last transition, and makes *running* true.
+    A run is a period in which the node was RUNNING. A run that is not finished at the end of the recording
+    counts up to the last transition.
+
+    Attributes:
+        node: The node.
+        path: Its full path, with ``#<uid>`` if several nodes have the same path.
+        success: The number of transitions to SUCCESS.
+        failure: The number of transitions to FAILURE.
+        skipped: The number of transitions to SKIPPED.
+        halted: The number of transitions from RUNNING to IDLE.
+        runs: The number of runs.
+        total: The total duration of all runs (ns).
+        longest: The duration of the longest run (ns).
+        running: Whether the last run is not finished.
     """
 
     node: RecordedNode
@@ -117,46 +137,51 @@ class RecordedStatistics:
 
     @property
     def results(self) -> int:
-        """How often it came to a result."""
+        """The number of results: SUCCESS, FAILURE and SKIPPED."""
         return self.success + self.failure + self.skipped
 
     @property
     def rate(self) -> float | None:
-        """Share of SUCCESS (0–1) among SUCCESS and FAILURE; None without either."""
+        """The fraction (0 to 1) of SUCCESS among SUCCESS and FAILURE; None without either."""
         ended = self.success + self.failure
         return self.success / ended if ended else None
 
     @property
     def mean(self) -> float:
-        """Mean time of a run (ns); 0 without one."""
+        """The mean duration of the runs (ns); 0 without runs."""
         return self.total / self.runs if self.runs else 0.0
 
-    def _ran(self, ns: int) -> None:
+    def _add_run(self, ns: int) -> None:
         self.runs += 1
         self.total += ns
         self.longest = max(self.longest, ns)
 
 
 def recorded_statistics(recording: Recording) -> list[RecordedStatistics]:
-    """The figures of every node, in pre-order. One that ends at once is never RUNNING, and takes no time."""
-    found = {uid: RecordedStatistics(recording.nodes[uid], path) for uid, path in recording.keys().items()}
-    since: dict[int, int] = {}
+    """Return the statistics of all nodes in pre-order.
+
+    A node that returns its result in the tick in which it starts is never RUNNING: it has no runs.
+    """
+    statistics = {
+        uid: RecordedStatistics(recording.nodes[uid], path) for uid, path in recording.keys().items()
+    }
+    running_since: dict[int, int] = {}
     for stamp, uid, previous, status in recording.transitions:
-        one = found[uid]
+        node = statistics[uid]
         if status is RUNNING:
-            since.setdefault(uid, stamp)
+            running_since.setdefault(uid, stamp)
             continue
-        if uid in since:
-            one._ran(stamp - since.pop(uid))
+        if uid in running_since:
+            node._add_run(stamp - running_since.pop(uid))
         if status is SUCCESS:
-            one.success += 1
+            node.success += 1
         elif status is FAILURE:
-            one.failure += 1
+            node.failure += 1
         elif status is SKIPPED:
-            one.skipped += 1
+            node.skipped += 1
         elif status is IDLE and previous is RUNNING:
-            one.halted += 1
-    for uid, begun in since.items():
-        found[uid]._ran(recording.end - begun)
-        found[uid].running = True
-    return list(found.values())
+            node.halted += 1
+    for uid, start in running_since.items():
+        statistics[uid]._add_run(recording.end - start)
+        statistics[uid].running = True
+    return list(statistics.values())

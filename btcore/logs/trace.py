@@ -1,7 +1,7 @@
-"""Trace events: a file that Perfetto and chrome://tracing open (groot2.md §13).
+"""Writing trace events, a JSON file for Perfetto and chrome://tracing.
 
-As BehaviorTree.CPP 4's MinitraceLogger writes it, with names escaped, every slice ended, and the file
-complete after each tick.
+The events are those of BehaviorTree.CPP 4's MinitraceLogger (src/loggers/bt_minitrace_logger.cpp). In
+addition names are escaped, all slices are closed, and the file is valid JSON after each tick.
 """
 
 import json
@@ -35,13 +35,19 @@ _CATEGORIES: Final = {
 
 
 class TraceLog(Log):
-    """Writes to *path* what the nodes of *tree* do.
+    """A log of a tree as trace events.
 
-    A slice shows a node that is RUNNING, an instant a result that came at once.
+    A slice is a period in which a node is RUNNING; it also ends when the node is halted. An instant is a
+    result of a node that was not RUNNING before. Times are µs of the tree's clock since the start of the log.
+    ``args`` contains the node's path and UID, and its new status. Nodes that are RUNNING at the same time
+    have separate lanes (threads of the trace).
 
-    Times are µs of the tree's clock since the log began. A slice ends when its node leaves RUNNING,
-    also when it is halted; ``args`` tell the node's path and uid, and the status it came to. Nodes that
-    run at the same time are on lanes (threads) of their own. Raises LogError if the file can't be written.
+    Args:
+        tree: The tree.
+        path: The file; an existing file is overwritten.
+
+    Raises:
+        LogError: The file cannot be written.
     """
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
@@ -63,14 +69,14 @@ class TraceLog(Log):
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
-        """Put the events of *changes* before the end of the document, which moves on."""
+        """Append the events of *changes*."""
         events: list[str] = []
         for change in changes:
-            self._tell(change, (change.stamp - self.start) // NS_PER_US, events)
+            self._add_events(change, (change.stamp - self.start) // NS_PER_US, events)
         self._append(events)
 
     def finish(self) -> None:
-        """End what is still RUNNING."""
+        """Close the slices of nodes that are still RUNNING."""
         now = (self.tree.clock.now() - self.start) // NS_PER_US
         events = [
             self._event(uid, "E", lane, now, f'"status":"{RUNNING.name}"') for uid, lane in self._lanes.open()
@@ -86,11 +92,12 @@ class TraceLog(Log):
             return
         begin = b"" if self._end == len(_HEAD) else b",\n"
         data = begin + ",\n".join(events).encode("ascii")
+        # The end of the JSON document is overwritten, and written again in the same call.
         self._file.seek(self._end)
         write_whole(self._file, data + _TAIL)
         self._end += len(data)
 
-    def _tell(self, change: Transition, now: int, events: list[str]) -> None:
+    def _add_events(self, change: Transition, now: int, events: list[str]) -> None:
         _, _, _, uid, previous, status = change
         if status is RUNNING:
             events.append(self._event(uid, "B", self._lanes.begin(uid), now))
@@ -101,12 +108,13 @@ class TraceLog(Log):
             events.append(self._event(uid, "I", lane, now, f'"status":"{status.name}"'))
 
     def _close(self, uid: int, status: Status, now: int, events: list[str]) -> None:
-        lane, within = self._lanes.end(uid)
-        for one in reversed(within):
-            events.append(self._event(one, "E", lane, now, f'"status":"{RUNNING.name}"'))
+        lane, inner = self._lanes.end(uid)
+        # Slices inside the closed slice must end before it; they continue as new slices on other lanes.
+        for inner_uid in reversed(inner):
+            events.append(self._event(inner_uid, "E", lane, now, f'"status":"{RUNNING.name}"'))
         events.append(self._event(uid, "E", lane, now, f'"status":"{status.name}"'))
-        for one in within:
-            events.append(self._event(one, "B", self._lanes.begin(one), now))
+        for inner_uid in inner:
+            events.append(self._event(inner_uid, "B", self._lanes.begin(inner_uid), now))
 
     def _event(self, uid: int, phase: str, lane: int, now: int, more: str = "") -> str:
         category, name, address = self._labels[uid]
@@ -118,11 +126,14 @@ class TraceLog(Log):
 
 
 class SliceLanes:
-    """The lane of each node's open slice; lanes count from 1.
+    """The assignment of open slices to lanes, which are numbered from 1.
 
     In trace events, slices of the same thread must be properly nested. Slices of nodes need not be: the
-    first child of a Parallel may complete before the second. So a slice is on its parent's lane only while
-    the parent is innermost there, else on a free lane.
+    first child of a Parallel may complete before the second. Therefore a new slice is placed on its parent's
+    lane only if the parent is the innermost slice there, else on a free lane.
+
+    Args:
+        parents: The UID of each node's parent.
     """
 
     def __init__(self, parents: dict[int, int]) -> None:
@@ -131,45 +142,47 @@ class SliceLanes:
         self._lane: dict[int, int] = {}
 
     def lane(self, uid: int) -> int:
-        """Where something of node *uid* that takes no time is shown: with its parent, if that is open."""
+        """Return the lane for an instant of node *uid*: its own lane, its parent's, or 1."""
         if uid in self._lane:
             return self._lane[uid]
         return self._lane.get(self._parents.get(uid, 0), 1)
 
     def begin(self, uid: int) -> int:
-        """Open the slice of node *uid*; returns its lane."""
+        """Open the slice of node *uid*, and return its lane."""
         parent = self._parents.get(uid, 0)
-        place = self._lane.get(parent, 0)
-        if not place or self._stacks[place - 1][-1] != parent:
-            place = self._free()
-        self._stacks[place - 1].append(uid)
-        self._lane[uid] = place
-        return place
+        lane = self._lane.get(parent, 0)
+        if not lane or self._stacks[lane - 1][-1] != parent:
+            lane = self._free_lane()
+        self._stacks[lane - 1].append(uid)
+        self._lane[uid] = lane
+        return lane
 
     def end(self, uid: int) -> tuple[int, list[int]]:
-        """Close the slice of node *uid*; returns its lane, and which slices lie within, the outermost first.
+        """Close the slice of node *uid* and all slices inside it.
 
-        Those are cut: they end with it, and may begin again elsewhere.
+        Returns:
+            The lane, and the nodes of the inner slices, the outermost first. The caller may open new slices
+            for them.
         """
-        place = self._lane[uid]
-        stack = self._stacks[place - 1]
+        lane = self._lane[uid]
+        stack = self._stacks[lane - 1]
         depth = stack.index(uid)
-        within = stack[depth + 1 :]
+        inner = stack[depth + 1 :]
         del stack[depth:]
-        for one in (uid, *within):
-            del self._lane[one]
-        return place, within
+        for closed in (uid, *inner):
+            del self._lane[closed]
+        return lane, inner
 
     def open(self) -> list[tuple[int, int]]:
-        """Every open slice as (node, lane), such that closing them in this order keeps the nesting."""
-        return [(uid, place) for place, stack in enumerate(self._stacks, 1) for uid in reversed(stack)]
+        """Return the open slices as (UID, lane), in an order in which they can be closed."""
+        return [(uid, lane) for lane, stack in enumerate(self._stacks, 1) for uid in reversed(stack)]
 
     def __contains__(self, uid: int) -> bool:
         return uid in self._lane
 
-    def _free(self) -> int:
-        for place, stack in enumerate(self._stacks, 1):
+    def _free_lane(self) -> int:
+        for lane, stack in enumerate(self._stacks, 1):
             if not stack:
-                return place
+                return lane
         self._stacks.append([])
         return len(self._stacks)

@@ -1,1 +1,1 @@
-"""Many episodes of one tree, over all cores or a cluster: ``btcore sweep``. See docs/sweeps.md."""
+"""``btcore sweep``: run many episodes of a tree in parallel, and compute statistics. See docs/sweeps.md."""

@@ -1,4 +1,4 @@
-"""The report's pictures, as SVG that takes its colours from the page's style."""
+"""The charts of the report, as SVG whose colours come from the style sheet of the page."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,13 @@ from btcore.sweep.sweep_statistics import LEVEL, SuccessRate
 
 
 def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
-    """A rate on a line from 0 to 100 %: a dot, and a bar for its interval."""
+    """Return a chart of a success rate on a line from 0 to 100 %: a dot, and a bar for its interval.
+
+    Args:
+        rate: The success rate.
+        width: The width of the chart in px.
+        height: The height of the chart in px.
+    """
     low, high, at = (6 + (width - 12) * part for part in (rate.low, rate.high, rate.share))
     middle = height / 2
     ends = f"{percent(rate.low)} and {percent(rate.high)}"
@@ -29,7 +35,13 @@ def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
 
 
 def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) -> str:
-    """How many of *times* fall where, those that are true below the others."""
+    """Return a histogram of the durations of episodes, with successes stacked below the other episodes.
+
+    Args:
+        times: The duration of each episode, and whether it was a success.
+        unit: The unit of the durations.
+        bins: The largest number of bins.
+    """
     width, height, left, bottom, top = 860, 230, 44, 34, 8
     low, high = min(time for time, _ in times), max(time for time, _ in times)
     edges = _edges(low, high, bins)
@@ -37,7 +49,7 @@ def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) ->
     for time, success in times:
         place = min(int((time - edges[0]) / (edges[1] - edges[0])), len(good) - 1)
         (good if success else bad)[place] += 1
-    most = max(one + other for one, other in zip(good, bad, strict=True))
+    most = max(map(sum, zip(good, bad, strict=True)))
     marks = _round_marks(0, most, 4)
     ceiling = max(most, marks[-1])
     across = (width - left - 10) / len(good)
@@ -51,10 +63,10 @@ def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) ->
         for mark in marks
         if mark == int(mark)
     ]
-    for place, (one, other) in enumerate(zip(good, bad, strict=True)):
+    for place, (successes, others) in enumerate(zip(good, bad, strict=True)):
         x = left + place * across
-        title = f"{edges[place]:g}–{edges[place + 1]:g} {unit}: {one} ✔, {other} ✘"
-        for kind, base, count in (("good", 0, one), ("bad", one, other)):
+        title = f"{edges[place]:g}–{edges[place + 1]:g} {unit}: {successes} ✔, {others} ✘"
+        for kind, base, count in (("good", 0, successes), ("bad", successes, others)):
             if count:
                 parts.append(
                     f'<rect class="{kind}" x="{x + 1:.1f}" y="{y(base + count):.1f}" '
@@ -77,14 +89,14 @@ def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) ->
 
 
 def percent(share: float) -> str:
-    """A share as people write it."""
+    """Return *share* (0 to 1) as a percentage; "–" for NaN."""
     if math.isnan(share):
         return "–"
     return f"{100 * share:.0f} %" if share in (0.0, 1.0) else f"{100 * share:.1f} %"
 
 
 def _edges(low: float, high: float, bins: int) -> list[float]:
-    """The edges of at most *bins* bins of a round width that hold *low* and *high*."""
+    """Return the edges of at most *bins* bins of a round width that include *low* and *high*."""
     step = _round_up((high - low) / bins) if high > low else max(_round_up(abs(high) / bins), 0.1)
     start = math.floor(low / step)
     count = max(1, math.floor(high / step) - start + (high > math.floor(high / step) * step or high == low))
@@ -92,14 +104,14 @@ def _edges(low: float, high: float, bins: int) -> list[float]:
 
 
 def _round_marks(low: float, high: float, most: int) -> list[float]:
-    """At most *most* round numbers and one from *low* on, the last not under *high* minus a step."""
+    """Return at most *most* + 1 multiples of a round step between *low* and *high*, for an axis."""
     step = _round_up((high - low) / most) if high > low else 1.0
-    first = math.ceil(low / step - 1e-9)
+    first = math.ceil(low / step - 1e-9)  # the tolerance keeps a multiple that rounding moved out of range
     last = math.floor(high / step + 1e-9)
     return [round(number * step, 9) for number in range(first, last + 1)]
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2, 2.5, 5 times a power of ten."""
+    """Return the next number at or above *value* that is 1, 2, 2.5 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(value)) if value > 0 else 1.0
     return next(part * power for part in (1.0, 2.0, 2.5, 5.0, 10.0) if part * power >= value * (1 - 1e-9))

@@ -1,4 +1,4 @@
-"""The workers that play episodes: processes on this machine, one a core, or those of a Dask scheduler."""
+"""The workers that run episodes: processes on this machine, or the workers of a Dask scheduler."""
 
 import logging
 import math
@@ -22,101 +22,114 @@ from btcore.sweep.episode import Result, run_episode
 LOG: Final = "workers.log"
 LOG_VARIABLE: Final = "BTCORE_SWEEP_LOG"
 
-_CONNECT: Final = 30.0  # s in which a scheduler answers, and has a worker
-_LOOK: Final = 0.1  # s between two looks at whether to stop
-_COUNT: Final = 2.0  # s between two counts of the workers
+_CONNECT_TIMEOUT_S: Final = 30.0  # for connecting to a scheduler, and again for its first worker
+_STOP_INTERVAL_S: Final = 0.1  # between two checks whether to stop
+_COUNT_INTERVAL_S: Final = 2.0  # between two counts of the workers
 
 _CONFIGURATION: Final = {
-    # Each death is told: who counts them is `Workers`.
+    # Dask must report each death of a worker: `Workers` counts the attempts itself.
     "distributed.scheduler.allowed-failures": 0,
+    # Workers shall not be paused, nor results be spilled to disk: results are small.
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
-    # It looks at each worker a hundred times a second, for a dashboard that isn't served.
+    # The profiler samples each worker 100 times a second, for a dashboard that is not served.
     "distributed.worker.profile.enabled": False,
 }
 
 
 class Killed(NamedTuple):
-    """What came of an episode whose workers died while they played it, *times* times."""
+    """The result of an episode whose worker died in each of *times* attempts."""
 
     times: int
 
 
 class Workers:
-    """The workers that *client* reaches. An episode is tried *attempts* times if its workers die."""
+    """The workers of a Dask client.
+
+    Args:
+        client: The client.
+        attempts: How often an episode is tried if its worker dies.
+    """
 
     def __init__(self, client: Client, attempts: int) -> None:
         self.client = client
         self.attempts = attempts
         self.count = 0
-        """How many there were at the last look."""
+        """The number of workers at the last count."""
         self.deaths = 0
-        """How many died so far while they played."""
+        """The number of workers that have died while they ran an episode."""
         self._counted = -math.inf
         self._folder = str(Path.cwd())
         self._session = uuid4().hex[:8]
         self._finished: SimpleQueue[Future] = SimpleQueue()
-        self._playing: dict[str, tuple[Episode, Future]] = {}
+        self._running: dict[str, tuple[Episode, Future]] = {}
         self._again: list[Episode] = []
         self._killed: dict[int, int] = {}
 
     def run_episodes(
         self, episodes: Iterator[Episode], stopped: Callable[[], bool]
     ) -> Iterator[tuple[Episode, Result | Killed]]:
-        """Play *episodes*, and give each with what came of it, as soon as it has; until *stopped* says so.
+        """Run episodes in parallel, and yield each with its result as soon as it is finished.
 
-        No more are handed out than there are workers, so that one that dies takes one episode with it.
-        Raises :class:`click.ClickException` when the scheduler is gone or no worker can play.
+        No more episodes are submitted than there are workers, so that the death of a worker affects a single
+        episode.
+
+        Args:
+            episodes: The episodes to run.
+            stopped: Called often; running ends when it returns True.
+
+        Raises:
+            click.ClickException: The scheduler is gone, or a worker cannot run episodes.
         """
         while not stopped():
             self._count()
-            self._hand_out(episodes)
-            if not self._playing and self.count:
+            self._submit(episodes)
+            if not self._running and self.count:
                 return
             try:
-                future = self._finished.get(timeout=_LOOK)
+                future = self._finished.get(timeout=_STOP_INTERVAL_S)
             except Empty:
                 continue
-            episode, _ = self._playing.pop(future.key)
-            # Before the result is looked at: nobody has to wait for that.
-            self._hand_out(episodes)
+            episode, _ = self._running.pop(future.key)
+            # Before the result is processed, so that no worker is idle in the meantime.
+            self._submit(episodes)
             result = self._result(future, episode)
             if result is not None:
                 yield episode, result
-        self.client.cancel([future for _, future in self._playing.values()])
+        self.client.cancel([future for _, future in self._running.values()])
 
     def _count(self) -> None:
-        if monotonic() - self._counted >= _COUNT:
+        if monotonic() - self._counted >= _COUNT_INTERVAL_S:
             try:
                 self.count = len(self.client.nthreads())
-            except (OSError, TimeoutError) as fault:
-                raise _gone() from fault
+            except (OSError, TimeoutError) as error:
+                raise _scheduler_gone() from error
             self._counted = monotonic()
 
-    def _hand_out(self, episodes: Iterator[Episode]) -> None:
-        while len(self._playing) < self.count:
+    def _submit(self, episodes: Iterator[Episode]) -> None:
+        while len(self._running) < self.count:
             episode = self._again.pop() if self._again else next(episodes, None)
             if episode is None:
                 return
             key = f"episode-{self._session}-{episode.number}-{self._killed.get(episode.number, 0)}"
             future = self.client.submit(run_episode, episode.command, self._folder, key=key, pure=False)
-            self._playing[key] = episode, future
+            self._running[key] = episode, future
             future.add_done_callback(self._finished.put)
 
     def _result(self, future: Future, episode: Episode) -> Result | Killed | None:
-        """What came of it; None: it will be played again."""
+        """Return the result of *episode*, or None if the episode will be run again."""
         try:
             result: Result = future.result()
         except KilledWorker as killed:
             died = killed.allowed_failures + 1
-        except CancelledError as fault:
-            raise _gone() from fault
-        except Exception as fault:
+        except CancelledError as error:
+            raise _scheduler_gone() from error
+        except Exception as error:
             raise click.ClickException(
-                f"a worker can't play episodes: {type(fault).__name__}: {fault}. Has it the same btcore, "
-                "and Python, as this machine?"
-            ) from fault
+                f"a worker cannot run episodes: {type(error).__name__}: {error}. Check that it has the same "
+                "versions of btcore and Python as this machine."
+            ) from error
         else:
             return result
         self.deaths += died
@@ -129,12 +142,15 @@ class Workers:
 
 @contextmanager
 def local(count: int | None, attempts: int, folder: Path) -> Iterator[Workers]:
-    """*count* processes on this machine, by default one for each core that this process may use.
+    """Return a context with worker processes on this machine.
 
-    What they print, last words included, goes into a file in *folder*.
+    Args:
+        count: The number of processes; None for one process per core that this process may use.
+        attempts: How often an episode is tried if its worker dies.
+        folder: The folder of the file to which the workers' output is redirected.
     """
-    _hush()
-    here = {LOG_VARIABLE: str((folder / LOG).resolve())}
+    _silence_dask()
+    environment = {LOG_VARIABLE: str((folder / LOG).resolve())}
     with (
         dask.config.set(_CONFIGURATION),
         LocalCluster(
@@ -148,7 +164,7 @@ def local(count: int | None, attempts: int, folder: Path) -> Iterator[Workers]:
             silence_logs=logging.CRITICAL,
             host="127.0.0.1",
             preload="btcore.sweep.worker",
-            env=here,
+            env=environment,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
@@ -157,31 +173,40 @@ def local(count: int | None, attempts: int, folder: Path) -> Iterator[Workers]:
 
 @contextmanager
 def remote(address: str, attempts: int) -> Iterator[Workers]:
-    """The workers of the Dask scheduler at *address*. Raises :class:`click.ClickException` where none is."""
-    _hush()
+    """Return a context with the workers of a Dask scheduler.
+
+    Args:
+        address: The address of the scheduler.
+        attempts: How often an episode is tried if its worker dies.
+
+    Raises:
+        click.ClickException: There is no scheduler at *address*, or it has no workers.
+    """
+    _silence_dask()
     try:
-        client = Client(address, timeout=_CONNECT, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as fault:
+        client = Client(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
         raise click.ClickException(
-            f"--scheduler {address}: no Dask scheduler answers there ({fault}). 'dask scheduler' starts one, "
-            "and 'dask worker ADDRESS --nthreads 1' a worker on each machine."
-        ) from fault
+            f"--scheduler {address}: no Dask scheduler answers ({error}). Start it with 'dask scheduler', "
+            "and a worker on each machine with 'dask worker ADDRESS --nthreads 1'."
+        ) from error
     with client:
         try:
-            client.wait_for_workers(1, timeout=_CONNECT)
-        except TimeoutError as fault:
+            client.wait_for_workers(1, timeout=_CONNECT_TIMEOUT_S)
+        except TimeoutError as error:
             raise click.ClickException(
-                f"--scheduler {address}: it has no workers; 'dask worker {address} --nthreads 1' starts one."
-            ) from fault
+                f"--scheduler {address}: the scheduler has no workers; start one with 'dask worker {address} "
+                "--nthreads 1'."
+            ) from error
         yield Workers(client, attempts)
 
 
-def _hush() -> None:
-    """What Dask logs is told by us, as far as it is of use."""
+def _silence_dask() -> None:
+    """Suppress Dask's log messages: `Workers` reports deaths of workers and the loss of the scheduler."""
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
 
 
-def _gone() -> click.ClickException:
+def _scheduler_gone() -> click.ClickException:
     return click.ClickException(
-        "the Dask scheduler is gone. What is done is kept: the same command goes on with the rest."
+        "the Dask scheduler is gone. Finished episodes are kept: run the same command again to continue."
     )

@@ -1,4 +1,4 @@
-"""``btcore sweep``: many episodes of a tree, over all cores or a cluster, and what they come to."""
+"""The command ``btcore sweep``."""
 
 import json
 from collections.abc import Sequence
@@ -21,29 +21,29 @@ from btcore.sweep.journal import Journal
 from btcore.sweep.results import write_results
 
 
-def _have(modules: Sequence[str]) -> None:
-    """Raise ModuleNotFoundError, which the command line explains, before hours are spent in vain."""
+def _require(modules: Sequence[str]) -> None:
+    """Import *modules* now, so that a missing module is reported before the episodes are run."""
     for module in modules:
         import_module(module)
 
 
-@click.command(cls=options.SweepCommand, short_help="Run a tree many times over all cores, and count.")
+@click.command(cls=options.SweepCommand, short_help="Run a tree many times in parallel, and compare.")
 @click.argument("source", metavar="TREE")
 @click.option(
     "--seeds",
     required=True,
     metavar="N|A..B|A,B",
     callback=lambda ctx, option, text: seed_texts.parse_seeds(text),
-    help="How many seeds, from 0 on; or which: a range, both ends belong to it, or a list.",
+    help="The seeds: the first N seeds (0 to N-1), an inclusive range A..B, or a list.",
 )
 @click.option(
     "--param",
     "params",
     multiple=True,
     metavar="KEY=VALUES",
-    help="What to vary: an option of 'btcore run' without its dashes, or bb.NAME, an entry of the "
-    "blackboard. VALUES stand apart by commas, or are ranges: 20..100:20. Several make a grid; each setting "
-    "is run with each seed.",
+    help="Vary a parameter: an option of 'btcore run' without its dashes, or bb.NAME for a blackboard entry. "
+    "VALUES are separated by commas; a range is written as 20..100:20. With several parameters, all "
+    "combinations of their values are run. Repeatable.",
 )
 @click.option(
     "--duration",
@@ -51,21 +51,21 @@ def _have(modules: Sequence[str]) -> None:
     default=600.0,
     show_default=True,
     metavar="S",
-    help="End an episode after so many seconds of the tree's clock.",
+    help="End each episode after S seconds of the tree's clock.",
 )
 @click.option(
     "--success-if",
     "script",
     callback=success.parse_script,
     metavar="SCRIPT",
-    help="What counts as a success, as a tree's scripts are written, over the table's columns: "
-    "\"status == 'SUCCESS' && robot_collisions == 0\". Without it, a run that exits with 0.",
+    help="The condition for a success, as a script over the columns of the table: "
+    "\"status == 'SUCCESS' && robot_collisions == 0\".  [default: the run exits with 0]",
 )
 @click.option(
     "--output",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Where the results go, and from where a sweep that was broken off goes on.  [default: TREE.sweep]",
+    help="The folder for the results. An interrupted sweep continues from it.  [default: TREE.sweep]",
 )
 @click.option(
     "--format",
@@ -73,21 +73,26 @@ def _have(modules: Sequence[str]) -> None:
     type=click.Choice(["csv", "parquet"]),
     default="csv",
     show_default=True,
-    help="The form of the table. (--param format=3 has trees read as format 3.)",
+    help="The file format of the table. (For the XML format of the tree use --param format=3.)",
 )
 @click.option(
-    "--workers", type=click.IntRange(1), metavar="N", help="Processes on this machine.  [default: one a core]"
+    "--workers",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Number of processes on this machine.  [default: one per core]",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Play on the workers of this Dask scheduler instead.")
+@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of this Dask scheduler instead.")
 @click.option(
     "--attempts",
     type=click.IntRange(1),
     default=3,
     show_default=True,
     metavar="N",
-    help="How often an episode may take its worker with it before it counts as KILLED.",
+    help="Run an episode up to N times if its worker dies; after that its status is KILLED.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object as the last line of stdout.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the results as a JSON object on the last line of stdout."
+)
 @click.pass_context
 def sweep(
     ctx: click.Context,
@@ -104,25 +109,30 @@ def sweep(
     as_json: bool,
     **settings: Any,
 ) -> int:
-    """Run TREE with many seeds and settings in simulated time, and tell how often it succeeds.
+    """Run TREE in simulated time with many seeds and parameter values, and report the success rates.
 
-    Each episode is what 'btcore run TREE --fast --seed S' does, and the report has that command line for
-    those that failed. What is done is kept in the output folder: the same command goes on after whatever
-    ended it.
+    Each episode is the same as a run of 'btcore run TREE --fast --seed S'; the report lists the command lines
+    of the episodes that failed. Finished episodes are saved in the output folder: after an interruption, the
+    same command continues with the remaining episodes.
 
-    Exits with 0 when every episode is a success, 1 when one isn't, 2 for a mistake in the tree or on the
-    command line, 3 when a leaf raised in one, 130 when interrupted.
+    \b
+    Exit codes:
+      0    all episodes were successful
+      1    an episode was not successful
+      2    an error in the tree or on the command line
+      3    a leaf raised an exception in an episode
+      130  interrupted
     """
     if workers is not None and scheduler is not None:
-        raise click.UsageError("--workers counts processes on this machine, and --scheduler has its own.")
-    _have(["distributed", *(["pyarrow"] if suffix == "parquet" else [])])
+        raise click.UsageError("--workers and --scheduler cannot be used together.")
+    _require(["distributed", *(["pyarrow"] if suffix == "parquet" else [])])
     definition = create_definition(ctx, source, params, seeds, settings["duration"])
     folder = output if output is not None else Path(f"{Path(source).stem}.sweep")
     with Journal(folder, definition) as journal:
-        done = episode_runner.run_sweep(
+        summary = episode_runner.run_sweep(
             journal, script, episode_runner.WorkerOptions(workers, scheduler, attempts)
         )
-        results = write_results(journal, script, suffix, done)
+        results = write_results(journal, script, suffix, summary)
     if as_json:
         click.echo(json.dumps(results.json_object, ensure_ascii=False))
     return results.code

@@ -1,4 +1,4 @@
-"""What a sweep is: a tree, what is told to every run of it, the settings and the seeds."""
+"""The definition of a sweep: the tree, the options of its runs, the parameter values and the seeds."""
 
 import hashlib
 import shlex
@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
 import click
 
+from btcore import __version__
 from btcore.cli import terminal, trees
 from btcore.cli.run import read_tree_source, run
 from btcore.suggestions import join_names
@@ -22,12 +22,12 @@ from btcore.xml.read.document import parse_file
 from btcore.xml.read.includes import resolve_includes
 
 FORM: Final = 1
-"""Of the description that a sweep's folder keeps."""
+"""The version of the format of ``sweep.json``, the description that a sweep's folder contains."""
 
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One run of a sweep: its *number* from 0, *seed*, the parameters' *values*, and all of the *command*."""
+    """A run of a sweep: its *number* from 0, its *seed*, the parameter *values*, and its *command* line."""
 
     number: int
     seed: int
@@ -36,16 +36,22 @@ class Episode:
 
     @property
     def replay(self) -> str:
-        """The command line that makes the same run again."""
+        """The command line that repeats the run."""
         return shlex.join(("btcore", "run", *self.command))
 
 
 @dataclass(frozen=True)
 class SweepDefinition:
-    """A sweep of *tree*, as the user named it.
+    """The definition of a sweep.
 
-    *arguments* are told to every run, *varied* are the values of each parameter, *choices* says how they are
-    told. *inputs* are digests of the files that a run reads, by name, and *version* is btcore's.
+    Attributes:
+        tree: The tree, as named on the command line.
+        arguments: The arguments of all runs.
+        varied: The values of each parameter.
+        choices: The options of ``btcore run`` that parameters can set.
+        seeds: The seeds.
+        inputs: The digests of the files that the runs read, by file name.
+        version: The version of btcore.
     """
 
     tree: str
@@ -58,18 +64,18 @@ class SweepDefinition:
 
     @cached_property
     def settings(self) -> list[dict[str, str]]:
-        """Every combination of the parameters' values."""
+        """All combinations of the parameters' values."""
         return list(parameters.settings(self.varied))
 
     def __len__(self) -> int:
         return len(self.seeds) * len(self.settings)
 
     def episode(self, number: int) -> Episode:
-        """The episode of that *number*: all settings of the first seed, then all of the next."""
-        turn, place = divmod(number, len(self.settings))
-        seed, values = self.seeds[turn], self.settings[place]
-        told = parameters.setting_arguments(values, self.choices)
-        command = (self.tree, *self.arguments, *told, "--fast", "--seed", str(seed))
+        """Return the episode *number*. All settings with the first seed come first, then the next seed."""
+        seed_index, setting_index = divmod(number, len(self.settings))
+        seed, values = self.seeds[seed_index], self.settings[setting_index]
+        varied = parameters.setting_arguments(values, self.choices)
+        command = (self.tree, *self.arguments, *varied, "--fast", "--seed", str(seed))
         return Episode(number, seed, values, command)
 
     def __iter__(self) -> Iterator[Episode]:
@@ -77,7 +83,7 @@ class SweepDefinition:
 
     @cached_property
     def described(self) -> dict[str, Any]:
-        """All that its results depend on, for JSON."""
+        """Everything on which the results depend, as JSON data."""
         return {
             "form": FORM,
             "tree": self.tree,
@@ -90,7 +96,12 @@ class SweepDefinition:
 
 
 def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
-    """In what the sweep described as *before* is another than *now*, as part of a sentence; or None."""
+    """Return the first difference between two sweeps as part of a sentence, or None.
+
+    Args:
+        before: The description of the earlier sweep.
+        now: The description of the current sweep, see `SweepDefinition.described`.
+    """
     words = {
         "form": "it was written by another version of btcore",
         "tree": "its tree",
@@ -103,22 +114,19 @@ def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
         if before.get(key) != now[key]:
             if key == "form":
                 return word
-            return f"{word}: {_said(before.get(key))} there, {_said(now[key])} now"
+            return f"{word}: {_format(before.get(key))} there, {_format(now[key])} now"
     there, here = before.get("inputs", {}), now["inputs"]
     changed = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
     return f"the file {changed[0]}, which has changed since" if changed else None
 
 
 def digests(files: Sequence[Path]) -> dict[str, str]:
-    """A digest of each of *files* that can be read, by its name."""
-    found = {}
-    for path in sorted(set(files)):
-        if path.is_file():
-            found[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    return found
+    """Return a digest of the content of each existing file in *files*, by file name."""
+    existing = sorted(path for path in set(files) if path.is_file())
+    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16] for path in existing}
 
 
-def _said(value: object) -> str:
+def _format(value: object) -> str:
     if isinstance(value, list):
         return shlex.join(value) or "none"
     if isinstance(value, dict):
@@ -129,9 +137,19 @@ def _said(value: object) -> str:
 def create_definition(
     ctx: click.Context, source: str, params: Sequence[str], seeds: tuple[int, ...], duration: float
 ) -> SweepDefinition:
-    """The sweep that the command line of *ctx* asks for.
+    """Return the definition of the sweep on the command line, after a check of its options and its tree.
 
-    Raises click.ClickException for a mistake in it, and TreeError for one in the tree.
+    Args:
+        ctx: The context of ``btcore sweep``.
+        source: The tree: a file or the name of a bundled tree.
+        params: The parameters in the form KEY=VALUES.
+        seeds: The seeds.
+        duration: The limit of an episode in s of the tree's clock.
+
+    Raises:
+        click.ClickException: The command line has an error.
+        TreeError: The tree has an error.
+        RegistrationError: A node library cannot be loaded.
     """
     choices = options.collect_run_options(ctx)
     varied = parameters.parse_parameters(params, choices)
@@ -140,52 +158,45 @@ def create_definition(
         texts = {**texts, "duration": f"{duration:g}"}
     else:
         texts.pop("duration", None)
-    twice = [key for key in varied if key in texts and not choices.options[key].multiple]
-    if twice:
-        raise click.UsageError(f"--{twice[0]} is given beside --param {twice[0]}=…; give one of them.")
-    told = tuple(options.option_arguments(ctx, texts))
+    duplicates = [key for key in varied if key in texts and not choices.options[key].multiple]
+    if duplicates:
+        key = duplicates[0]
+        raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
+    arguments = tuple(options.option_arguments(ctx, texts))
     path = trees.find(source)
     named = options.files(texts, [(key, value) for key, values in varied.items() for value in values])
     documents = resolve_includes(parse_file(path), DiagnosticCollector())
-    inputs = digests([path, *(Path(one.file) for one in documents if one.file), *named])
-    found = SweepDefinition(source, told, varied, choices, seeds, inputs, _version())
-    count = len(found)
-    if count > MAX_EPISODES:
-        raise click.UsageError(f"{count} episodes are more than a sweep holds, {MAX_EPISODES}.")
-    _rehearse(found)
-    return found
+    inputs = digests([path, *(Path(document.file) for document in documents if document.file), *named])
+    definition = SweepDefinition(source, arguments, varied, choices, seeds, inputs, __version__)
+    if len(definition) > MAX_EPISODES:
+        raise click.UsageError(f"{len(definition)} episodes exceed the limit of {MAX_EPISODES}.")
+    _check(definition)
+    return definition
 
 
-def _rehearse(sweep: SweepDefinition) -> None:
-    """Read the options of every value once, and the tree as the first episode will."""
+def _check(sweep: SweepDefinition) -> None:
+    """Parse the options with every parameter value once, and check the tree as in the first episode."""
     first = sweep.settings[0]
     others = [{**first, key: value} for key, values in sweep.varied.items() for value in values[1:]]
     for values in [first, *others]:
         words = [sweep.tree, *sweep.arguments, *parameters.setting_arguments(values, sweep.choices), "--fast"]
-        with _naming(values), run.make_context("run", list(words)) as context:
+        with _add_setting(values), run.make_context("run", list(words)) as context:
             if values is first:
-                _, reading = read_tree_source(context.params)
-                terminal.print_diagnostics(reading.examined.diagnostics.warnings)
+                _, checked = read_tree_source(context.params)
+                terminal.print_diagnostics(checked.examined.diagnostics.warnings)
 
 
 @contextmanager
-def _naming(values: Mapping[str, str]) -> Iterator[None]:
-    """Within it, click's mistakes are told with the parameters that they come from."""
+def _add_setting(values: Mapping[str, str]) -> Iterator[None]:
+    """Return a context in which click's errors are extended by the parameter values that cause them."""
     try:
         yield
-    except click.ClickException as fault:
+    except click.ClickException as error:
         if not values:
             raise
-        raise click.UsageError(f"{fault.format_message()} ({setting(values)})") from fault
+        raise click.UsageError(f"{error.format_message()} ({setting(values)})") from error
 
 
 def setting(values: Mapping[str, str]) -> str:
-    """A setting in a sentence: ``--param battery=20 and fault=laser:5-9``."""
+    """Return parameter values as part of a sentence: ``--param battery=20 and fault=laser:5-9``."""
     return "--param " + join_names([f"{key}={value}" for key, value in values.items()], most=20)
-
-
-def _version() -> str:
-    try:
-        return version("btcore")
-    except PackageNotFoundError:
-        return "checkout"

@@ -1,4 +1,4 @@
-"""One episode, played in a worker: what ``btcore run`` does, in a process that plays one after the other."""
+"""Running an episode in a worker: the same as ``btcore run``, in a process that runs many episodes."""
 
 import io
 import json
@@ -17,72 +17,82 @@ from btcore.cli.run import create_session, run
 from btcore.errors import BtcoreError
 from btcore.sweep.failure_cause import FailureCause
 
-_MOST_SAID: Final = 20  # warnings that one episode hands on
+_MAX_WARNINGS: Final = 20  # that an episode returns
 
-_ONE_AT_A_TIME: Final = threading.Lock()  # all threads have one standard output, and one folder
+# An episode redirects stdout and changes the working directory, which all threads of a process share.
+_LOCK: Final = threading.Lock()
 
 Result = dict[str, Any]
 
 
 def run_episode(command: Sequence[str], folder: str) -> Result:
-    """Run ``btcore run`` with the words of *command* in *folder*, and tell how that went.
+    """Run an episode.
 
-    The result is ``code``, the exit code; ``report``, the object of ``--json``, None where no run was had;
-    ``blamed``, the node that made the tree fail or that raised; ``said``, what was warned of; ``fault``, why
-    no run was had (code 2: a mistake of the user's, 70: of the program's); ``wall_s``.
+    Args:
+        command: The arguments of ``btcore run``.
+        folder: The working directory.
+
+    Returns:
+        ``code``: the exit code; ``report``: the object of ``--json``, or None if the run could not start;
+        ``blamed``: the path of the node that made the tree fail or that raised an exception; ``said``: the
+        warnings; ``fault``: why the run could not start (code 2: an error of the user, 70: an internal
+        error); ``wall_s``: the duration in s of real time.
     """
-    said = io.StringIO()
+    stderr = io.StringIO()
     result: Result
-    # Whoever prints in a worker prints into nobody's terminal.
-    with _ONE_AT_A_TIME, redirect_stdout(io.StringIO()), redirect_stderr(said):
+    # A worker has no terminal: stdout is dropped, and warnings are returned.
+    with _LOCK, redirect_stdout(io.StringIO()), redirect_stderr(stderr):
         began = time.perf_counter()
         try:
             with chdir(folder):
-                result = _played(command)
-        except FileNotFoundError as fault:
-            if fault.filename != folder:
-                result = _bug(fault)
+                result = _run(command)
+        except FileNotFoundError as error:
+            if error.filename != folder:
+                result = _internal_error(error)
             else:
-                text = f"a worker's machine has no folder '{folder}', where the sweep's files are"
-                result = _refused(ExitCode.USER_ERROR, text)
-        except click.ClickException as mistake:
-            result = _refused(ExitCode.USER_ERROR, mistake.format_message())
-        except BtcoreError as fault:
-            notes = [f"note: {note}" for note in getattr(fault, "__notes__", ())]
-            result = _refused(ExitCode.USER_ERROR, "\n".join([str(fault), *notes]))
-        except (Exception, SystemExit) as bug:
-            result = _bug(bug)
-    result["said"] = _warnings(said.getvalue())
+                message = (
+                    f"the machine of a worker has no folder '{folder}', which contains the sweep's files"
+                )
+                result = _not_started(ExitCode.USER_ERROR, message)
+        except click.ClickException as error:
+            result = _not_started(ExitCode.USER_ERROR, error.format_message())
+        except BtcoreError as error:
+            notes = [f"note: {note}" for note in getattr(error, "__notes__", ())]
+            result = _not_started(ExitCode.USER_ERROR, "\n".join([str(error), *notes]))
+        except (Exception, SystemExit) as error:
+            result = _internal_error(error)
+    result["said"] = _warnings(stderr.getvalue())
     result["wall_s"] = round(time.perf_counter() - began, 4)
     return result
 
 
-def _played(command: Sequence[str]) -> Result:
+def _run(command: Sequence[str]) -> Result:
     with run.make_context("run", list(command)) as context:
-        blame = FailureCause()
-        made = create_session(context, context.params, [blame], _installed())
-        done = made.execute()
-        report = json.loads(json.dumps(made.outcome.report(made.tree, done.figures)))
-        error = made.outcome.error
-        blamed = error.path if error is not None else blame.node_path
-        return {"code": done.code, "report": report, "blamed": blamed, "fault": None}
+        cause = FailureCause()
+        session = create_session(context, context.params, [cause], _installed())
+        result = session.execute()
+        # Through JSON, as from the command line: a report that is not JSON data is an error here already.
+        report = json.loads(json.dumps(session.outcome.report(session.tree, result.figures)))
+        error = session.outcome.error
+        blamed = error.path if error is not None else cause.node_path
+        return {"code": result.code, "report": report, "blamed": blamed, "fault": None}
 
 
 @cache
 def _installed() -> NodeLibraries:
-    """The nodes of the installed libraries, found once in a process."""
+    """Return the installed node libraries, which are loaded once in each process."""
     return load_libraries(())
 
 
-def _bug(fault: BaseException) -> Result:
-    return _refused(ExitCode.INTERNAL_ERROR, f"{type(fault).__name__}: {fault}")
+def _internal_error(error: BaseException) -> Result:
+    return _not_started(ExitCode.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
 
 
-def _refused(code: ExitCode, fault: str) -> Result:
-    return {"code": code, "report": None, "blamed": None, "fault": fault}
+def _not_started(code: ExitCode, message: str) -> Result:
+    return {"code": code, "report": None, "blamed": None, "fault": message}
 
 
 def _warnings(text: str) -> list[str]:
-    """The sentences of *text* that are warnings, each once."""
-    found = [line.removeprefix("warning: ") for line in text.splitlines() if line.startswith("warning: ")]
-    return list(dict.fromkeys(found))[:_MOST_SAID]
+    """Return the first warnings in *text*, without duplicates."""
+    warnings = [line.removeprefix("warning: ") for line in text.splitlines() if line.startswith("warning: ")]
+    return list(dict.fromkeys(warnings))[:_MAX_WARNINGS]

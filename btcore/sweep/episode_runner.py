@@ -1,4 +1,4 @@
-"""Playing the episodes of a sweep that are not yet done."""
+"""Running the unfinished episodes of a sweep."""
 
 import signal
 import threading
@@ -23,9 +23,12 @@ if TYPE_CHECKING:
 
 
 class WorkerOptions(NamedTuple):
-    """By what episodes are played: *workers* processes here (None: one a core), or those of a *scheduler*.
+    """The workers to use.
 
-    Each is tried *attempts* times if its worker dies.
+    Attributes:
+        workers: The number of processes on this machine; None for one process per core.
+        scheduler: The address of a Dask scheduler whose workers are used instead.
+        attempts: How often an episode is tried if its worker dies.
     """
 
     workers: int | None
@@ -33,8 +36,12 @@ class WorkerOptions(NamedTuple):
     attempts: int
 
     def open(self, folder: Path) -> "AbstractContextManager[Workers]":
-        """The workers; those here write what they print into *folder*."""
-        # Here and not above: whoever asks for help, or is wrong, has not to wait for it.
+        """Return a context with the workers; those on this machine write their output to a file in *folder*.
+
+        Raises:
+            click.ClickException: The scheduler does not answer, or has no workers.
+        """
+        # Imported late, since Dask takes long to import: `--help` and usage errors must not wait for it.
         from btcore.sweep.cluster import local, remote
 
         if self.scheduler is not None:
@@ -43,10 +50,15 @@ class WorkerOptions(NamedTuple):
 
 
 class ExecutionSummary(NamedTuple):
-    """How it went: whether Ctrl-C ended it, how many episodes were played, in which *wall* time (s).
+    """The result of `run_sweep`.
 
-    *busy* is the part of the workers' time in which they played, their start included; *workers* is how many
-    there were at the end, *deaths* how many died.
+    Attributes:
+        interrupted: Whether a signal ended the sweep.
+        episodes: The number of episodes that were run.
+        wall: The duration in s of real time, including the start of the workers.
+        workers: The number of workers at the end.
+        deaths: The number of workers that died.
+        busy: The fraction of *wall* that the workers spent running episodes.
     """
 
     interrupted: bool = False
@@ -58,14 +70,23 @@ class ExecutionSummary(NamedTuple):
 
 
 def run_sweep(journal: Journal, script: Program | None, means: WorkerOptions) -> ExecutionSummary:
-    """Play what *journal* doesn't have, and write it there, until all is done or Ctrl-C.
+    """Run the episodes that a journal lacks, and write them to it, until all are finished or Ctrl-C.
 
-    Raises :class:`click.UsageError` for a setting that can't be run with its first seed.
+    Args:
+        journal: The journal, entered as a context manager.
+        script: The condition for a success, or None.
+        means: The workers to use.
+
+    Raises:
+        click.UsageError: A combination of parameter values cannot be run with the first seed, or *script*
+            uses an unknown column.
+        click.ClickException: The workers cannot be reached, or cannot run episodes.
     """
     sweep = journal.definition
     todo = [number for number in range(len(sweep)) if number not in journal.done]
     if not todo:
         return ExecutionSummary()
+    # An error in the script is reported before workers are started, if there is a row to try it on.
     for record in journal.done.values():
         success.is_success(table.row(sweep.episode(record["episode"]), record), script)
     began = time.perf_counter()
@@ -74,52 +95,56 @@ def run_sweep(journal: Journal, script: Program | None, means: WorkerOptions) ->
         Bar(Path(sweep.tree).stem, len(sweep), len(journal.done)) as bar,
         means.open(journal.folder) as workers,
     ):
-        count, played = 0, 0.0
+        count, episode_time = 0, 0.0
         for episode, result in workers.run_episodes((sweep.episode(number) for number in todo), stopped):
             record = _record(episode, result)
-            _check(record, episode, sweep)
+            _raise_user_error(record, episode, sweep)
             bar.warn(record.pop("said", ()))
             journal.add(record)
             count += 1
-            played += record.get("wall_s", 0.0)
+            episode_time += record.get("wall_s", 0.0)
             bar.advance(success.is_success(table.row(episode, record), script), workers.count)
         wall = time.perf_counter() - began
-        busy = played / (wall * max(workers.count, 1))
+        busy = episode_time / (wall * max(workers.count, 1))
         return ExecutionSummary(stopped(), count, wall, workers.count, workers.deaths, busy)
 
 
 def _record(episode: Episode, result: object) -> Record:
-    """What the journal gets of what came of *episode*."""
+    """Return the journal's record of *episode*."""
     if isinstance(result, dict):
         return {"episode": episode.number, **result}
     times = result[0] if isinstance(result, tuple) else 0
     return {"episode": episode.number, "code": None, "report": None, "killed": times}
 
 
-def _check(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
-    """A mistake that the first seed shows is in the setting: nobody wants to see it a thousand times."""
+def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
+    """Raise a user error of an episode with the first seed: the other seeds would have the same error."""
     if record["code"] == ExitCode.USER_ERROR and episode.number < len(sweep.settings):
-        told = f"\n({setting(episode.values)})" if episode.values else ""
-        raise click.UsageError(f"{record['fault']}{told}")
+        values = f"\n({setting(episode.values)})" if episode.values else ""
+        raise click.UsageError(f"{record['fault']}{values}")
 
 
 @contextmanager
 def _stoppable() -> Iterator[Callable[[], bool]]:
-    """What ends a process only makes the callable true, the first time."""
-    heard = threading.Event()
+    """Return a context with a function that returns whether SIGINT or SIGTERM was received.
+
+    A second signal raises KeyboardInterrupt. Outside the main thread, where Python allows no signal handlers,
+    signals have their usual effect.
+    """
+    stopped = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        yield heard.is_set
+        yield stopped.is_set
         return
 
     def handler(number: int, frame: FrameType | None) -> None:
-        if heard.is_set():
+        if stopped.is_set():
             raise KeyboardInterrupt
-        heard.set()
+        stopped.set()
 
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [(number, signal.signal(number, handler)) for number in numbers]
     try:
-        yield heard.is_set
+        yield stopped.is_set
     finally:
         for number, earlier in before:
             signal.signal(number, earlier)

@@ -1,4 +1,4 @@
-"""Which node made a tree fail."""
+"""Finding the node that made a tree fail."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,10 +11,10 @@ from btcore.tree.tree import Tree
 
 
 class FailureCause(Observer, RunExtension):
-    """A run's extension that knows afterwards which node failed *first* in the last tick.
+    """An extension of a run that finds the node that made the tree fail in the last tick.
 
-    That is the node at the end of the way from the root over children that failed in that tick, over the
-    last of them where there are several.
+    The search starts at the root and descends to the child that failed in that tick, to the last child if
+    several failed. The path of the lowest failed node is `node_path` after the run.
     """
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class FailureCause(Observer, RunExtension):
         self.node_path: str | None = None
 
     def transition(self, change: Transition) -> None:
-        """Note who fails."""
+        """Record a transition to FAILURE."""
         if change.status is Status.FAILURE:
             if change.tick != self._tick:
                 self._tick = change.tick
@@ -32,21 +32,21 @@ class FailureCause(Observer, RunExtension):
 
     @contextmanager
     def attach(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> Iterator[None]:
-        """Listen while the run lasts."""
-        end = tree.subscribe(self)
+        """Return a context in which the transitions of *tree* are recorded."""
+        unsubscribe = tree.subscribe(self)
         try:
             yield
         finally:
-            end()
+            unsubscribe()
             if tree.ticks == self._tick:
-                self.node_path = self._found(tree)
+                self.node_path = self._find_cause(tree)
 
-    def _found(self, tree: Tree) -> str | None:
-        when = {uid: number for number, uid in enumerate(self._failed)}
-        if tree.root.uid not in when:
+    def _find_cause(self, tree: Tree) -> str | None:
+        order = {uid: number for number, uid in enumerate(self._failed)}
+        if tree.root.uid not in order:
             return None
-        keys = {node.uid: key for key, node in tree.nodes_by_path().items()}
+        paths = {node.uid: path for path, node in tree.nodes_by_path().items()}
         node = tree.root
-        while below := [child for child in node.children if child.uid in when]:
-            node = max(below, key=lambda child: when[child.uid])
-        return keys[node.uid]
+        while failed := [child for child in node.children if child.uid in order]:
+            node = max(failed, key=lambda child: order[child.uid])
+        return paths[node.uid]

@@ -1,7 +1,8 @@
-"""The episodes of a sweep that are done, in its folder: a line of JSON each, written as soon as it is known.
+"""The journal of a sweep: its finished episodes, saved in the sweep's folder.
 
-``sweep.json`` says what the sweep is, ``journal.jsonl`` what its episodes came to. A process that is killed
-leaves whole lines, and perhaps a part of one, which is taken away.
+``sweep.json`` contains the definition of the sweep, ``journal.jsonl`` a line of JSON for each episode, which
+is written as soon as the episode is finished. If the process is killed while it writes, the incomplete last
+line is removed when the sweep continues.
 """
 
 import json
@@ -22,14 +23,18 @@ DEFINITION: Final = "sweep.json"
 JOURNAL: Final = "journal.jsonl"
 
 Record = dict[str, Any]
-"""What is kept of an episode: what `episode.play` tells, and its ``episode``, the number."""
+"""The saved result of an episode: the result of `episode.run_episode`, and ``episode``, its number."""
 
 
 class Journal:
-    """The journal in *folder*, which is made if need be, of the sweep that *definition* defines.
+    """The journal of a sweep; as a context manager it locks the folder against other sweeps.
 
-    *done* are the records there are, by number. As a context manager it holds the folder, which only one
-    sweep at a time can. Raises :class:`click.UsageError` where it has another sweep, or one that runs.
+    Entering the context raises click.UsageError if the folder belongs to another sweep, is in use, or cannot
+    be written. The attribute `done` contains the records of the finished episodes, by number.
+
+    Args:
+        folder: The folder, which is created if it does not exist.
+        definition: The definition of the sweep.
     """
 
     def __init__(self, folder: Path, definition: SweepDefinition) -> None:
@@ -41,13 +46,12 @@ class Journal:
     def __enter__(self) -> "Journal":
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            # Not closed here: it is the journal.
-            self._file = (self.folder / JOURNAL).open("a+b")
-        except OSError as fault:
-            raise click.UsageError(f"--output {self.folder}: {fault.strerror}.") from fault
+            self._file = (self.folder / JOURNAL).open("a+b")  # closed by __exit__
+        except OSError as error:
+            raise click.UsageError(f"--output {self.folder}: {error.strerror}.") from error
         try:
-            self._hold(self._file)
-            self._identify()
+            self._lock(self._file)
+            self._check_definition()
             self._read(self._file)
         except BaseException:
             self.__exit__()
@@ -60,7 +64,7 @@ class Journal:
             self._file = None
 
     def add(self, record: Record) -> None:
-        """Write that an episode is done. One that is known already changes nothing."""
+        """Save the record of a finished episode. A second record of the same episode is ignored."""
         number = record["episode"]
         if number in self.done:
             return
@@ -69,37 +73,37 @@ class Journal:
         self._file.write(json.dumps(record, ensure_ascii=False, separators=(",", ":")).encode() + b"\n")
         self._file.flush()
 
-    def _hold(self, file: IO[bytes]) -> None:
+    def _lock(self, file: IO[bytes]) -> None:
         if sys.platform == "win32":
             return
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as fault:
+        except OSError as error:
             raise click.UsageError(
-                f"another 'btcore sweep' is writing to '{self.folder}' now; wait for it, or name another "
-                "folder with --output."
-            ) from fault
+                f"another 'btcore sweep' is writing to '{self.folder}'; wait until it ends, or choose "
+                "another folder with --output."
+            ) from error
 
-    def _identify(self) -> None:
-        """Make sure that the folder is this sweep's."""
+    def _check_definition(self) -> None:
+        """Write the definition to a new folder, or check that the folder belongs to this sweep."""
         path = self.folder / DEFINITION
         now = self.definition.described
         if not path.exists():
-            unfinished = path.with_suffix(".tmp")
-            unfinished.write_text(json.dumps(now, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-            unfinished.replace(path)
+            # Renaming is atomic: a killed process leaves no incomplete definition.
+            incomplete = path.with_suffix(".tmp")
+            incomplete.write_text(json.dumps(now, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
+            incomplete.replace(path)
             return
-        before = _definition(path)
-        apart = difference(before, now)
-        if apart is not None:
+        changed = difference(_read_definition(path), now)
+        if changed is not None:
             raise click.UsageError(
-                f"'{self.folder}' has another sweep, which differs in {apart}. Name another folder with "
-                "--output, or remove that one."
+                f"'{self.folder}' contains another sweep, which differs in {changed}. Choose another folder "
+                "with --output, or remove this folder."
             )
 
     def _read(self, file: IO[bytes]) -> None:
         file.seek(0)
-        whole = 0
+        complete = 0  # bytes
         for line in file:
             try:
                 record = json.loads(line) if line.endswith(b"\n") else None
@@ -107,17 +111,17 @@ class Journal:
                 record = None
             if record is None:
                 break
-            whole += len(line)
+            complete += len(line)
             self.done.setdefault(record["episode"], record)
-        file.truncate(whole)
+        file.truncate(complete)
         file.seek(0, os.SEEK_END)
 
 
-def _definition(path: Path) -> Mapping[str, Any]:
+def _read_definition(path: Path) -> Mapping[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
-        raise click.UsageError(f"'{path}' can't be read as what a sweep is: {fault}.") from fault
-    if not isinstance(found, dict):
-        raise click.UsageError(f"'{path}' doesn't say what a sweep is.")
-    return found
+        definition = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise click.UsageError(f"cannot read '{path}' as the definition of a sweep: {error}.") from error
+    if not isinstance(definition, dict):
+        raise click.UsageError(f"'{path}' is not the definition of a sweep.")
+    return definition

@@ -1,4 +1,4 @@
-"""The options of ``btcore run`` that a sweep has too, and what of them every episode is told."""
+"""The options of ``btcore run`` that ``btcore sweep`` also has, and passes to all episodes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,33 +12,33 @@ from btcore.sweep.parameters import RunOptions
 
 _GIVEN: Final = "btcore.sweep.options.given"
 _REFUSED: Final = {
-    "seed": "the seeds of a sweep are its --seeds",
-    "fast": "a sweep always has simulated time, as fast as it goes",
-    "json": "what an episode tells is in the sweep's table",
-    "watch": "an episode doesn't wait for a file to be saved",
-    "log": "all episodes would write to one file; replay the one that counts with --log",
-    "set": "an entry of the blackboard is bb.KEY, say bb.laps=1..5",
+    "seed": "use --seeds to set the seeds of a sweep",
+    "fast": "a sweep always uses simulated time",
+    "json": "the results of the episodes are in the sweep's table",
+    "watch": "episodes cannot wait for a file to be saved",
+    "log": "all episodes would write to the same file; replay a single episode with --log",
+    "set": "write bb.KEY for a blackboard entry, for example bb.laps=1..5",
 }
 _OWN: Final = {"duration", "format"}
-"""Options that a sweep has under the same name, for itself or with another default."""
+"""Options that a sweep has under the same name, with another meaning or another default."""
 
 
 class SweepCommand(click.Command):
-    """The command, with those options of ``btcore run``, whoever brings them, that suit many runs."""
+    """A command that also has the options of ``btcore run``, except those that cannot apply to many runs."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Its own options, then those of the runs, then ``--help``."""
+        """Return the command's options, those of ``btcore run``, and ``--help``."""
         own = super().get_params(ctx)
         names = {"source", *(option.name for option in own)}
-        theirs = [
+        run_options = [
             option
             for key, option in collect_run_options(ctx).options.items()
             if option.name not in names and key not in _OWN
         ]
-        return [*own[:-1], *theirs, own[-1]]
+        return [*own[:-1], *run_options, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As click does; the words that were given are kept as they are."""
+        """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
         words = list(args)
         with explain_missing_options(ctx):
             rest = super().parse_args(ctx, args)
@@ -47,50 +47,64 @@ class SweepCommand(click.Command):
 
 
 def collect_run_options(ctx: click.Context) -> RunOptions:
-    """Return the options of ``btcore run``, and those that a sweep refuses."""
+    """Return the options of ``btcore run``, and those that a sweep rejects."""
     refused = dict(_REFUSED)
     for extension in load_extensions(ctx).extensions:
         for option in extension.options:
             if option.name in extension.single_run_options:
-                refused[_key(option)] = (
-                    "that is for one run at a time; replay the episode that counts with it"
-                )
-    options = [one for one in run.get_params(ctx) if isinstance(one, click.Option) and one.name != "help"]
-    kept = {_key(one): one for one in options if _key(one) not in {*refused, "help"}}
-    return RunOptions(kept, refused)
+                refused[_key(option)] = "it applies to a single run; replay a single episode with it"
+    options = [item for item in run.get_params(ctx) if isinstance(item, click.Option) and item.name != "help"]
+    accepted = {_key(option): option for option in options if _key(option) not in {*refused, "help"}}
+    return RunOptions(accepted, refused)
 
 
 def given(ctx: click.Context) -> dict[str, Any]:
-    """The options of the runs that the command line gives, by key, as the texts that it has."""
-    words = ctx.meta[_GIVEN]
+    """Return the run options on the command line of a sweep: their unconverted texts, by key."""
+    texts = ctx.meta[_GIVEN]
     own = {option.name for option in ctx.command.params} - {"duration"}
-    runs = collect_run_options(ctx).options
-    told = {**runs, "set": next(one for one in run.params if one.name == "entries")}
-    return {key: words[one.name] for key, one in told.items() if one.name in words and one.name not in own}
+    options = _options_with_set(ctx).items()
+    return {key: texts[item.name] for key, item in options if item.name in texts and item.name not in own}
 
 
 def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
-    """What the options *texts*, as :func:`given` has them, are on the command line of a run."""
-    runs = {
-        **collect_run_options(ctx).options,
-        "set": next(one for one in run.params if one.name == "entries"),
-    }
+    """Return options as arguments of ``btcore run``.
+
+    Args:
+        ctx: The context of ``btcore sweep``.
+        texts: The options, as returned by :func:`given`.
+    """
+    options = _options_with_set(ctx)
     words: list[str] = []
     for key, text in texts.items():
-        option = cast(click.Option, runs[key])
+        option = cast(click.Option, options[key])
         if option.is_flag:
             words.append(option.opts[0])
         else:
-            for one in text if isinstance(text, (list, tuple)) else [text]:
-                words += [option.opts[0], str(one)]
+            for value in _values(text):
+                words += [option.opts[0], str(value)]
     return words
 
 
 def files(texts: dict[str, Any], values: Sequence[tuple[str, str]]) -> list[Path]:
-    """The files that options given as *texts*, and parameters with their *values*, name."""
-    named = [one for text in texts.values() for one in (text if isinstance(text, (list, tuple)) else [text])]
-    named += [value for _, value in values]
-    return [Path(one) for one in named if isinstance(one, str) and one and Path(one).is_file()]
+    """Return the existing files that options and parameters name.
+
+    Args:
+        texts: The options, as returned by :func:`given`.
+        values: The key and value of each parameter.
+    """
+    named = [value for text in texts.values() for value in _values(text)] + [value for _, value in values]
+    return [Path(name) for name in named if isinstance(name, str) and name and Path(name).is_file()]
+
+
+def _options_with_set(ctx: click.Context) -> dict[str, click.Parameter]:
+    """Return the options of ``btcore run`` by key, with ``--set``, which only ``--param`` rejects."""
+    set_option = next(option for option in run.params if option.name == "entries")
+    return {**collect_run_options(ctx).options, "set": set_option}
+
+
+def _values(text: Any) -> Sequence[Any]:
+    """Return the values of an option: several if the option is repeatable."""
+    return text if isinstance(text, (list, tuple)) else [text]
 
 
 def _key(option: click.Option) -> str:

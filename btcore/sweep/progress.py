@@ -1,4 +1,4 @@
-"""The bar on stderr while a sweep runs; without a terminal there is none."""
+"""The progress bar of a sweep on stderr."""
 
 from collections.abc import Iterable
 from types import TracebackType
@@ -10,16 +10,22 @@ from rich.text import Text
 
 from btcore.cli import terminal
 
-_MOST_WARNINGS: Final = 10
+_MAX_WARNINGS: Final = 10
 
 
 class Bar:
-    """How far a sweep called *name* is: *done* of *total* episodes when it begins."""
+    """The progress bar of a sweep; without a terminal only warnings are printed.
+
+    Args:
+        name: The name of the sweep.
+        total: The number of episodes.
+        done: The number of episodes that are already finished.
+    """
 
     def __init__(self, name: str, total: int, done: int) -> None:
         self.console: Console = terminal.stderr_console()
-        self._said: set[str] = set()
-        self._bad = 0
+        self._printed: set[str] = set()
+        self._failed = 0
         self._bar = Progress(
             TextColumn("[bold]{task.description}"),
             BarColumn(),
@@ -37,20 +43,25 @@ class Bar:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._bar.stop()
 
     def advance(self, success: bool, workers: int) -> None:
-        """One more is done."""
-        self._bad += not success
-        state = f"[red]{self._bad} ✘[/] " if self._bad else ""
+        """Advance the bar by an episode.
+
+        Args:
+            success: Whether the episode was a success.
+            workers: The current number of workers.
+        """
+        self._failed += not success
+        state = f"[red]{self._failed} ✘[/] " if self._failed else ""
         state += f"[dim]{workers} worker{'s' * (workers != 1)}[/]"
         self._bar.update(self._task, advance=1, state=state)
 
-    def warn(self, sentences: Iterable[str]) -> None:
-        """Print each warning of *sentences* that wasn't yet printed, above the bar."""
-        for sentence in sentences:
-            if sentence not in self._said and len(self._said) < _MOST_WARNINGS:
-                self._said.add(sentence)
-                self.console.print(Text.assemble(("warning: ", "bold yellow"), sentence), soft_wrap=True)
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print *warnings* above the bar, each only once."""
+        for warning in warnings:
+            if warning not in self._printed and len(self._printed) < _MAX_WARNINGS:
+                self._printed.add(warning)
+                self.console.print(Text.assemble(("warning: ", "bold yellow"), warning), soft_wrap=True)

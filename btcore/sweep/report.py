@@ -1,4 +1,4 @@
-"""The report of a sweep: one HTML file that needs no other."""
+"""The report of a sweep: a self-contained HTML file."""
 
 import shlex
 from collections.abc import Iterable, Sequence
@@ -13,15 +13,19 @@ from btcore.sweep.style import STYLE
 from btcore.sweep.sweep_statistics import LEVEL, SuccessRate, SweepStatistics
 
 MOST_FAILED: Final = 200
-"""Failed episodes that are told of one by one; the table has them all."""
+"""The largest number of failed episodes in the report; the table contains all of them."""
 
 _MOST_NODES: Final = 40
 
 
 class ReportData(NamedTuple):
-    """What a report tells: the sweep, its figures, the *script* of ``--success-if``.
+    """The data of a report.
 
-    *walls* is how long (s) each episode took in real time.
+    Attributes:
+        definition: The sweep.
+        figures: Its statistics.
+        script: The script of ``--success-if``, or None.
+        walls: The duration of each episode in s of real time.
     """
 
     definition: SweepDefinition
@@ -30,20 +34,20 @@ class ReportData(NamedTuple):
     walls: Sequence[float]
 
 
-def render_report(told: ReportData) -> str:
-    """The report."""
-    sweep, found = told.definition, told.figures
-    title = f"{sweep.tree}: {percent(found.rate.share)} of {found.rate.count}"
+def render_report(data: ReportData) -> str:
+    """Return the report as HTML."""
+    sweep, statistics = data.definition, data.figures
+    title = f"{sweep.tree}: {percent(statistics.rate.share)} of {statistics.rate.count}"
     parts = [
         f"<h1>{escape(sweep.tree)}</h1>",
-        _lead(told),
-        _tiles(told),
-        *(_rates(key, values) for key, values in found.by.items()),
-        _settings(found),
-        _times(found),
-        _nodes(found),
-        _spreads(found),
-        _failed(told),
+        _lead(data),
+        _tiles(data),
+        *(_rates(key, values) for key, values in statistics.by.items()),
+        _settings(statistics),
+        _times(statistics),
+        _nodes(statistics),
+        _spreads(statistics),
+        _failed(data),
     ]
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -54,19 +58,19 @@ def render_report(told: ReportData) -> str:
     )
 
 
-def _lead(told: ReportData) -> str:
-    sweep = told.definition
+def _lead(data: ReportData) -> str:
+    sweep = data.definition
     words = ["btcore", "sweep", sweep.tree, "--seeds", seeds.format_seeds(sweep.seeds), *sweep.arguments]
     for key, values in sweep.varied.items():
         words += ["--param", f"{key}={','.join(_quoted(value) for value in values)}"]
-    if told.script is not None:
-        words += ["--success-if", told.script]
+    if data.script is not None:
+        words += ["--success-if", data.script]
     lines = [f'<p class="command"><code>{escape(shlex.join(words))}</code></p>']
-    missing = len(sweep) - told.figures.rate.count
+    missing = len(sweep) - data.figures.rate.count
     if missing:
         lines.append(
-            f'<p class="warning">{missing} of {len(sweep)} episodes are not done yet: the same command goes '
-            "on with them.</p>"
+            f'<p class="warning">{missing} of {len(sweep)} episodes are not finished: run the same command '
+            "again to continue.</p>"
         )
     return "\n".join(lines)
 
@@ -75,25 +79,27 @@ def _quoted(value: str) -> str:
     return '"' + value.replace('"', '""') + '"' if "," in value or '"' in value else value
 
 
-def _tiles(told: ReportData) -> str:
-    found = told.figures
-    rate = found.rate
-    times = [time for time, _ in found.times]
+def _tiles(data: ReportData) -> str:
+    statistics = data.figures
+    rate = statistics.rate
+    statuses = ", ".join(f"{count} {name}" for name, count in statistics.statuses.items())
+    times = [time for time, _ in statistics.times]
     tiles = [
         (
             percent(rate.share),
             "succeeded",
             f"{percent(rate.low)} … {percent(rate.high)} ({LEVEL} confidence)",
         ),
-        (f"{rate.count}", "episodes", ", ".join(f"{many} {name}" for name, many in found.statuses.items())),
+        (f"{rate.count}", "episodes", statuses),
     ]
     if times:
-        spread = f"from {min(times):g} s to {max(times):g} s" if min(times) < max(times) else "each of them"
-        tiles.append((f"{median(times):g} s", "simulated, in the median", spread))
-    if times and told.walls and median(told.walls) > 0:
-        wall = median(told.walls)
-        factor = f"{sum(times) / sum(told.walls):.0f} times as fast as real time"
-        tiles.append((f"{wall:.2g} s", "on a core, in the median", factor))
+        spread = (
+            f"from {min(times):g} s to {max(times):g} s" if min(times) < max(times) else "in all episodes"
+        )
+        tiles.append((f"{median(times):g} s", "simulated time (median)", spread))
+    if times and data.walls and median(data.walls) > 0:
+        factor = f"{sum(times) / sum(data.walls):.0f} times faster than real time"
+        tiles.append((f"{median(data.walls):.2g} s", "real time on a core (median)", factor))
     inner = "".join(
         f'<div class="tile"><div class="figure">{escape(figure)}</div><div>{escape(name)}</div>'
         f'<div class="dim">{escape(more)}</div></div>'
@@ -103,7 +109,7 @@ def _tiles(told: ReportData) -> str:
 
 
 def _rates(key: str, values: dict[str, SuccessRate]) -> str:
-    rows = [[_code(value or "(left out)"), *_rate(rate)] for value, rate in values.items()]
+    rows = [[_code(value or "(omitted)"), *_rate(rate)] for value, rate in values.items()]
     return f"<h2>By {_code(key)}</h2>" + _table([key, *_RATE], rows, numbers={1, 2, 4})
 
 
@@ -119,91 +125,91 @@ def _rate(rate: SuccessRate) -> list[str]:
     ]
 
 
-def _settings(found: SweepStatistics) -> str:
-    if not found.settings:
+def _settings(statistics: SweepStatistics) -> str:
+    if not statistics.settings:
         return ""
-    keys = list(found.settings[0][0])
+    keys = list(statistics.settings[0][0])
     rows = [
-        [*(_code(value or "(left out)") for value in values.values()), *_rate(rate)]
-        for values, rate in found.settings
+        [*(_code(value or "(omitted)") for value in values.values()), *_rate(rate)]
+        for values, rate in statistics.settings
     ]
     right = {len(keys), len(keys) + 1, len(keys) + 3}
     return "<h2>By setting</h2>" + _table([*keys, *_RATE], rows, numbers=right)
 
 
-def _times(found: SweepStatistics) -> str:
-    if not found.times:
+def _times(statistics: SweepStatistics) -> str:
+    if not statistics.times:
         return ""
-    first = found.times[0][0]
-    head = "<h2>How long episodes took</h2>"
-    if all(time == first for time, _ in found.times):
+    first = statistics.times[0][0]
+    head = "<h2>Duration of the episodes</h2>"
+    if all(time == first for time, _ in statistics.times):
         return f"{head}<p>Every episode took {first:g} s of simulated time.</p>"
     legend = '<p class="legend"><i class="good"></i> success <i class="bad"></i> no success</p>'
-    return head + legend + charts.histogram(found.times, "s")
+    return head + legend + charts.histogram(statistics.times, "s")
 
 
-def _nodes(found: SweepStatistics) -> str:
-    if not found.failing:
-        return "<h2>Failures by node</h2><p>No node ever failed.</p>"
-    shown = found.failing[:_MOST_NODES]
-    count = found.rate.count
+def _nodes(statistics: SweepStatistics) -> str:
+    if not statistics.failing:
+        return "<h2>Failures by node</h2><p>No node failed.</p>"
+    shown = statistics.failing[:_MOST_NODES]
+    count = statistics.rate.count
     rows = [
         [
-            _code(one.node),
-            f"<b>{one.ended}</b>" if one.ended else "·",
-            f"{one.failed} <span class='dim'>({percent(one.failed / count)})</span>",
-            f"{one.times}",
-            f"{one.times / one.failed:.3g}" if one.failed else "·",
+            _code(node.node),
+            f"<b>{node.ended}</b>" if node.ended else "·",
+            f"{node.failed} <span class='dim'>({percent(node.failed / count)})</span>",
+            f"{node.times}",
+            f"{node.times / node.failed:.3g}" if node.failed else "·",
         ]
-        for one in shown
+        for node in shown
     ]
-    more = len(found.failing) - len(shown)
-    rest = f"<p class='dim'>… and {more} more nodes; the table has them all.</p>" if more else ""
+    more = len(statistics.failing) - len(shown)
+    rest = f"<p class='dim'>… and {more} more nodes; the table contains all.</p>" if more else ""
     lead = (
-        "<p class='dim'>The node that made the tree fail in its last tick, or that raised, ended the episode."
-        " A condition that fails now and then is nothing bad.</p>"
+        "<p class='dim'>An episode is ended by the node that made the tree fail in its last tick, or that "
+        "raised an exception. Other failures, such as those of conditions, are part of normal operation.</p>"
     )
-    heads = ["node", "ended episodes", "failed in episodes", "failures", "an episode"]
+    heads = ["node", "ended episodes", "failed in episodes", "failures", "failures per episode"]
     return "<h2>Failures by node</h2>" + lead + _table(heads, rows, numbers={1, 2, 3, 4}) + rest
 
 
-def _spreads(found: SweepStatistics) -> str:
+def _spreads(statistics: SweepStatistics) -> str:
     rows = [
-        [_code(one.name), f"{one.least:.5g}", f"{one.median:.5g}", f"{one.mean:.5g}", f"{one.most:.5g}"]
-        for one in found.spreads
+        [_code(item.name), *(f"{value:.5g}" for value in (item.least, item.median, item.mean, item.most))]
+        for item in statistics.spreads
     ]
-    heads = ["figure", "least", "median", "mean", "most"]
+    heads = ["figure", "minimum", "median", "mean", "maximum"]
     return "<h2>Figures</h2>" + _table(heads, rows, numbers={1, 2, 3, 4}) if rows else ""
 
 
-def _failed(told: ReportData) -> str:
-    found, sweep = told.figures, told.definition
-    if not found.failed:
+def _failed(data: ReportData) -> str:
+    failed, sweep = data.figures.failed, data.definition
+    if not failed:
         return "<h2>Failed episodes</h2><p>None.</p>"
     rows = []
-    for one in found.failed[:MOST_FAILED]:
-        episode = sweep.episode(one["episode"])
-        why = [_code(str(one["failed_at"]))] if one["failed_at"] else []
-        why += [escape(str(one["error"]))] if one["error"] else []
+    for row in failed[:MOST_FAILED]:
+        episode = sweep.episode(row["episode"])
+        cause = [_code(str(row["failed_at"]))] if row["failed_at"] else []
+        cause += [escape(str(row["error"]))] if row["error"] else []
         rows.append(
             [
                 f"{episode.seed}",
-                *(_code(value or "(left out)") for value in episode.values.values()),
-                f"{escape(str(one['status']))}",
-                "<br>".join(why) or "·",
+                *(_code(value or "(omitted)") for value in episode.values.values()),
+                f"{escape(str(row['status']))}",
+                "<br>".join(cause) or "·",
                 f'<code class="replay">{escape(episode.replay)}</code>',
             ]
         )
-    more = len(found.failed) - len(rows)
-    rest = f"<p class='dim'>… and {more} more; the table has them all.</p>" if more else ""
-    heads = ["seed", *sweep.varied, "status", "where, and why", "to see it again"]
-    return f"<h2>Failed episodes ({len(found.failed)})</h2>" + _table(heads, rows, numbers={0}) + rest
+    more = len(failed) - len(rows)
+    rest = f"<p class='dim'>… and {more} more; the table contains all.</p>" if more else ""
+    heads = ["seed", *sweep.varied, "status", "node and error", "command to replay"]
+    return f"<h2>Failed episodes ({len(failed)})</h2>" + _table(heads, rows, numbers={0}) + rest
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()) -> str:
-    """A table of cells in HTML; the columns *numbers* stand to the right."""
+    """Return an HTML table; the columns with the indices *numbers* are aligned to the right."""
     right = set(numbers)
-    classes = ['class="number"' if place in right else "" for place in range(len(heads))]
+    classes = ['class="number"' if column in right else "" for column in range(len(heads))]
     head = "".join(f"<th {kind}>{escape(text)}</th>" for kind, text in zip(classes, heads, strict=True))
     body = "".join(
         "<tr>"

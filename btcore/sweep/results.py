@@ -1,4 +1,4 @@
-"""What a sweep leaves behind: the table, the report, a summary in the terminal, the object of ``--json``."""
+"""The results of a sweep: the table, the report, the summary on stderr, and the object of ``--json``."""
 
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -19,7 +19,7 @@ REPORT: Final = "report.html"
 
 
 class SweepResults(NamedTuple):
-    """The object of ``--json``, and the exit code."""
+    """The object of ``--json``, and the exit *code*."""
 
     json_object: dict[str, Any]
     code: ExitCode
@@ -28,49 +28,64 @@ class SweepResults(NamedTuple):
 def write_results(
     journal: Journal, script: Program | None, suffix: str, played: ExecutionSummary
 ) -> SweepResults:
-    """Write the table, as *suffix* says, and the report into the sweep's folder, and sum up on stderr."""
+    """Write the table and the report to the sweep's folder, and print a summary on stderr.
+
+    Args:
+        journal: The journal of the sweep.
+        script: The condition for a success, or None.
+        suffix: The file format of the table: csv or parquet.
+        played: The result of `run_sweep`.
+
+    Raises:
+        click.ClickException: A file cannot be written.
+    """
     sweep = journal.definition
     rows = []
     for number in sorted(journal.done):
-        one = table.row(sweep.episode(number), journal.done[number])
-        rows.append({**one, "success": success.is_success(one, script)})
+        row = table.row(sweep.episode(number), journal.done[number])
+        rows.append({**row, "success": success.is_success(row, script)})
     results, report = journal.folder / f"results.{suffix}", journal.folder / REPORT
     table.write(results, rows, table.columns(rows, sweep))
-    found = compute_statistics(rows, sweep)
     walls = [record["wall_s"] for record in journal.done.values() if record.get("wall_s")]
-    told = ReportData(sweep, found, None if script is None else script.text, tuple(walls))
-    files.write(report, render_report(told).encode())
-    print_sweep_summary(told, played, results, report)
-    return SweepResults(_object(told, played, results, report), _code(rows, played))
+    script_text = None if script is None else script.text
+    data = ReportData(sweep, compute_statistics(rows, sweep), script_text, tuple(walls))
+    files.write(report, render_report(data).encode())
+    print_sweep_summary(data, played, results, report)
+    return SweepResults(_object(data, played, results, report), _code(rows, played))
 
 
 def _code(rows: list[Row], played: ExecutionSummary) -> ExitCode:
     if played.interrupted:
         return ExitCode.INTERRUPTED
-    if any(one["status"] == "RAISED" for one in rows):
+    if any(row["status"] == "RAISED" for row in rows):
         return ExitCode.LEAF_ERROR
-    return ExitCode.SUCCESS if all(one["success"] for one in rows) else ExitCode.FAILURE
+    return ExitCode.SUCCESS if all(row["success"] for row in rows) else ExitCode.FAILURE
 
 
-def _object(told: ReportData, played: ExecutionSummary, results: Path, report: Path) -> dict[str, Any]:
-    found, sweep = told.figures, told.definition
+def _object(data: ReportData, played: ExecutionSummary, results: Path, report: Path) -> dict[str, Any]:
+    statistics, sweep = data.figures, data.definition
     return {
         "episodes": len(sweep),
-        "done": found.rate.count,
-        **_rate(found.rate),
+        "done": statistics.rate.count,
+        **_rate(statistics.rate),
         "by": {
-            key: {value: _rate(rate) for value, rate in values.items()} for key, values in found.by.items()
+            key: {value: _rate(rate) for value, rate in rates.items()} for key, rates in statistics.by.items()
         },
-        "statuses": found.statuses,
+        "statuses": statistics.statuses,
         "figures": {
-            one.name: {"min": one.least, "median": one.median, "mean": round(one.mean, 6), "max": one.most}
-            for one in found.spreads
+            item.name: {
+                "min": item.least,
+                "median": item.median,
+                "mean": round(item.mean, 6),
+                "max": item.most,
+            }
+            for item in statistics.spreads
         },
         "failing": [
-            {"node": one.node, "ended": one.ended, "episodes": one.failed, "failures": one.times}
-            for one in found.failing
+            {"node": node.node, "ended": node.ended, "episodes": node.failed, "failures": node.times}
+            for node in statistics.failing
         ],
-        "failed": _failed(found, sweep),
+        "failed": _failed(statistics, sweep),
         "workers": {
             "count": played.workers,
             "deaths": played.deaths,
@@ -92,19 +107,19 @@ def _rate(rate: SuccessRate) -> dict[str, Any]:
     }
 
 
-def _failed(found: SweepStatistics, sweep: SweepDefinition) -> list[dict[str, Any]]:
-    told = []
-    for one in found.failed:
-        episode = sweep.episode(one["episode"])
-        told.append(
+def _failed(statistics: SweepStatistics, sweep: SweepDefinition) -> list[dict[str, Any]]:
+    failed = []
+    for row in statistics.failed:
+        episode = sweep.episode(row["episode"])
+        failed.append(
             {
                 "episode": episode.number,
                 "seed": episode.seed,
                 "params": dict(episode.values),
-                "status": one["status"],
-                "failed_at": one["failed_at"],
-                "error": one["error"],
+                "status": row["status"],
+                "failed_at": row["failed_at"],
+                "error": row["error"],
                 "replay": episode.replay,
             }
         )
-    return told
+    return failed

@@ -1,8 +1,8 @@
-"""How a report looks, by day and by night."""
+"""The style sheet of the report, with a light and a dark theme."""
 
 from typing import Final
 
-# Blue and orange are told apart by the colour-blind too.
+# Success and failure are blue and orange, which colour-blind readers can distinguish.
 STYLE: Final = """
 :root { --ink: #1b1f24; --dim: #626b76; --page: #fff; --panel: #f5f7f9; --line: #dde2e8;
   --good: #2f74c0; --bad: #d9722b; --soft: #a9c8ea; }

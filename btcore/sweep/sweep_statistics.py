@@ -1,4 +1,4 @@
-"""What the rows of a sweep come to: rates of success with their intervals, times, who failed."""
+"""The statistics of a sweep: success rates with their intervals, durations, and failing nodes."""
 
 import json
 import math
@@ -18,14 +18,14 @@ from btcore.sweep.table import (
 
 CONFIDENCE: Final = 0.95
 LEVEL: Final = f"{100 * CONFIDENCE:g} %"
-"""The confidence as people write it."""
+"""The confidence as a percentage."""
 MOST_SETTINGS: Final = 60
-"""Settings that are told of one by one."""
+"""The largest number of settings for which the report lists each setting."""
 
 
 @dataclass(frozen=True, slots=True)
 class SuccessRate:
-    """*good* of *count* episodes, and the interval *low* … *high* that holds the true rate (see `wilson`)."""
+    """*good* of *count* episodes, and the confidence interval *low* … *high* of the rate (see `wilson`)."""
 
     count: int
     good: int
@@ -34,13 +34,20 @@ class SuccessRate:
 
     @property
     def share(self) -> float:
-        """The part that was good, from 0 to 1; nan of none."""
+        """The fraction of successes, from 0 to 1; NaN without episodes."""
         return self.good / self.count if self.count else math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class FailingNode:
-    """A node that failed: how many episodes *ended* by it, in how many it *failed*, and *times* in all."""
+    """A node that failed.
+
+    Attributes:
+        node: The path of the node.
+        ended: The number of episodes that it ended.
+        failed: The number of episodes in which it failed.
+        times: The number of its failures in all episodes.
+    """
 
     node: str
     ended: int
@@ -50,7 +57,7 @@ class FailingNode:
 
 @dataclass(frozen=True, slots=True)
 class FigureSummary:
-    """A figure over all episodes that have it."""
+    """The distribution of a figure over all episodes that have it."""
 
     name: str
     count: int
@@ -62,10 +69,17 @@ class FigureSummary:
 
 @dataclass(frozen=True, slots=True)
 class SweepStatistics:
-    """All that is told of a sweep.
+    """The statistics of a sweep.
 
-    *by* has a rate for each value of each parameter, *settings* one for each combination where there are
-    several parameters; *times* are the episodes' (s, simulated) with whether each was a success.
+    Attributes:
+        rate: The success rate of all episodes.
+        by: The success rate for each value of each parameter.
+        settings: The success rate for each combination of values, if there are several parameters.
+        statuses: The number of episodes with each status.
+        times: The simulated duration (s) of each episode, and whether it was a success.
+        failing: The nodes that failed.
+        spreads: The distribution of each numeric figure.
+        failed: The rows of the episodes without success.
     """
 
     rate: SuccessRate
@@ -79,33 +93,47 @@ class SweepStatistics:
 
 
 def compute_statistics(rows: Sequence[Row], definition: SweepDefinition) -> SweepStatistics:
-    """The figures of *rows*, which know whether they are a success."""
+    """Return the statistics of a sweep.
+
+    Args:
+        rows: The rows of the finished episodes, with the column ``success``.
+        definition: The sweep.
+    """
     several = 1 < len(definition.settings) <= MOST_SETTINGS and len(definition.varied) > 1
-    setting = _grouped(rows, lambda one: one["episode"] % len(definition.settings)) if several else {}
-    numbers = [(float(one["time_s"]), bool(one["success"])) for one in rows if one["time_s"] is not None]
+    settings = _grouped(rows, lambda row: row["episode"] % len(definition.settings)) if several else {}
+    times = [(float(row["time_s"]), bool(row["success"])) for row in rows if row["time_s"] is not None]
     return SweepStatistics(
         rate(rows),
         {key: _by_value(rows, definition, key) for key in definition.varied},
-        [(definition.settings[place], rate(group)) for place, group in sorted(setting.items())],
-        dict(Counter(str(one["status"]) for one in rows).most_common()),
-        numbers,
+        [(definition.settings[number], rate(group)) for number, group in sorted(settings.items())],
+        dict(Counter(str(row["status"]) for row in rows).most_common()),
+        times,
         _failing(rows),
         _spreads(rows),
-        [one for one in rows if not one["success"]],
+        [row for row in rows if not row["success"]],
     )
 
 
 def rate(rows: Sequence[Row]) -> SuccessRate:
-    """How many of *rows* are a success."""
-    good = sum(bool(one["success"]) for one in rows)
+    """Return the success rate of *rows*."""
+    good = sum(bool(row["success"]) for row in rows)
     return SuccessRate(len(rows), good, *wilson(good, len(rows)))
 
 
 def wilson(good: int, count: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Wilson's score interval for the probability of which *good* out of *count* were seen.
+    """Return Wilson's score interval for the probability of a success.
 
-    E. B. Wilson, Probable inference, the law of succession, and statistical inference, JASA 22 (1927). It
-    holds for few episodes, and for rates at 0 and 1, where the usual ± is nothing.
+    E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927). The
+    interval is also valid for few episodes, and for rates of 0 and 1, where the normal approximation has a
+    width of 0.
+
+    Args:
+        good: The number of successes.
+        count: The number of episodes.
+        confidence: The confidence level, between 0 and 1.
+
+    Returns:
+        The lower and the upper end of the interval.
     """
     if count == 0:
         return 0.0, 1.0
@@ -113,45 +141,45 @@ def wilson(good: int, count: int, confidence: float = CONFIDENCE) -> tuple[float
     share, weight = good / count, z * z / count
     middle = (share + weight / 2) / (1 + weight)
     half = z / (1 + weight) * math.sqrt(share * (1 - share) / count + weight / (4 * count))
-    # At the ends it is exact, and rounding isn't.
+    # At rates of 0 and 1 an end of the interval is exactly 0 or 1, which rounding errors would miss.
     return (0.0 if good == 0 else middle - half), (1.0 if good == count else middle + half)
 
 
 def _by_value(rows: Sequence[Row], definition: SweepDefinition, key: str) -> dict[str, SuccessRate]:
-    groups = _grouped(rows, lambda one: definition.settings[one["episode"] % len(definition.settings)][key])
+    groups = _grouped(rows, lambda row: definition.settings[row["episode"] % len(definition.settings)][key])
     return {value: rate(groups[value]) for value in definition.varied[key] if value in groups}
 
 
 def _grouped(rows: Sequence[Row], key: Callable[[Row], Any]) -> dict[Any, list[Row]]:
     groups: dict[Any, list[Row]] = {}
-    for one in rows:
-        groups.setdefault(key(one), []).append(one)
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
     return groups
 
 
 def _failing(rows: Sequence[Row]) -> list[FailingNode]:
-    ended = Counter(str(one["failed_at"]) for one in rows if one["failed_at"] is not None)
+    ended = Counter(str(row["failed_at"]) for row in rows if row["failed_at"] is not None)
     failed: Counter[str] = Counter()
     times: Counter[str] = Counter()
-    for one in rows:
-        for path, count in json.loads(one["failures"] or "{}").items():
+    for row in rows:
+        for path, count in json.loads(row["failures"] or "{}").items():
             failed[path] += 1
             times[path] += count
-    found = [FailingNode(path, ended[path], failed[path], times[path]) for path in {*ended, *failed}]
-    return sorted(found, key=lambda one: (-one.ended, -one.failed, -one.times, one.node))
+    nodes = [FailingNode(path, ended[path], failed[path], times[path]) for path in {*ended, *failed}]
+    return sorted(nodes, key=lambda node: (-node.ended, -node.failed, -node.times, node.node))
 
 
 def _spreads(rows: Sequence[Row]) -> list[FigureSummary]:
-    """Of the time, the ticks, and each figure that is a number."""
+    """Return the distributions of the duration, the ticks, and each numeric figure of the extensions."""
     known = {*LEADING_COLUMNS, *RESULT_COLUMNS, *TRAILING_COLUMNS} - {"time_s", "ticks"}
-    names = dict.fromkeys(key for one in rows for key in one if key not in known)
-    found = []
+    names = dict.fromkeys(key for row in rows for key in row if key not in known)
+    summaries = []
     for name in names:
-        values = [one[name] for one in rows if _is_number(one.get(name))]
+        values = [row[name] for row in rows if _is_number(row.get(name))]
         if values and not name.startswith("param."):
             numbers = min(values), median(values), fmean(values), max(values)
-            found.append(FigureSummary(name, len(values), *map(float, numbers)))
-    return found
+            summaries.append(FigureSummary(name, len(values), *map(float, numbers)))
+    return summaries
 
 
 def _is_number(value: object) -> bool:

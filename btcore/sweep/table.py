@@ -1,6 +1,7 @@
-"""The table of a sweep: a row an episode, the same for the same sweep, as CSV or Parquet.
+"""The table of a sweep, with a row for each episode, as CSV or Parquet.
 
-There is nothing in it that another run of the same sweep would have otherwise: no wall time, no worker.
+The table is reproducible: it contains nothing that differs between two executions of the same sweep, such as
+real times or workers.
 """
 
 import csv
@@ -25,12 +26,18 @@ _OWN_KEYS: Final = {"status", "ticks", "time_s", "real_time_factor", "nodes", "e
 
 
 def row(episode: Episode, record: Record) -> Row:
-    """The row of *episode*, without its ``success``, by what the journal has of it.
+    """Return the row of an episode; its column ``success`` is None.
 
-    ``status`` is the tree's last one, or RAISED, REFUSED (the run was not to be had), BROKEN (btcore itself
-    failed) or KILLED (its worker died, each time it was tried). ``failed_at`` is the node that made the tree
-    fail, or raised; ``failures`` how often each node failed, as JSON; ``param.KEY`` what the setting has, and
-    the rest what the extensions report, ``robot.distance_m`` for instance, lists as JSON.
+    Args:
+        episode: The episode.
+        record: Its record in the journal.
+
+    Returns:
+        ``status``: the last status of the tree, or RAISED (a leaf raised an exception), REFUSED (the run
+        could not start), BROKEN (internal error) or KILLED (the worker died in each attempt);
+        ``failed_at``: the node that made the tree fail or raised an exception; ``failures``: the number of
+        failures of each node, as JSON; ``param.KEY``: the values of the parameters; and the reports of the
+        extensions, such as ``robot.distance_m``, with lists as JSON.
     """
     report = record.get("report")
     cells: Row = {"episode": episode.number, "seed": episode.seed}
@@ -48,39 +55,54 @@ def row(episode: Episode, record: Record) -> Row:
 
 
 def columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
-    """The columns of *rows*: what every table has, and between that the figures in order of appearance."""
+    """Return the columns of a table: the fixed columns, and between them the figures in order of appearance.
+
+    Args:
+        rows: The rows.
+        definition: The sweep, for the columns of its parameters.
+    """
     varied = [f"param.{key}" for key in definition.varied]
     fixed = [*LEADING_COLUMNS, *varied, *RESULT_COLUMNS]
-    figures = dict.fromkeys(key for one in rows for key in one)
+    figures = dict.fromkeys(key for row in rows for key in row)
     return [*fixed, *(key for key in figures if key not in {*fixed, *TRAILING_COLUMNS}), *TRAILING_COLUMNS]
 
 
 def typed(text: str) -> int | float | str:
-    """A parameter's value as a number where it is one."""
+    """Return the value of a parameter as a number if possible, else as text."""
     for kind in (int, float):
         try:
             number = kind(text)
         except ValueError:
             continue
+        # int("007") is valid, but such a text counts as a float: integers are kept only in canonical form.
         if f"{number}" == text or kind is float:
             return number
     return text
 
 
 def write(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
-    """Write *rows* with the columns *names* into *path*, as its suffix says: .csv or .parquet."""
+    """Write a table to a file.
+
+    Args:
+        path: The file; its suffix .csv or .parquet determines the format.
+        rows: The rows.
+        names: The columns.
+
+    Raises:
+        click.ClickException: The file cannot be written.
+    """
     data = _parquet(rows, names) if path.suffix == ".parquet" else _csv(rows, names)
-    unfinished = path.with_name(f".{path.name}.tmp")
-    files.write(unfinished, data)
-    unfinished.replace(path)
+    incomplete = path.with_name(f".{path.name}.tmp")
+    files.write(incomplete, data)
+    incomplete.replace(path)
 
 
 def _csv(rows: Sequence[Row], names: Sequence[str]) -> bytes:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
-    for one in rows:
-        writer.writerow([_cell(one.get(name)) for name in names])
+    for row in rows:
+        writer.writerow([_cell(row.get(name)) for name in names])
     return text.getvalue().encode()
 
 
@@ -93,14 +115,14 @@ def _parquet(rows: Sequence[Row], names: Sequence[str]) -> bytes:
     from pyarrow import parquet
 
     sink = pyarrow.BufferOutputStream()
-    arrays = {name: pyarrow.array(_of_one_kind([one.get(name) for one in rows])) for name in names}
+    arrays = {name: pyarrow.array(_unify_types([row.get(name) for row in rows])) for name in names}
     parquet.write_table(pyarrow.table(arrays), sink)
     data: bytes = sink.getvalue().to_pybytes()
     return data
 
 
-def _of_one_kind(values: list[Any]) -> list[Any]:
-    """*values* as they are if one column can hold them: as floats or, if need be, as texts."""
+def _unify_types(values: list[Any]) -> list[Any]:
+    """Return *values* with a common type, which a Parquet column needs: mixed types become float or str."""
     kinds = {type(value) for value in values if value is not None}
     if len(kinds) < 2:
         return values
@@ -119,7 +141,7 @@ def _status(record: Record) -> str:
 
 def _error(record: Record) -> str | None:
     if record.get("killed"):
-        return f"its worker died, {record['killed']} times"
+        return f"its worker died {record['killed']} times"
     if record.get("fault"):
         return str(record["fault"])
     error = (record.get("report") or {}).get("error")
@@ -127,10 +149,10 @@ def _error(record: Record) -> str | None:
 
 
 def _flat(key: str, value: object) -> Row:
-    """A figure as columns: those in an object get the object's name and a dot in front; lists are JSON."""
+    """Return a figure as columns: nested keys are joined by dots, lists become JSON."""
     if isinstance(value, Mapping):
         return {
-            name: cell for one, inner in value.items() for name, cell in _flat(f"{key}.{one}", inner).items()
+            name: cell for part, item in value.items() for name, cell in _flat(f"{key}.{part}", item).items()
         }
     if isinstance(value, (list, tuple)):
         return {key: json.dumps(value, ensure_ascii=False)}

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,6 @@ import click
 import pytest
 from click.testing import Result
 
-from btcore.cli import entry_points
 from btcore.cli.extension import gather_resources
 from btcore.run_extension import RunExtension
 from btcore_monitor.run_extension import MonitorExtension
@@ -71,12 +71,12 @@ def offer(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
     """Offer a class as the only extension, 'rover' of the distribution 'rover-driver'."""
 
     def install(extension: object) -> None:
-        installed = entry_points.entry_points
+        installed = metadata.entry_points
         rover = SimpleNamespace(
             name="rover", dist=SimpleNamespace(name="rover-driver"), load=lambda: extension
         )
         monkeypatch.setattr(
-            entry_points,
+            metadata,
             "entry_points",
             lambda group: [rover] if group == "btcore.resources" else installed(group=group),
         )

@@ -100,7 +100,9 @@ def test_a_plan_that_nobody_can_follow_is_a_mistake(
 def test_a_plan_without_a_model_is_a_mistake(cli: Cli, tree_file: TreeFile) -> None:
     result = cli("run", tree_file("<AlwaysSuccess/>"), "--plan", "AlwaysSuccess=F", "--fast")
     assert result.exit_code == 2
-    assert "the tree has no leaf 'AlwaysSuccess' from a --model. Leaves from a --model: none." in result.stderr
+    assert (
+        "the tree has no leaf 'AlwaysSuccess' from a --model. Leaves from a --model: none." in result.stderr
+    )
 
 
 @pytest.mark.parametrize("command", ["run", "show", "validate"])

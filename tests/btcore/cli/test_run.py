@@ -174,7 +174,7 @@ def test_ticks_that_come_too_late_are_left_out_with_one_warning(
 ) -> None:
     result = cli("run", tree_file("<Slow/>"), "--plugin", library, "--rate", "100", "--json")
     assert result.exit_code == 0
-    assert result.stderr.count("a lower --rate fits this tree") == 1
+    assert result.stderr.count("use a lower --rate") == 1
     assert last_json(result)["ticks"] == 2
 
 

@@ -115,7 +115,7 @@ def test_where_times_differ_by_more_than_the_tolerance_they_part(cli: Cli, tree_
     assert cli("diff", "a.btlog", "b.btlog", "--times", "1").exit_code == 0
     result = cli("diff", "a.btlog", "b.btlog", "--times", "0.5")
     assert result.exit_code == 1
-    assert "after 1 common transition: the next is the same, but 0.800000 s apart" in result.stdout
+    assert "after 1 common transition: the next transition is the same, but 0.800000 s apart" in result.stdout
 
 
 def test_a_run_that_ends_earlier_and_trees_that_differ_are_said(cli: Cli, tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_a_run_that_ends_earlier_and_trees_that_differ_are_said(cli: Cli, tmp_pa
     result = cli("diff", "cut.btlog", BTLOG)
     assert result.exit_code == 1
     assert "after 55 common transitions: A ends, B continues" in result.stdout
-    assert "(the end of cut.btlog)" in result.stdout
+    assert "(end of cut.btlog)" in result.stdout
     other = cli("diff", BTLOG, FBL)
     assert other.exit_code == 1
     assert "only the tree of A contains Script::2" in other.stderr

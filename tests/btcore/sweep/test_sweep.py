@@ -154,7 +154,7 @@ def test_an_episode_that_kills_its_workers_is_recorded_and_the_others_go_on(
     result = sweep(file, *words, "--scheduler", scheduler, "--json")
     assert result.exit_code == 1, result.stderr
     assert last_json(result)["statuses"] == {"SUCCESS": 1, "KILLED": 1}
-    assert rows()[1]["error"] == "its worker died, 2 times"
+    assert rows()[1]["error"] == "its worker died 2 times"
 
 
 def started(*words: str) -> subprocess.Popen[str]:
@@ -200,10 +200,10 @@ def test_ctrl_c_ends_in_order_and_says_how_to_go_on(tree: Tree, sweep: Sweep, sc
     with started(*words, "--scheduler", scheduler) as process:
         until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 2)
         # While it holds the folder, nobody else writes there.
-        assert "is writing to 'tree.sweep' now" in " ".join(sweep(*words).stderr.split())
+        assert "is writing to 'tree.sweep'" in " ".join(sweep(*words).stderr.split())
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "Traceback" not in said
-    assert "the same command goes on with the rest" in said
+    assert "run the same command again to continue" in said
     assert 2 <= len(rows()) == len(journal()) < 500

@@ -41,12 +41,12 @@ def test_seeds_are_a_count_a_range_or_a_list(text: str, meant: tuple[int, ...]) 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("0", "nothing to do"),
-        ("9..5", "9..5 goes down; 5..9 is the same upwards"),
-        ("ten", "'ten' is no seed"),
-        ("-3", "'-3' is no seed"),
-        ("1,2,1", "1 is there twice"),
-        ("0..99999999999", "more than a sweep holds"),
+        ("0", "a sweep needs at least one seed"),
+        ("9..5", "9..5 descends; write 5..9"),
+        ("ten", "'ten' is not a seed"),
+        ("-3", "'-3' is not a seed"),
+        ("1,2,1", "1 is listed more than once"),
+        ("0..99999999999", "seeds exceed the limit of 10000000"),
     ],
 )
 def test_what_is_no_seed_is_told_of(text: str, said: str) -> None:
@@ -89,14 +89,14 @@ def test_several_parameters_make_a_grid_and_become_words_of_run() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("battery", "varies nothing: write KEY=VALUES"),
+        ("battery", "is invalid: write KEY=VALUES"),
         ("batery=1", "'btcore run' has no option --batery. Did you mean 'battery'?"),
         ("seed=1..5", "the seeds of a sweep are its --seeds"),
-        ("battery=9..5", "9..5 goes down"),
-        ("battery=1..5:0", "the step has to be greater than 0"),
-        ("battery=1,2,1", "'1' is there twice"),
-        ('bb.x="1,2', "a double quote isn't closed"),
-        ("bb.=1", "write the entry's name after the dot"),
+        ("battery=9..5", "9..5 descends"),
+        ("battery=1..5:0", "the step must be greater than 0"),
+        ("battery=1,2,1", "'1' is listed more than once"),
+        ('bb.x="1,2', "a double quote is not closed"),
+        ("bb.=1", "the name of the entry is missing"),
     ],
 )
 def test_what_is_no_parameter_is_told_of(text: str, said: str) -> None:
@@ -105,12 +105,12 @@ def test_what_is_no_parameter_is_told_of(text: str, said: str) -> None:
 
 
 def test_a_parameter_given_twice_is_told_of() -> None:
-    with pytest.raises(click.UsageError, match="put all its values into one"):
+    with pytest.raises(click.UsageError, match="list all values in one --param"):
         parameters.parse_parameters(["battery=1", "battery=2"], CHOICES)
 
 
 def test_a_switch_takes_true_and_false_alone() -> None:
-    with pytest.raises(click.UsageError, match="it is a switch; give true or false"):
+    with pytest.raises(click.UsageError, match="is a flag; use true or false"):
         parameters.setting_arguments({"wild": "perhaps"}, CHOICES)
 
 
@@ -119,10 +119,16 @@ def test_a_switch_takes_true_and_false_alone() -> None:
     [
         (["--seeds", "3", "--param", "untl=done"], "Did you mean 'until'?"),
         (["--seeds", "3", "--param", "until=done,soon"], "'soon' is not one of"),
-        (["--seeds", "3", "--param", "rate=5", "--rate", "9"], "--rate is given beside --param rate="),
-        (["--seeds", "3", "--param", "watch=true"], "an episode doesn't wait for a file to be saved"),
+        (
+            ["--seeds", "3", "--param", "rate=5", "--rate", "9"],
+            "--rate and --param rate=… cannot be used together",
+        ),
+        (["--seeds", "3", "--param", "watch=true"], "episodes cannot wait for a file to be saved"),
         (["--seeds", "3", "--success-if", "status =="], "--success-if"),
-        (["--seeds", "3", "--workers", "2", "--scheduler", "tcp://x:1"], "--scheduler has its own"),
+        (
+            ["--seeds", "3", "--workers", "2", "--scheduler", "tcp://x:1"],
+            "--workers and --scheduler cannot be used together",
+        ),
         (["--seeds", "3", "--fast"], "--fast"),
         (["--seeds", "3", "--monitor"], "--monitor"),
         ([], "--seeds"),

@@ -60,7 +60,7 @@ def test_rows_without_a_run_say_why() -> None:
     assert [(one["status"], one["error"]) for one in (refused, broken, killed)] == [
         ("REFUSED", "no room"),
         ("BROKEN", "KeyError: 1"),
-        ("KILLED", "its worker died, 3 times"),
+        ("KILLED", "its worker died 3 times"),
     ]
 
 
