@@ -1,1 +1,1 @@
-"""The command line: one file a command, ``main`` finds those of other packages."""
+"""The command line: a file for each command; `main` also loads the commands of other packages."""

@@ -353,7 +353,7 @@ def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, str]]:
     # Checked here, because SQLite's own errors do not explain why it cannot open a file.
     head = read_bytes(path, _HEAD)
     if not head.startswith(_MAGIC):
-        reason = "its first bytes are different" if head else "it is empty"
+        reason = "it does not begin with the header of a database" if head else "it is empty"
         raise LogError(f"{path}: this is not an SQLite database, {reason}")
     missing = _truncation(path, head)
     try:

@@ -225,7 +225,7 @@ def test_a_log_that_cannot_follow_is_told_of(
     running.until("first                     IDLE -> RUNNING")
     (tmp_path / "run.2.btlog").mkdir()
     tree_file(SECOND)
-    running.until("run.2.btlog: a log can't be written here, this is a folder")
+    running.until("run.2.btlog: cannot write a log here: this is a folder")
     running.until("second                    IDLE -> RUNNING")
 
 

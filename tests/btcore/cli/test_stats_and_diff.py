@@ -44,7 +44,10 @@ def test_a_log_that_is_cut_off_counts_up_to_the_cut_and_says_so(cli: Cli, tmp_pa
     cut.write_bytes(BTLOG.read_bytes()[:-100])
     result = cli("stats", cut)
     assert result.exit_code == 0
-    assert "the file is cut off within a transition, 8 bytes after the last whole one" in result.stderr
+    assert (
+        "the file is truncated within a transition, 8 bytes after the last complete transition"
+        in result.stderr
+    )
     assert "45 transitions are read" in result.stderr
     assert "45 transitions of 10 nodes" in result.stdout
 
@@ -61,16 +64,16 @@ def test_a_gap_is_told(cli: Cli, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("gone.btlog", None, "this log can't be read: no such file"),
+        ("gone.btlog", None, "cannot read this log: no such file"),
         ("run.rrd", b"RRF2", "logs that can be read end in .btlog, .db3, .btdb or .fbl"),
-        ("empty.btlog", b"", "this isn't a .btlog"),
-        ("empty.db3", b"", "this isn't an SQLite database, it is empty"),
-        ("empty.fbl", b"", "this isn't a .fbl"),
-        ("other.btlog", FBL.read_bytes(), "this isn't a .btlog"),
-        ("other.fbl", BTLOG.read_bytes(), "this isn't a .fbl"),
-        ("other.db3", BTLOG.read_bytes(), "this isn't an SQLite database"),
+        ("empty.btlog", b"", "this is not a .btlog file"),
+        ("empty.db3", b"", "this is not an SQLite database, it is empty"),
+        ("empty.fbl", b"", "this is not a .fbl file"),
+        ("other.btlog", FBL.read_bytes(), "this is not a .btlog file"),
+        ("other.fbl", BTLOG.read_bytes(), "this is not a .fbl file"),
+        ("other.db3", BTLOG.read_bytes(), "this is not an SQLite database"),
         ("head.btlog", BTLOG.read_bytes()[:5000], "this log ends in its header: 5000 of 8339 bytes"),
-        ("half.db3", DB3.read_bytes()[:14000], "the file is cut off: it has 14000 of 28672 bytes"),
+        ("half.db3", DB3.read_bytes()[:14000], "the file is truncated: it has 14000 of 28672 bytes"),
     ],
 )
 def test_what_is_no_log_is_a_sentence_and_exit_code_2(

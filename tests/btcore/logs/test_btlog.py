@@ -140,14 +140,16 @@ def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path,
         count, rest = divmod(cut - first, 9)
         assert recording.transitions == whole[:count]
         assert bool(recording.damage) == bool(rest)
-    assert recording.damage == ("the file is cut off within a transition, 8 bytes after the last whole one")
+    assert recording.damage == (
+        "the file is truncated within a transition, 8 bytes after the last complete transition"
+    )
 
 
 @pytest.mark.parametrize("cut", [0, 5, 18, 20, 22, 23, 4000, HEADER + XML, HEADER + XML + 7])
 def test_a_file_that_ends_in_its_header_is_an_error(captures: Path, tmp_path: Path, cut: int) -> None:
     path = tmp_path / "cut.btlog"
     path.write_bytes((captures / "v4_sample.btlog").read_bytes()[:cut])
-    with pytest.raises(LogError, match=r"this log ends in its header|this isn't a \.btlog"):
+    with pytest.raises(LogError, match=r"this log ends in its header|this is not a \.btlog file"):
         read_btlog(path)
 
 
@@ -161,7 +163,7 @@ def test_a_transition_of_a_node_that_the_tree_has_not_ends_the_reading(
     path.write_bytes(data)
     recording = read_btlog(path)
     assert len(recording.transitions) == 1
-    assert recording.damage == f"the file is damaged from byte {second} on: there is no node 200"
+    assert recording.damage == f"the file is damaged from byte {second} on: unknown node 200"
 
 
 def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_path: Path) -> None:
@@ -184,11 +186,11 @@ def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_pat
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"BTCPP4-FileLogger2\x07\0\0\0\0", "is of protocol 7, and btcore reads protocol 1"),
-        (b"BTCPP4-FileLogger2\x01\xff\xff\xff\xff" + bytes(8), "a tree of -1 bytes is announced"),
-        (b"BTCPP4-FileLogger2\x01\x03\0\0\0<a>" + bytes(8), "the tree in this log is no XML"),
+        (b"BTCPP4-FileLogger2\x07\0\0\0\0", "has protocol version 7; btcore supports version 1"),
+        (b"BTCPP4-FileLogger2\x01\xff\xff\xff\xff" + bytes(8), "the length of the tree is -1"),
+        (b"BTCPP4-FileLogger2\x01\x03\0\0\0<a>" + bytes(8), "the tree in this log is not valid XML"),
         (b"BTCPP4-FileLogger2\x01\x04\0\0\0<a/>" + bytes(8), "has no main tree"),
-        (b"SQLite format 3", "doesn't begin with BTCPP4-FileLogger2"),
+        (b"SQLite format 3", "it does not begin with BTCPP4-FileLogger2"),
     ],
 )
 def test_what_is_no_such_log_is_said(tmp_path: Path, content: bytes, said: str) -> None:

@@ -148,13 +148,13 @@ def test_a_database_cut_at_any_byte_is_a_beginning_or_a_sentence(
     path.write_bytes(content[:cut])
     if cut < 6 * PAGE:  # where the tables and the tree are
         with pytest.raises(
-            LogError, match=r"this isn't an SQLite|this log ends in its|the file is cut off: it has"
+            LogError, match=r"this is not an SQLite|this log ends in its|the file is truncated: it has"
         ):
             read_sqlite(path)
         return
     recording = read_sqlite(path)
     assert recording.transitions == whole[: len(recording.transitions)]
-    assert recording.damage == f"the file is cut off: it has {cut} of {len(content)} bytes"
+    assert recording.damage == f"the file is truncated: it has {cut} of {len(content)} bytes"
     assert recording.warnings[0].endswith(f"{len(recording.transitions)} transitions are read")
 
 
@@ -212,5 +212,5 @@ def test_a_session_is_named_after_the_file(small: Callable[..., Tree], tmp_path:
             for _ in range(ticks):
                 tree.tick_exactly_once()
     assert len(read_log(path).transitions) == 2 * len(read_log(f"{path}#1").transitions)
-    with pytest.raises(LogError, match="this log has no session 3; there is 1 and 2"):
+    with pytest.raises(LogError, match="this log has no session 3; it has 1 and 2"):
         read_log(f"{path}#3")

@@ -95,7 +95,7 @@ def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path,
 def test_a_file_that_ends_within_its_tree_is_an_error(captures: Path, tmp_path: Path, cut: int) -> None:
     path = tmp_path / "cut.fbl"
     path.write_bytes((captures / "v3_sample.fbl").read_bytes()[:cut])
-    with pytest.raises(LogError, match=r"this isn't a \.fbl, or it ends within the tree"):
+    with pytest.raises(LogError, match=r"this is not a \.fbl file, or it ends within the tree"):
         read_fbl(path)
 
 
@@ -114,7 +114,7 @@ def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_pat
         except LogError as fault:
             faults.append(str(fault))
     assert 0 < len(faults) < 1000
-    assert all(said.startswith(f"{path}: this isn't a .fbl") for said in faults)
+    assert all(said.startswith(f"{path}: this is not a .fbl file") for said in faults)
 
 
 def test_a_transition_that_makes_no_sense_ends_the_reading(captures: Path, tmp_path: Path) -> None:
@@ -125,4 +125,4 @@ def test_a_transition_that_makes_no_sense_ends_the_reading(captures: Path, tmp_p
     path.write_bytes(data)
     recording = read_fbl(path)
     assert len(recording.transitions) == 2
-    assert recording.damage == f"the file is damaged from byte {third} on: there is no status 0 or 7"
+    assert recording.damage == f"the file is damaged from byte {third} on: unknown status 0 or 7"

@@ -189,7 +189,7 @@ def test_a_log_that_can_no_longer_be_written_ends_with_a_warning(
         with caplog.at_level(logging.WARNING, "btcore"):
             assert [tree.tick_once() for _ in range(3)] == [Status.SUCCESS] * 3
     assert [record.getMessage() for record in caplog.records] == [
-        f"the log {path} ends here, it can't be written any more: Broken pipe"
+        f"the log {path} is incomplete, writing failed: Broken pipe"
     ]
 
 
@@ -218,8 +218,8 @@ def test_the_extension_says_which_log(
             "a.btlgo: logs that can be written end in .btlog, .db3, .btdb or .json; did you mean a.btlog?",
         ),
         ("a", "a: logs that can be written end in .btlog, .db3, .btdb or .json; did you mean a.btlog?"),
-        ("", ".: logs that can be written end in .btlog, .db3, .btdb or .json; say, run.btlog"),
-        ("a.fbl", "a.fbl: .fbl is a log of format 3, which btcore reads; it writes a.btlog"),
+        ("", ".: logs that can be written end in .btlog, .db3, .btdb or .json; for example run.btlog"),
+        ("a.fbl", "a.fbl: btcore reads but does not write .fbl, a log of format 3; use a.btlog"),
     ],
 )
 def test_an_extension_that_no_log_has(small: Callable[..., Tree], name: str, said: str) -> None:
@@ -231,10 +231,10 @@ def test_an_extension_that_no_log_has(small: Callable[..., Tree], name: str, sai
 def test_each_log_insists_on_its_extension(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small("<AlwaysSuccess/>")
     with pytest.raises(
-        LogError, match=r"run.log: this log's file ends in .btlog; did you mean .*run.btlog\?"
+        LogError, match=r"run.log: the name of this log must end in .btlog; did you mean .*run.btlog\?"
     ):
         BtLog(tree, tmp_path / "run.log")
-    with pytest.raises(LogError, match=r"ends in .db3 or .btdb; did you mean .*run.db3\?"):
+    with pytest.raises(LogError, match=r"must end in .db3 or .btdb; did you mean .*run.db3\?"):
         SqliteLog(tree, tmp_path / "run.sqlite")
     assert list(tmp_path.iterdir()) == []
 
@@ -245,13 +245,11 @@ def test_a_place_where_no_file_can_be_is_said(small: Callable[..., Tree], tmp_pa
     (tmp_path / "file").touch()
     (tmp_path / name).mkdir()
     for place, said in (
-        (tmp_path / "nowhere" / name, "there is no folder .*nowhere; make it first"),
-        (tmp_path / "file" / name, "file is no folder"),
-        (tmp_path / name, "this is a folder; name a file in it"),
+        (tmp_path / "nowhere" / name, "the folder .*nowhere does not exist; create it first"),
+        (tmp_path / "file" / name, "file is not a folder"),
+        (tmp_path / name, "this is a folder; give the path of a file"),
     ):
-        with pytest.raises(
-            LogError, match=f"^{re.escape(str(place))}: a log can't be written here, .*{said}"
-        ):
+        with pytest.raises(LogError, match=f"^{re.escape(str(place))}: cannot write a log here: .*{said}"):
             open_log(tree, place)
 
 
@@ -261,7 +259,7 @@ def test_a_place_where_no_file_can_be_is_said(small: Callable[..., Tree], tmp_pa
 @pytest.mark.parametrize("name", ["run.btlog", "run.json"])
 def test_a_full_disk_is_said_at_the_start(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
     (tmp_path / name).symlink_to("/dev/full")
-    with pytest.raises(LogError, match="a log can't be written here: no space left on device"):
+    with pytest.raises(LogError, match="cannot write a log here: no space left on device"):
         open_log(small("<AlwaysSuccess/>"), tmp_path / name)
 
 
@@ -286,18 +284,18 @@ def test_a_write_protected_folder_is_said(small: Callable[..., Tree], protected:
     with pytest.raises(LogError) as caught:
         open_log(small("<AlwaysSuccess/>"), protected / name)
     assert str(caught.value) == (
-        f"{protected / name}: a log can't be written here, {protected} is write-protected for you"
+        f"{protected / name}: cannot write a log here: no permission to write to {protected}"
     )
 
 
 def test_a_write_protected_file_is_said(small: Callable[..., Tree], protected: Path) -> None:
-    with pytest.raises(LogError, match=r"old\.btlog is write-protected for you$"):
+    with pytest.raises(LogError, match=r"no permission to write to .*old\.btlog$"):
         BtLog(small("<AlwaysSuccess/>"), protected / "old.btlog")
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.fbl"])
 def test_a_log_that_is_not_there_is_said(tmp_path: Path, name: str) -> None:
-    with pytest.raises(LogError, match="this log can't be read: no such file"):
+    with pytest.raises(LogError, match="cannot read this log: no such file"):
         read_log(tmp_path / name)
 
 

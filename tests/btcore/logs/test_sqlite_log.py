@@ -126,7 +126,7 @@ def test_an_appended_session_stands_beside_the_ones_before(
     first = read_sqlite(path, session=1)
     assert first.nodes[1].id == "AlwaysSuccess"
     assert [change.status for change in first.transitions] == [Status.SUCCESS, Status.IDLE]
-    with pytest.raises(LogError, match="has no session 3; there is 1 and 2"):
+    with pytest.raises(LogError, match="has no session 3; it has 1 and 2"):
         read_sqlite(path, session=3)
 
 
@@ -215,7 +215,7 @@ def test_a_database_that_another_program_holds_is_said(
 ) -> None:
     writer.execute("PRAGMA locking_mode = EXCLUSIVE")
     writer.execute("CREATE TABLE Mine (number)")
-    with pytest.raises(LogError, match="database is locked; another program writes to it"):
+    with pytest.raises(LogError, match="database is locked; another program is writing to it"):
         SqliteLog(sample, tmp_path / "run.db3")
 
 
@@ -223,13 +223,15 @@ def test_what_is_no_such_log_is_said(sample: Tree, tmp_path: Path) -> None:
     text, empty = tmp_path / "text.db3", tmp_path / "empty.db3"
     text.write_text("no database, but a text that is long enough to have a header" * 10)
     empty.touch()
-    with pytest.raises(LogError, match="this isn't an SQLite database, it doesn't begin as one"):
+    with pytest.raises(
+        LogError, match="this is not an SQLite database, it does not begin with the header of a database"
+    ):
         read_sqlite(text)
-    with pytest.raises(LogError, match="this isn't an SQLite database, it is empty"):
+    with pytest.raises(LogError, match="this is not an SQLite database, it is empty"):
         read_sqlite(empty)
-    with pytest.raises(LogError, match="this log can't be read: no such file"):
+    with pytest.raises(LogError, match="cannot read this log: no such file"):
         sessions(tmp_path / "missing.db3")
-    with pytest.raises(LogError, match="a log can't be written here: file is not a database"):
+    with pytest.raises(LogError, match="cannot write a log here: file is not a database"):
         SqliteLog(sample, text)
 
 
@@ -241,4 +243,4 @@ def test_a_row_that_makes_no_sense_ends_the_reading(sample: Tree, tmp_path: Path
         base.execute("UPDATE Transitions SET state = 9 WHERE node_uid = 3")
     recording = read_sqlite(path)
     assert len(recording.transitions) == 2
-    assert recording.damage.endswith("there is no status 9")
+    assert recording.damage.endswith("unknown status 9")

@@ -93,7 +93,7 @@ def test_equal_paths_are_told_apart_by_uid(small: Callable[..., Tree]) -> None:
         tree.tick_once()
     assert observer.get_statistics("a#2").success_count == 1
     assert observer.get_statistics("a#3").failure_count == 1
-    with pytest.raises(BtcoreError, match="'a' is the path of 2 nodes; say which: a#2 or a#3"):
+    with pytest.raises(BtcoreError, match="'a' is the path of 2 nodes; use a#2 or a#3"):
         observer.get_statistics("a")
 
 

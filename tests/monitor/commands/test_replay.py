@@ -105,7 +105,7 @@ def test_a_log_that_is_cut_off_is_shown_up_to_the_cut(replay: Replay, tmp_path: 
     assert result.exit_code == 0
     *lines, last = result.stdout.splitlines()
     assert len(lines) == 56
-    assert "the file is cut off within a transition" in last
+    assert "the file is truncated within a transition" in last
     assert "56 transitions are read" in result.stderr
 
 
