@@ -57,6 +57,7 @@ def convert(
     node_models.add_node_models(nodes, models, [document])
     result = converted(document, nodes)
     data = result.text.encode()
+    # The parser drops a byte order mark; the conversion must not change what it does not convert.
     if path.read_bytes().startswith(_BYTE_ORDER_MARK):
         data = _BYTE_ORDER_MARK + data
     target = path if in_place else output

@@ -12,6 +12,7 @@ from btcore.suggestions import nearest_name
 
 GROUP: Final = "btcore.resources"
 _META: Final = "btcore.cli.extension.loaded"
+# The hooks and their parameters are read from the protocol itself, so that the check cannot become outdated.
 _ATTRIBUTES: Final = tuple(RunExtension.__annotations__)
 _METHODS: Final = {
     name: tuple(inspect.signature(member).parameters)[1:]
@@ -81,6 +82,7 @@ def _find_problems(extension: RunExtension) -> list[str]:
 def _is_unset(extension: RunExtension, name: str) -> bool:
     """Return whether *extension* lacks the hook *name*, or inherits its default from `RunExtension`."""
     hook = getattr(extension, name, None)
+    # Bound methods of an instance are compared by the function of their class.
     return getattr(hook, "__func__", hook) in (None, getattr(RunExtension, name))
 
 
@@ -128,6 +130,7 @@ def gather_resources(
         required = extension.requires(tuple(all_wanted))
         all_wanted += required
         ranked.insert(0, (bool(required), extension))
+    # The sort is stable: extensions of equal rank keep the order of their entry points' names.
     ranked.sort(key=lambda entry: (entry[0], entry[1].is_fallback))
     resources: list[object] = []
     providers: list[RunExtension] = []

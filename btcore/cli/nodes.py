@@ -85,6 +85,7 @@ def _print(manifests: Sequence[Manifest]) -> None:
 
 def _port(port: Port) -> Text:
     """Return the direction, name, type and default of *port*, with no-break spaces between them."""
+    # With normal spaces the terminal would break a port between its name and its type.
     text = Text.assemble((_ARROW[port.direction] + "\u00a0", "dim"), (port.name, "yellow"))
     text.append(f"\u00a0{_short(port.type.name)}".replace(" ", "\u00a0"), style="dim")
     if port.default is not None:

@@ -105,6 +105,7 @@ class Progress:
         if leaves:
             line.append("  ▸ ", style="dim")
             line.append(", ".join(leaves), style="yellow")
+        # A line that wraps would leave its first part on the screen when it is updated.
         line.truncate(max(20, self.console.width - 1), overflow="ellipsis")
         return line
 

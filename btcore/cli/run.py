@@ -46,7 +46,7 @@ class RunCommand(click.Command):
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's options, those of the extensions, and ``--help``."""
-        own = super().get_params(ctx)
+        own = super().get_params(ctx)  # the last is --help
         extensions = load_extensions(ctx).extensions
         added = [option for extension in extensions for option in extension.options]
         return [*own[:-1], *added, own[-1]]

@@ -97,6 +97,7 @@ class RunSession:
         with ExitStack() as attached:
             for extension in self.extensions:
                 attached.enter_context(extension.attach(self.tree, self.resources, self.settings))
+            # An ExitStack unwinds in reverse order: the logs are closed before extensions are detached.
             attached.callback(self.logs.close)
             self.logs.open(self.tree)
             ending = self._loop()

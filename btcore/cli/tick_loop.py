@@ -87,6 +87,7 @@ class TickLoop:
             if self.status in self.endings:
                 return "done"
             now = self.tree.clock.now()
+            # An additional tick before `due` leaves the due time unchanged.
             if now >= due:
                 missed = (now - due) // self.period
                 self.late += missed
@@ -112,6 +113,7 @@ class TickLoop:
             if self.saved is not None and self.saved():
                 return "saved"
             self._waiting = True
+            # Checked again: a signal before `_waiting` was set has woken nothing.
             if not self._stop:
                 self._rest_until(now)
             self._waiting = False

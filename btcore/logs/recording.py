@@ -151,6 +151,7 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
         LogError: *xml* is not such a tree.
     """
     data = xml.encode("utf-8", "replace") if isinstance(xml, str) else xml
+    # A log may come from an untrusted source: no entities, DTDs or network access.
     parser = etree.XMLParser(
         encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True
     )
@@ -158,6 +159,7 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
         raise LogError(f"{source}: the tree in this log is not valid XML: {error.msg}") from None
+    # Reversed, so that the first of several trees with the same path is kept.
     trees = {str(tree.get("_fullpath", "")): tree for tree in reversed(root.findall("BehaviorTree"))}
     types = {
         str(model.get("ID")): _TYPES[str(model.tag)]

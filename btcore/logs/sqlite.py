@@ -93,6 +93,7 @@ class SqliteWriter:
     def _begin(self, xml: str, nodes: Iterable[tuple[str, int]], append: bool) -> int:
         """Create the tables and the session. Return the largest existing stamp (µs since 1970), or 0."""
         base = self._base
+        # With a write-ahead log, readers and this writer do not block each other.
         base.execute("PRAGMA journal_mode = WAL")
         base.execute("PRAGMA synchronous = OFF")
         base.execute("BEGIN IMMEDIATE")

@@ -118,6 +118,7 @@ class TraceLog(Log):
 
     def _event(self, uid: int, phase: str, lane: int, now: int, more: str = "") -> str:
         category, name, address = self._labels[uid]
+        # Perfetto merges the arguments of the begin (B) and end (E) events of a slice.
         known = address if phase == "B" else more if phase == "E" else f"{address},{more}"
         return (
             f'{{"cat":"{category}","pid":{self._pid},"tid":{lane},"ts":{now},"ph":"{phase}",'

@@ -112,10 +112,11 @@ class Workers:
             episode = self._again.pop() if self._again else next(episodes, None)
             if episode is None:
                 return
+            # Dask identifies tasks by their keys: another attempt needs another key.
             key = f"episode-{self._session}-{episode.number}-{self._killed.get(episode.number, 0)}"
             future = self.client.submit(run_episode, episode.command, self._folder, key=key, pure=False)
             self._running[key] = episode, future
-            future.add_done_callback(self._finished.put)
+            future.add_done_callback(self._finished.put)  # called on a thread of the client
 
     def _result(self, future: Future, episode: Episode) -> Result | Killed | None:
         """Return the result of *episode*, or None if the episode will be run again."""

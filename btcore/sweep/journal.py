@@ -71,11 +71,12 @@ class Journal:
         assert self._file is not None
         self.done[number] = record
         self._file.write(json.dumps(record, ensure_ascii=False, separators=(",", ":")).encode() + b"\n")
-        self._file.flush()
+        self._file.flush()  # to the operating system: the record survives a kill of this process
 
     def _lock(self, file: IO[bytes]) -> None:
         if sys.platform == "win32":
             return
+        # The lock ends with the process, however it ends: no stale lock can block the folder.
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -39,7 +39,7 @@ class SweepCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
-        words = list(args)
+        words = list(args)  # click's parser removes the arguments from its list
         with explain_missing_options(ctx):
             rest = super().parse_args(ctx, args)
         ctx.meta[_GIVEN] = self.make_parser(ctx).parse_args(words)[0]
