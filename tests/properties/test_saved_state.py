@@ -240,7 +240,7 @@ def attributes(node: TreeNode) -> dict[str, str]:
     """The attributes of *node* and what they hold, as texts; also those of a compiled class."""
     names = set(getattr(node, "__dict__", ()))
     for cls in type(node).__mro__:
-        names |= vars(cls).get("__annotations__", {}).keys()
+        names |= {*vars(cls).get("__annotations__", ()), *vars(cls).get("__mypyc_attrs__", ())}
     return {name: shown(getattr(node, name)) for name in names if hasattr(node, name)}
 
 
