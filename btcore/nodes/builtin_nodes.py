@@ -9,7 +9,7 @@ import btcore.nodes
 from btcore.engine.node import TreeNode
 
 
-def _classes() -> Iterator[type[TreeNode]]:
+def node_classes() -> Iterator[type[TreeNode]]:
     """The node classes that the modules of the package define, in alphabetical order of the modules."""
     for module in pkgutil.iter_modules(btcore.nodes.__path__, "btcore.nodes."):
         if module.name != __name__:
@@ -21,7 +21,7 @@ def _classes() -> Iterator[type[TreeNode]]:
 
 def _by_id() -> dict[int, dict[str, type[TreeNode]]]:
     found: dict[int, dict[str, type[TreeNode]]] = {3: {}, 4: {}}
-    for cls in _classes():
+    for cls in node_classes():
         # What a base class declares about itself does not hold for the classes derived from it.
         own = vars(cls)
         for format in own.get("builtin_formats", ()):

@@ -29,11 +29,11 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name
 from btcore.testing.mock_leaves import Outcomes, with_mock_leaves
 from btcore.testing.tree_generator import (
+    BUILTIN_MANIFESTS,
     SCRIPT_KEYS,
     Element,
     TreeGenerator,
     TreeOptions,
-    builtin_manifests,
     cached_integers,
     element_to_xml,
 )
@@ -201,7 +201,7 @@ _BY_TYPE: Final[Mapping[Any, SearchStrategy[Any]]] = {
 def _own_nodes(tags: Collection[str] | None, nodes: Registry | None, format: int) -> dict[str, Manifest]:
     """Return the manifests of those of *tags* that are not built in."""
     own = {}
-    drawn = {**builtin_manifests(4), **builtin_manifests(3)}
+    drawn = {**BUILTIN_MANIFESTS[4], **BUILTIN_MANIFESTS[3]}
     for tag in tags if tags is not None else ():
         if tag in drawn:
             continue

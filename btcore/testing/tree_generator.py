@@ -54,21 +54,26 @@ _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
 }
 
 
-@cache
-def builtin_manifests(format: int) -> Mapping[str, Manifest]:
-    """The built-in nodes that random trees of *format* may have, by ID, the plainest first.
-
-    They are those that need no resource and no text other than a number, a script or a truth value.
-    """
+def _drawable_nodes(registry: Registry, format: int) -> dict[str, Manifest]:
     found = [
         manifest
-        for manifest in Registry.standard().manifests_of(format).values()
+        for manifest in registry.manifests_of(format).values()
         if manifest.type is not NodeType.SUBTREE
         and not manifest.parameters
         and all(port.default is not None or port.role in _DRAWN_ROLES for port in manifest.ports.values())
     ]
     found.sort(key=lambda manifest: (len(manifest.ports), len(manifest.id)))
     return {manifest.id: manifest for manifest in found}
+
+
+_STANDARD: Final = Registry.standard()
+BUILTIN_MANIFESTS: Final[Mapping[int, Mapping[str, Manifest]]] = {
+    format: _drawable_nodes(_STANDARD, format) for format in (3, 4)
+}
+"""The built-in nodes that random trees may have, by format and ID, the plainest first.
+
+They are those that need no resource and no text other than a number, a script or a truth value.
+"""
 
 
 def _roles(manifest: Manifest) -> set[PortRole]:
@@ -134,7 +139,7 @@ class TreeGenerator:
         self.wishes = wishes
         self.budget = budget
         self.trees = callable_trees
-        builtin = builtin_manifests(wishes.format)
+        builtin = BUILTIN_MANIFESTS[wishes.format]
         self.manifests = {id: one for id, one in builtin.items() if wishes.may_occur(one)} | dict(wishes.own)
         leaves = [id for id, one in self.manifests.items() if not takes_children(one)]
         planned = list(wishes.planned) if wishes.tags is None or not leaves else []

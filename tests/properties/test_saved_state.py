@@ -28,7 +28,7 @@ from btcore.nodes.manual_selector import Prompt
 from btcore.testing import xml_documents
 from btcore.testing.conformance_trees import conformance_registry
 from btcore.testing.plan_leaves import CallLog
-from btcore.testing.tree_generator import SCRIPT_KEYS, builtin_manifests
+from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
 
 NODES = conformance_registry()
@@ -285,7 +285,7 @@ def test_every_attribute_of_the_other_nodes_that_ticks_change_is_declared_as_sta
     declared = {
         (type(node), name)
         for node in loaded(OTHER_NODES[format], format)
-        if BUILTIN_NODES[format].get(node.id) is type(node) and node.id not in builtin_manifests(format)
+        if BUILTIN_NODES[format].get(node.id) is type(node) and node.id not in BUILTIN_MANIFESTS[format]
         for name in state_fields_of(type(node))
     }
     assert {(cls.__name__, name) for cls, name in declared - changed} == set()
@@ -293,7 +293,7 @@ def test_every_attribute_of_the_other_nodes_that_ticks_change_is_declared_as_sta
 
 @pytest.mark.parametrize("format", [3, 4])
 def test_these_tests_try_every_built_in_node_that_has_a_state(format: int) -> None:
-    tried = {node.id for node in loaded(OTHER_NODES[format], format)} | builtin_manifests(format).keys()
+    tried = {node.id for node in loaded(OTHER_NODES[format], format)} | BUILTIN_MANIFESTS[format].keys()
     # Of the five Switches one stands for all: they differ in the number of cases.
     alike = {"Switch2": {"Switch3", "Switch4", "Switch5", "Switch6"}}
     tried |= {other for id in tried for other in alike.get(id, ())}

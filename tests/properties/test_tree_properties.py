@@ -20,12 +20,12 @@ from btcore.testing import (
     outcomes,
     trees,
 )
-from btcore.testing.tree_generator import builtin_manifests
+from btcore.testing.tree_generator import BUILTIN_MANIFESTS
 from btcore.xml.render.tree_xml import tree_to_xml
 
 DONE = (Status.SUCCESS, Status.FAILURE)
 LEAVES = (NodeType.ACTION, NodeType.CONDITION)
-INNER = {id for format in (3, 4) for id, one in builtin_manifests(format).items() if one.type not in LEAVES}
+INNER = {id for format in (3, 4) for id, one in BUILTIN_MANIFESTS[format].items() if one.type not in LEAVES}
 CLEAN = INNER - {"IfThenElse", "RunOnce", "SequenceWithMemory", "SequenceStar"}
 
 everything = trees(max_nodes=30, timed=True, subtrees=2, conditions=True, scripts=True)

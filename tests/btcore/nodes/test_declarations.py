@@ -1,0 +1,47 @@
+"""What the classes of built-in nodes declare about themselves."""
+
+import pytest
+
+from btcore import DecoratorNode, Status, TreeNode
+from btcore.nodes.builtin_nodes import BUILTIN_NODES, node_classes
+from btcore.nodes.fallback import Fallback
+from btcore.nodes.result_decorators import ForceSuccess, Inverter
+from btcore.status import UNKNOWN_RESULTS
+from btcore.xml.lint.possible_results import behaviour_of
+
+
+@pytest.mark.parametrize("cls", [*node_classes()], ids=lambda cls: cls.__name__)
+def test_every_class_says_in_which_formats_it_is_a_node(cls: type[TreeNode]) -> None:
+    # A base class says that it is in none, so that a new node is not forgotten.
+    assert "builtin_formats" in vars(cls)
+
+
+def test_a_class_has_one_id_in_its_formats() -> None:
+    for format, nodes in BUILTIN_NODES.items():
+        for id, cls in nodes.items():
+            assert format in cls.builtin_formats
+            assert id in (cls.builtin_id, cls.__name__)
+
+
+@pytest.mark.parametrize("cls", BUILTIN_NODES[4].values(), ids=lambda cls: cls.__name__)
+def test_a_batch_counterpart_that_is_declared_exists(cls: type[TreeNode]) -> None:
+    pytest.importorskip("numpy")
+    from btcore.batch.compile import batch_class
+    from btcore.batch.node import BatchNode
+
+    found = batch_class(cls)
+    assert found is None or issubclass(found, BatchNode)
+
+
+def test_the_declared_results_do_not_hold_for_a_users_class_that_may_tick_otherwise() -> None:
+    class Own(ForceSuccess):
+        pass
+
+    class Declared(ForceSuccess):
+        may_return = frozenset({Status.FAILURE})
+
+    assert behaviour_of(ForceSuccess) is ForceSuccess
+    assert behaviour_of(Own) is DecoratorNode
+    assert behaviour_of(Declared) is Declared
+    assert behaviour_of(Fallback).possible_results([UNKNOWN_RESULTS], {}).may_run
+    assert behaviour_of(Inverter) is Inverter
