@@ -108,7 +108,8 @@ class BatchCompiler:
             return f"it runs {', '.join(sorted(known))}"
         guess = nearest_name(plan.id, self.leaves)
         meant = f"did you mean <{guess}>? " if guess else ""
-        return f"{meant}write it for all agents, @batch.action(ID='{plan.id}'), and give it in leaves=[…]"
+        cure = f"write it for all agents at once, @batch.action(ID='{plan.id}'), and give it in leaves=[…]"
+        return meant + cure
 
     def _connector(self, plan: TreeNode, leaf: LeafDeclaration) -> Any:
         declared = {port.name: port for port in leaf.ports}
