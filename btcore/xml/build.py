@@ -81,9 +81,9 @@ def build(
     The clock is *clock*, else the first of *resources* that is one, else the system's; for the other
     arguments see :func:`btcore.xml.plan.document_checks.analyse_document`.
     """
-    examined = analyse_document(document, registry, tree, format, packages)
-    examined.diagnostics.raise_errors()
-    return TreeInstantiator(examined, registry, blackboard, resources, clock).instantiate()
+    analysis = analyse_document(document, registry, tree, format, packages)
+    analysis.diagnostics.raise_errors()
+    return TreeInstantiator(analysis, registry, blackboard, resources, clock).instantiate()
 
 
 def required_resources_of(
@@ -95,10 +95,10 @@ def required_resources_of(
     packages: PackageResolver | None = None,
 ) -> list[Any]:
     """The types of the resources that the leaves of the tree ask for, each once. Raises as :func:`build`."""
-    examined = analyse_document(document, registry, tree, format, packages)
-    examined.diagnostics.raise_errors()
+    analysis = analyse_document(document, registry, tree, format, packages)
+    analysis.diagnostics.raise_errors()
     found: list[Any] = []
-    for manifest in examined.used_manifests():
+    for manifest in analysis.used_manifests():
         found += (one for one in manifest.required_resources if one not in found)
     return found
 
@@ -109,7 +109,7 @@ class TreeInstantiator:
 
     def __init__(
         self,
-        examined: DocumentAnalysis,
+        analysis: DocumentAnalysis,
         registry: Registry,
         blackboard: Blackboard | None,
         resources: Sequence[object],
@@ -117,10 +117,10 @@ class TreeInstantiator:
     ) -> None:
         if clock is None:
             clock = _clock_among(resources)
-        assert examined.main is not None
-        self._main = examined.main
-        self._planner = examined.planner
-        self._format = examined.planner.dialect.format
+        assert analysis.main is not None
+        self._main = analysis.main
+        self._planner = analysis.planner
+        self._format = analysis.planner.dialect.format
         self._registry = registry
         self._rules = registry.substitutions
         self._enums = registry.types.enums
@@ -133,12 +133,12 @@ class TreeInstantiator:
         self._paths: set[str] = set()
         self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
         self._uid = 0
-        self._faults = DiagnosticCollector()
+        self._diagnostics = DiagnosticCollector()
 
     def instantiate(self) -> Tree:
         """The tree. Raises TreeError."""
         self._instance(self._planner.plan(self._main), "", self._blackboard)
-        self._faults.raise_errors()
+        self._diagnostics.raise_errors()
         return Tree(self._main.id, self._format, self._subtrees, self._nodes, self._context, self._registry)
 
     def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
@@ -194,8 +194,8 @@ class TreeInstantiator:
             if key is not None and bound.is_explicit:
                 try:
                     entry = blackboard.create(key, port.type)
-                except BlackboardError as fault:
-                    self._faults.add(self._clash(document, plan, port, blackboard.find(key), fault))
+                except BlackboardError as error:
+                    self._diagnostics.add(self._clash(document, plan, port, blackboard.find(key), error))
                 else:
                     if entry not in self._declared and port.type.strong:
                         self._declared[entry] = (bound, config)
@@ -215,17 +215,17 @@ class TreeInstantiator:
         return f"'{bound.port.name}' of <{config.id}> ({config.where})"
 
     def _clash(
-        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, fault: BlackboardError
+        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, error: BlackboardError
     ) -> Diagnostic:
         """Two types for one entry: the port's, and the one that it was declared with."""
         if entry is None or entry.declared.same(port.type):
-            return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(fault), plan.element, port.name)
+            return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, port.name)
         kinds = f"is {port.type.name}, but its entry is {entry.declared.name}"
-        said = f"the port '{port.name}' of <{plan.id}> {kinds}"
+        message = f"the port '{port.name}' of <{plan.id}> {kinds}"
         first = self.declared_by(entry)
         by = f"it was declared by {first}" if first else "it was on the blackboard before the tree"
         hint = f"{by}; the type of an entry never changes"
-        return document.diagnostic(CONFLICTING_ENTRY_TYPES, said, plan.element, port.name, hint=hint)
+        return document.diagnostic(CONFLICTING_ENTRY_TYPES, message, plan.element, port.name, hint=hint)
 
     def _make(
         self,
@@ -245,15 +245,15 @@ class TreeInstantiator:
             return None
         try:
             return manifest.make(config, self._context, blackboard, self._resources, made)
-        except ScriptError as fault:
-            self._faults.add(self._script_fault(document, plan, fault))
-        except (NodeError, BlackboardError, ConversionError) as fault:
-            self._faults.add(document.diagnostic(_code_of(fault, plan), str(fault), plan.element))
+        except ScriptError as error:
+            self._diagnostics.add(self._script_fault(document, plan, error))
+        except (NodeError, BlackboardError, ConversionError) as error:
+            self._diagnostics.add(document.diagnostic(_code_of(error, plan), str(error), plan.element))
         except BtcoreError:
             raise
-        except Exception as fault:
-            said = f"<{plan.id}> raised while it was made: {type(fault).__name__}: {fault}"
-            self._faults.add(document.diagnostic(LEAF_INIT_RAISED, said, plan.element))
+        except Exception as error:
+            message = f"<{plan.id}> raised while it was made: {type(error).__name__}: {error}"
+            self._diagnostics.add(document.diagnostic(LEAF_INIT_RAISED, message, plan.element))
         return None
 
     def _substituted(self, plan: NodePlan, config: NodeConfig, document: Document) -> Manifest | None:
@@ -263,15 +263,15 @@ class TreeInstantiator:
         children = len(plan.children) if plan.call is None else 1
         try:
             return self._registry.apply_substitutions(config, plan.manifest, children)
-        except NodeError as fault:
-            self._faults.add(document.diagnostic(NODE_NOT_CREATED, str(fault), plan.element))
+        except NodeError as error:
+            self._diagnostics.add(document.diagnostic(NODE_NOT_CREATED, str(error), plan.element))
             return None
 
-    def _script_fault(self, document: Document, plan: NodePlan, fault: ScriptError) -> Diagnostic:
-        texts = {key: text for key, text in plan.element.attributes.items() if text == fault.text}
+    def _script_fault(self, document: Document, plan: NodePlan, error: ScriptError) -> Diagnostic:
+        texts = {key: text for key, text in plan.element.attributes.items() if text == error.text}
         if texts:
-            return script_diagnostic(document, plan, next(iter(texts)), fault)
-        return document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {fault}", plan.element)
+            return script_diagnostic(document, plan, next(iter(texts)), error)
+        return document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {error}", plan.element)
 
     # --- SubTree elements
 
@@ -290,10 +290,10 @@ class TreeInstantiator:
         config.path = prefix + (own_name if own_name is not None else f"{call.tree}::{config.uid}")
         config.attributes = {**call.written, **plan.attributes}
         if config.path in self._paths:
-            said = f"two SubTree nodes have the path '{config.path}'"
+            message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or none"
-            self._faults.add(
-                document.diagnostic(DUPLICATE_SUBTREE_PATH, said, plan.element, "name", hint=hint)
+            self._diagnostics.add(
+                document.diagnostic(DUPLICATE_SUBTREE_PATH, message, plan.element, "name", hint=hint)
             )
         self._paths.add(config.path)
         at, own_at = len(self._nodes), len(subtree.nodes)
@@ -322,8 +322,10 @@ class TreeInstantiator:
             value = parse_constant(text) if self._format == 4 else text
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
-            except BlackboardError as fault:
-                self._faults.add(document.diagnostic(CONFLICTING_ENTRY_TYPES, str(fault), plan.element, key))
+            except BlackboardError as error:
+                self._diagnostics.add(
+                    document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, key)
+                )
         inner.autoremap = call.autoremap
         if call.legacy_autoremap:
             for key in sorted(self._keys_of(call.tree)):
@@ -344,8 +346,8 @@ class TreeInstantiator:
         return found
 
 
-def _code_of(fault: Exception, plan: NodePlan) -> DiagnosticCode:
-    if not isinstance(fault, NodeError):
+def _code_of(error: Exception, plan: NodePlan) -> DiagnosticCode:
+    if not isinstance(error, NodeError):
         return INCONVERTIBLE_TEXT
     given = {port.name for port, _, _ in plan.ports}
     ports = plan.manifest.ports.values() if plan.manifest is not None else ()

@@ -98,9 +98,9 @@ class Builder:
         for manifest in self._nodes:
             if thing in (manifest.function, manifest.cls):
                 return self._twig(manifest, children, ports, where)
-        said = f"{getattr(thing, '__qualname__', thing)!r} is not registered"
+        message = f"{getattr(thing, '__qualname__', thing)!r} is not registered"
         raise UnknownNodeError(
-            [Diagnostic(UNKNOWN_NODE, said, *where, hint="add it to the registry: nodes.add(…)")]
+            [Diagnostic(UNKNOWN_NODE, message, *where, hint="add it to the registry: nodes.add(…)")]
         )
 
     def xml(self, main: NodeSpec, id: str = "Main", /, **subtrees: NodeSpec) -> str:
@@ -146,9 +146,9 @@ class Builder:
             attributes["ID"], *children = children
         for child in children:
             if not isinstance(child, NodeSpec):
-                said = f"{child!r} is no child of <{manifest.id}>: children are nodes of a builder"
+                message = f"{child!r} is no child of <{manifest.id}>: children are nodes of a builder"
                 hint = "name the port that it is for" if manifest.ports else ""
-                raise TreeError([Diagnostic(WRONG_CHILD_COUNT, said, *where, hint=hint)])
+                raise TreeError([Diagnostic(WRONG_CHILD_COUNT, message, *where, hint=hint)])
         for name, value in ports.items():
             bare = name[:-1] if name.endswith("_") and name not in manifest.ports else name
             attributes[bare] = _text(value, manifest, bare, where)
@@ -168,9 +168,9 @@ def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) 
     port = manifest.ports.get(name)
     try:
         return port.type.to_text(value) if port is not None and port.type.strong else to_text(value)
-    except ConversionError as fault:
-        said = f"the port '{name}' of <{manifest.id}> is given {value!r}: {fault}"
-        raise PortError([Diagnostic(INCONVERTIBLE_TEXT, said, *where)]) from fault
+    except ConversionError as error:
+        message = f"the port '{name}' of <{manifest.id}> is given {value!r}: {error}"
+        raise PortError([Diagnostic(INCONVERTIBLE_TEXT, message, *where)]) from error
 
 
 def _caller() -> tuple[str, int]:
@@ -229,8 +229,8 @@ class _Writer:
     def document(self) -> Document:
         """The document, whose places are those of the code that made the twigs. Raises XmlSyntaxError."""
         if self._too_deep is not None:
-            said, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
-            raise XmlSyntaxError([Diagnostic(TOO_DEEP, said, *where, hint="make parts of it subtrees")])
+            message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
+            raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])
         text = self.text()
         return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._twigs)
 

@@ -25,11 +25,11 @@ class ConversionContext:
     def note(
         self,
         code: DiagnosticCode,
-        said: str,
+        message: str,
         element: Element,
         attribute: str = "",
         hint: str = "",
         part: ElementPart = "value",
     ) -> None:
         """Tell of a change at *element*, or at one of its attributes."""
-        self.found.append(self.document.diagnostic(code, said, element, attribute, part, hint))
+        self.found.append(self.document.diagnostic(code, message, element, attribute, part, hint))

@@ -50,12 +50,12 @@ def convert(document: Document, registry: Registry) -> Conversion:
     """
     root = document.root
     if root.tag != "root":
-        said = f"the outermost element is <{root.tag}>, not <root>"
-        raise TreeError([document.diagnostic(NOT_A_ROOT, said, root)])
+        message = f"the outermost element is <{root.tag}>, not <root>"
+        raise TreeError([document.diagnostic(NOT_A_ROOT, message, root)])
     format = parse_format(root.get("BTCPP_format"))
     if format is None:
-        said = f"BTCPP_format '{root.get('BTCPP_format')}' is not known"
-        raise TreeError([document.diagnostic(UNKNOWN_FORMAT, said, root, "BTCPP_format")])
+        message = f"BTCPP_format '{root.get('BTCPP_format')}' is not known"
+        raise TreeError([document.diagnostic(UNKNOWN_FORMAT, message, root, "BTCPP_format")])
     if format == 4:
         return Conversion(document.text, [], [])
     changes = ConversionContext(document, registry)
@@ -76,8 +76,8 @@ def _root(changes: ConversionContext, root: Element) -> None:
             changes.rewriter.rename_element(model, "SubTree")
             changes.note(NODE_RENAMED, "the model of a <SubTreePlus> becomes one of a <SubTree>", model)
     for include in root.iterchildren("include"):
-        said = "the included file is read in the format of this one: convert it too"
-        changes.note(MANUAL_STEP, said, include, "path")
+        message = "the included file is read in the format of this one: convert it too"
+        changes.note(MANUAL_STEP, message, include, "path")
 
 
 class _Trees:
@@ -93,9 +93,9 @@ class _Trees:
         for tree in self._changes.document.root.iterchildren("BehaviorTree"):
             id = tree.get("ID") or ""
             if id in seen:
-                said = f"of the trees '{id}' this one counts in format 4, and the first one in format 3"
+                message = f"of the trees '{id}' this one counts in format 4, and the first one in format 3"
                 self._changes.note(
-                    LAST_TREE_COUNTS, said, tree, "ID", hint="remove the one that isn't wanted"
+                    LAST_TREE_COUNTS, message, tree, "ID", hint="remove the one that isn't wanted"
                 )
             seen.add(id)
             names: set[str] = set()
@@ -123,29 +123,31 @@ class _Trees:
         elif "ReactiveSequence" in (parent.tag, parent.get("ID")) and _TAG.match(new):
             self._changes.rewriter.rename_element(element, new)
             self._changes.rewriter.remove_attribute(element, "ID")
-            said = (
+            message = (
                 f'<{tag} ID="{new}"> becomes <{new}>: C++ takes no <{tag}> in a ReactiveSequence of format 4'
             )
-            self._changes.note(TAG_MADE_COMPACT, said, element)
+            self._changes.note(TAG_MADE_COMPACT, message, element)
         elif new != id:
             self._changes.rewriter.set_attribute(element, "ID", new)
 
 
 def _remaining(document: Document, text: str, registry: Registry) -> list[Diagnostic]:
     """The errors of the result that the original doesn't have."""
-    before = {_fault(one) for one in _errors(document, registry)}
+    before = {_comparable(one) for one in _errors(document, registry)}
     after = _errors(parse_text(text, document.file), registry)
-    return sort_diagnostics([one for one in after if _fault(one) not in before])
+    return sort_diagnostics([one for one in after if _comparable(one) not in before])
 
 
-def _fault(one: Diagnostic) -> tuple[str, str]:
-    # A node is quoted by its tag or by its ID, and the tag may have changed.
-    return one.code, re.sub("[<>']", "", one.message)
+def _comparable(diagnostic: Diagnostic) -> tuple[str, str]:
+    # Messages quote a node by its tag or by its ID, and the conversion may have changed the tag.
+    return diagnostic.code, re.sub("[<>']", "", diagnostic.message)
 
 
 def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
-    planner, _, faults = analyse_document(document, registry)
+    planner, _, diagnostics = analyse_document(document, registry)
     for definition in planner.definitions.by_id.values():
-        check_scripts(planner.plan(definition), registry, faults)
+        check_scripts(planner.plan(definition), registry, diagnostics)
     # The converter looks at this file alone, which may be one of several.
-    return [one for one in faults.errors if one.file == document.file and one.code != AMBIGUOUS_MAIN_TREE]
+    return [
+        one for one in diagnostics.errors if one.file == document.file and one.code != AMBIGUOUS_MAIN_TREE
+    ]

@@ -50,19 +50,19 @@ def convert_node(changes: ConversionContext, element: Element, id: str) -> str:
     elif new == id and changes.registry.get(id, 3) is None:
         taken = changes.registry.get(id, 4)
         if taken is not None and taken.distribution == "btcore":
-            said = f"format 4 has a node of its own that is called <{id}>"
-            changes.note(MANUAL_STEP, said, element, hint="give yours another ID")
+            message = f"format 4 has a node of its own that is called <{id}>"
+            changes.note(MANUAL_STEP, message, element, hint="give yours another ID")
     return new
 
 
 def _star(changes: ConversionContext, element: Element, id: str) -> None:
     if len(element_children(element)) < 2:
         return
-    said = (
+    message = (
         "<SequenceWithMemory> yields after a child that succeeds at once, and goes on at the same child "
         "after a halt; <SequenceStar> does neither"
     )
-    changes.note(SEQUENCE_MEMORY, said, element)
+    changes.note(SEQUENCE_MEMORY, message, element)
 
 
 def _repeated(changes: ConversionContext, element: Element, id: str) -> None:
@@ -71,26 +71,26 @@ def _repeated(changes: ConversionContext, element: Element, id: str) -> None:
     if limit in ("0", "1"):
         return
     name = NODE_REPLACEMENTS.get(id, id)
-    said = f"<{name}> yields: a child that {again} at once is ticked again in the next tick"
+    message = f"<{name}> yields: a child that {again} at once is ticked again in the next tick"
     hint = "format 3 ticks it again in the same one; tick_once() ticks the whole tree again without a pause"
-    changes.note(LOOP_YIELDS, said, element, hint=hint)
+    changes.note(LOOP_YIELDS, message, element, hint=hint)
 
 
 def _parallel(changes: ConversionContext, element: Element, id: str) -> None:
     given = element.attributes
-    said = "<Parallel> is RUNNING before its children are ticked, in format 3 only after: observers see it"
-    changes.note(PARALLEL_THRESHOLDS, said, element)
+    message = "<Parallel> is RUNNING before its children are ticked, in format 3 only after: observers see it"
+    changes.note(PARALLEL_THRESHOLDS, message, element)
     for old, new in (("success_threshold", "success_count"), ("failure_threshold", "failure_count")):
         if old not in given:
             continue
         changes.rewriter.rename_attribute(element, old, new)
         changes.note(ATTRIBUTE_RENAMED, f"'{old}' becomes '{new}'", element, old, part="name")
         if given[old].strip() == "0" or remapped_key(given[old], old, 3) is not None:
-            said = f'{new}="0" is reached with the first child\'s result; in format 3 it is never reached'
-            changes.note(PARALLEL_THRESHOLDS, said, element, old)
+            message = f'{new}="0" is reached with the first child\'s result; in format 3 it is never reached'
+            changes.note(PARALLEL_THRESHOLDS, message, element, old)
     if "success_threshold" not in given:
-        said = "without a 'success_count' all children have to succeed; format 3 fails without the port"
-        changes.note(PARALLEL_THRESHOLDS, said, element)
+        message = "without a 'success_count' all children have to succeed; format 3 fails without the port"
+        changes.note(PARALLEL_THRESHOLDS, message, element)
 
 
 def _switch(changes: ConversionContext, element: Element, id: str) -> None:
@@ -99,20 +99,20 @@ def _switch(changes: ConversionContext, element: Element, id: str) -> None:
         if not name.startswith("case_"):
             continue
         if remapped_key(text, name, 3) is not None or _NUMBER.match(text) or text in enums:
-            said = f'{name}="{text}" is compared as a number too, where format 3 compares texts'
-            changes.note(SWITCH_COMPARISON, said, element, name)
+            message = f'{name}="{text}" is compared as a number too, where format 3 compares texts'
+            changes.note(SWITCH_COMPARISON, message, element, name)
 
 
 def _store(changes: ConversionContext, element: Element, id: str) -> None:
     value = element.attributes.get("value", "")
     if remapped_key(value, "value", 3) is not None:
-        said = f"<SetBlackboard> fails when the entry of {value} is empty, where format 3 copies that too"
+        message = f"<SetBlackboard> fails when the entry of {value} is empty, where format 3 copies that too"
     else:
-        said = (
+        message = (
             f"'{value}' is converted to the type that the entry has, or refused, and a second write makes "
             "the entry a text for good; format 3 stores the text"
         )
-    changes.note(ENTRY_TYPE_KEPT, said, element, "value")
+    changes.note(ENTRY_TYPE_KEPT, message, element, "value")
 
 
 def _check(changes: ConversionContext, element: Element, id: str) -> bool:
@@ -120,9 +120,9 @@ def _check(changes: ConversionContext, element: Element, id: str) -> bool:
     given = element.attributes
     script = _comparison(given, _ELEMENT[id])
     if script is None:
-        said = f"what <{id}> compares can't be said in a script; format 4 has no such node, and it is left"
+        message = f"what <{id}> compares can't be said in a script; format 4 has no such node, and it is left"
         hint = "an entry of a script has a name of letters, digits and '_'; a text holds no quote"
-        changes.note(MANUAL_STEP, said, element, hint=hint)
+        changes.note(MANUAL_STEP, message, element, hint=hint)
         return False
     first, second = (name for name in given if name in ("value_A", "value_B"))
     rewriter = changes.rewriter
@@ -131,12 +131,12 @@ def _check(changes: ConversionContext, element: Element, id: str) -> bool:
     rewriter.remove_attribute(element, second)
     if "return_on_mismatch" in given:
         rewriter.rename_attribute(element, "return_on_mismatch", "else")
-    said = (
+    message = (
         "<Precondition> asks before the child starts, and not while it runs; an entry that is missing is an "
         f"error; <{id}> asks on every tick, and takes it for a mismatch"
     )
     hint = f'to ask on every tick: a <ReactiveSequence> of <ScriptCondition code="{script}"/> and the child'
-    changes.note(CHECKED_ONCE, said, element, hint=hint)
+    changes.note(CHECKED_ONCE, message, element, hint=hint)
     return True
 
 

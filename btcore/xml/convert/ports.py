@@ -42,16 +42,16 @@ def _convert(
     if key is not None:
         _pointer(changes, element, name, text, key)
     elif remapped_key(text, name, 4) is not None:
-        said = f"'{name}' is the text '{text}' in format 3, and an entry of the blackboard in format 4"
-        changes.note(TEXT_REINTERPRETED, said, element, name)
+        message = f"'{name}' is the text '{text}' in format 3, and an entry of the blackboard in format 4"
+        changes.note(TEXT_REINTERPRETED, message, element, name)
     elif new is not None and new.type.strong and new.type is not STRING:
         _literal(changes, element, name, text, new)
 
 
 def _pointer(changes: ConversionContext, element: Element, name: str, text: str, key: str) -> None:
     if key == "=" and text != "=":
-        said = f"'{name}' is the entry '=' in format 3, and the entry '{name}' in format 4"
-        changes.note(TEXT_REINTERPRETED, said, element, name)
+        message = f"'{name}' is the entry '=' in format 3, and the entry '{name}' in format 4"
+        changes.note(TEXT_REINTERPRETED, message, element, name)
         return
     wanted = "{=}" if text == "=" else f"{{{key}}}"
     if text != wanted:
@@ -63,8 +63,8 @@ def _literal(changes: ConversionContext, element: Element, name: str, text: str,
     if not text:
         changes.rewriter.remove_attribute(element, name)
         default = "its default counts" if port.default is not None else "the node lacks it when it is ticked"
-        said = f"the empty '{name}' is removed, which format 4 refuses as {port.type.name}: {default}"
-        changes.note(EMPTY_ATTRIBUTE_REMOVED, said, element, name)
+        message = f"the empty '{name}' is removed, which format 4 refuses as {port.type.name}: {default}"
+        changes.note(EMPTY_ATTRIBUTE_REMOVED, message, element, name)
         return
     if not port.type.converts:
         return
@@ -80,5 +80,5 @@ def _literal(changes: ConversionContext, element: Element, name: str, text: str,
         return
     wanted = str(value).lower() if isinstance(value, bool) else repr(value)
     changes.rewriter.set_attribute(element, name, wanted)
-    said = f'{name}="{text}" becomes {name}="{wanted}", as format 3 reads it'
-    changes.note(TEXT_REWRITTEN, said, element, name)
+    message = f'{name}="{text}" becomes {name}="{wanted}", as format 3 reads it'
+    changes.note(TEXT_REWRITTEN, message, element, name)

@@ -41,8 +41,8 @@ def convert_subtree(changes: ConversionContext, element: Element, names: set[str
         return
     if shared is not None:
         changes.rewriter.remove_attribute(element, "__shared_blackboard")
-        said = "'__shared_blackboard' is removed: a tree has a blackboard of its own anyway"
-        changes.note(IGNORED_ATTRIBUTE_REMOVED, said, element, "__shared_blackboard", part="name")
+        message = "'__shared_blackboard' is removed: a tree has a blackboard of its own anyway"
+        changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, "__shared_blackboard", part="name")
     for name, text in given.items():
         if name not in ("ID", "name", "__shared_blackboard"):
             _remap(changes, element, name, text)
@@ -54,12 +54,16 @@ def _name(changes: ConversionContext, element: Element, names: set[str]) -> None
         return
     if name in names:
         changes.rewriter.remove_attribute(element, "name")
-        said = f"the name '{name}' is removed: format 3 ignores it, and in format 4 two calls can't share one"
-        changes.note(IGNORED_ATTRIBUTE_REMOVED, said, element, "name")
+        message = (
+            f"the name '{name}' is removed: format 3 ignores it, and in format 4 two calls can't share one"
+        )
+        changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, "name")
         return
     names.add(name)
-    said = f"the node is called '{name}', where format 3 calls it by the tree's ID; so are the paths below it"
-    changes.note(SUBTREE_NAME, said, element, "name")
+    message = (
+        f"the node is called '{name}', where format 3 calls it by the tree's ID; so are the paths below it"
+    )
+    changes.note(SUBTREE_NAME, message, element, "name")
 
 
 def _true(text: str) -> bool:
@@ -73,38 +77,40 @@ def _share(changes: ConversionContext, element: Element) -> None:
     """One blackboard for both trees: the nearest is to look up every name outside."""
     changes.rewriter.rename_attribute(element, "__shared_blackboard", "_autoremap")
     changes.rewriter.set_attribute(element, "__shared_blackboard", "true")
-    said = (
+    message = (
         "'__shared_blackboard' becomes '_autoremap': every name is the outer tree's, but for those that "
         "begin with '_'"
     )
-    changes.note(SHARED_BLACKBOARD, said, element, "__shared_blackboard", part="name")
+    changes.note(SHARED_BLACKBOARD, message, element, "__shared_blackboard", part="name")
     for name in element.attributes:
         if name not in ("ID", "name", "__shared_blackboard"):
             changes.rewriter.remove_attribute(element, name)
-            said = f"'{name}' is removed: with one blackboard for both trees it connects nothing in format 3"
-            changes.note(IGNORED_ATTRIBUTE_REMOVED, said, element, name, part="name")
+            message = (
+                f"'{name}' is removed: with one blackboard for both trees it connects nothing in format 3"
+            )
+            changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, name, part="name")
 
 
 def _remap(changes: ConversionContext, element: Element, name: str, text: str) -> None:
     """``inner="outer"``, which has braces in format 4."""
     braced = _BRACED.match(text)
     if not is_port_name(name):
-        said = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
+        message = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
         changes.note(
-            REMAPPING_CHANGED, said, element, name, hint="rename it, here and inside the tree", part="name"
+            REMAPPING_CHANGED, message, element, name, hint="rename it, here and inside the tree", part="name"
         )
     elif not text:
         changes.rewriter.remove_attribute(element, name)
-        said = f"the empty '{name}' is removed: in format 4 it would be a constant, the empty text"
-        changes.note(EMPTY_ATTRIBUTE_REMOVED, said, element, name)
+        message = f"the empty '{name}' is removed: in format 4 it would be a constant, the empty text"
+        changes.note(EMPTY_ATTRIBUTE_REMOVED, message, element, name)
     elif braced is not None:
         if text != f"{{{braced[1]}}}":
             changes.rewriter.set_attribute(element, name, f"{{{braced[1]}}}")
-        said = (
+        message = (
             f"'{name}' is connected with the entry '{braced[1]}'; format 3 takes the braces for a part of "
             "the key, and connects nothing that others know"
         )
-        changes.note(REMAPPING_CHANGED, said, element, name)
+        changes.note(REMAPPING_CHANGED, message, element, name)
     else:
         changes.rewriter.set_attribute(element, name, f"{{{text}}}")
         changes.note(BRACES_ADDED, f'{name}="{text}" becomes {name}="{{{text}}}"', element, name)
@@ -117,27 +123,27 @@ def _plus(changes: ConversionContext, element: Element) -> None:
         if name == "__autoremap":
             changes.rewriter.rename_attribute(element, name, "_autoremap")
             if _true(text):
-                said = (
+                message = (
                     "'__autoremap' becomes '_autoremap': every name is the outer tree's but for those that "
                     "begin with '_', where format 3 connects the names that the tree's ports have"
                 )
-                changes.note(AUTOREMAP_ALL, said, element, name, part="name")
+                changes.note(AUTOREMAP_ALL, message, element, name, part="name")
             else:
-                said = "'__autoremap' becomes '_autoremap'"
-                changes.note(ATTRIBUTE_RENAMED, said, element, name, part="name")
+                message = "'__autoremap' becomes '_autoremap'"
+                changes.note(ATTRIBUTE_RENAMED, message, element, name, part="name")
             continue
         key = remapped_key(text, name, 3) if text != "=" else None
         if not is_port_name(name):
-            said = (
+            message = (
                 f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
             )
             hint = "rename it, here and inside the tree"
-            changes.note(REMAPPING_CHANGED, said, element, name, hint=hint, part="name")
+            changes.note(REMAPPING_CHANGED, message, element, name, hint=hint, part="name")
         elif key is not None and text != f"{{{key}}}":
             changes.rewriter.set_attribute(element, name, f"{{{key}}}")
             changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{{{key}}}"', element, name)
         elif key is None and not isinstance(parse_constant(text), str):
-            said = (
+            message = (
                 f"the constant '{name}' is the number {parse_constant(text)!r}, in format 3 the text '{text}'"
             )
-            changes.note(NUMERIC_CONSTANT, said, element, name)
+            changes.note(NUMERIC_CONSTANT, message, element, name)

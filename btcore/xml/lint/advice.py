@@ -22,14 +22,14 @@ _STAND_INS: Final = (StubAction, StubCondition, StubControl, StubDecorator)
 class LintReporter:
     """Takes the warnings, one of each sort a place: a tree that is called twice is one text."""
 
-    def __init__(self, faults: DiagnosticCollector) -> None:
-        self.faults = faults
-        self._told = {(one.code, one.file, one.line, one.column) for one in faults.warnings}
+    def __init__(self, diagnostics: DiagnosticCollector) -> None:
+        self.diagnostics = diagnostics
+        self._told = {(one.code, one.file, one.line, one.column) for one in diagnostics.warnings}
 
     def warn(
         self,
         code: DiagnosticCode,
-        said: str,
+        message: str,
         document: Document,
         node: NodePlan,
         attribute: str = "",
@@ -42,13 +42,13 @@ class LintReporter:
 
         For the place see :meth:`Document.span`; *width* is how many characters are meant from *within* on.
         """
-        found = document.diagnostic(code, said, node.element, attribute, part, hint, within)
+        found = document.diagnostic(code, message, node.element, attribute, part, hint, within)
         if width and found.width < width:
             found = replace(found, width=width)
         place = (code, found.file, found.line, found.column)
         if place not in self._told:
             self._told.add(place)
-            self.faults.add(found)
+            self.diagnostics.add(found)
 
 
 def node_label(node: NodePlan) -> str:

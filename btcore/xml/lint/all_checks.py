@@ -40,60 +40,60 @@ _ENDLESS: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
 
 
 def run_lint(
-    examined: DocumentAnalysis, used: Collection[str], registry: Registry, given: Collection[str], asked: bool
+    analysis: DocumentAnalysis, used: Collection[str], registry: Registry, given: Collection[str], asked: bool
 ) -> None:
-    """Add warnings to the faults of *examined*, and what the builder would refuse beyond them.
+    """Add warnings to the faults of *analysis*, and what the builder would refuse beyond them.
 
     *used* are the trees that the main one leads to, *given* the keys that its blackboard comes with;
     *asked* tells that the main tree was asked for, and isn't what the document itself says.
     """
-    planner, main, faults = examined
-    advice = LintReporter(faults)
+    planner, main, diagnostics = analysis
+    reporter = LintReporter(diagnostics)
     enums = registry.types.enums
-    roots = [one for one in _roots(examined, used) if _has_an_end(planner, one, faults)]
+    roots = [one for one in _roots(analysis, used) if _has_an_end(planner, one, diagnostics)]
     models = subtree_models(planner.definitions.documents, planner.dialect, DiagnosticCollector())
-    bounded = not any(one.code in _ENDLESS for one in faults.errors)
-    outlooks = ResultAnalysis(planner, bounded)
-    vocabulary = TreeKeys(planner, enums, bounded)
+    bounded = not any(one.code in _ENDLESS for one in diagnostics.errors)
+    results = ResultAnalysis(planner, bounded)
+    tree_keys = TreeKeys(planner, enums, bounded)
     for definition in planner.definitions.by_id.values():
         plan = planner.plan(definition)
-        check_arity(plan, advice)
-        check_ignored(plan, advice)
-        check_port_literals(plan, planner.dialect.format, advice)
-        check_missing_ports(plan, advice)
-        check_script_results(plan, enums, advice)
-        check_reach(plan, outlooks, advice)
-        check_remaps(plan, vocabulary, models, advice)
+        check_arity(plan, reporter)
+        check_ignored(plan, reporter)
+        check_port_literals(plan, planner.dialect.format, reporter)
+        check_missing_ports(plan, reporter)
+        check_script_results(plan, enums, reporter)
+        check_reach(plan, results, reporter)
+        check_remaps(plan, tree_keys, models, reporter)
     for document in planner.definitions.documents:
-        check_stray_text(document, faults)
+        check_stray_text(document, diagnostics)
     names_main = planner.definitions.documents[-1].root.get("main_tree_to_execute") is not None
     if main is not None and names_main and not asked:
-        check_unused(planner, main, used, faults)
+        check_unused(planner, main, used, diagnostics)
     harmless = _OF_THE_FILE | _OF_A_TICK | (_OF_A_READING if planner.dialect.format == 3 else frozenset())
-    if any(one.code not in harmless for one in faults.errors):
+    if any(one.code not in harmless for one in diagnostics.errors):
         return
     for root in roots:
-        rehearsal = DryRun(planner, root, registry)
-        for one in rehearsal.run().errors:
-            faults.add(one)
+        dry_run = DryRun(planner, root, registry)
+        for one in dry_run.run().errors:
+            diagnostics.add(one)
         # A tree that says which ports it has is handed them by those that call it.
-        check_keys(rehearsal, root is main, {*given, *models.get(root.id, ())}, advice)
-        check_value_types(rehearsal, enums, advice)
+        check_keys(dry_run, root is main, {*given, *models.get(root.id, ())}, reporter)
+        check_value_types(dry_run, enums, reporter)
 
 
-def _roots(examined: DocumentAnalysis, used: Collection[str]) -> list[TreeDefinition]:
+def _roots(analysis: DocumentAnalysis, used: Collection[str]) -> list[TreeDefinition]:
     """The main tree, and those that no other leads to."""
-    planner, main, _ = examined
+    planner, main, _ = analysis
     others = [one for one in planner.definitions.by_id.values() if one.id not in used]
     called = {node.call.tree for one in others for node in planner.plan(one).calls if node.call is not None}
     return [*([main] if main is not None else []), *(one for one in others if one.id not in called)]
 
 
-def _has_an_end(planner: TreePlanner, root: TreeDefinition, faults: DiagnosticCollector) -> bool:
-    """Whether the tree is neither a circle nor too large, which goes to *faults*."""
-    order = topological_order(planner, root, faults)
+def _has_an_end(planner: TreePlanner, root: TreeDefinition, diagnostics: DiagnosticCollector) -> bool:
+    """Whether the tree is neither a circle nor too large, which goes to *diagnostics*."""
+    order = topological_order(planner, root, diagnostics)
     if order is None:
         return False
-    before = len(faults.errors)
-    check_size(order, root, faults)
-    return len(faults.errors) == before
+    before = len(diagnostics.errors)
+    check_size(order, root, diagnostics)
+    return len(diagnostics.errors) == before

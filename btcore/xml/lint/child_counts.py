@@ -15,7 +15,7 @@ _THRESHOLDS = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _HINT = "the tree is loaded all the same, as by BehaviorTree.CPP, but the node raises when it is ticked"
 
 
-def check_arity(plan: TreePlan, advice: LintReporter) -> None:
+def check_arity(plan: TreePlan, reporter: LintReporter) -> None:
     """Tell of the nodes of *plan* that raise in every tick for the number of their children."""
     for node in nodes_of(plan):
         if node.manifest is None:
@@ -25,7 +25,7 @@ def check_arity(plan: TreePlan, advice: LintReporter) -> None:
         has = "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
         wanted = _wanted(node.manifest.cls, count)
         if wanted:
-            advice.warn(
+            reporter.warn(
                 FIRST_TICK_REFUSED,
                 f"<{node.id}> has {has}; {wanted}",
                 plan.definition.document,
@@ -33,8 +33,8 @@ def check_arity(plan: TreePlan, advice: LintReporter) -> None:
                 hint=_HINT,
             )
         for port, number, what in _thresholds(node, count):
-            said = f"<{node.id}> has {has}, which can never give {number} {what}"
-            advice.warn(FIRST_TICK_REFUSED, said, plan.definition.document, node, port, _HINT)
+            message = f"<{node.id}> has {has}, which can never give {number} {what}"
+            reporter.warn(FIRST_TICK_REFUSED, message, plan.definition.document, node, port, _HINT)
 
 
 def _wanted(cls: type[TreeNode], count: int) -> str:

@@ -41,18 +41,18 @@ _WRITING = (AccessKind.WRITES, AccessKind.ASSIGNS)
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 
 
-def trace_dataflow(examined: DocumentAnalysis, registry: Registry) -> list[DataflowRow]:
-    """The entries of the main tree of an *examined* document without errors, sorted by scope and key.
+def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[DataflowRow]:
+    """The entries of the main tree of the document in *analysis*, which has no errors, sorted by scope and key.
 
     An entry that only a remapping names, and no node uses, is left out.
     """
-    assert examined.main is not None, "a document without a main tree has errors"
-    rehearsal = DryRun(examined.planner, examined.main, registry)
-    rehearsal.run()
-    paths = {subtree.blackboard: subtree.path for subtree in reversed(rehearsal.subtrees)}
+    assert analysis.main is not None, "a document without a main tree has errors"
+    dry_run = DryRun(analysis.planner, analysis.main, registry)
+    dry_run.run()
+    paths = {subtree.blackboard: subtree.path for subtree in reversed(dry_run.subtrees)}
     homes = _homes(paths)
     rows: list[DataflowRow] = []
-    for entry, uses in rehearsal.uses.items():
+    for entry, uses in dry_run.uses.items():
         scope, key = homes[entry]
         row = DataflowRow(scope, key, entry.declared.name if entry.declared.strong else "")
         for use in uses:

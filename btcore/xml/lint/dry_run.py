@@ -82,7 +82,7 @@ class DryRun(TreeInstantiator):
             uses for uses in self.uses.values() if any(use.access is AccessKind.READS_AS_KEY for use in uses)
         ]
         self.has_untracked_access = self.has_untracked_access or any(has_writer(uses) for uses in named)
-        return self._faults
+        return self._diagnostics
 
     @property
     def root(self) -> Blackboard:

@@ -11,49 +11,51 @@ from btcore.xml.lint.dry_run import AccessKind, DryRun, EntryUse
 from btcore.xml.lint.script_analysis import is_constant, parse_statements
 
 
-def check_value_types(rehearsal: DryRun, enums: dict[str, int], advice: LintReporter) -> None:
+def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintReporter) -> None:
     """Warn of the writes that raise whenever they happen, and of constants that their readers can't read."""
-    for entry, uses in rehearsal.uses.items():
+    for entry, uses in dry_run.uses.items():
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None and use.value_type is not None:
-                _port(rehearsal, entry, use, advice)
+                _port(dry_run, entry, use, reporter)
             elif use.access in (AccessKind.WRITES, AccessKind.ASSIGNS) and use.within:
-                _script(rehearsal, entry, use, enums, advice)
-        _constant(uses, entry, advice)
+                _script(dry_run, entry, use, enums, reporter)
+        _constant(uses, entry, reporter)
 
 
-def _warn(rehearsal: DryRun, entry: Entry, use: EntryUse, what: str, advice: LintReporter) -> None:
-    said = f"{what}, but the entry '{use.key}' is {entry.declared.name}: every write raises"
-    by = rehearsal.declared_by(entry)
+def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, what: str, reporter: LintReporter) -> None:
+    message = f"{what}, but the entry '{use.key}' is {entry.declared.name}: every write raises"
+    by = dry_run.declared_by(entry)
     hint = f"it was declared by {by}; the type of an entry never changes" if by else ""
-    advice.warn(REFUSED_ENTRY_VALUE, said, use.document, use.node, use.attribute, hint, within=use.within)
+    reporter.warn(
+        REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint, within=use.within
+    )
 
 
-def _port(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) -> None:
+def _port(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
     kind = use.value_type
     assert kind is not None
     assert use.port is not None
     if use.port.role is PortRole.WRITTEN_ENTRY:
-        _copied_text(rehearsal, entry, use, advice)
+        _copied_text(dry_run, entry, use, reporter)
     elif entry.declared is STRING and kind.strong and not issubclass(kind.python_type, str):
         what = f"the port '{use.attribute}' of {node_label(use.node)} writes {kind.name}"
-        _warn(rehearsal, entry, use, what, advice)
+        _warn(dry_run, entry, use, what, reporter)
 
 
-def _copied_text(rehearsal: DryRun, entry: Entry, use: EntryUse, advice: LintReporter) -> None:
+def _copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
     """The text that a SetBlackboard writes."""
     written = [bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE]
     if not written or written[0].key is not None or not entry.declared.strong:
         return
     text = written[0].text
     try:
-        entry.declared.from_text(text, rehearsal.format)
+        entry.declared.from_text(text, dry_run.format)
     except ConversionError:
-        _warn(rehearsal, entry, use, f"{node_label(use.node)} writes '{text}'", advice)
+        _warn(dry_run, entry, use, f"{node_label(use.node)} writes '{text}'", reporter)
 
 
 def _script(
-    rehearsal: DryRun, entry: Entry, use: EntryUse, enums: dict[str, int], advice: LintReporter
+    dry_run: DryRun, entry: Entry, use: EntryUse, enums: dict[str, int], reporter: LintReporter
 ) -> None:
     """A constant that a script assigns."""
     if not entry.declared.strong or entry.value is not None:
@@ -70,20 +72,22 @@ def _script(
         if one.operator in (":=", "=") and is_constant(one.value, enums):
             try:
                 one.evaluate(use.scope)
-            except BtcoreError as fault:
-                said = f"the script in '{use.attribute}' of {node_label(use.node)} raises whenever it runs: "
-                message = fault.message if isinstance(fault, ScriptError) else str(fault)
-                by = rehearsal.declared_by(entry)
+            except BtcoreError as error:
+                message = (
+                    f"the script in '{use.attribute}' of {node_label(use.node)} raises whenever it runs: "
+                )
+                message += error.message if isinstance(error, ScriptError) else str(error)
+                by = dry_run.declared_by(entry)
                 hint = f"'{use.key}' is {entry.declared.name}, declared by {by}" if by else ""
-                advice.warn(
-                    REFUSED_ENTRY_VALUE, said + message, use.document, use.node, use.attribute, hint,
+                reporter.warn(
+                    REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint,
                     within=use.within, width=len(use.key),
                 )  # fmt: skip
             finally:
                 entry.value = None
 
 
-def _constant(uses: list[EntryUse], entry: Entry, advice: LintReporter) -> None:
+def _constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
     """A text that a SubTree element gives, and that a port of the inner tree can't read."""
     writing = [use for use in uses if use.access in (AccessKind.WRITES, AccessKind.ASSIGNS)]
     given = [use for use in writing if use.node.call is not None and not use.within]
@@ -96,11 +100,11 @@ def _constant(uses: list[EntryUse], entry: Entry, advice: LintReporter) -> None:
             continue
         try:
             kind.from_text(entry.value)
-        except ConversionError as fault:
-            said = f"'{use.key}' of {node_label(use.node)} is given the text '{entry.value}': {fault}"
+        except ConversionError as error:
+            message = f"'{use.key}' of {node_label(use.node)} is given the text '{entry.value}': {error}"
             port = f"the port '{reader.attribute}' of {node_label(reader.node)}"
             hint = f"{port} reads it as {kind.name}; for an entry write {{{entry.value}}}"
             if not entry.value.isidentifier():
                 hint = f"{port} reads it as {kind.name}"
-            advice.warn(REFUSED_ENTRY_VALUE, said, use.document, use.node, use.attribute, hint)
+            reporter.warn(REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint)
             return

@@ -14,16 +14,16 @@ from btcore.xml.read.tinyxml2_compat import iter_markup
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 
 
-def check_stray_text(document: Document, faults: DiagnosticCollector) -> None:
+def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> None:
     """Warn of every stretch of text in the trees of *document*, and between them."""
     for start, text in _loose(document.text):
         place = span_at(document.text, start, len(text))
         shown = text if len(text) <= 40 else f"{text[:39]}…"
-        said = f"the text {shown!r} stands between the elements of a tree, and is ignored"
+        message = f"the text {shown!r} stands between the elements of a tree, and is ignored"
         hint = "what a node is given stands in its attributes; what is for readers: <!-- … -->"
-        faults.add(
+        diagnostics.add(
             Diagnostic(
-                LOOSE_TEXT, said, document.file, place.line, place.column, hint, place.source, place.width
+                LOOSE_TEXT, message, document.file, place.line, place.column, hint, place.source, place.width
             )
         )
 

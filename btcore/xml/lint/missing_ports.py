@@ -11,7 +11,7 @@ from btcore.xml.plan.document_checks import nodes_of
 from btcore.xml.plan.plan import TreePlan
 
 
-def check_missing_ports(plan: TreePlan, advice: LintReporter) -> None:
+def check_missing_ports(plan: TreePlan, reporter: LintReporter) -> None:
     """Warn of the nodes of *plan* that raise as soon as they use a port."""
     document = plan.definition.document
     for node in nodes_of(plan):
@@ -28,12 +28,12 @@ def check_missing_ports(plan: TreePlan, advice: LintReporter) -> None:
             continue
         names = join_names([f"'{port.name}'" for port in missing])
         if len(missing) == 1:
-            said = f"<{node.id}> is not given the port {names}, which has no default"
+            message = f"<{node.id}> is not given the port {names}, which has no default"
         else:
-            said = f"<{node.id}> is not given the ports {names}, which have no default"
+            message = f"<{node.id}> is not given the ports {names}, which have no default"
         given_as = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
         hint = "write " + " ".join(given_as)
-        advice.warn(EMPTY_PORT, said, document, node, hint=hint)
+        reporter.warn(EMPTY_PORT, message, document, node, hint=hint)
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:

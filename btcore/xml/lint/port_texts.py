@@ -24,7 +24,7 @@ _INTEGER: Final = re.compile(r"-?[0-9]+")
 _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
 
 
-def check_port_literals(plan: TreePlan, format: int, advice: LintReporter) -> None:
+def check_port_literals(plan: TreePlan, format: int, reporter: LintReporter) -> None:
     """Warn of the literals in *plan* that are read in part, or were meant as keys."""
     document = plan.definition.document
     for node in nodes_of(plan):
@@ -33,60 +33,60 @@ def check_port_literals(plan: TreePlan, format: int, advice: LintReporter) -> No
                 continue
             if port.role in SCRIPT_ROLES:
                 continue
-            fault = _refusal(port.type, text, format)
-            if fault is not None:
+            error = _refusal(port.type, text, format)
+            if error is not None:
                 # The loader of format 4 says it itself; that of format 3 takes every literal.
                 if format == 3 and port.reads and node.manifest and not is_stub(node.manifest):
-                    _unreadable(plan, node, port, text, fault, advice)
+                    _unreadable(plan, node, port, text, error, reporter)
                 continue
             meant = intended_key(text)
             if meant:
-                said = (
+                message = (
                     f"the port '{port.name}' of {node_label(node)} is given the text '{text}', not an entry"
                 )
-                advice.warn(
-                    INCOMPLETE_POINTER, said, document, node, port.name, f"for the entry write {{{meant}}}"
+                reporter.warn(
+                    INCOMPLETE_POINTER, message, document, node, port.name, f"for the entry write {{{meant}}}"
                 )
             elif port.direction is Direction.OUT and format == 4:
-                _no_entry(plan, node, port, text, advice)
+                _no_entry(plan, node, port, text, reporter)
             else:
                 for item, part, kind in partly_read(text, _kind(node, port), format):
                     takes = f"the port '{port.name}' of {node_label(node)} takes {kind}"
-                    said = f"{takes}: of '{item}' only '{part}' is read"
+                    message = f"{takes}: of '{item}' only '{part}' is read"
                     hint = f"write {_instead(item, part, kind)}"
-                    advice.warn(PARTIAL_NUMBER, said, document, node, port.name, hint)
+                    reporter.warn(PARTIAL_NUMBER, message, document, node, port.name, hint)
         if node.call is not None:
             for key, text in node.call.constants.items():
                 meant = intended_key(text)
                 if meant:
-                    said = f"'{key}' of {node_label(node)} is given the text '{text}', not an entry"
-                    advice.warn(
-                        INCOMPLETE_POINTER, said, document, node, key, f"for the entry write {{{meant}}}"
+                    message = f"'{key}' of {node_label(node)} is given the text '{text}', not an entry"
+                    reporter.warn(
+                        INCOMPLETE_POINTER, message, document, node, key, f"for the entry write {{{meant}}}"
                     )
 
 
-def _no_entry(plan: TreePlan, node: NodePlan, port: Port, text: str, advice: LintReporter) -> None:
-    said = f"the port '{port.name}' of {node_label(node)} is to be written, but '{text}' names no entry"
+def _no_entry(plan: TreePlan, node: NodePlan, port: Port, text: str, reporter: LintReporter) -> None:
+    message = f"the port '{port.name}' of {node_label(node)} is to be written, but '{text}' names no entry"
     hint = f'write {port.name}="{{{text if text.isidentifier() else "…"}}}"'
-    advice.warn(UNCONNECTED_OUTPUT, said, plan.definition.document, node, port.name, hint)
+    reporter.warn(UNCONNECTED_OUTPUT, message, plan.definition.document, node, port.name, hint)
 
 
 def _unreadable(
-    plan: TreePlan, node: NodePlan, port: Port, text: str, fault: ConversionError, advice: LintReporter
+    plan: TreePlan, node: NodePlan, port: Port, text: str, error: ConversionError, reporter: LintReporter
 ) -> None:
     """Say that *node* will raise when it reads its port."""
-    said = f"the port '{port.name}' of {node_label(node)} takes {port.type.name}: {fault}"
+    message = f"the port '{port.name}' of {node_label(node)} takes {port.type.name}: {error}"
     meant = intended_key(text) or (text if is_port_name(text) else "")
     hint = f"for the blackboard's entry write {{{meant}}}" if meant else ""
-    advice.warn(INCONVERTIBLE_TEXT, said, plan.definition.document, node, port.name, hint)
+    reporter.warn(INCONVERTIBLE_TEXT, message, plan.definition.document, node, port.name, hint)
 
 
 def _refusal(kind: ValueType, text: str, format: int) -> ConversionError | None:
     """Why the literal *text* can't be read as a *kind*; None if it can, or anything goes."""
     try:
         kind.from_text(text, format)
-    except ConversionError as fault:
-        return fault if kind.strong and kind.converts else None
+    except ConversionError as error:
+        return error if kind.strong and kind.converts else None
     return None
 
 

@@ -103,6 +103,6 @@ def find_certain_error(text: str, enums: Mapping[str, int]) -> ScriptError | Non
         if is_constant(value, enums):
             try:
                 constant_value(value)
-            except ScriptError as fault:
-                return fault
+            except ScriptError as error:
+                return error
     return None

@@ -19,24 +19,24 @@ from btcore.xml.plan.plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
 
 
-def check_script_results(plan: TreePlan, enums: Mapping[str, int], advice: LintReporter) -> None:
+def check_script_results(plan: TreePlan, enums: Mapping[str, int], reporter: LintReporter) -> None:
     """Warn of the scripts of *plan* whose result is certain to be of no use."""
     document = plan.definition.document
     for node in nodes_of(plan):
         for attribute, text, decides in _scripts(node):
             try:
-                fault = find_certain_error(text, enums)
+                error = find_certain_error(text, enums)
                 last = parse_statements(text, enums)[-1]
             except ScriptError:
                 continue  # said already
-            if fault is not None:
+            if error is not None:
                 where = f"'{attribute}' of {node_label(node)}"
-                said = f"the script in {where} raises whenever it runs: {fault.message}"
-                advice.warn(
-                    SCRIPT_RAISES, said, document, node, attribute, within=fault.column, width=fault.width
+                message = f"the script in {where} raises whenever it runs: {error.message}"
+                reporter.warn(
+                    SCRIPT_RAISES, message, document, node, attribute, within=error.column, width=error.width
                 )
             elif decides:
-                _decision(node, attribute, last, enums, plan, advice)
+                _decision(node, attribute, last, enums, plan, reporter)
 
 
 def _scripts(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
@@ -54,15 +54,17 @@ def _decision(
     last: Expression,
     enums: Mapping[str, int],
     plan: TreePlan,
-    advice: LintReporter,
+    reporter: LintReporter,
 ) -> None:
     """Look at the statement whose value is the result of a condition."""
     document = plan.definition.document
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
-        said = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}', and does not compare it"
+        message = (
+            f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}', and does not compare it"
+        )
         hint = f"to compare, write {last.target.name} == …"
-        advice.warn(
-            CONDITION_ASSIGNS, said, document, node, attribute, hint, within=last.column, width=last.width
+        reporter.warn(
+            CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
         )
         return
     value = last.value if isinstance(last, Assignment) else last
@@ -74,11 +76,11 @@ def _decision(
     except ScriptError:
         asked = f"'{attribute}' of {node_label(node)} raises whenever it is asked"
         if isinstance(result, str):
-            said = f"{asked}: its result is the text '{result}'"
+            message = f"{asked}: its result is the text '{result}'"
             hint = f"write {result} without quotes" if result in ("true", "false") else "compare the text"
         else:
-            said = f"{asked}: its result is {result}, neither true nor false"
+            message = f"{asked}: its result is {result}, neither true nor false"
             hint = "0 and 1 are, and reals from 0 up; or compare it with something"
-        advice.warn(
-            SCRIPT_RAISES, said, document, node, attribute, hint, within=value.column, width=value.width
+        reporter.warn(
+            SCRIPT_RAISES, message, document, node, attribute, hint, within=value.column, width=value.width
         )

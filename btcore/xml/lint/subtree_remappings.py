@@ -85,7 +85,10 @@ class TreeKeys:
 
 
 def check_remaps(
-    plan: TreePlan, vocabulary: TreeKeys, models: Mapping[str, Mapping[str, str | None]], advice: LintReporter
+    plan: TreePlan,
+    tree_keys: TreeKeys,
+    models: Mapping[str, Mapping[str, str | None]],
+    reporter: LintReporter,
 ) -> None:
     """Warn of what *plan* hands to its subtrees in vain; *models* are the ports that they declare."""
     document = plan.definition.document
@@ -93,7 +96,7 @@ def check_remaps(
         call = node.call
         if call is None:
             continue
-        used = vocabulary.keys_of(call.tree)
+        used = tree_keys.keys_of(call.tree)
         declared = models.get(call.tree, {})
         for key, text in call.written.items():
             if key in _OF_THE_ELEMENT:
@@ -103,14 +106,16 @@ def check_remaps(
                 and call.remaps.get(key) == text
                 and remapped_key(text, key, 3) is not None
             ):
-                said = f"in format 3 {node_label(node)} takes bare keys: with braces '{key}' leads to nothing"
+                message = (
+                    f"in format 3 {node_label(node)} takes bare keys: with braces '{key}' leads to nothing"
+                )
                 hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
-                advice.warn(BRACES_IN_FORMAT_3, said, document, node, key, hint)
+                reporter.warn(BRACES_IN_FORMAT_3, message, document, node, key, hint)
             if used is None or key in used or key in declared or node.element.get(key) is None:
                 continue
-            said = f"{node_label(node)} is given '{key}', but no port or script in that tree uses it"
-            advice.warn(
-                USELESS_REMAPPING, said, document, node, key, _cure(key, used, call.written), part="name"
+            message = f"{node_label(node)} is given '{key}', but no port or script in that tree uses it"
+            reporter.warn(
+                USELESS_REMAPPING, message, document, node, key, _cure(key, used, call.written), part="name"
             )
 
 

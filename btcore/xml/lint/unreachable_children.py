@@ -48,7 +48,7 @@ def all_children_known(node: NodePlan) -> bool:
     return not node.element.children or len(node.children) == len(element_children(node.element))
 
 
-def check_reach(plan: TreePlan, outlooks: ResultAnalysis, advice: LintReporter) -> None:
+def check_reach(plan: TreePlan, analysis: ResultAnalysis, reporter: LintReporter) -> None:
     """Warn of the children in *plan* that are never reached, or never get far."""
     for node in nodes_of(plan):
         if (
@@ -61,40 +61,40 @@ def check_reach(plan: TreePlan, outlooks: ResultAnalysis, advice: LintReporter) 
         cls = behaviour_of(node.manifest.cls)
         if is_stub(node.manifest) or not issubclass(cls, ControlNode):
             continue
-        children = [outlooks.results_of(child) for child in node.children]
+        children = [analysis.results_of(child) for child in node.children]
         going = cls.continue_on
         if going is not None:
             tried = children if cls.handler_port is None else children[:-1]
-            _in_turn(plan, node, tried, going, advice)
+            _in_turn(plan, node, tried, going, reporter)
             never_fails = FAILURE not in results_in_order(tried, going).results
             if cls.handler_port is not None and never_fails and not _is_written(node, cls.handler_port):
-                _unreached(plan, node.children[-1], "what it is to catch never fails", advice)
+                _unreached(plan, node.children[-1], "what it is to catch never fails", reporter)
             if cls.runs_one_child:
-                _one_at_a_time(plan, node, children, going, advice)
+                _one_at_a_time(plan, node, children, going, reporter)
         for chosen, branch in zip(cls.branch_results, node.children[1:], strict=False):
             if chosen not in children[0].results:
                 why = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
-                _unreached(plan, branch, why, advice)
+                _unreached(plan, branch, why, reporter)
 
 
 def _in_turn(
-    plan: TreePlan, node: NodePlan, children: list[PossibleResults], going: Status, advice: LintReporter
+    plan: TreePlan, node: NodePlan, children: list[PossibleResults], going: Status, reporter: LintReporter
 ) -> None:
-    for index, outlook in enumerate(children[:-1]):
-        if not outlook.passes(going):
+    for index, outcome in enumerate(children[:-1]):
+        if not outcome.passes(going):
             before = node.children[index]
             where = line_of(plan.definition.document, before)
-            never = "ends" if not outlook.results else _WORD[going]
+            never = "ends" if not outcome.results else _WORD[going]
             why = f"{node_label(before)} before it ({where}) never {never}"
-            _unreached(plan, node.children[index + 1], why, advice)
+            _unreached(plan, node.children[index + 1], why, reporter)
             return
 
 
-def _unreached(plan: TreePlan, node: NodePlan, why: str, advice: LintReporter) -> None:
-    said = f"this {node_label(node)} is never ticked: {why}"
-    advice.warn(
+def _unreached(plan: TreePlan, node: NodePlan, why: str, reporter: LintReporter) -> None:
+    message = f"this {node_label(node)} is never ticked: {why}"
+    reporter.warn(
         UNREACHABLE_CHILD,
-        said,
+        message,
         plan.definition.document,
         node,
         hint="remove it, or what keeps the ticks from it",
@@ -106,22 +106,22 @@ def _is_written(node: NodePlan, port: str) -> bool:
 
 
 def _one_at_a_time(
-    plan: TreePlan, node: NodePlan, children: list[PossibleResults], going: Status, advice: LintReporter
+    plan: TreePlan, node: NodePlan, children: list[PossibleResults], going: Status, reporter: LintReporter
 ) -> None:
     """Warn if a child that takes its time comes after one that must take its time first."""
     document = plan.definition.document
     first: NodePlan | None = None
-    for child, outlook in zip(node.children, children, strict=True):
-        if first is not None and outlook.may_run:
+    for child, outcome in zip(node.children, children, strict=True):
+        if first is not None and outcome.may_run:
             before = f"{node_label(first)} ({line_of(document, first)})"
-            said = (
+            message = (
                 f"<{node.id}> has a second asynchronous child here: each tick begins with {before}, "
                 f"which halts this {node_label(child)} unless it ends at once"
             )
             hint = f"put both into a <{'Sequence' if going is SUCCESS else 'Fallback'}>"
-            advice.warn(SECOND_ASYNC_CHILD, said, document, child, hint=hint)
+            reporter.warn(SECOND_ASYNC_CHILD, message, document, child, hint=hint)
             return
-        if not outlook.passes(going):
+        if not outcome.passes(going):
             return
-        if first is None and outlook.may_run and not PossibleResults(outlook.in_first_tick).passes(going):
+        if first is None and outcome.may_run and not PossibleResults(outcome.in_first_tick).passes(going):
             first = child

@@ -9,12 +9,12 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 
 
 def check_unused(
-    planner: TreePlanner, main: TreeDefinition, used: Collection[str], faults: DiagnosticCollector
+    planner: TreePlanner, main: TreeDefinition, used: Collection[str], diagnostics: DiagnosticCollector
 ) -> None:
     """Warn of the trees of the main document that neither *main* nor another unused one calls."""
-    forest = planner.definitions
-    document = forest.documents[-1]
-    unused = [one for one in forest.by_id.values() if one.id not in used and one.document is document]
+    definitions = planner.definitions
+    document = definitions.documents[-1]
+    unused = [one for one in definitions.by_id.values() if one.id not in used and one.document is document]
     called = {
         call.call.tree
         for one in unused
@@ -23,6 +23,6 @@ def check_unused(
     }
     for one in unused:
         if one.id not in called and one.element.get("ID") is not None:
-            said = f"the tree '{one.id}' is never used: '{main.id}' doesn't lead to it"
+            message = f"the tree '{one.id}' is never used: '{main.id}' doesn't lead to it"
             hint = f'call it by <SubTree ID="{one.id}"/>, or remove it'
-            faults.add(one.document.diagnostic(UNUSED_TREE, said, one.element, "ID", hint=hint))
+            diagnostics.add(one.document.diagnostic(UNUSED_TREE, message, one.element, "ID", hint=hint))

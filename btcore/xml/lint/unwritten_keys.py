@@ -17,13 +17,13 @@ MAX_COMPARISONS = 20_000
 class KeyIndex:
     """The entries of one rehearsed tree, each with its home: the scope that holds it, and its key there."""
 
-    def __init__(self, rehearsal: DryRun, given: Collection[str]) -> None:
-        self.rehearsal = rehearsal
+    def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
+        self.dry_run = dry_run
         self._given = given
         self._comparisons = MAX_COMPARISONS
         self._written: dict[Blackboard, list[str]] = {}
         self.homes: dict[Entry, tuple[Blackboard, str]] = {}
-        for subtree in rehearsal.subtrees:
+        for subtree in dry_run.subtrees:
             for key, entry in subtree.blackboard.local_entries().items():
                 self.homes.setdefault(entry, (subtree.blackboard, key))
 
@@ -38,36 +38,36 @@ class KeyIndex:
         """The keys that *board* holds, and that something writes."""
         known = self._written.get(board)
         if known is None:
-            uses = self.rehearsal.uses
+            uses = self.dry_run.uses
             known = [key for key, entry in board.local_entries().items() if has_writer(uses.get(entry, ()))]
-            known += sorted(self._given) if board is self.rehearsal.root else []
+            known += sorted(self._given) if board is self.dry_run.root else []
             self._written[board] = known
         return known
 
 
-def check_keys(rehearsal: DryRun, is_main: bool, given: Collection[str], advice: LintReporter) -> None:
+def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter: LintReporter) -> None:
     """Warn of the keys that nothing writes; those of *given* are on the blackboard before the first tick.
 
     Of a tree that isn't the main one, nobody knows what its own blackboard comes with.
     """
-    keys = KeyIndex(rehearsal, given)
-    for entry, uses in rehearsal.uses.items():
+    keys = KeyIndex(dry_run, given)
+    for entry, uses in dry_run.uses.items():
         home = keys.homes.get(entry)
         if home is None or entry.value is not None:
             continue
         board, key = home
-        of_root = board is rehearsal.root
-        if (of_root and (not is_main or key in given)) or (rehearsal.format == 3 and key.startswith("{")):
+        of_root = board is dry_run.root
+        if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
             continue
-        if _wanted_at_load(uses, advice, of_root) or rehearsal.has_untracked_access:
+        if _wanted_at_load(uses, reporter, of_root) or dry_run.has_untracked_access:
             continue
         if has_writer(uses):
-            _never_made(uses, advice, key if of_root else "")
-        elif not (rehearsal.has_stubs and _may_be_an_enum(uses)):
-            _never_written(keys, uses, board, key, advice)
+            _never_made(uses, reporter, key if of_root else "")
+        elif not (dry_run.has_stubs and _may_be_an_enum(uses)):
+            _never_written(keys, uses, board, key, reporter)
 
 
-def _wanted_at_load(uses: Sequence[EntryUse], advice: LintReporter, of_root: bool) -> bool:
+def _wanted_at_load(uses: Sequence[EntryUse], reporter: LintReporter, of_root: bool) -> bool:
     """Warn of a script that is to be taken from an entry without a value; whether there was one.
 
     It is compiled when the tree is made, and so must be there by then.
@@ -76,16 +76,16 @@ def _wanted_at_load(uses: Sequence[EntryUse], advice: LintReporter, of_root: boo
         if use.port is None or use.port.role not in SCRIPT_ROLES:
             continue
         label = node_label(use.node)
-        said = f"{label} takes its script from {{{use.key}}}, which is empty when the tree is made"
+        message = f"{label} takes its script from {{{use.key}}}, which is empty when the tree is made"
         hint = "load the tree on a blackboard that holds it: load(…, blackboard=…)"
         if not of_root:
             hint = f'give the script to the SubTree: {use.key}="…"'
-        advice.warn(UNWRITTEN_KEY, said, use.document, use.node, use.attribute, hint)
+        reporter.warn(UNWRITTEN_KEY, message, use.document, use.node, use.attribute, hint)
         return True
     return False
 
 
-def _never_made(uses: Sequence[EntryUse], advice: LintReporter, root_key: str) -> None:
+def _never_made(uses: Sequence[EntryUse], reporter: LintReporter, root_key: str) -> None:
     """Warn of the first ``x = …`` if neither a ``:=`` nor a port makes the entry.
 
     *root_key* is its key on the main tree's blackboard, if it is there.
@@ -98,7 +98,7 @@ def _never_made(uses: Sequence[EntryUse], advice: LintReporter, root_key: str) -
     hint = f"to make it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
-    advice.warn(
+    reporter.warn(
         ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to '{use.key}', an entry that nothing makes",
         use.document,
@@ -127,7 +127,7 @@ def _may_be_an_enum(uses: Sequence[EntryUse]) -> bool:
 
 
 def _never_written(
-    keys: KeyIndex, uses: Sequence[EntryUse], board: Blackboard, key: str, advice: LintReporter
+    keys: KeyIndex, uses: Sequence[EntryUse], board: Blackboard, key: str, reporter: LintReporter
 ) -> None:
     reading = [use for use in uses if use.access in _READING]
     if not reading:
@@ -142,7 +142,7 @@ def _never_written(
         what = f"the port '{use.attribute}' of {node_label(use.node)} reads {{{use.key}}}"
     else:
         what = f"the port '{use.attribute}' of {node_label(use.node)} looks at '{use.key}'"
-    advice.warn(
+    reporter.warn(
         UNWRITTEN_KEY,
         f"{what}, which nothing writes{more}",
         use.document,
@@ -171,7 +171,7 @@ def _cure(keys: KeyIndex, use: EntryUse, board: Blackboard, key: str) -> str:
     near = keys.guess(key, known)
     if near is not None:
         return f"did you mean '{near}'?"
-    entrance = keys.rehearsal.entrances.get(board)
+    entrance = keys.dry_run.entrances.get(board)
     if entrance is None:
         enum = (
             ""
@@ -182,6 +182,6 @@ def _cure(keys: KeyIndex, use: EntryUse, board: Blackboard, key: str) -> str:
     called = f"{entrance.node.id} of '{entrance.key}' in {line_of(entrance.document, entrance.node)}"
     outer = keys.written_in(entrance.scope)
     handed = key if key in outer else keys.guess(key, outer) or "…"
-    bare = keys.rehearsal.format == 3 and entrance.node.id == "SubTree"
+    bare = keys.dry_run.format == 3 and entrance.node.id == "SubTree"
     value = handed if bare else f"{{{handed}}}"
     return f'a subtree has keys of its own: in the {called} write {key}="{value}"'

@@ -32,8 +32,8 @@ def validate(
     """
     try:
         document = parse_file(path)
-    except TreeError as fault:
-        return list(fault.diagnostics)
+    except TreeError as error:
+        return list(error.diagnostics)
     return validate_document(document, nodes=nodes, tree=tree, format=format, packages=packages, given=given)
 
 
@@ -47,17 +47,17 @@ def validate_document(
     given: Collection[str] = (),
 ) -> list[Diagnostic]:
     """The same for a document that has been read."""
-    examined = analyse_document(document, nodes, tree, format, packages)
-    planner, faults = examined.planner, examined.diagnostics
-    reached = reachable_plans(planner, examined.main) if examined.main is not None else []
+    analysis = analyse_document(document, nodes, tree, format, packages)
+    planner, diagnostics = analysis.planner, analysis.diagnostics
+    reached = reachable_plans(planner, analysis.main) if analysis.main is not None else []
     ids = {plan.definition.id for plan in reached}
     looked_at = set(ids)
     for definition in planner.definitions.by_id.values():
         if definition.id not in looked_at:
-            topological_order(planner, definition, faults)
+            topological_order(planner, definition, diagnostics)
             looked_at |= {plan.definition.id for plan in reachable_plans(planner, definition)}
-        check_scripts(planner.plan(definition), nodes, faults)
+        check_scripts(planner.plan(definition), nodes, diagnostics)
     if tree is None and planner.definitions.all and document.root.get("main_tree_to_execute") is None:
-        faults.errors = [one for one in faults.errors if one.code != AMBIGUOUS_MAIN_TREE]
-    run_lint(examined, ids, nodes, given, asked=tree is not None)
-    return [*sort_diagnostics(faults.errors), *sort_diagnostics(faults.warnings)]
+        diagnostics.errors = [one for one in diagnostics.errors if one.code != AMBIGUOUS_MAIN_TREE]
+    run_lint(analysis, ids, nodes, given, asked=tree is not None)
+    return [*sort_diagnostics(diagnostics.errors), *sort_diagnostics(diagnostics.warnings)]

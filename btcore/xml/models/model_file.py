@@ -61,10 +61,10 @@ def read_project(path: str | os.PathLike[str], packages: PackageResolver | None 
 
     *packages* finds the folders of ROS packages. Raises TreeError for what can't be read.
     """
-    faults = DiagnosticCollector()
+    diagnostics = DiagnosticCollector()
     document = parse_file(path)
-    documents = resolve_includes(document, faults, packages)
-    faults.raise_errors()
+    documents = resolve_includes(document, diagnostics, packages)
+    diagnostics.raise_errors()
     name = str(document.root.get("project_name") or Path(path).stem)
     return Project(name, documents)
 
@@ -82,9 +82,9 @@ def add_models(
     added = [id for document in documents for id in _add_models(nodes, document)]
     added += add_explicit_nodes(nodes, documents)
     if not added and not any(_models(document) for document in documents):
-        said = "the file holds no model of a node"
+        message = "the file holds no model of a node"
         hint = "a palette is a <TreeNodesModel>: Groot exports one, and so does `btcore nodes --xml`"
-        raise TreeError([Diagnostic(UNREADABLE_FILE, said, os.fspath(path), hint=hint)])
+        raise TreeError([Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)])
     return added
 
 
@@ -126,12 +126,14 @@ def _models(document: Document) -> list[Element]:
 
 def _add_models(nodes: Registry, document: Document) -> list[str]:
     added: list[str] = []
-    faults = DiagnosticCollector()
+    diagnostics = DiagnosticCollector()
     for model in _models(document):
         id = model.get("ID")
         if id is None:
-            said = f"this model of <{model.tag}> does not say which node: it has no ID"
-            faults.add(document.diagnostic(MISSING_ID, said, model, hint=f'write <{model.tag} ID="…">'))
+            message = f"this model of <{model.tag}> does not say which node: it has no ID"
+            diagnostics.add(
+                document.diagnostic(MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
+            )
             continue
         known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
         if known is not None and not known.is_overridable:
@@ -142,9 +144,9 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
         try:
             _add(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document)
             added.append(str(id))
-        except RegistrationError as fault:
-            faults.add(document.diagnostic(INVALID_NAME, str(fault), model, "ID"))
-    faults.raise_errors()
+        except RegistrationError as error:
+            diagnostics.add(document.diagnostic(INVALID_NAME, str(error), model, "ID"))
+    diagnostics.raise_errors()
     return added
 
 

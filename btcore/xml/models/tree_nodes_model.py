@@ -41,7 +41,7 @@ def quoted(text: str) -> str:
 
 
 def subtree_models(
-    documents: Sequence[Document], dialect: Dialect, faults: DiagnosticCollector
+    documents: Sequence[Document], dialect: Dialect, diagnostics: DiagnosticCollector
 ) -> dict[str, dict[str, str | None]]:
     """The ports of the subtree models of *documents*, by ID, and their defaults (None = mandatory).
 
@@ -53,13 +53,13 @@ def subtree_models(
             for model in models.iterchildren("SubTree"):
                 id = model.get("ID")
                 if id is None:
-                    said = "this model of a subtree does not say which: it has no ID"
+                    message = "this model of a subtree does not say which: it has no ID"
                     hint = 'write <SubTree ID="…">'
-                    faults.add(document.diagnostic(MISSING_ID, said, model, hint=hint))
+                    diagnostics.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
                     continue
                 ports = found.setdefault(id, {})
                 for port in model.iterchildren("input_port", "output_port", "inout_port"):
-                    _port(document, port, ports, dialect, faults)
+                    _port(document, port, ports, dialect, diagnostics)
     return found
 
 
@@ -68,17 +68,17 @@ def _port(
     port: Element,
     ports: dict[str, str | None],
     dialect: Dialect,
-    faults: DiagnosticCollector,
+    diagnostics: DiagnosticCollector,
 ) -> None:
     name = port.get("name")
     if name is None:
-        said = f"this <{port.tag}> has no name"
-        faults.add(document.diagnostic(MISSING_ID, said, port, hint=f'write <{port.tag} name="…"/>'))
+        message = f"this <{port.tag}> has no name"
+        diagnostics.add(document.diagnostic(MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>'))
         return
-    fault = model_port_name_error(name) if dialect.tree_ids_checked else ""
-    if fault:
-        said = f"no port of a subtree can be called '{name}': {fault}"
-        faults.add(document.diagnostic(INVALID_NAME, said, port, "name"))
+    error = model_port_name_error(name) if dialect.tree_ids_checked else ""
+    if error:
+        message = f"no port of a subtree can be called '{name}': {error}"
+        diagnostics.add(document.diagnostic(INVALID_NAME, message, port, "name"))
     ports[name] = port.get("default")
 
 

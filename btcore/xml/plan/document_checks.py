@@ -57,29 +57,31 @@ def analyse_document(
     *tree* is the ID of the tree to make (default: the document's main one), *format* (3 or 4)
     overrides the document's ``BTCPP_format``, *packages* finds the folders of ROS packages.
     """
-    faults = DiagnosticCollector()
-    documents = resolve_includes(document, faults, packages)
+    diagnostics = DiagnosticCollector()
+    documents = resolve_includes(document, diagnostics, packages)
     for one in documents:
         for warning in one.warnings:
-            faults.add(warning)
-    dialect = select_dialect(documents, format, faults)
-    forest = TreeDefinitions(documents, dialect, faults)
+            diagnostics.add(warning)
+    dialect = select_dialect(documents, format, diagnostics)
+    definitions = TreeDefinitions(documents, dialect, diagnostics)
     palette = NodePalette(
         registry.manifests_of(dialect.format), registry.manifests_of(7 - dialect.format), dialect.format
     )
-    outlines = StructureChecker(forest, palette, faults).check()
-    main = forest.select_main(tree, faults) if documents[-1].root.tag == "root" else None
-    planner = TreePlanner(forest, palette, outlines, subtree_models(documents, dialect, faults), faults)
+    outlines = StructureChecker(definitions, palette, diagnostics).check()
+    main = definitions.select_main(tree, diagnostics) if documents[-1].root.tag == "root" else None
+    planner = TreePlanner(
+        definitions, palette, outlines, subtree_models(documents, dialect, diagnostics), diagnostics
+    )
     if main is None:
-        return DocumentAnalysis(planner, None, faults)
-    order = topological_order(planner, main, faults)
+        return DocumentAnalysis(planner, None, diagnostics)
+    order = topological_order(planner, main, diagnostics)
     if order is not None:
-        check_size(order, main, faults)
-    if faults.errors:
+        check_size(order, main, diagnostics)
+    if diagnostics.errors:
         # No node is made of a tree with faults; its scripts are checked all the same.
         for plan in reachable_plans(planner, main):
-            check_scripts(plan, registry, faults)
-    return DocumentAnalysis(planner, main, faults)
+            check_scripts(plan, registry, diagnostics)
+    return DocumentAnalysis(planner, main, diagnostics)
 
 
 def reachable_plans(planner: TreePlanner, main: TreeDefinition) -> list[TreePlan]:
@@ -106,7 +108,7 @@ def nodes_of(plan: TreePlan) -> list[NodePlan]:
     return found
 
 
-def check_size(plans: list[TreePlan], main: TreeDefinition, faults: DiagnosticCollector) -> None:
+def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: DiagnosticCollector) -> None:
     """Refuse a tree that is too large or too deep: trees that call trees grow fast.
 
     *plans* are in calling order.
@@ -119,20 +121,20 @@ def check_size(plans: list[TreePlan], main: TreeDefinition, faults: DiagnosticCo
         sizes[plan.definition.id] = min(MAX_NODES + 1, size)
         deepest = max((depths.get(tree, 0) for tree in called), default=0)
         depths[plan.definition.id] = plan.depth + deepest
-    said, hint = "", ""
+    message, hint = "", ""
     if sizes[main.id] > MAX_NODES:
-        said = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
+        message = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
         hint = "nodes are numbered with 16 bits; look for subtrees that call others twice"
     elif depths[main.id] > MAX_DEPTH:
-        said = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
+        message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
     else:
         # Nodes are made and ticked by recursion: six calls a level at the most.
         sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depths[main.id] + 1000))
         return
-    faults.add(main.document.diagnostic(TOO_LARGE, said, main.element, "ID", hint=hint))
+    diagnostics.add(main.document.diagnostic(TOO_LARGE, message, main.element, "ID", hint=hint))
 
 
-def check_scripts(plan: TreePlan, registry: Registry, faults: DiagnosticCollector) -> None:
+def check_scripts(plan: TreePlan, registry: Registry, diagnostics: DiagnosticCollector) -> None:
     """Note the scripts of *plan* that can't be parsed."""
     document = plan.definition.document
     for node in nodes_of(plan):
@@ -145,11 +147,11 @@ def check_scripts(plan: TreePlan, registry: Registry, faults: DiagnosticCollecto
         for key, text in texts.items():
             try:
                 compile_script(text, registry.types.enums)
-            except ScriptError as fault:
-                faults.add(script_diagnostic(document, node, key, fault))
+            except ScriptError as error:
+                diagnostics.add(script_diagnostic(document, node, key, error))
 
 
-def script_diagnostic(document: Document, node: NodePlan, key: str, fault: ScriptError) -> Diagnostic:
+def script_diagnostic(document: Document, node: NodePlan, key: str, error: ScriptError) -> Diagnostic:
     """The diagnostic of a script in attribute *key* that can't be parsed."""
-    said = f"the script in '{key}' of <{node.id}>: {fault.message}"
-    return document.diagnostic(SCRIPT_SYNTAX, said, node.element, key, within=fault.column)
+    message = f"the script in '{key}' of <{node.id}>: {error.message}"
+    return document.diagnostic(SCRIPT_SYNTAX, message, node.element, key, within=error.column)

@@ -124,27 +124,27 @@ class TreePlan:
 
 
 class TreePlanner:
-    """Plans definitions as they are asked for; what is wrong goes to *faults*."""
+    """Plans definitions as they are asked for; what is wrong goes to *diagnostics*."""
 
     def __init__(
         self,
-        forest: TreeDefinitions,
+        definitions: TreeDefinitions,
         palette: NodePalette,
         outlines: Mapping[TreeDefinition, list[NodePlan]],
         subtree_models: Mapping[str, Mapping[str, str | None]],
-        faults: DiagnosticCollector,
+        diagnostics: DiagnosticCollector,
     ) -> None:
-        self.definitions = forest
-        self.dialect: Dialect = forest.dialect
+        self.definitions = definitions
+        self.dialect: Dialect = definitions.dialect
         self._palette = palette
         self._outlines = outlines
         self._models = subtree_models
-        self._faults = faults
+        self._diagnostics = diagnostics
         self._plans: dict[str, TreePlan] = {}
         self._known: dict[str, BindingCache] = {}
         self._by_tag: dict[str, BindingCache] = {}
         self._kept: set[str] = set()
-        self._document = forest.documents[-1]
+        self._document = definitions.documents[-1]
 
     def plan(self, definition: TreeDefinition) -> TreePlan:
         """The plan of *definition*, without those of the trees that it calls."""
@@ -166,14 +166,14 @@ class TreePlanner:
     def _error(
         self,
         code: DiagnosticCode,
-        said: str,
+        message: str,
         element: Element,
         attribute: str,
         hint: str = "",
         name: bool = False,
     ) -> None:
         part: ElementPart = "name" if name else "value"
-        self._faults.add(self._document.diagnostic(code, said, element, attribute, part, hint))
+        self._diagnostics.add(self._document.diagnostic(code, message, element, attribute, part, hint))
 
     def _nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
         """Plan *nodes*, and take those that nobody knows (the shape says so) out of the tree."""
@@ -248,13 +248,13 @@ class TreePlanner:
                 scripts[key] = text
             elif key == "ID":
                 if dialect.explicit_by_id and plan.element.tag not in EXPLICIT_TAGS:
-                    said = f'<{plan.id}> has an ID, which only explicit tags such as <Action ID="…"> have'
-                    self._error(UNEXPECTED_ID, said, plan.element, key, 'to name the node, write name="…"')
+                    message = f'<{plan.id}> has an ID, which only explicit tags such as <Action ID="…"> have'
+                    self._error(UNEXPECTED_ID, message, plan.element, key, 'to name the node, write name="…"')
             elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
                 kept[key] = text
             else:
-                said = f"<{plan.id}> has no port '{key}'"
-                self._error(UNKNOWN_PORT, said, plan.element, key, port_hint(manifest, key), name=True)
+                message = f"<{plan.id}> has no port '{key}'"
+                self._error(UNKNOWN_PORT, message, plan.element, key, port_hint(manifest, key), name=True)
         if scripts:
             plan.scripts = {
                 key: scripts[key]
@@ -292,22 +292,22 @@ class TreePlanner:
         kind = port.type
         if not kind.strong or not kind.converts:
             return True
-        fault = bound.fault
+        error = bound.fault
         if bound.key is not None or text == port.default:
             # Then the text was not converted.
             try:
                 kind.from_text(text)
             except ConversionError as found:
-                fault = str(found)
-        if not fault:
+                error = str(found)
+        if not error:
             return True
         hint = ""
         if bound.key is not None:
             hint = "write {=}" if "=" in text else f"write {text.strip()}, without spaces around"
         elif is_port_name(text):
             hint = f"for the blackboard's entry write {{{text}}}"
-        said = f"the port '{port.name}' of <{plan.id}> takes {kind.name}: {fault}"
-        self._error(INCONVERTIBLE_TEXT, said, plan.element, port.name, hint)
+        message = f"the port '{port.name}' of <{plan.id}> takes {kind.name}: {error}"
+        self._error(INCONVERTIBLE_TEXT, message, plan.element, port.name, hint)
         return False
 
     # --- SubTree elements
@@ -359,11 +359,11 @@ class TreePlanner:
                 if port in given:
                     continue
                 if default is None or default == "":
-                    said = (
+                    message = (
                         f"<SubTree> is not given the port '{port}', which the model of '{call.tree}' demands"
                     )
                     hint = f'write {port}="…", or give it a default in <TreeNodesModel>'
-                    self._error(MISSING_SUBTREE_PORT, said, plan.element, "", hint)
+                    self._error(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
                 else:
                     given[port] = default
         call.written = given
@@ -399,17 +399,17 @@ class TreePlanner:
         try:
             return BOOL.from_text(text, self.dialect.format) is True
         except ConversionError:
-            said = f"{key} is 'true' or 'false', not '{text}'"
-            self._error(NOT_A_BOOLEAN, said, plan.element, key)
+            message = f"{key} is 'true' or 'false', not '{text}'"
+            self._error(NOT_A_BOOLEAN, message, plan.element, key)
             return False
 
 
 def topological_order(
-    planner: TreePlanner, main: TreeDefinition, faults: DiagnosticCollector
+    planner: TreePlanner, main: TreeDefinition, diagnostics: DiagnosticCollector
 ) -> list[TreePlan] | None:
     """The plans below *main* and its own, called trees before those that call them.
 
-    None if trees call each other in a circle; every call that closes one goes to *faults*.
+    None if trees call each other in a circle; every call that closes one goes to *diagnostics*.
     """
     order: dict[str, TreePlan] = {}
     in_circle = False
@@ -431,10 +431,10 @@ def topological_order(
             if called in path:
                 in_circle = True
                 way = [*path, called]
-                said = f"the trees call each other in a circle: {' → '.join(way[way.index(called) :])}"
+                message = f"the trees call each other in a circle: {' → '.join(way[way.index(called) :])}"
                 document = plan.definition.document
                 hint = "a tree can't contain itself"
-                faults.add(document.diagnostic(RECURSIVE_TREES, said, node.element, "ID", hint=hint))
+                diagnostics.add(document.diagnostic(RECURSIVE_TREES, message, node.element, "ID", hint=hint))
             elif called in planner.definitions.by_id and called not in order:
                 pending.append((called, False))
     return None if in_circle else list(order.values())

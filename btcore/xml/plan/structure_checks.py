@@ -39,37 +39,39 @@ def element_children(element: Element) -> list[Element]:
 class StructureChecker:
     """Checks the definitions of a forest, whether they are used or not."""
 
-    def __init__(self, forest: TreeDefinitions, palette: NodePalette, faults: DiagnosticCollector) -> None:
-        self._trees: Mapping[str, TreeDefinition] = forest.by_id
-        self._forest = forest
-        self._dialect: Dialect = forest.dialect
+    def __init__(
+        self, definitions: TreeDefinitions, palette: NodePalette, diagnostics: DiagnosticCollector
+    ) -> None:
+        self._trees: Mapping[str, TreeDefinition] = definitions.by_id
+        self._definitions = definitions
+        self._dialect: Dialect = definitions.dialect
         self._palette = palette
-        self._faults = faults
-        self._document = forest.documents[-1]
+        self._diagnostics = diagnostics
+        self._document = definitions.documents[-1]
         self._kinds: dict[str, NodeType | None] = {}
         self._leaves: set[str] = set()
 
     def check(self) -> dict[TreeDefinition, list[NodePlan]]:
         """Check all; the nodes of each definition in pre-order, its ``<BehaviorTree>`` first."""
-        for document in self._forest.documents:
+        for document in self._definitions.documents:
             self._models(document)
         outlines: dict[TreeDefinition, list[NodePlan]] = {}
-        for definition in self._forest.all:
+        for definition in self._definitions.all:
             self._document = definition.document
             outlines[definition] = self._walk(definition.element)
         return outlines
 
     def _error(
-        self, code: DiagnosticCode, said: str, element: Element, attribute: str = "", hint: str = ""
+        self, code: DiagnosticCode, message: str, element: Element, attribute: str = "", hint: str = ""
     ) -> None:
-        self._faults.add(self._document.diagnostic(code, said, element, attribute, hint=hint))
+        self._diagnostics.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
 
     def _models(self, document: Document) -> None:
         models = list(document.root.iterchildren("TreeNodesModel"))
         if self._dialect.explicit_by_id and len(models) > 1:
-            said = "a document has one <TreeNodesModel>, and this is the second"
+            message = "a document has one <TreeNodesModel>, and this is the second"
             hint = "move its models into the first"
-            self._faults.add(document.diagnostic(DUPLICATE_MODELS, said, models[1], hint=hint))
+            self._diagnostics.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
 
     def _walk(self, top: Element) -> list[NodePlan]:
         limit = self._document.max_depth or self._dialect.max_depth
@@ -99,8 +101,8 @@ class StructureChecker:
                 continue
             below = node.depth + 1
             if below > limit:
-                said = f"elements are nested more than {limit:,} deep"
-                self._error(TOO_DEEP, said, element, hint="split the tree into subtrees")
+                message = f"elements are nested more than {limit:,} deep"
+                self._error(TOO_DEEP, message, element, hint="split the tree into subtrees")
             elif tag not in closed:
                 node.children = [NodePlan(child, below) for child in children]
                 pending += reversed(node.children)
@@ -123,8 +125,10 @@ class StructureChecker:
 
     def _obsolete(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
-            said = "<Root> is obsolete and is skipped"
-            self._faults.add(self._document.diagnostic(CAPITALISED_ROOT, said, child, hint="remove it"))
+            message = "<Root> is obsolete and is skipped"
+            self._diagnostics.add(
+                self._document.diagnostic(CAPITALISED_ROOT, message, child, hint="remove it")
+            )
 
     def _special(self, tag: str, element: Element, children: list[Element]) -> None:
         """An element that is no compact node."""
@@ -140,9 +144,9 @@ class StructureChecker:
     def _explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         node = element.get("ID") or ""
         if not node:
-            said = f"<{tag}> does not say which node it is"
+            message = f"<{tag}> does not say which node it is"
             hint = f'write <{tag} ID="…"/>'
-            self._error(MISSING_ID, said, element, hint=hint)
+            self._error(MISSING_ID, message, element, hint=hint)
             return
         manifest = self._palette.manifests.get(node)
         if manifest is None:
@@ -155,7 +159,7 @@ class StructureChecker:
         """A hint for a *node* that is not registered."""
         declaring = (
             document.file
-            for document in self._forest.documents
+            for document in self._definitions.documents
             for models in document.root.iterchildren("TreeNodesModel")
             if any(model.get("ID") == node for model in models.iterchildren(*EXPLICIT_TAGS))
         )
@@ -175,9 +179,11 @@ class StructureChecker:
             manifest = self._palette.manifests.get(node)
             least = 1 if manifest is None else max(manifest.cls.child_count_at_load[0], 1)
             if found < least:
-                said = f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
+                message = (
+                    f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
+                )
                 hint = manifest.cls.child_roles if manifest is not None and least > 1 else ""
-                self._error(WRONG_CHILD_COUNT, said, element, hint=hint)
+                self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif node == "ReactiveSequence":
                 self._one_asynchronous(children)
         elif found and kind in _LEAVES:
@@ -186,8 +192,10 @@ class StructureChecker:
     def _one_asynchronous(self, children: list[Element]) -> None:
         lasting = [child for child in children if child.tag == "AsyncSequence"]
         if len(lasting) > 1 and self._dialect.explicit_by_id:
-            said = "a ReactiveSequence has one AsyncSequence at most, and this is the second"
-            self._error(SEVERAL_ASYNC_SEQUENCES, said, lasting[1], hint="only one child of it can be RUNNING")
+            message = "a ReactiveSequence has one AsyncSequence at most, and this is the second"
+            self._error(
+                SEVERAL_ASYNC_SEQUENCES, message, lasting[1], hint="only one child of it can be RUNNING"
+            )
 
     def _tree(self, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
@@ -196,29 +204,29 @@ class StructureChecker:
             self._not_a_node(name, element)
             char = forbidden_in(name)
             if char:
-                said = f"a tree's ID has no {char!r} in it, but this one is '{name}'"
-                self._error(INVALID_NAME, said, element, "ID", "letters, digits, '_' and '-' will do")
+                message = f"a tree's ID has no {char!r} in it, but this one is '{name}'"
+                self._error(INVALID_NAME, message, element, "ID", "letters, digits, '_' and '-' will do")
             elif is_reserved(name):
                 self._error(INVALID_NAME, f"no tree may be called '{name}'; it is reserved", element, "ID")
         if len(children) != 1:
             found = f"{len(children)} children" if children else "no child"
-            said = f"{called} has {found}; a tree has exactly 1"
+            message = f"{called} has {found}; a tree has exactly 1"
             hint = "put them into a <Sequence>" if children else ""
-            self._error(WRONG_CHILD_COUNT, said, element, hint=hint)
+            self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _subtree(self, tag: str, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
         if element.get("ID") is None or (not name and self._dialect.explicit_by_id):
-            said = f"<{tag}> does not say which tree it is"
-            self._error(MISSING_ID, said, element, hint=f'write <{tag} ID="…"/>')
+            message = f"<{tag}> does not say which tree it is"
+            self._error(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
         elif self._dialect.tree_ids_checked:
             self._not_a_node(name, element)
         if children:
-            said = f'<{tag} ID="{name}"> has children; what it does stands in its <BehaviorTree>'
-            self._error(WRONG_CHILD_COUNT, said, children[0])
+            message = f'<{tag} ID="{name}"> has children; what it does stands in its <BehaviorTree>'
+            self._error(WRONG_CHILD_COUNT, message, children[0])
 
     def _not_a_node(self, name: str, element: Element) -> None:
         known = self._palette.manifests.get(name)
         if known is not None and not known.is_overridable:
-            said = f"a tree can't be called '{name}', as a node is"
-            self._error(TREE_NAMED_AS_NODE, said, element, "ID", "rename the tree")
+            message = f"a tree can't be called '{name}', as a node is"
+            self._error(TREE_NAMED_AS_NODE, message, element, "ID", "rename the tree")

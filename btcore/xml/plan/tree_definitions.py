@@ -27,7 +27,9 @@ class TreeDefinition:
     element: Element
 
 
-def select_dialect(documents: list[Document], format: int | None, faults: DiagnosticCollector) -> Dialect:
+def select_dialect(
+    documents: list[Document], format: int | None, diagnostics: DiagnosticCollector
+) -> Dialect:
     """The dialect that the last (the including) document asks for, unless *format* says another."""
     if format is not None:
         return DIALECTS[format]
@@ -35,46 +37,48 @@ def select_dialect(documents: list[Document], format: int | None, faults: Diagno
     written = document.root.get("BTCPP_format")
     known = parse_format(written)
     if known is None:
-        said = f"BTCPP_format '{written}' is not known"
+        message = f"BTCPP_format '{written}' is not known"
         hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
-        faults.add(document.diagnostic(UNKNOWN_FORMAT, said, document.root, "BTCPP_format", hint=hint))
+        diagnostics.add(
+            document.diagnostic(UNKNOWN_FORMAT, message, document.root, "BTCPP_format", hint=hint)
+        )
     return DIALECTS[known or 4]
 
 
 class TreeDefinitions:
     """The definitions of *documents*, one an ID, and all of them in order."""
 
-    def __init__(self, documents: list[Document], dialect: Dialect, faults: DiagnosticCollector) -> None:
+    def __init__(self, documents: list[Document], dialect: Dialect, diagnostics: DiagnosticCollector) -> None:
         self.documents = documents
         self.dialect = dialect
         self.all: list[TreeDefinition] = []
         self.by_id: dict[str, TreeDefinition] = {}
         # Of a document that could not be read in whole nobody can say which trees are missing.
-        self.complete = not faults.errors
+        self.complete = not diagnostics.errors
         unnamed = 0
         for document in documents:
             root = document.root
             if root.tag != "root":
-                said = f"the outermost element is <{root.tag}>, not <root>"
+                message = f"the outermost element is <{root.tag}>, not <root>"
                 hint = EXAMPLE
                 if str(root.tag).lower() == "root":
                     hint = "did you mean <root>? XML tells capital letters from small ones"
-                faults.add(document.diagnostic(NOT_A_ROOT, said, root, hint=hint))
+                diagnostics.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
                 continue
             only_child = len(root.children) == 1
             for element in root.iterchildren("BehaviorTree"):
                 written = element.get("ID")
                 if written is None and not only_child and dialect.tree_ids_checked:
-                    said = "this <BehaviorTree> has no ID"
+                    message = "this <BehaviorTree> has no ID"
                     hint = 'name it: <BehaviorTree ID="…">'
-                    faults.add(document.diagnostic(TREE_WITHOUT_ID, said, element, hint=hint))
+                    diagnostics.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
                 name = written or ""
                 if not name:
                     name = f"BehaviorTree_{unnamed}"
                     unnamed += 1
-                self._define(TreeDefinition(name, document, element), faults)
+                self._define(TreeDefinition(name, document, element), diagnostics)
 
-    def _define(self, definition: TreeDefinition, faults: DiagnosticCollector) -> None:
+    def _define(self, definition: TreeDefinition, diagnostics: DiagnosticCollector) -> None:
         self.all.append(definition)
         earlier = self.by_id.get(definition.id)
         if earlier is None:
@@ -84,31 +88,31 @@ class TreeDefinitions:
         where = f"{earlier.document.file or '<text>'}:{place.line}" if place else earlier.document.file
         if self.dialect.last_tree_wins:
             self.by_id[definition.id] = definition
-            said = f"there are two trees '{definition.id}'; this one replaces that of {where}"
+            message = f"there are two trees '{definition.id}'; this one replaces that of {where}"
         else:
-            said = f"there are two trees '{definition.id}'; that of {where} is used, not this one"
+            message = f"there are two trees '{definition.id}'; that of {where} is used, not this one"
         hint = "rename or remove one of them"
-        faults.add(
-            definition.document.diagnostic(DUPLICATE_TREE_ID, said, definition.element, "ID", hint=hint)
+        diagnostics.add(
+            definition.document.diagnostic(DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint)
         )
 
-    def select_main(self, asked: str | None, faults: DiagnosticCollector) -> TreeDefinition | None:
+    def select_main(self, asked: str | None, diagnostics: DiagnosticCollector) -> TreeDefinition | None:
         """The tree that is to be made: the one *asked* for, the document's main tree, or its only one."""
         document = self.documents[-1]
         if asked is not None:
             if asked not in self.by_id and self.complete:
                 hint = self.suggestion(asked)
-                said = f"no tree is called '{asked}'"
-                faults.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, said, document.root, hint=hint))
+                message = f"no tree is called '{asked}'"
+                diagnostics.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, document.root, hint=hint))
             return self.by_id.get(asked)
         written = document.root.get("main_tree_to_execute")
         if written is not None:
             if written not in self.by_id and self.complete:
-                said = f"main_tree_to_execute names the tree '{written}', which is not there"
+                message = f"main_tree_to_execute names the tree '{written}', which is not there"
                 hint = self.suggestion(written)
-                faults.add(
+                diagnostics.add(
                     document.diagnostic(
-                        AMBIGUOUS_MAIN_TREE, said, document.root, "main_tree_to_execute", hint=hint
+                        AMBIGUOUS_MAIN_TREE, message, document.root, "main_tree_to_execute", hint=hint
                     )
                 )
             return self.by_id.get(written)
@@ -119,13 +123,13 @@ class TreeDefinitions:
         if not self.complete:
             return None
         if not self.all:
-            said = "there is no <BehaviorTree> in the document"
+            message = "there is no <BehaviorTree> in the document"
             hint = EXAMPLE
         else:
-            said = "several trees, and none is named as the main one"
+            message = "several trees, and none is named as the main one"
             names = join_names(sorted(self.by_id), "or")
             hint = f'write main_tree_to_execute="…" into <root>, or name one when loading: {names}'
-        faults.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, said, document.root, hint=hint))
+        diagnostics.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, document.root, hint=hint))
         return None
 
     def suggestion(self, name: str) -> str:

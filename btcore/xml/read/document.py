@@ -157,7 +157,7 @@ def parse_text(text: str, file: str = "") -> Document:
         _refuse_document_type(text, file)
     zero = text.find("\0")
     if zero >= 0:
-        raise _fault(NOT_XML, "a NUL character; this is not an XML document", text, zero, file)
+        raise _syntax_error(NOT_XML, "a NUL character; this is not an XML document", text, zero, file)
     is_kept = has_one_line_tags(text) or not may_keep_line_breaks(text)
     lenient = EscapedText(text, ()) if is_kept else escape_attribute_values(text)
     plain = parse_with_expat(_encoded(lenient.text))
@@ -165,11 +165,11 @@ def parse_text(text: str, file: str = "") -> Document:
         return Document(plain, lenient, text, file, knows_lines=not lenient.escapes)
     try:
         root = parse_with_libxml2(_encoded(lenient.text))
-    except etree.XMLSyntaxError as fault:
+    except etree.XMLSyntaxError as error:
         if not lenient.escapes:
             lenient = escape_attribute_values(text)
         if not lenient.escapes:
-            raise XmlSyntaxError([diagnose_xml_error(fault, lenient, text, file)]) from None
+            raise XmlSyntaxError([diagnose_xml_error(error, lenient, text, file)]) from None
         try:
             root = parse_with_libxml2(_encoded(lenient.text))
         except etree.XMLSyntaxError as second:
@@ -182,8 +182,8 @@ def parse_file(path: str | os.PathLike[str]) -> Document:
     name = os.fspath(path)
     try:
         data = Path(path).read_bytes()
-    except OSError as fault:
-        raise XmlSyntaxError([_unreadable(Path(path), fault)]) from None
+    except OSError as error:
+        raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
     return parse_text(_decoded(data, name), name)
 
 
@@ -192,39 +192,39 @@ def _encoded(text: str) -> bytes:
     return text.encode("utf-8", "replace")
 
 
-def _unreadable(path: Path, fault: OSError) -> Diagnostic:
+def _unreadable(path: Path, error: OSError) -> Diagnostic:
     hint = ""
     if str(path).lstrip().startswith("<"):
-        said = "the path of a file is wanted, and this is XML"
-        return Diagnostic(UNREADABLE_FILE, said, hint="btcore.loads(text) reads a text")
+        message = "the path of a file is wanted, and this is XML"
+        return Diagnostic(UNREADABLE_FILE, message, hint="btcore.loads(text) reads a text")
     if path.is_dir():
-        said = "is a folder, not a file"
+        message = "is a folder, not a file"
         inside = sorted(found.name for found in path.glob("*.xml"))[:5]
         if inside:
             hint = "did you mean one of the files in it: " + ", ".join(inside) + "?"
-    elif isinstance(fault, FileNotFoundError):
-        said = "no such file"
+    elif isinstance(error, FileNotFoundError):
+        message = "no such file"
         near = nearest_name(path.name, [found.name for found in path.parent.glob("*.xml")])
         if near is not None:
             hint = f"did you mean {path.with_name(near)}?"
     else:
-        said = f"can't be read: {(fault.strerror or str(fault)).lower()}"
-    return Diagnostic(UNREADABLE_FILE, said, os.fspath(path), hint=hint)
+        message = f"can't be read: {(error.strerror or str(error)).lower()}"
+    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)
 
 
 def _decoded(data: bytes, file: str) -> str:
     for mark, encoding in _BYTE_ORDER_MARKS:
         if data.startswith(mark):
-            said = f"the file is {encoding}; trees are read as UTF-8"
-            raise XmlSyntaxError([Diagnostic(NOT_UTF8, said, file, hint="save it as UTF-8")])
+            message = f"the file is {encoding}; trees are read as UTF-8"
+            raise XmlSyntaxError([Diagnostic(NOT_UTF8, message, file, hint="save it as UTF-8")])
     try:
         return data.decode("utf-8-sig")
-    except UnicodeDecodeError as fault:
-        before = data[: fault.start].decode("utf-8")
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode("utf-8")
         # The rest is shown as far as it can be.
-        text = before + data[fault.start :].decode("utf-8", "replace")
-        said = f"the byte 0x{data[fault.start]:02X} is not UTF-8"
-        raise _fault(NOT_UTF8, said, text, len(before), file, "save the file as UTF-8") from None
+        text = before + data[error.start :].decode("utf-8", "replace")
+        message = f"the byte 0x{data[error.start]:02X} is not UTF-8"
+        raise _syntax_error(NOT_UTF8, message, text, len(before), file, "save the file as UTF-8") from None
 
 
 def _refuse_document_type(text: str, file: str) -> None:
@@ -233,15 +233,15 @@ def _refuse_document_type(text: str, file: str) -> None:
         if tag is None and text.startswith("<!DOCTYPE", at):
             inside = text[at + len("<!DOCTYPE") : text.find(">", at)].split()
             if len(inside) > 1 or "[" in "".join(inside):
-                said = "a document type that defines or fetches something is refused"
+                message = "a document type that defines or fetches something is refused"
                 hint = "trees need no <!DOCTYPE …>: remove it, and write its entities out"
-                raise _fault(DOCUMENT_TYPE, said, text, at, file, hint, len("<!DOCTYPE"))
+                raise _syntax_error(DOCUMENT_TYPE, message, text, at, file, hint, len("<!DOCTYPE"))
 
 
-def _fault(
-    code: DiagnosticCode, said: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
+def _syntax_error(
+    code: DiagnosticCode, message: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
 ) -> XmlSyntaxError:
     place = span_at(text, offset, width)
     return XmlSyntaxError(
-        [Diagnostic(code, said, file, place.line, place.column, hint, place.source, place.width)]
+        [Diagnostic(code, message, file, place.line, place.column, hint, place.source, place.width)]
     )

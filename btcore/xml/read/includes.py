@@ -14,7 +14,7 @@ PackageResolver = Callable[[str], "str | Path | None"]
 
 
 def resolve_includes(
-    document: Document, faults: DiagnosticCollector, packages: PackageResolver | None = None
+    document: Document, diagnostics: DiagnosticCollector, packages: PackageResolver | None = None
 ) -> list[Document]:
     """The documents that *document* includes, however indirectly, and *document* itself, last.
 
@@ -23,13 +23,13 @@ def resolve_includes(
     """
     found: list[Document] = []
     seen: set[Path] = set()
-    _gather(document, faults, packages, found, seen, [])
+    _gather(document, diagnostics, packages, found, seen, [])
     return found
 
 
 def _gather(
     document: Document,
-    faults: DiagnosticCollector,
+    diagnostics: DiagnosticCollector,
     packages: PackageResolver | None,
     found: list[Document],
     seen: set[Path],
@@ -38,60 +38,62 @@ def _gather(
     own = [Path(document.file).resolve()] if document.file else []
     seen.update(own)
     for element in document.root.iterchildren("include"):
-        path = _path_of(document, element, faults, packages)
+        path = _path_of(document, element, diagnostics, packages)
         if path is None:
             continue
         resolved = path.resolve()
         if resolved in [*chain, *own]:
             circle = [*chain, *own][[*chain, *own].index(resolved) :]
             names = " → ".join(one.name for one in [*circle, resolved])
-            faults.add(
+            diagnostics.add(
                 document.diagnostic(INCLUDE_FAILED, f"the files include each other: {names}", element, "path")
             )
         elif resolved not in seen:
             try:
                 included = parse_file(path)
-            except XmlSyntaxError as fault:
-                _tell(fault, document, element, faults)
+            except XmlSyntaxError as error:
+                _tell(error, document, element, diagnostics)
                 seen.add(resolved)
             else:
-                _gather(included, faults, packages, found, seen, [*chain, *own])
+                _gather(included, diagnostics, packages, found, seen, [*chain, *own])
     found.append(document)
 
 
-def _tell(fault: XmlSyntaxError, document: Document, element: Element, faults: DiagnosticCollector) -> None:
-    for one in fault.diagnostics:
+def _tell(
+    error: XmlSyntaxError, document: Document, element: Element, diagnostics: DiagnosticCollector
+) -> None:
+    for one in error.diagnostics:
         if one.code != UNREADABLE_FILE:
-            faults.add(one)
+            diagnostics.add(one)
             continue
-        said = f"the included file '{one.file}': {one.message}"
-        faults.add(document.diagnostic(INCLUDE_FAILED, said, element, "path", hint=one.hint))
+        message = f"the included file '{one.file}': {one.message}"
+        diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=one.hint))
 
 
 def _path_of(
-    document: Document, element: Element, faults: DiagnosticCollector, packages: PackageResolver | None
+    document: Document, element: Element, diagnostics: DiagnosticCollector, packages: PackageResolver | None
 ) -> Path | None:
     written = element.get("path")
     if not written:
         hint = 'write <include path="other.xml"/>'
-        faults.add(document.diagnostic(INCLUDE_FAILED, "<include> names no file", element, hint=hint))
+        diagnostics.add(document.diagnostic(INCLUDE_FAILED, "<include> names no file", element, hint=hint))
         return None
     path = Path(written)
     package = element.get("ros_pkg")
     if package is None:
         return path if path.is_absolute() else document.folder / path
     if path.is_absolute():
-        said = f"ros_pkg '{package}' is ignored, as the path is absolute"
-        faults.add(document.diagnostic(IGNORED_PACKAGE, said, element, "ros_pkg"))
+        message = f"ros_pkg '{package}' is ignored, as the path is absolute"
+        diagnostics.add(document.diagnostic(IGNORED_PACKAGE, message, element, "ros_pkg"))
         return path
     folder = packages(package) if packages is not None else None
     if folder is None:
-        said = f"the ROS package '{package}' is not known"
+        message = f"the ROS package '{package}' is not known"
         hint = (
             "no resolver of packages was given: pass one, from a package's name to its share directory"
             if packages is None
             else "the resolver of packages does not know it"
         )
-        faults.add(document.diagnostic(INCLUDE_FAILED, said, element, "ros_pkg", hint=hint))
+        diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "ros_pkg", hint=hint))
         return None
     return Path(folder) / path

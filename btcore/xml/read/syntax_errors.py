@@ -83,21 +83,21 @@ _SAYINGS: Final = (
 )
 
 
-def diagnose_xml_error(fault: etree.XMLSyntaxError, lenient: EscapedText, text: str, file: str) -> Diagnostic:
-    """The diagnostic for *text*, which the parser refused with *fault*."""
+def diagnose_xml_error(error: etree.XMLSyntaxError, lenient: EscapedText, text: str, file: str) -> Diagnostic:
+    """The diagnostic for *text*, which the parser refused with *error*."""
     found = _unbalanced(text)
     if found is not None:
-        offset, width, said, hint = found
+        offset, width, message, hint = found
         place = span_at(text, offset, width)
-        return Diagnostic(NOT_XML, said, file, place.line, place.column, hint, place.source, place.width)
-    line, column = fault.position
+        return Diagnostic(NOT_XML, message, file, place.line, place.column, hint, place.source, place.width)
+    line, column = error.position
     at = lenient.to_original(_offset(lenient.text, line or 1, column or 1))
-    said, hint, anchor = _sentence(str(fault.msg))
+    message, hint, anchor = _sentence(str(error.msg))
     if "<" not in text and text.strip().lower().endswith((".xml", ".btproj")):
         hint = "if that is the path of a file, read it with btcore.load(path)"
     found_at = text.rfind(anchor, 0, at + 1) if anchor else -1
     place = span_at(text, found_at, len(anchor)) if found_at >= 0 else span_at(text, at)
-    return Diagnostic(NOT_XML, said, file, place.line, place.column, hint, place.source, place.width)
+    return Diagnostic(NOT_XML, message, file, place.line, place.column, hint, place.source, place.width)
 
 
 def _offset(text: str, line: int, column: int) -> int:
@@ -144,8 +144,8 @@ def _unbalanced(text: str) -> tuple[int, int, str, str] | None:
         opened, opened_at = open_tags.pop()
         if opened != name:
             place = span_at(text, opened_at)
-            said = f"</{name}> stands where <{opened}> is to be closed"
-            return at, width, said, f"<{opened}> was opened in line {place.line}, column {place.column}"
+            message = f"</{name}> stands where <{opened}> is to be closed"
+            return at, width, message, f"<{opened}> was opened in line {place.line}, column {place.column}"
     if open_tags:
         name, at = open_tags[-1]
         return at, len(name) + 1, f"<{name}> is never closed", f"write </{name}>, or <{name} … />"

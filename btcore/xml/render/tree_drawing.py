@@ -60,10 +60,10 @@ def diagram_of_tree(tree: Tree) -> DiagramNode:
     return of(tree.root)
 
 
-def diagram_of_document(examined: DocumentAnalysis) -> DiagramNode:
-    """The main tree of an *examined* document without errors, numbered as in a run of it."""
-    assert examined.main is not None, "a document without a main tree has errors"
-    return _Numbering(examined.planner).of_tree(examined.main.id)
+def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
+    """The main tree of the document in *analysis*, which has no errors, numbered as in a run of it."""
+    assert analysis.main is not None, "a document without a main tree has errors"
+    return _Numbering(analysis.planner).of_tree(analysis.main.id)
 
 
 def _direction(port: Port) -> str:
