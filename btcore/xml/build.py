@@ -220,11 +220,11 @@ class TreeInstantiator:
         """Two types for one entry: the port's, and the one that it was declared with."""
         if entry is None or entry.declared.same(port.type):
             return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, port.name)
-        kinds = f"is {port.type.name}, but its entry is {entry.declared.name}"
-        message = f"the port '{port.name}' of <{plan.id}> {kinds}"
+        types = f"has the type {port.type.name}, but its entry has the type {entry.declared.name}"
+        message = f"the port '{port.name}' of <{plan.id}> {types}"
         first = self.declared_by(entry)
-        by = f"it was declared by {first}" if first else "it was on the blackboard before the tree"
-        hint = f"{by}; the type of an entry never changes"
+        origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
+        hint = f"{origin}; the type of an entry never changes"
         return document.diagnostic(CONFLICTING_ENTRY_TYPES, message, plan.element, port.name, hint=hint)
 
     def _make(

@@ -1,4 +1,4 @@
-"""Warnings about one definition, and which leaves are only names so far."""
+"""Report warnings about nodes, name nodes in messages, and tell built-in nodes and stand-ins apart."""
 
 from dataclasses import replace
 from typing import Final
@@ -20,11 +20,13 @@ _STAND_INS: Final = (StubAction, StubCondition, StubControl, StubDecorator)
 
 
 class LintReporter:
-    """Takes the warnings, one of each sort a place: a tree that is called twice is one text."""
+    """Collects warnings, at most one per code and place: a tree that is called twice is checked twice."""
 
     def __init__(self, diagnostics: DiagnosticCollector) -> None:
         self.diagnostics = diagnostics
-        self._told = {(one.code, one.file, one.line, one.column) for one in diagnostics.warnings}
+        self._reported = {
+            (warning.code, warning.file, warning.line, warning.column) for warning in diagnostics.warnings
+        }
 
     def warn(
         self,
@@ -38,41 +40,50 @@ class LintReporter:
         within: int = 0,
         width: int = 0,
     ) -> None:
-        """Note a warning (or, by its *code*, an error) about *node*, or about one of its attributes.
+        """Add a warning (or, depending on *code*, an error) about *node* or one of its attributes.
 
-        For the place see :meth:`Document.span`; *width* is how many characters are meant from *within* on.
+        Args:
+            code: The diagnostic code.
+            message: What is wrong.
+            document: The document that contains *node*.
+            node: The node that the message is about.
+            attribute: The attribute that the message is about; "" means the node itself.
+            hint: How to fix the problem, or "".
+            part: Whether the place is the attribute's name or its value.
+            within: Number of the first character in the value, from 1; 0 means the whole value.
+            width: Number of characters to underline from *within* on; 0 means one.
         """
-        found = document.diagnostic(code, message, node.element, attribute, part, hint, within)
-        if width and found.width < width:
-            found = replace(found, width=width)
-        place = (code, found.file, found.line, found.column)
-        if place not in self._told:
-            self._told.add(place)
-            self.diagnostics.add(found)
+        diagnostic = document.diagnostic(code, message, node.element, attribute, part, hint, within)
+        if width and diagnostic.width < width:
+            diagnostic = replace(diagnostic, width=width)
+        place = (code, diagnostic.file, diagnostic.line, diagnostic.column)
+        if place not in self._reported:
+            self._reported.add(place)
+            self.diagnostics.add(diagnostic)
 
 
 def node_label(node: NodePlan) -> str:
-    """*node* as messages name it."""
+    """Return the text that names *node* in messages, such as ``<Sleep>`` or ``<SubTree ID="Dock">``."""
     if node.call is not None:
         return f'<SubTree ID="{node.call.tree}">'
     return f"<{node.id}>"
 
 
 def line_of(document: Document, node: NodePlan) -> str:
-    """``line 4``."""
+    """Return the line of *node* as text, such as ``line 4``."""
     return f"line {document.line(node.element)}"
 
 
 def is_stub(manifest: Manifest) -> bool:
-    """Whether the node is known by a model alone: what it does, and which ports it can do without, isn't."""
+    """Return whether the node is a stand-in made from a model: its results and optional ports are unknown."""
     return issubclass(manifest.cls, _STAND_INS)
 
 
 def is_built_in(manifest: Manifest) -> bool:
-    """Whether it is one of BehaviorTree.CPP's nodes, as btcore brings it."""
+    """Return whether the node is a built-in node of btcore."""
     return manifest.function is None and is_builtin_class(manifest.cls)
 
 
 def is_builtin_class(cls: type) -> bool:
-    """Whether *cls* is a built-in node or a base class of built-in nodes."""
+    """Return whether *cls* is a built-in node or a base class of built-in nodes."""
     return cls.__module__.startswith("btcore.nodes.")

@@ -30,29 +30,38 @@ from btcore.xml.plan.plan import TreePlanner, topological_order
 from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector
 
-# Which trees there are, and which is to be made, is no matter of a single tree.
+# Errors that leave a dry run of each tree possible. The first concerns the selection of the main tree only.
 _OF_THE_FILE: Final = frozenset({AMBIGUOUS_MAIN_TREE})
-# The tree can be made, and the keys of its ports told.
+# The tree can be built and the keys of its ports are known; only a tick fails.
 _OF_A_TICK: Final = frozenset({FIRST_TICK_REFUSED})
-# Format 3 makes the tree: only the node that reads the text refuses it.
+# In format 3 the tree is built; only the node that reads the text raises.
 _OF_A_READING: Final = frozenset({INCONVERTIBLE_TEXT})
-_ENDLESS: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
+# With these errors, following SubTree calls might not terminate in reasonable time.
+_UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
 
 
 def run_lint(
-    analysis: DocumentAnalysis, used: Collection[str], registry: Registry, given: Collection[str], asked: bool
+    analysis: DocumentAnalysis,
+    used: Collection[str],
+    registry: Registry,
+    given: Collection[str],
+    is_tree_requested: bool,
 ) -> None:
-    """Add warnings to the faults of *analysis*, and what the builder would refuse beyond them.
+    """Add warnings, and the errors that a dry run finds, to the diagnostics of *analysis*.
 
-    *used* are the trees that the main one leads to, *given* the keys that its blackboard comes with;
-    *asked* tells that the main tree was asked for, and isn't what the document itself says.
+    Args:
+        analysis: The analysed document.
+        used: IDs of the main tree and of the trees that it calls, directly or indirectly.
+        registry: The registered nodes.
+        given: Keys that the main tree's blackboard holds before the first tick.
+        is_tree_requested: Whether the caller selected the main tree, instead of the document.
     """
     planner, main, diagnostics = analysis
     reporter = LintReporter(diagnostics)
     enums = registry.types.enums
-    roots = [one for one in _roots(analysis, used) if _has_an_end(planner, one, diagnostics)]
+    roots = [root for root in _roots(analysis, used) if _is_bounded(planner, root, diagnostics)]
     models = subtree_models(planner.definitions.documents, planner.dialect, DiagnosticCollector())
-    bounded = not any(one.code in _ENDLESS for one in diagnostics.errors)
+    bounded = not any(error.code in _UNBOUNDED for error in diagnostics.errors)
     results = ResultAnalysis(planner, bounded)
     tree_keys = TreeKeys(planner, enums, bounded)
     for definition in planner.definitions.by_id.values():
@@ -67,30 +76,30 @@ def run_lint(
     for document in planner.definitions.documents:
         check_stray_text(document, diagnostics)
     names_main = planner.definitions.documents[-1].root.get("main_tree_to_execute") is not None
-    if main is not None and names_main and not asked:
+    if main is not None and names_main and not is_tree_requested:
         check_unused(planner, main, used, diagnostics)
     harmless = _OF_THE_FILE | _OF_A_TICK | (_OF_A_READING if planner.dialect.format == 3 else frozenset())
-    if any(one.code not in harmless for one in diagnostics.errors):
+    if any(error.code not in harmless for error in diagnostics.errors):
         return
     for root in roots:
         dry_run = DryRun(planner, root, registry)
-        for one in dry_run.run().errors:
-            diagnostics.add(one)
-        # A tree that says which ports it has is handed them by those that call it.
+        for error in dry_run.run().errors:
+            diagnostics.add(error)
+        # A subtree model declares ports that callers of the tree provide.
         check_keys(dry_run, root is main, {*given, *models.get(root.id, ())}, reporter)
         check_value_types(dry_run, enums, reporter)
 
 
 def _roots(analysis: DocumentAnalysis, used: Collection[str]) -> list[TreeDefinition]:
-    """The main tree, and those that no other leads to."""
+    """Return the main tree and the trees that no other tree calls."""
     planner, main, _ = analysis
-    others = [one for one in planner.definitions.by_id.values() if one.id not in used]
-    called = {node.call.tree for one in others for node in planner.plan(one).calls if node.call is not None}
-    return [*([main] if main is not None else []), *(one for one in others if one.id not in called)]
+    others = [tree for tree in planner.definitions.by_id.values() if tree.id not in used]
+    called = {node.call.tree for tree in others for node in planner.plan(tree).calls if node.call is not None}
+    return [*([main] if main is not None else []), *(tree for tree in others if tree.id not in called)]
 
 
-def _has_an_end(planner: TreePlanner, root: TreeDefinition, diagnostics: DiagnosticCollector) -> bool:
-    """Whether the tree is neither a circle nor too large, which goes to *diagnostics*."""
+def _is_bounded(planner: TreePlanner, root: TreeDefinition, diagnostics: DiagnosticCollector) -> bool:
+    """Return whether the tree is neither recursive nor too large; add an error to *diagnostics* if it is."""
     order = topological_order(planner, root, diagnostics)
     if order is None:
         return False

@@ -1,7 +1,7 @@
-"""Who writes and who reads each blackboard entry of a tree, across subtrees, remappings and scripts."""
+"""Find the writers and readers of each blackboard entry, across subtrees, remappings and scripts."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.registry.registry import Registry
@@ -13,8 +13,11 @@ from btcore.xml.plan.document_checks import DocumentAnalysis
 class DataflowAccess:
     """One place where an entry is used.
 
-    *node* is the node's name below the path of its subtree, *attribute* the port or script, *key* the
-    name that the entry has there; *where* is ``file:line``.
+    Attributes:
+        node: Path of the subtree and name of the node.
+        attribute: Name of the port or of the script attribute.
+        key: Name of the entry in the blackboard of that subtree.
+        where: ``file:line`` of the node.
     """
 
     node: str
@@ -25,9 +28,14 @@ class DataflowAccess:
 
 @dataclass(slots=True)
 class DataflowRow:
-    """One entry: the path of the subtree that it belongs to ("" = the main tree), its key and its type.
+    """One blackboard entry with its writers and readers.
 
-    *writers* and *readers* come in the order of the tree; a place that does both is in both.
+    Attributes:
+        scope: Path of the subtree whose blackboard holds the entry; "" for the main tree.
+        key: Name of the entry in that blackboard.
+        type: Name of the declared type, or "".
+        writers: Places that write the entry, in the order of the tree.
+        readers: Places that read the entry, in the order of the tree. A place can be in both lists.
     """
 
     scope: str
@@ -42,9 +50,13 @@ _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 
 
 def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[DataflowRow]:
-    """The entries of the main tree of the document in *analysis*, which has no errors, sorted by scope and key.
+    """Return the entries of the main tree, sorted by scope and key.
 
-    An entry that only a remapping names, and no node uses, is left out.
+    Entries that only a remapping names, and that no node uses, are left out.
+
+    Args:
+        analysis: The analysed document, without errors.
+        registry: The registered nodes.
     """
     assert analysis.main is not None, "a document without a main tree has errors"
     dry_run = DryRun(analysis.planner, analysis.main, registry)
@@ -67,12 +79,12 @@ def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[Dataf
 
 
 def _homes(paths: dict[Blackboard, str]) -> dict[Entry, tuple[str, str]]:
-    """The outermost scope that holds each entry, and the entry's name there."""
-    found: dict[Entry, tuple[str, str]] = {}
+    """Return for each entry the path of the outermost subtree that holds it, and its key there."""
+    homes: dict[Entry, tuple[str, str]] = {}
     for board, path in reversed(paths.items()):
         for key, entry in board.local_entries().items():
-            found.setdefault(entry, (path, key))
-    return found
+            homes.setdefault(entry, (path, key))
+    return homes
 
 
 def _access(use: EntryUse, path: str) -> DataflowAccess:
@@ -80,24 +92,21 @@ def _access(use: EntryUse, path: str) -> DataflowAccess:
     name = use.node.name or (call.tree if call is not None else use.node.id)
     full = f"{path}/{name}" if path else name
     if call is not None and use.attribute in call.constants:
-        full = path  # a constant is written into the blackboard inside, whose path is the node's
+        full = path  # a constant is written to the inner blackboard, whose path is that of the SubTree node
     where = f"{use.document.file or '<text>'}:{use.document.line(use.node.element)}"
     return DataflowAccess(full, use.attribute, use.key, where)
 
 
 def dataflow_to_dicts(rows: Iterable[DataflowRow]) -> list[dict[str, object]]:
-    """*rows* as plain data."""
-
-    def access(one: DataflowAccess) -> dict[str, str]:
-        return {"node": one.node, "attribute": one.attribute, "key": one.key, "where": one.where}
+    """Return *rows* as dictionaries, for JSON."""
 
     return [
         {
             "scope": row.scope,
             "key": row.key,
             "type": row.type,
-            "writers": [access(one) for one in row.writers],
-            "readers": [access(one) for one in row.readers],
+            "writers": [asdict(access) for access in row.writers],
+            "readers": [asdict(access) for access in row.readers],
         }
         for row in rows
     ]

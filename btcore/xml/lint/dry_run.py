@@ -1,7 +1,7 @@
-"""Connects all the ports of a tree without making its leaves, to see who would read and write what.
+"""Connect all ports of a tree without creating its leaves, and record the uses of each entry.
 
-It is the builder itself that does so, with the same blackboards: whatever it refuses is refused here in
-the same words, except for what only the leaves' own code can say.
+The dry run is the tree builder itself, with the same blackboards. It therefore reports the same errors
+in the same words, except for errors raised by the leaves' own code.
 """
 
 import enum
@@ -28,7 +28,11 @@ from btcore.xml.read.document import Document
 
 
 class AccessKind(enum.Enum):
-    """What is done with an entry: NAMES reads the name of the entry that is meant, ASSIGNS needs one."""
+    """How an entry is used.
+
+    READS_AS_KEY reads the name of another entry from it, ASSIGNS requires that the entry exists, and
+    MENTIONS neither reads nor writes it.
+    """
 
     READS = enum.auto()
     WRITES = enum.auto()
@@ -39,9 +43,10 @@ class AccessKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EntryUse:
-    """One place where *key* is used in *scope*: an attribute, or the word *within* its script.
+    """One place where *key* is used in *scope*: an attribute, or a name in its script.
 
-    *port* is None where a script, or a constant of a SubTree, does it.
+    *within* is the column of the name in the script, from 1, or 0. *port* is None if a script or a
+    constant of a SubTree uses the key.
     """
 
     access: AccessKind
@@ -56,10 +61,13 @@ class EntryUse:
 
 
 class DryRun(TreeInstantiator):
-    """One tree, all but made. After :meth:`run`, *uses* has every entry and what is done with it.
+    """A dry run of one tree. Call :meth:`run` to fill the attributes.
 
-    *opaque* tells that a leaf, or a script that is not written here, may use entries unseen;
-    *has_stubs* that the enums, too, may be known elsewhere.
+    Attributes:
+        uses: Every entry with the places that use it.
+        has_untracked_access: Whether a leaf, or a script read from an entry, may use any entry.
+        has_stubs: Whether the tree has stand-ins, so that enums may be missing from the registry.
+        entrances: The SubTree node that each inner blackboard belongs to.
     """
 
     def __init__(self, planner: TreePlanner, main: TreeDefinition, registry: Registry) -> None:
@@ -68,20 +76,20 @@ class DryRun(TreeInstantiator):
         self.has_untracked_access = False
         self.has_stubs = False
         self.entrances: dict[Blackboard, EntryUse] = {}
-        self._met: list[EntryUse] = []
+        self._found: list[EntryUse] = []
 
     def run(self) -> DiagnosticCollector:
-        """Connect everything; what the builder would refuse."""
+        """Connect all ports. Returns the errors that the builder would report."""
         self._instance(self._planner.plan(self._main), "", self._blackboard)
-        for use in self._met:
+        for use in self._found:
             entry = self._entry(use)
             if entry is not None:
                 self.uses.setdefault(entry, []).append(use)
-        # Where an entry says which one is written, that may be any.
-        named = [
-            uses for uses in self.uses.values() if any(use.access is AccessKind.READS_AS_KEY for use in uses)
-        ]
-        self.has_untracked_access = self.has_untracked_access or any(has_writer(uses) for uses in named)
+        # The value of an entry that holds a key is unknown: the write may go to any entry.
+        self.has_untracked_access = self.has_untracked_access or any(
+            has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
+            for uses in self.uses.values()
+        )
         return self._diagnostics
 
     @property
@@ -91,24 +99,24 @@ class DryRun(TreeInstantiator):
 
     @property
     def subtrees(self) -> list[Subtree]:
-        """The scopes, the main tree's first."""
+        """The subtrees with their blackboards, the main tree first."""
         return self._subtrees
 
     @property
     def format(self) -> int:
-        """3 or 4."""
+        """The format of the tree: 3 or 4."""
         return self._format
 
     def _entry(self, use: EntryUse) -> Entry | None:
-        found = use.scope.find(use.key)
-        if found is not None:
-            return found
+        entry = use.scope.find(use.key)
+        if entry is not None:
+            return entry
         try:
             return use.scope.create(use.key)
         except BlackboardError:
-            return None  # a key with two @, which the builder has refused
+            return None  # a key with two @, which the builder has reported
 
-    # --- what the builder does, and what is noted of it
+    # --- steps of the builder, each recording the entries that it uses
 
     def _make(
         self,
@@ -123,20 +131,20 @@ class DryRun(TreeInstantiator):
             return TreeNode()
         for bound in config.inputs.values():
             if bound.port.role in SCRIPT_ROLES and bound.key is not None:
-                return TreeNode()  # it compiles what the blackboard comes with
+                return TreeNode()  # it would compile a script from the blackboard, which is empty here
         return super()._make(plan, manifest, config, document, blackboard, children)
 
     def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
         super()._ports(plan, config, document, blackboard)
         for port, text, written in plan.ports:
-            self._met += self._of_port(plan, port, text, written, document, blackboard)
+            self._found += self._uses_of_port(plan, port, text, written, document, blackboard)
         for attribute, text in plan.scripts.items():
             self._script(plan, attribute, text, document, blackboard)
         if plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(plan.manifest)
             self.has_stubs = self.has_stubs or is_stub(plan.manifest)
 
-    def _of_port(
+    def _uses_of_port(
         self, plan: NodePlan, port: Port, text: str, written: bool, document: Document, board: Blackboard
     ) -> Iterator[EntryUse]:
         key = remapped_key(text, port.name, self._format)
@@ -162,19 +170,19 @@ class DryRun(TreeInstantiator):
                 how.append(AccessKind.READS)
             if writes and (written or self._format == 4):
                 how.append(AccessKind.WRITES)
-        for one in how if key else ():
-            yield EntryUse(one, key or "", board, document, plan, port.name, 0, port, port.type)
+        for access in how if key else ():
+            yield EntryUse(access, key or "", board, document, plan, port.name, 0, port, port.type)
 
     def _script(
         self, plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard
     ) -> None:
         try:
-            found = find_name_uses(text, self._enums)
+            names = find_name_uses(text, self._enums)
         except ScriptError:
-            return  # said already
-        for one in found:
-            self._met.append(
-                EntryUse(_HOW[one.access], one.name, board, document, plan, attribute, one.column)
+            return  # check_scripts has reported it
+        for use in names:
+            self._found.append(
+                EntryUse(_HOW[use.access], use.name, board, document, plan, attribute, use.column)
             )
 
     def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
@@ -184,9 +192,9 @@ class DryRun(TreeInstantiator):
         if inner is not outer:
             self.entrances[inner] = EntryUse(AccessKind.MENTIONS, call.tree, outer, document, plan, "ID")
             for key in call.constants:
-                self._met.append(EntryUse(AccessKind.WRITES, key, inner, document, plan, key))
+                self._found.append(EntryUse(AccessKind.WRITES, key, inner, document, plan, key))
             for key, outside in call.remaps.items():
-                self._met.append(EntryUse(AccessKind.MENTIONS, outside, outer, document, plan, key))
+                self._found.append(EntryUse(AccessKind.MENTIONS, outside, outer, document, plan, key))
         return inner
 
 
@@ -203,13 +211,15 @@ _HOW = {
 
 
 def has_writer(uses: Sequence[EntryUse]) -> bool:
-    """Whether anything writes the entry of *uses*."""
+    """Return whether one of the *uses* writes the entry."""
     return any(use.access in (AccessKind.WRITES, AccessKind.ASSIGNS) for use in uses)
 
 
 def uses_whole_blackboard(manifest: Manifest) -> bool:
-    """Whether the leaf asks for the blackboard itself, and may use any entry."""
+    """Return whether a parameter of the leaf is the blackboard itself, so that it may use any entry."""
     return any(
-        one.port is None and isinstance(one.resource_type, type) and issubclass(one.resource_type, Blackboard)
-        for one in manifest.parameters
+        parameter.port is None
+        and isinstance(parameter.resource_type, type)
+        and issubclass(parameter.resource_type, Blackboard)
+        for parameter in manifest.parameters
     )

@@ -1,4 +1,4 @@
-"""W206: values that the type of an entry is certain to refuse."""
+"""W206: writes of a value that certainly doesn't convert to the entry's type."""
 
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import PortRole
@@ -12,7 +12,13 @@ from btcore.xml.lint.script_analysis import is_constant, parse_statements
 
 
 def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintReporter) -> None:
-    """Warn of the writes that raise whenever they happen, and of constants that their readers can't read."""
+    """Warn about writes that always raise, and about constants that the reading ports can't convert.
+
+    Args:
+        dry_run: A completed dry run of the tree.
+        enums: Values of the registered enum names.
+        reporter: Collects the warnings.
+    """
     for entry, uses in dry_run.uses.items():
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None and use.value_type is not None:
@@ -22,10 +28,10 @@ def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintRepo
         _constant(uses, entry, reporter)
 
 
-def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, what: str, reporter: LintReporter) -> None:
-    message = f"{what}, but the entry '{use.key}' is {entry.declared.name}: every write raises"
-    by = dry_run.declared_by(entry)
-    hint = f"it was declared by {by}; the type of an entry never changes" if by else ""
+def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: LintReporter) -> None:
+    message = f"{write}, but the entry '{use.key}' has the type {entry.declared.name}: every write raises"
+    declaration = dry_run.declared_by(entry)
+    hint = f"declared by {declaration}; the type of an entry never changes" if declaration else ""
     reporter.warn(
         REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint, within=use.within
     )
@@ -38,12 +44,12 @@ def _port(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) 
     if use.port.role is PortRole.WRITTEN_ENTRY:
         _copied_text(dry_run, entry, use, reporter)
     elif entry.declared is STRING and kind.strong and not issubclass(kind.python_type, str):
-        what = f"the port '{use.attribute}' of {node_label(use.node)} writes {kind.name}"
-        _warn(dry_run, entry, use, what, reporter)
+        write = f"the port '{use.attribute}' of {node_label(use.node)} writes {kind.name}"
+        _warn(dry_run, entry, use, write, reporter)
 
 
 def _copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
-    """The text that a SetBlackboard writes."""
+    """Warn if the literal that a SetBlackboard writes doesn't convert to the type of the entry."""
     written = [bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE]
     if not written or written[0].key is not None or not entry.declared.strong:
         return
@@ -57,28 +63,32 @@ def _copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintRep
 def _script(
     dry_run: DryRun, entry: Entry, use: EntryUse, enums: dict[str, int], reporter: LintReporter
 ) -> None:
-    """A constant that a script assigns."""
+    """Warn if a constant that a script assigns doesn't convert to the type of the entry."""
     if not entry.declared.strong or entry.value is not None:
         return
     text = str(use.node.element.get(use.attribute) or "")
     try:
-        found = parse_statements(text, enums)
+        statements = parse_statements(text, enums)
     except ScriptError:
         return
-    for one in found:
-        target = one.target if isinstance(one, Assignment) else None
-        if not isinstance(one, Assignment) or not isinstance(target, Name) or target.column != use.within:
+    for statement in statements:
+        if not isinstance(statement, Assignment) or not isinstance(statement.target, Name):
             continue
-        if one.operator in (":=", "=") and is_constant(one.value, enums):
+        if statement.target.column != use.within:
+            continue
+        if statement.operator in (":=", "=") and is_constant(statement.value, enums):
+            # The blackboard itself does the conversion; its entry is emptied again below.
             try:
-                one.evaluate(use.scope)
+                statement.evaluate(use.scope)
             except BtcoreError as error:
-                message = (
-                    f"the script in '{use.attribute}' of {node_label(use.node)} raises whenever it runs: "
-                )
+                message = f"the script in '{use.attribute}' of {node_label(use.node)} always raises: "
                 message += error.message if isinstance(error, ScriptError) else str(error)
-                by = dry_run.declared_by(entry)
-                hint = f"'{use.key}' is {entry.declared.name}, declared by {by}" if by else ""
+                declaration = dry_run.declared_by(entry)
+                hint = (
+                    f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
+                    if declaration
+                    else ""
+                )
                 reporter.warn(
                     REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint,
                     within=use.within, width=len(use.key),
@@ -88,12 +98,12 @@ def _script(
 
 
 def _constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
-    """A text that a SubTree element gives, and that a port of the inner tree can't read."""
-    writing = [use for use in uses if use.access in (AccessKind.WRITES, AccessKind.ASSIGNS)]
-    given = [use for use in writing if use.node.call is not None and not use.within]
-    if len(given) != 1 or len(writing) != 1 or not isinstance(entry.value, str):
+    """Warn if a port of an inner tree can't convert the constant that the SubTree element passes."""
+    writers = [use for use in uses if use.access in (AccessKind.WRITES, AccessKind.ASSIGNS)]
+    constants = [use for use in writers if use.node.call is not None and not use.within]
+    if len(constants) != 1 or len(writers) != 1 or not isinstance(entry.value, str):
         return
-    use = given[0]
+    use = constants[0]
     for reader in uses:
         kind = reader.value_type
         if reader.access is not AccessKind.READS or kind is None or not kind.strong or not kind.converts:
@@ -101,10 +111,9 @@ def _constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> Non
         try:
             kind.from_text(entry.value)
         except ConversionError as error:
-            message = f"'{use.key}' of {node_label(use.node)} is given the text '{entry.value}': {error}"
-            port = f"the port '{reader.attribute}' of {node_label(reader.node)}"
-            hint = f"{port} reads it as {kind.name}; for an entry write {{{entry.value}}}"
-            if not entry.value.isidentifier():
-                hint = f"{port} reads it as {kind.name}"
+            message = f"'{use.key}' of {node_label(use.node)} is the text '{entry.value}': {error}"
+            hint = f"the port '{reader.attribute}' of {node_label(reader.node)} reads it as {kind.name}"
+            if entry.value.isidentifier():
+                hint += f"; to pass the entry, write {{{entry.value}}}"
             reporter.warn(REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint)
             return

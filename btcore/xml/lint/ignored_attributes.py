@@ -1,4 +1,4 @@
-"""W212: attributes that are no port, for want of a name that one may have."""
+"""W212: attributes that are ignored because their name is not a valid port name."""
 
 from btcore.diagnostic_codes import IGNORED_ATTRIBUTE
 from btcore.names import port_name_error
@@ -8,14 +8,14 @@ from btcore.xml.plan.plan import TreePlan
 
 
 def check_ignored(plan: TreePlan, reporter: LintReporter) -> None:
-    """Warn of the attributes in *plan* that are read by nobody; those with an underscore are meant so."""
+    """Warn about attributes in *plan* that are ignored, except for names that begin with an underscore."""
     document = plan.definition.document
     for node in nodes_of(plan):
         for key in node.attributes:
             if key[0] != "_" and key not in ("ID", "name"):
-                why = port_name_error(key)
+                reason = port_name_error(key)
                 message = (
-                    f"the attribute '{key}' of {node_label(node)} is ignored: it can't be a port, as {why}"
+                    f"the attribute '{key}' of {node_label(node)} is ignored: invalid port name ({reason})"
                 )
-                hint = "give the port another name, also where it is registered"
+                hint = "rename the port, here and in the code that registers it"
                 reporter.warn(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")

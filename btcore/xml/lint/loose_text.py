@@ -1,4 +1,4 @@
-"""W108: text between the elements of a tree, which nobody reads."""
+"""W108: text between the elements of a tree, which is ignored."""
 
 import re
 from collections.abc import Iterator
@@ -15,12 +15,12 @@ _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTA
 
 
 def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> None:
-    """Warn of every stretch of text in the trees of *document*, and between them."""
+    """Warn about each text between the elements of *document*, in its trees and between them."""
     for start, text in _loose(document.text):
         place = span_at(document.text, start, len(text))
         shown = text if len(text) <= 40 else f"{text[:39]}…"
-        message = f"the text {shown!r} stands between the elements of a tree, and is ignored"
-        hint = "what a node is given stands in its attributes; what is for readers: <!-- … -->"
+        message = f"the text {shown!r} between the elements of a tree is ignored"
+        hint = "pass values to a node in its attributes; write comments as <!-- … -->"
         diagnostics.add(
             Diagnostic(
                 LOOSE_TEXT, message, document.file, place.line, place.column, hint, place.source, place.width
@@ -29,8 +29,9 @@ def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> No
 
 
 def _loose(text: str) -> Iterator[tuple[int, str]]:
-    """Each stretch of text, and where it begins."""
-    bare = _OPAQUE.sub(lambda found: " " * len(found[0]), text)
+    """Yield the offset and the text of each text between elements."""
+    # Blanks of the same length keep the offsets.
+    bare = _OPAQUE.sub(lambda match: " " * len(match[0]), text)
     around: list[str] = []
     for at, tag in iter_markup(bare):
         end = tag.end() if tag is not None else bare.find(">", at) + 1
@@ -39,7 +40,7 @@ def _loose(text: str) -> Iterator[tuple[int, str]]:
                 around.pop()
         elif not tag[0].endswith("/>"):
             around.append(tag[1])
-        # The texts of models are descriptions.
+        # Text inside a TreeNodesModel is a description.
         if around == ["root"] or around[1:2] == ["BehaviorTree"]:
             following = bare.find("<", end)
             stretch = bare[end:following]

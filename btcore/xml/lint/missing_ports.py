@@ -1,4 +1,4 @@
-"""W202: ports that a node can't do without, and the tree doesn't give."""
+"""W202: required ports that are missing."""
 
 from btcore.blackboard.ports import LOAD_TIME_ROLES, UNSET, Port
 from btcore.diagnostic_codes import EMPTY_PORT
@@ -12,7 +12,7 @@ from btcore.xml.plan.plan import TreePlan
 
 
 def check_missing_ports(plan: TreePlan, reporter: LintReporter) -> None:
-    """Warn of the nodes of *plan* that raise as soon as they use a port."""
+    """Warn about the nodes of *plan* that raise as soon as they use a missing port."""
     document = plan.definition.document
     for node in nodes_of(plan):
         manifest = node.manifest
@@ -20,7 +20,7 @@ def check_missing_ports(plan: TreePlan, reporter: LintReporter) -> None:
             continue
         given = {port.name for port, _, _ in node.ports}
         if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
-            continue  # a port that the node doesn't have: most probably the one that is missing
+            continue  # reported as an unknown port, which is probably a misspelt required port
         missing = [
             port for port in manifest.ports.values() if port.name not in given and is_required(manifest, port)
         ]
@@ -28,22 +28,22 @@ def check_missing_ports(plan: TreePlan, reporter: LintReporter) -> None:
             continue
         names = join_names([f"'{port.name}'" for port in missing])
         if len(missing) == 1:
-            message = f"<{node.id}> is not given the port {names}, which has no default"
+            message = f"the port {names} of <{node.id}> is missing and has no default"
         else:
-            message = f"<{node.id}> is not given the ports {names}, which have no default"
-        given_as = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
-        hint = "write " + " ".join(given_as)
+            message = f"the ports {names} of <{node.id}> are missing and have no default"
+        examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
+        hint = "write " + " ".join(examples)
         reporter.warn(EMPTY_PORT, message, document, node, hint=hint)
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:
-    """Whether the node of *manifest* raises without *port*."""
-    # Making a node without what it looks at then is an error, which is reported already.
+    """Return whether the node of *manifest* raises without *port*."""
+    # A missing port with a load-time role is an error of the builder (E205).
     if port.default is not None or port.value is not UNSET or port.optional or port.role in LOAD_TIME_ROLES:
         return False
     if is_built_in(manifest):
         return port.reads
-    # A leaf that lists its ports may look whether they are there.
+    # A leaf that lists its ports in provided_ports may check whether an output is connected.
     attribute = getattr(manifest.cls, port.name, None)
     listed = manifest.function is None and not isinstance(attribute, PortAttribute)
     return port.reads or not listed

@@ -1,4 +1,4 @@
-"""What a node may result in, as far as that is certain, and whether it may do so in its first tick."""
+"""Infer the results that a node may return, in any tick and in its first tick."""
 
 from typing import Final
 
@@ -11,10 +11,10 @@ _DECLARATIONS: Final = frozenset({"possible_results", "may_return", "continue_on
 
 
 def behaviour_of(cls: type[TreeNode]) -> type[TreeNode]:
-    """The class whose declarations about results hold for *cls*.
+    """Return the class whose declarations about results apply to *cls*.
 
-    A user's class derived from a built-in node may do something else in its ticks: unless it declares its
-    results, it is taken for any node of its kind.
+    A user's class that derives from a built-in node may override its tick. Unless the user's class
+    declares its results, only the base class of its kind (leaf, control, decorator) is trusted.
     """
     parents = cls.__mro__
     first = next((index for index, base in enumerate(parents) if is_builtin_class(base)), 0)
@@ -24,7 +24,12 @@ def behaviour_of(cls: type[TreeNode]) -> type[TreeNode]:
 
 
 def infer_results(node: NodePlan, children: list[PossibleResults]) -> PossibleResults:
-    """What *node* may result in without its conditions; *children* are the results of its children."""
+    """Return the possible results of *node* without its pre-conditions.
+
+    Args:
+        node: The node.
+        children: The possible results of its children, in order.
+    """
     manifest = node.manifest
     if manifest is None or is_stub(manifest):
         return UNKNOWN_RESULTS
@@ -40,7 +45,12 @@ def infer_results(node: NodePlan, children: list[PossibleResults]) -> PossibleRe
 
 
 def with_conditions(node: NodePlan, bare: PossibleResults) -> PossibleResults:
-    """*bare* with what the conditions of *node* may make of it."""
+    """Return the possible results of *node* with its pre-conditions.
+
+    Args:
+        node: The node.
+        bare: The possible results without pre-conditions.
+    """
     early = {
         result
         for attribute, result in (

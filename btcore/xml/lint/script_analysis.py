@@ -1,4 +1,4 @@
-"""Which entries a script reads and writes, and which of its statements can't but raise."""
+"""Find the entries that a script reads and writes, and the statements that always raise."""
 
 import enum
 from collections.abc import Iterator, Mapping
@@ -21,7 +21,7 @@ CREATING: Final = ":="
 
 
 class NameAccess(enum.Enum):
-    """What a script does with a name: ``:=`` makes an entry, ``=`` and ``+=`` need one."""
+    """How a script uses a name: ``:=`` creates an entry, ``=`` and ``+=`` require that it exists."""
 
     READ = enum.auto()
     MADE = enum.auto()
@@ -29,7 +29,7 @@ class NameAccess(enum.Enum):
 
 
 class NameUse(NamedTuple):
-    """One name in a script, in *column* (from 1)."""
+    """One use of a name in a script; *column* counts from 1."""
 
     access: NameAccess
     name: str
@@ -37,27 +37,42 @@ class NameUse(NamedTuple):
 
 
 def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
-    """The statements of a script. Raises ScriptError."""
+    """Parse a script into statements.
+
+    Args:
+        text: The script.
+        enums: Values of the registered enum names.
+
+    Raises:
+        ScriptError: *text* is not a valid script.
+    """
     return Parser(text, enums).statements()
 
 
 def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
-    """Every entry that the script *text* names, in the order in which it gets to them. Raises ScriptError."""
-    found: list[NameUse] = []
-    for part in (
-        one for statement in parse_statements(text, enums) for one in iter_subexpressions(statement)
-    ):
-        if isinstance(part, Assignment) and isinstance(part.target, Name):
-            target = part.target
-            how = NameAccess.MADE if part.operator == CREATING else NameAccess.ASSIGNED
-            found.append(NameUse(how, target.name, target.column))
-        elif isinstance(part, Name) and part.name not in enums:
-            found.append(NameUse(NameAccess.READ, part.name, part.column))
-    return found
+    """Return every use of an entry in a script, in the order of evaluation.
+
+    Args:
+        text: The script.
+        enums: Values of the registered enum names, which are no entries.
+
+    Raises:
+        ScriptError: *text* is not a valid script.
+    """
+    uses: list[NameUse] = []
+    for statement in parse_statements(text, enums):
+        for part in iter_subexpressions(statement):
+            if isinstance(part, Assignment) and isinstance(part.target, Name):
+                target = part.target
+                access = NameAccess.MADE if part.operator == CREATING else NameAccess.ASSIGNED
+                uses.append(NameUse(access, target.name, target.column))
+            elif isinstance(part, Name) and part.name not in enums:
+                uses.append(NameUse(NameAccess.READ, part.name, part.column))
+    return uses
 
 
 def iter_subexpressions(whole: Expression) -> Iterator[Expression]:
-    """*whole* and all that it is made of, but for the names that it assigns to."""
+    """Yield *whole* and all expressions in it, except for the names that it assigns to."""
     pending = [whole]
     while pending:
         part = pending.pop()
@@ -78,7 +93,7 @@ def _inner(part: Expression) -> list[Expression]:
 
 
 def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
-    """Whether it has the same value whatever the blackboard holds."""
+    """Return whether *expression* has the same value for any content of the blackboard."""
     return all(
         not isinstance(part, Assignment) and (not isinstance(part, Name) or part.name in enums)
         for part in iter_subexpressions(expression)
@@ -86,19 +101,24 @@ def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
 
 
 def constant_value(expression: Expression) -> object:
-    """The value of a constant expression. Raises ScriptError."""
+    """Return the value of a constant expression. Raises ScriptError if its evaluation fails."""
     return expression.evaluate(Blackboard())
 
 
 def find_certain_error(text: str, enums: Mapping[str, int]) -> ScriptError | None:
-    """What any run of the script *text* raises, whatever the blackboard holds; None if nothing is certain.
+    """Return the error that every run of a script raises, or None if no error is certain.
 
-    Raises ScriptError if it can't be parsed.
+    Args:
+        text: The script.
+        enums: Values of the registered enum names.
+
+    Raises:
+        ScriptError: *text* is not a valid script.
     """
     for statement in parse_statements(text, enums):
         for part in iter_subexpressions(statement):
             if isinstance(part, Assignment) and not isinstance(part.target, Name):
-                return part.fault(f"only the name of an entry can stand before '{part.operator}'")
+                return part.fault(f"the left side of '{part.operator}' is not the name of an entry")
         value = statement.value if isinstance(statement, Assignment) else statement
         if is_constant(value, enums):
             try:

@@ -1,4 +1,4 @@
-"""W207, W208: scripts that can't but raise, and conditions that assign where they should compare."""
+"""W207, W208: scripts that always raise, and conditions that assign instead of comparing."""
 
 from collections.abc import Iterator, Mapping
 
@@ -20,27 +20,33 @@ from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
 
 
 def check_script_results(plan: TreePlan, enums: Mapping[str, int], reporter: LintReporter) -> None:
-    """Warn of the scripts of *plan* whose result is certain to be of no use."""
+    """Warn about scripts of *plan* that always raise, or whose result is no valid condition.
+
+    Args:
+        plan: The tree to check.
+        enums: Values of the registered enum names.
+        reporter: Collects the warnings.
+    """
     document = plan.definition.document
     for node in nodes_of(plan):
-        for attribute, text, decides in _scripts(node):
+        for attribute, text, is_condition in _scripts(node):
             try:
                 error = find_certain_error(text, enums)
                 last = parse_statements(text, enums)[-1]
             except ScriptError:
-                continue  # said already
+                continue  # check_scripts has reported it
             if error is not None:
                 where = f"'{attribute}' of {node_label(node)}"
-                message = f"the script in {where} raises whenever it runs: {error.message}"
+                message = f"the script in {where} always raises: {error.message}"
                 reporter.warn(
                     SCRIPT_RAISES, message, document, node, attribute, within=error.column, width=error.width
                 )
-            elif decides:
-                _decision(node, attribute, last, enums, plan, reporter)
+            elif is_condition:
+                _check_condition(node, attribute, last, enums, plan, reporter)
 
 
 def _scripts(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
-    """Each script of *node*: its attribute, its text, and whether its result decides something."""
+    """Yield attribute, text, and whether the result is a condition, for each script of *node*."""
     for attribute, text in node.scripts.items():
         yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
     for bound in node.bindings:
@@ -48,7 +54,7 @@ def _scripts(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
             yield bound.name, bound.text, bound.port.role is PortRole.CONDITION
 
 
-def _decision(
+def _check_condition(
     node: NodePlan,
     attribute: str,
     last: Expression,
@@ -56,12 +62,10 @@ def _decision(
     plan: TreePlan,
     reporter: LintReporter,
 ) -> None:
-    """Look at the statement whose value is the result of a condition."""
+    """Check *last*, the statement of a condition whose value is the result."""
     document = plan.definition.document
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
-        message = (
-            f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}', and does not compare it"
-        )
+        message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
         hint = f"to compare, write {last.target.name} == …"
         reporter.warn(
             CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
@@ -74,13 +78,13 @@ def _decision(
     try:
         condition_result(result)
     except ScriptError:
-        asked = f"'{attribute}' of {node_label(node)} raises whenever it is asked"
+        failure = f"'{attribute}' of {node_label(node)} always raises"
         if isinstance(result, str):
-            message = f"{asked}: its result is the text '{result}'"
+            message = f"{failure}: its result is the text '{result}'"
             hint = f"write {result} without quotes" if result in ("true", "false") else "compare the text"
         else:
-            message = f"{asked}: its result is {result}, neither true nor false"
-            hint = "0 and 1 are, and reals from 0 up; or compare it with something"
+            message = f"{failure}: its result is {result}, neither true nor false"
+            hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
         reporter.warn(
             SCRIPT_RAISES, message, document, node, attribute, hint, within=value.column, width=value.width
         )

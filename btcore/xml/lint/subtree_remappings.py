@@ -1,4 +1,4 @@
-"""W204, W205: attributes of SubTree elements that lead nowhere."""
+"""W204, W205: attributes of SubTree elements that have no effect."""
 
 from collections.abc import Mapping
 
@@ -16,9 +16,9 @@ _OF_THE_ELEMENT = ("name", "_description")
 
 
 class TreeKeys:
-    """The keys that each tree uses in its own blackboard; None for a tree that may use any.
+    """The keys that each tree uses in its own blackboard; None for a tree that may use any key.
 
-    *bounded* tells that the trees have an end, so that they may be followed into those that they call.
+    *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
     """
 
     def __init__(self, planner: TreePlanner, enums: Mapping[str, int], bounded: bool) -> None:
@@ -29,59 +29,59 @@ class TreeKeys:
         self._known: dict[str, set[str] | None] = {}
 
     def keys_of(self, tree: str) -> set[str] | None:
-        """The keys of *tree*, those that it shares with the trees that it calls too."""
+        """Return the keys of *tree*, including keys of called trees that share its blackboard."""
         if tree not in self._known:
-            self._known[tree] = None
+            self._known[tree] = None  # while it is being computed
             definition = self._planner.definitions.by_id.get(tree)
             if definition is not None:
                 self._known[tree] = self._of(self._planner.plan(definition))
         return self._known[tree]
 
     def _of(self, plan: TreePlan) -> set[str] | None:
-        found: set[str] = set()
+        keys: set[str] = set()
         for node in nodes_of(plan):
             own = self._of_call(node) if node.call is not None else self._of_node(node)
             if own is None:
                 return None
             for text in node.scripts.values():
                 own |= self._of_script(text)
-            found |= own
-        return found
+            keys |= own
+        return keys
 
     def _of_node(self, node: NodePlan) -> set[str] | None:
         manifest = node.manifest
         if manifest is None or uses_whole_blackboard(manifest):
             return None
-        found: set[str] = set()
+        keys: set[str] = set()
         for port, text, _ in node.ports:
             key = remapped_key(text, port.name, self._format)
             is_script = port.role in SCRIPT_ROLES
             if key is not None:
                 if is_script:
-                    return None
-                found.add(key)
+                    return None  # a script from an entry may use any key
+                keys.add(key)
             elif is_script:
-                found |= self._of_script(text)
+                keys |= self._of_script(text)
             elif port.role in KEY_ROLES or (port.writes and self._format == 3):
-                found.add(text)
-        return found
+                keys.add(text)
+        return keys
 
     def _of_script(self, text: str) -> set[str]:
         try:
-            return {one.name for one in find_name_uses(text, self._enums)}
+            return {use.name for use in find_name_uses(text, self._enums)}
         except ScriptError:
             return set()
 
     def _of_call(self, node: NodePlan) -> set[str] | None:
         call = node.call
         assert call is not None
-        found = {outside for key, outside in call.remaps.items() if key not in _OF_THE_ELEMENT}
+        keys = {outer for key, outer in call.remaps.items() if key not in _OF_THE_ELEMENT}
         if call.shared or call.autoremap or call.legacy_autoremap:
             inner = self.keys_of(call.tree) if self._bounded else None
             if inner is None:
                 return None
-            found |= inner - call.remaps.keys() - call.constants.keys()
-        return found
+            keys |= inner - call.remaps.keys() - call.constants.keys()
+        return keys
 
 
 def check_remaps(
@@ -90,7 +90,14 @@ def check_remaps(
     models: Mapping[str, Mapping[str, str | None]],
     reporter: LintReporter,
 ) -> None:
-    """Warn of what *plan* hands to its subtrees in vain; *models* are the ports that they declare."""
+    """Warn about attributes of the SubTree elements in *plan* that the called trees don't use.
+
+    Args:
+        plan: The tree to check.
+        tree_keys: The keys that each tree uses.
+        models: The ports that subtree models declare, by ID of the tree.
+        reporter: Collects the warnings.
+    """
     document = plan.definition.document
     for node in plan.calls:
         call = node.call
@@ -106,23 +113,20 @@ def check_remaps(
                 and call.remaps.get(key) == text
                 and remapped_key(text, key, 3) is not None
             ):
-                message = (
-                    f"in format 3 {node_label(node)} takes bare keys: with braces '{key}' leads to nothing"
-                )
+                message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
                 hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
                 reporter.warn(BRACES_IN_FORMAT_3, message, document, node, key, hint)
             if used is None or key in used or key in declared or node.element.get(key) is None:
                 continue
-            message = f"{node_label(node)} is given '{key}', but no port or script in that tree uses it"
-            reporter.warn(
-                USELESS_REMAPPING, message, document, node, key, _cure(key, used, call.written), part="name"
-            )
+            message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
+            hint = _unused_key_hint(key, used, call.written)
+            reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 
 
-def _cure(key: str, used: set[str], written: Mapping[str, str]) -> str:
+def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:
     free = sorted(name for name in used if name not in written and not name.startswith("@"))
     near = nearest_name(key, free)
     if near is not None:
         return f"did you mean '{near}'?"
-    names = join_names([f"'{one}'" for one in sorted(used)])
+    names = join_names([f"'{name}'" for name in sorted(used)])
     return f"its keys are {names}" if names else "it uses no keys"

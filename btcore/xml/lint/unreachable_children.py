@@ -1,4 +1,4 @@
-"""W105, W106: children that no tick ever gets to, and reactive nodes whose children halt each other."""
+"""W105, W106: children that are never ticked, and reactive nodes whose children halt each other."""
 
 from typing import Final
 
@@ -15,9 +15,9 @@ _WORD: Final = {SUCCESS: "succeeds", FAILURE: "fails"}
 
 
 class ResultAnalysis:
-    """The outlook of every node of a document, found when it is asked for.
+    """The possible results of the nodes of a document, computed on first use.
 
-    *bounded* tells that the trees have an end, so that they may be followed into those that they call.
+    *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
     """
 
     def __init__(self, planner: TreePlanner, bounded: bool) -> None:
@@ -26,11 +26,11 @@ class ResultAnalysis:
         self._known: dict[NodePlan, PossibleResults] = {}
 
     def results_of(self, node: NodePlan) -> PossibleResults:
-        """What *node* may result in, conditions and all."""
-        found = self._known.get(node)
-        if found is None:
-            self._known[node] = found = with_conditions(node, self._bare(node))
-        return found
+        """Return the possible results of *node*, including the effect of its pre-conditions."""
+        results = self._known.get(node)
+        if results is None:
+            self._known[node] = results = with_conditions(node, self._bare(node))
+        return results
 
     def _bare(self, node: NodePlan) -> PossibleResults:
         if node.call is not None:
@@ -44,12 +44,18 @@ class ResultAnalysis:
 
 
 def all_children_known(node: NodePlan) -> bool:
-    """Whether all children of *node* are known."""
+    """Return whether all children of *node* are known nodes."""
     return not node.element.children or len(node.children) == len(element_children(node.element))
 
 
 def check_reach(plan: TreePlan, analysis: ResultAnalysis, reporter: LintReporter) -> None:
-    """Warn of the children in *plan* that are never reached, or never get far."""
+    """Warn about children in *plan* that are never ticked, or that each tick halts.
+
+    Args:
+        plan: The tree to check.
+        analysis: The possible results of its nodes.
+        reporter: Collects the warnings.
+    """
     for node in nodes_of(plan):
         if (
             node.manifest is None
@@ -68,13 +74,13 @@ def check_reach(plan: TreePlan, analysis: ResultAnalysis, reporter: LintReporter
             _in_turn(plan, node, tried, going, reporter)
             never_fails = FAILURE not in results_in_order(tried, going).results
             if cls.handler_port is not None and never_fails and not _is_written(node, cls.handler_port):
-                _unreached(plan, node.children[-1], "what it is to catch never fails", reporter)
+                _unreached(plan, node.children[-1], "the children before it never fail", reporter)
             if cls.runs_one_child:
                 _one_at_a_time(plan, node, children, going, reporter)
         for chosen, branch in zip(cls.branch_results, node.children[1:], strict=False):
             if chosen not in children[0].results:
-                why = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
-                _unreached(plan, branch, why, reporter)
+                reason = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
+                _unreached(plan, branch, reason, reporter)
 
 
 def _in_turn(
@@ -85,19 +91,19 @@ def _in_turn(
             before = node.children[index]
             where = line_of(plan.definition.document, before)
             never = "ends" if not outcome.results else _WORD[going]
-            why = f"{node_label(before)} before it ({where}) never {never}"
-            _unreached(plan, node.children[index + 1], why, reporter)
-            return
+            reason = f"{node_label(before)} before it ({where}) never {never}"
+            _unreached(plan, node.children[index + 1], reason, reporter)
+            return  # the children after that are unreachable for the same reason
 
 
-def _unreached(plan: TreePlan, node: NodePlan, why: str, reporter: LintReporter) -> None:
-    message = f"this {node_label(node)} is never ticked: {why}"
+def _unreached(plan: TreePlan, node: NodePlan, reason: str, reporter: LintReporter) -> None:
+    message = f"{node_label(node)} is never ticked: {reason}"
     reporter.warn(
         UNREACHABLE_CHILD,
         message,
         plan.definition.document,
         node,
-        hint="remove it, or what keeps the ticks from it",
+        hint="remove it, or the cause",
     )
 
 
@@ -108,15 +114,15 @@ def _is_written(node: NodePlan, port: str) -> bool:
 def _one_at_a_time(
     plan: TreePlan, node: NodePlan, children: list[PossibleResults], going: Status, reporter: LintReporter
 ) -> None:
-    """Warn if a child that takes its time comes after one that must take its time first."""
+    """Warn if an asynchronous child follows a child that is asynchronous in its first tick."""
     document = plan.definition.document
     first: NodePlan | None = None
     for child, outcome in zip(node.children, children, strict=True):
         if first is not None and outcome.may_run:
             before = f"{node_label(first)} ({line_of(document, first)})"
             message = (
-                f"<{node.id}> has a second asynchronous child here: each tick begins with {before}, "
-                f"which halts this {node_label(child)} unless it ends at once"
+                f"{node_label(child)} is a second asynchronous child of <{node.id}>: each tick begins with "
+                f"{before}, which halts {node_label(child)} unless it completes at once"
             )
             hint = f"put both into a <{'Sequence' if going is SUCCESS else 'Fallback'}>"
             reporter.warn(SECOND_ASYNC_CHILD, message, document, child, hint=hint)

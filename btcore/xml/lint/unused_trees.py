@@ -1,4 +1,4 @@
-"""W104: trees that the main one never gets to."""
+"""W104: trees that the main tree doesn't call, directly or indirectly."""
 
 from collections.abc import Collection
 
@@ -11,18 +11,27 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 def check_unused(
     planner: TreePlanner, main: TreeDefinition, used: Collection[str], diagnostics: DiagnosticCollector
 ) -> None:
-    """Warn of the trees of the main document that neither *main* nor another unused one calls."""
+    """Warn about trees of the main document that neither *main* nor another unused tree calls.
+
+    Args:
+        planner: Plans the trees.
+        main: The main tree.
+        used: IDs of the main tree and of the trees that it calls, directly or indirectly.
+        diagnostics: Collects the warnings.
+    """
     definitions = planner.definitions
     document = definitions.documents[-1]
-    unused = [one for one in definitions.by_id.values() if one.id not in used and one.document is document]
+    unused = [
+        tree for tree in definitions.by_id.values() if tree.id not in used and tree.document is document
+    ]
     called = {
-        call.call.tree
-        for one in unused
-        for call in planner.plan(one).calls
-        if call.call is not None and call.call.tree != one.id
+        node.call.tree
+        for tree in unused
+        for node in planner.plan(tree).calls
+        if node.call is not None and node.call.tree != tree.id
     }
-    for one in unused:
-        if one.id not in called and one.element.get("ID") is not None:
-            message = f"the tree '{one.id}' is never used: '{main.id}' doesn't lead to it"
-            hint = f'call it by <SubTree ID="{one.id}"/>, or remove it'
-            diagnostics.add(one.document.diagnostic(UNUSED_TREE, message, one.element, "ID", hint=hint))
+    for tree in unused:
+        if tree.id not in called and tree.element.get("ID") is not None:
+            message = f"the tree '{tree.id}' is unused: '{main.id}' doesn't call it, directly or indirectly"
+            hint = f'call it with <SubTree ID="{tree.id}"/>, or remove it'
+            diagnostics.add(tree.document.diagnostic(UNUSED_TREE, message, tree.element, "ID", hint=hint))

@@ -1,4 +1,4 @@
-"""W201, W209: keys that are read, or assigned to, and that nothing ever writes."""
+"""W201, W209: keys that are read or assigned to, but never written or created."""
 
 from collections.abc import Collection, Sequence
 
@@ -11,11 +11,11 @@ from btcore.xml.lint.dry_run import AccessKind, DryRun, EntryUse, has_writer
 
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 MAX_COMPARISONS = 20_000
-"""How often a key is compared with another one that it may have meant: each takes some 30 µs."""
+"""Maximum number of comparisons of misspelt keys with known keys, in one tree; each takes about 30 µs."""
 
 
 class KeyIndex:
-    """The entries of one rehearsed tree, each with its home: the scope that holds it, and its key there."""
+    """The entries of a dry run: the outermost blackboard that holds each entry, and its key there."""
 
     def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
         self.dry_run = dry_run
@@ -28,14 +28,17 @@ class KeyIndex:
                 self.homes.setdefault(entry, (subtree.blackboard, key))
 
     def guess(self, key: str, names: list[str]) -> str | None:
-        """The one of *names* that *key* most probably means, or None; it is not looked for for ever."""
+        """Return the name in *names* that is most similar to *key*, or None.
+
+        Returns None without a comparison after MAX_COMPARISONS comparisons.
+        """
         if self._comparisons < len(names):
             return None
         self._comparisons -= len(names)
         return nearest_name(key, names)
 
     def written_in(self, board: Blackboard) -> list[str]:
-        """The keys that *board* holds, and that something writes."""
+        """Return the keys of *board* that are written."""
         known = self._written.get(board)
         if known is None:
             uses = self.dry_run.uses
@@ -46,9 +49,16 @@ class KeyIndex:
 
 
 def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter: LintReporter) -> None:
-    """Warn of the keys that nothing writes; those of *given* are on the blackboard before the first tick.
+    """Warn about keys that are never written.
 
-    Of a tree that isn't the main one, nobody knows what its own blackboard comes with.
+    The initial content of the blackboard is known for the main tree only, so keys of the outermost
+    blackboard are not checked for other trees.
+
+    Args:
+        dry_run: A completed dry run of the tree.
+        is_main: Whether the tree is the main tree.
+        given: Keys that the tree's blackboard holds before the first tick.
+        reporter: Collects the warnings.
     """
     keys = KeyIndex(dry_run, given)
     for entry, uses in dry_run.uses.items():
@@ -59,48 +69,48 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         of_root = board is dry_run.root
         if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
             continue
-        if _wanted_at_load(uses, reporter, of_root) or dry_run.has_untracked_access:
+        if _warn_empty_script_entry(uses, reporter, of_root) or dry_run.has_untracked_access:
             continue
         if has_writer(uses):
-            _never_made(uses, reporter, key if of_root else "")
+            _warn_never_created(uses, reporter, key if of_root else "")
         elif not (dry_run.has_stubs and _may_be_an_enum(uses)):
-            _never_written(keys, uses, board, key, reporter)
+            _warn_never_written(keys, uses, board, key, reporter)
 
 
-def _wanted_at_load(uses: Sequence[EntryUse], reporter: LintReporter, of_root: bool) -> bool:
-    """Warn of a script that is to be taken from an entry without a value; whether there was one.
+def _warn_empty_script_entry(uses: Sequence[EntryUse], reporter: LintReporter, of_root: bool) -> bool:
+    """Warn about a script that is read from an empty entry. Returns whether there is such a script.
 
-    It is compiled when the tree is made, and so must be there by then.
+    The script is compiled when the tree is built, so the entry must have a value by then.
     """
     for use in uses:
         if use.port is None or use.port.role not in SCRIPT_ROLES:
             continue
         label = node_label(use.node)
-        message = f"{label} takes its script from {{{use.key}}}, which is empty when the tree is made"
-        hint = "load the tree on a blackboard that holds it: load(…, blackboard=…)"
+        message = f"{label} reads its script from {{{use.key}}}, which is empty when the tree is built"
+        hint = "load the tree with a blackboard that holds the script: load(…, blackboard=…)"
         if not of_root:
-            hint = f'give the script to the SubTree: {use.key}="…"'
+            hint = f'pass the script in the SubTree element: {use.key}="…"'
         reporter.warn(UNWRITTEN_KEY, message, use.document, use.node, use.attribute, hint)
         return True
     return False
 
 
-def _never_made(uses: Sequence[EntryUse], reporter: LintReporter, root_key: str) -> None:
-    """Warn of the first ``x = …`` if neither a ``:=`` nor a port makes the entry.
+def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_key: str) -> None:
+    """Warn about the first ``x = …`` if neither a ``:=`` nor a port creates the entry.
 
-    *root_key* is its key on the main tree's blackboard, if it is there.
+    *root_key* is the key of the entry on the main tree's blackboard, or "" if it is not there.
     """
-    assigning = [use for use in uses if use.access is AccessKind.ASSIGNS]
-    if not assigning or any(_makes(use) for use in uses):
+    assignments = [use for use in uses if use.access is AccessKind.ASSIGNS]
+    if not assignments or any(_creates(use) for use in uses):
         return
-    use = assigning[0]
+    use = assignments[0]
     script = f"the script in '{use.attribute}' of {node_label(use.node)}"
-    hint = f"to make it, write {use.key} := …"
+    hint = f"to create it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
     reporter.warn(
         ASSIGNMENT_TO_MISSING_ENTRY,
-        f"{script} assigns to '{use.key}', an entry that nothing makes",
+        f"{script} assigns to the entry '{use.key}', which is never created",
         use.document,
         use.node,
         use.attribute,
@@ -110,15 +120,15 @@ def _never_made(uses: Sequence[EntryUse], reporter: LintReporter, root_key: str)
     )
 
 
-def _makes(use: EntryUse) -> bool:
-    """Whether the entry exists because of *use*: what writes makes it, and a port that points to it."""
+def _creates(use: EntryUse) -> bool:
+    """Return whether *use* creates the entry: a write does, and a port that points to it."""
     if use.access is AccessKind.WRITES:
         return True
     return use.port is not None and use.node.element.get(use.attribute) is not None and is_pointer(use)
 
 
 def fill_example(key: str) -> str:
-    """How a program fills the entry *key*."""
+    """Return the Python statement that sets the entry *key*."""
     return f'tree.blackboard["{key}"] = …'
 
 
@@ -126,48 +136,49 @@ def _may_be_an_enum(uses: Sequence[EntryUse]) -> bool:
     return all(use.within and use.key.isupper() for use in uses)
 
 
-def _never_written(
+def _warn_never_written(
     keys: KeyIndex, uses: Sequence[EntryUse], board: Blackboard, key: str, reporter: LintReporter
 ) -> None:
-    reading = [use for use in uses if use.access in _READING]
-    if not reading:
+    readers = [use for use in uses if use.access in _READING]
+    if not readers:
         return
-    use = reading[0]
-    places = {(one.document.file, one.node.element, one.attribute) for one in reading}
+    use = readers[0]
+    places = {(reader.document.file, reader.node.element, reader.attribute) for reader in readers}
     others = len(places) - 1
     more = f" ({others} more {'place reads' if others == 1 else 'places read'} it)" if others else ""
     if use.port is None:
-        what = f"the script in '{use.attribute}' of {node_label(use.node)} reads '{use.key}'"
+        read = f"the script in '{use.attribute}' of {node_label(use.node)} reads '{use.key}'"
     elif is_pointer(use):
-        what = f"the port '{use.attribute}' of {node_label(use.node)} reads {{{use.key}}}"
+        read = f"the port '{use.attribute}' of {node_label(use.node)} reads {{{use.key}}}"
     else:
-        what = f"the port '{use.attribute}' of {node_label(use.node)} looks at '{use.key}'"
+        read = f"the port '{use.attribute}' of {node_label(use.node)} reads '{use.key}'"
     reporter.warn(
         UNWRITTEN_KEY,
-        f"{what}, which nothing writes{more}",
+        f"{read}, which is never written{more}",
         use.document,
         use.node,
         use.attribute,
-        _cure(keys, use, board, key),
+        _unwritten_key_hint(keys, use, board, key),
         within=use.within,
         width=len(use.key) if use.within else 0,
     )
 
 
 def is_pointer(use: EntryUse) -> bool:
-    """Whether the key stands in braces (or is the default of the port)."""
+    """Return whether the key is in braces or comes from the port's default."""
     text = use.node.element.get(use.attribute)
     return text is None or str(text) != use.key
 
 
-def _cure(keys: KeyIndex, use: EntryUse, board: Blackboard, key: str) -> str:
+def _unwritten_key_hint(keys: KeyIndex, use: EntryUse, board: Blackboard, key: str) -> str:
     if use.access is AccessKind.READS_AS_KEY:
         return (
-            f'it would name the entry to write; to write {use.key} itself, write {use.attribute}="{use.key}"'
+            f"{{{use.key}}} must hold the name of the entry to write; "
+            f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"'
         )
     known = keys.written_in(board)
     if key.strip() in known:
-        return f"spaces between the braces are a part of the key: write {{{key.strip()}}}"
+        return f"spaces inside the braces are part of the key: write {{{key.strip()}}}"
     near = keys.guess(key, known)
     if near is not None:
         return f"did you mean '{near}'?"
@@ -176,12 +187,12 @@ def _cure(keys: KeyIndex, use: EntryUse, board: Blackboard, key: str) -> str:
         enum = (
             ""
             if not (use.within and use.key.isupper())
-            else "if it is an enum's, register that: nodes.add_enum(…); else "
+            else "if it is the name of an enum member, register the enum with nodes.add_enum(…); else "
         )
-        return f"{enum}write it before, or fill the blackboard before the first tick: {fill_example(key)}"
+        return f"{enum}write it first, or fill the blackboard before the first tick: {fill_example(key)}"
     called = f"{entrance.node.id} of '{entrance.key}' in {line_of(entrance.document, entrance.node)}"
     outer = keys.written_in(entrance.scope)
-    handed = key if key in outer else keys.guess(key, outer) or "…"
+    passed = key if key in outer else keys.guess(key, outer) or "…"
     bare = keys.dry_run.format == 3 and entrance.node.id == "SubTree"
-    value = handed if bare else f"{{{handed}}}"
-    return f'a subtree has keys of its own: in the {called} write {key}="{value}"'
+    value = passed if bare else f"{{{passed}}}"
+    return f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'

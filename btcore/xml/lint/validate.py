@@ -1,4 +1,4 @@
-"""Every fault of a file, errors and warnings, without making its tree."""
+"""Find all errors and warnings in a file, without building its tree."""
 
 import os
 from collections.abc import Collection
@@ -23,16 +23,24 @@ def validate(
     packages: PackageResolver | None = None,
     given: Collection[str] = (),
 ) -> list[Diagnostic]:
-    """What is wrong with the file *path* and its includes: errors first, both in the order of the text.
+    """Return the errors, then the warnings, of the file *path* and its includes, each in text order.
 
-    Errors are what refuses the tree when it is loaded (but for what only the code of leaves can tell),
-    and what a tick can't but raise for (E119, and in format 3 E202); warnings never do. *given* are the
-    keys that the main tree's blackboard comes with. Every tree in the file is looked at, called or not,
-    down to its scripts; a file of several trees, none of them the main one, is a library, and good.
+    Errors are the reasons why loading the tree fails (except for errors that only the code of leaves
+    can detect), and the reasons why a tick certainly raises (E119, and E202 in format 3). Warnings never
+    prevent loading. Every tree in the file is checked, called or not, including its scripts. A file with
+    several trees and no main tree is a library, which is valid.
+
+    Args:
+        path: The XML file.
+        nodes: The registered nodes.
+        tree: ID of the tree to load; by default the document's main tree.
+        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        packages: Finds the share directory of a ROS package.
+        given: Keys that the main tree's blackboard holds before the first tick.
     """
     try:
         document = parse_file(path)
-    except TreeError as error:
+    except TreeError as error:  # not XML: without elements there is nothing more to check
         return list(error.diagnostics)
     return validate_document(document, nodes=nodes, tree=tree, format=format, packages=packages, given=given)
 
@@ -46,18 +54,28 @@ def validate_document(
     packages: PackageResolver | None = None,
     given: Collection[str] = (),
 ) -> list[Diagnostic]:
-    """The same for a document that has been read."""
+    """Return the errors, then the warnings, of a parsed *document* and its includes.
+
+    Args:
+        document: The parsed document.
+        nodes: The registered nodes.
+        tree: ID of the tree to load; by default the document's main tree.
+        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        packages: Finds the share directory of a ROS package.
+        given: Keys that the main tree's blackboard holds before the first tick.
+    """
     analysis = analyse_document(document, nodes, tree, format, packages)
     planner, diagnostics = analysis.planner, analysis.diagnostics
-    reached = reachable_plans(planner, analysis.main) if analysis.main is not None else []
-    ids = {plan.definition.id for plan in reached}
-    looked_at = set(ids)
+    used_plans = reachable_plans(planner, analysis.main) if analysis.main is not None else []
+    used = {plan.definition.id for plan in used_plans}
+    checked = set(used)
     for definition in planner.definitions.by_id.values():
-        if definition.id not in looked_at:
+        if definition.id not in checked:
             topological_order(planner, definition, diagnostics)
-            looked_at |= {plan.definition.id for plan in reachable_plans(planner, definition)}
+            checked |= {plan.definition.id for plan in reachable_plans(planner, definition)}
         check_scripts(planner.plan(definition), nodes, diagnostics)
     if tree is None and planner.definitions.all and document.root.get("main_tree_to_execute") is None:
-        diagnostics.errors = [one for one in diagnostics.errors if one.code != AMBIGUOUS_MAIN_TREE]
-    run_lint(analysis, ids, nodes, given, asked=tree is not None)
+        # The file is a library: no main tree is needed.
+        diagnostics.errors = [error for error in diagnostics.errors if error.code != AMBIGUOUS_MAIN_TREE]
+    run_lint(analysis, used, nodes, given, is_tree_requested=tree is not None)
     return [*sort_diagnostics(diagnostics.errors), *sort_diagnostics(diagnostics.warnings)]

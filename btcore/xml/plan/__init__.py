@@ -1,1 +1,1 @@
-"""The trees that documents define, checked, with the ports of every node sorted out."""
+"""Check the trees of documents and plan them: the definition, ports and scripts of every node."""

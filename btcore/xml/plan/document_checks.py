@@ -1,4 +1,4 @@
-"""Checking a document with all that it includes, before any node is made."""
+"""Check a document and everything that it includes, before any node is created."""
 
 import sys
 from typing import NamedTuple
@@ -25,24 +25,24 @@ from btcore.xml.read.document import Document
 from btcore.xml.read.includes import PackageResolver, resolve_includes
 
 MAX_DEPTH = 10_000
-"""How deep a tree may be: ticking a level takes a few hundred bytes of the machine's stack."""
+"""Maximum depth of a tree: ticking a level takes a few hundred bytes of the C stack."""
 
 
 class DocumentAnalysis(NamedTuple):
-    """What was found in a document: *main* is None where no tree can be told to be the main one."""
+    """The result of checking a document; *main* is None if the main tree is missing or ambiguous."""
 
     planner: TreePlanner
     main: TreeDefinition | None
     diagnostics: DiagnosticCollector
 
     def used_manifests(self) -> list[Manifest]:
-        """The manifests of the nodes in the main tree, each once, in the order in which they are met."""
-        found: dict[str, Manifest] = {}
+        """Return the manifests of the nodes in the main tree and its subtrees, each once."""
+        manifests: dict[str, Manifest] = {}
         for plan in reachable_plans(self.planner, self.main) if self.main is not None else ():
             for node in nodes_of(plan):
                 if node.manifest is not None:
-                    found.setdefault(node.id, node.manifest)
-        return list(found.values())
+                    manifests.setdefault(node.id, node.manifest)
+        return list(manifests.values())
 
 
 def analyse_document(
@@ -52,15 +52,22 @@ def analyse_document(
     format: int | None = None,
     packages: PackageResolver | None = None,
 ) -> DocumentAnalysis:
-    """Find what is wrong with *document* and with what it includes.
+    """Check *document* and the documents that it includes, and plan its trees.
 
-    *tree* is the ID of the tree to make (default: the document's main one), *format* (3 or 4)
-    overrides the document's ``BTCPP_format``, *packages* finds the folders of ROS packages.
+    Args:
+        document: The parsed document.
+        registry: The registered nodes.
+        tree: ID of the tree to build; by default the document's main tree.
+        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        packages: Finds the share directory of a ROS package.
+
+    Returns:
+        The planned trees with all errors and warnings.
     """
     diagnostics = DiagnosticCollector()
     documents = resolve_includes(document, diagnostics, packages)
-    for one in documents:
-        for warning in one.warnings:
+    for parsed in documents:
+        for warning in parsed.warnings:
             diagnostics.add(warning)
     dialect = select_dialect(documents, format, diagnostics)
     definitions = TreeDefinitions(documents, dialect, diagnostics)
@@ -78,40 +85,50 @@ def analyse_document(
     if order is not None:
         check_size(order, main, diagnostics)
     if diagnostics.errors:
-        # No node is made of a tree with faults; its scripts are checked all the same.
+        # Without errors, creating the nodes compiles the scripts; with errors, no node is created.
         for plan in reachable_plans(planner, main):
             check_scripts(plan, registry, diagnostics)
     return DocumentAnalysis(planner, main, diagnostics)
 
 
 def reachable_plans(planner: TreePlanner, main: TreeDefinition) -> list[TreePlan]:
-    """The plan of *main* and of every tree that it leads to, each once."""
-    found: dict[str, TreePlan] = {}
+    """Return the plans of *main* and of every tree that it calls, directly or indirectly, each once.
+
+    Args:
+        planner: Plans the trees.
+        main: The tree to start with.
+    """
+    plans: dict[str, TreePlan] = {}
     pending = [main.id]
     while pending:
         id = pending.pop()
-        if id in found or id not in planner.definitions.by_id:
+        if id in plans or id not in planner.definitions.by_id:
             continue
-        found[id] = plan = planner.plan(planner.definitions.by_id[id])
+        plans[id] = plan = planner.plan(planner.definitions.by_id[id])
         pending += [node.call.tree for node in reversed(plan.calls) if node.call is not None]
-    return list(found.values())
+    return list(plans.values())
 
 
 def nodes_of(plan: TreePlan) -> list[NodePlan]:
-    """The nodes of *plan* in pre-order, without those of the trees that it calls."""
-    found: list[NodePlan] = []
+    """Return the nodes of *plan* in pre-order, without the nodes of the trees that it calls."""
+    nodes: list[NodePlan] = []
     pending = [plan.root] if plan.root is not None else []
     while pending:
         node = pending.pop()
-        found.append(node)
+        nodes.append(node)
         pending += reversed(node.children)
-    return found
+    return nodes
 
 
 def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: DiagnosticCollector) -> None:
-    """Refuse a tree that is too large or too deep: trees that call trees grow fast.
+    """Add an error if a tree with all its subtrees has too many nodes or levels.
 
-    *plans* are in calling order.
+    Also raises Python's recursion limit as far as the tree needs it.
+
+    Args:
+        plans: The plans of *main* and its subtrees, called trees before their callers.
+        main: The tree to check.
+        diagnostics: Collects the error.
     """
     sizes: dict[str, int] = {}
     depths: dict[str, int] = {}
@@ -124,18 +141,24 @@ def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: Diagnos
     message, hint = "", ""
     if sizes[main.id] > MAX_NODES:
         message = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
-        hint = "nodes are numbered with 16 bits; look for subtrees that call others twice"
+        hint = "nodes are numbered with 16 bits; look for trees that call other trees several times"
     elif depths[main.id] > MAX_DEPTH:
         message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
     else:
-        # Nodes are made and ticked by recursion: six calls a level at the most.
+        # Nodes are created and ticked recursively, with at most six Python calls per level.
         sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depths[main.id] + 1000))
         return
     diagnostics.add(main.document.diagnostic(TOO_LARGE, message, main.element, "ID", hint=hint))
 
 
 def check_scripts(plan: TreePlan, registry: Registry, diagnostics: DiagnosticCollector) -> None:
-    """Note the scripts of *plan* that can't be parsed."""
+    """Add an error for each invalid script of *plan*.
+
+    Args:
+        plan: The tree to check.
+        registry: The registered nodes and enums.
+        diagnostics: Collects the errors.
+    """
     document = plan.definition.document
     for node in nodes_of(plan):
         texts = dict(node.scripts)
@@ -152,6 +175,13 @@ def check_scripts(plan: TreePlan, registry: Registry, diagnostics: DiagnosticCol
 
 
 def script_diagnostic(document: Document, node: NodePlan, key: str, error: ScriptError) -> Diagnostic:
-    """The diagnostic of a script in attribute *key* that can't be parsed."""
-    message = f"the script in '{key}' of <{node.id}>: {error.message}"
+    """Return the diagnostic of an invalid script.
+
+    Args:
+        document: The document that contains the script.
+        node: The node of the script.
+        key: The attribute that holds the script.
+        error: The error of the parser.
+    """
+    message = f"invalid script in '{key}' of <{node.id}>: {error.message}"
     return document.diagnostic(SCRIPT_SYNTAX, message, node.element, key, within=error.column)

@@ -1,4 +1,4 @@
-"""What a tree is made from: its nodes with their ports sorted out, checked once per definition."""
+"""Plans of trees: every node with its manifest, ports and scripts, checked once per definition."""
 
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
@@ -43,11 +43,16 @@ _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
 class SubtreeCall:
-    """A SubTree element: which tree it is, and how the blackboards are connected.
+    """A SubTree element: the tree that it calls, and how the two blackboards are connected.
 
-    *remaps* leads inner keys to outer ones, *constants* are texts for inner keys; *shared* is
-    format 3's one blackboard for both; *legacy_autoremap* its `__autoremap`, which maps the keys that the
-    inner tree's ports name. *written* are its ports as the document (or the model) has them.
+    Attributes:
+        tree: ID of the called tree.
+        remaps: Outer key of each remapped inner key.
+        constants: Texts of inner keys.
+        written: The ports as written in the document, or as the default in the model.
+        autoremap: Whether ``_autoremap`` maps every inner key to the outer key of the same name.
+        shared: Whether both trees use one blackboard (``__shared_blackboard`` of format 3).
+        legacy_autoremap: Whether the keys in ports of the inner tree are mapped (format 3).
     """
 
     __slots__ = ("autoremap", "constants", "legacy_autoremap", "remaps", "shared", "tree", "written")
@@ -65,9 +70,9 @@ class SubtreeCall:
 class NodePlan:
     """One node of a definition.
 
-    *depth* counts from the ``<BehaviorTree>``, which has 0. *bindings* are those of its ports: what the
-    document writes, in its order, then defaults. *attributes* are all attributes that are neither ports
-    nor scripts.
+    *depth* counts from the ``<BehaviorTree>``, which has depth 0. *bindings* holds the ports in the order
+    of the document, then the ports with defaults. *attributes* holds the attributes that are neither
+    ports nor scripts.
     """
 
     __slots__ = (
@@ -88,14 +93,14 @@ class NodePlan:
 
     @property
     def ports(self) -> list[tuple[Port, str, bool]]:
-        """The ports with their texts, and whether the document writes them."""
+        """The ports, each with its text and whether the document sets it."""
         return [(bound.port, bound.text, bound.is_explicit) for bound in self.bindings]
 
 
 class BindingCache:
-    """What is known of the nodes of one manifest: what their ports were bound to so far, by text.
+    """The port bindings of one manifest that were created so far, by port and text.
 
-    *defaults* are the bindings of the ports that a document may leave out.
+    *defaults* are the bindings of ports with a default. Nodes with equal port texts share bindings.
     """
 
     __slots__ = ("bindings", "defaults", "id", "manifest", "ports")
@@ -113,7 +118,10 @@ class BindingCache:
 
 
 class TreePlan:
-    """A definition with the plan of its nodes; *calls* are its SubTree nodes, *depth* its levels."""
+    """A definition with the plans of its nodes.
+
+    *calls* holds its SubTree nodes, *depth* is the number of its levels, *size* the number of its nodes.
+    """
 
     def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
         self.definition = definition
@@ -124,7 +132,7 @@ class TreePlan:
 
 
 class TreePlanner:
-    """Plans definitions as they are asked for; what is wrong goes to *diagnostics*."""
+    """Plans definitions on first use, and adds errors to *diagnostics*."""
 
     def __init__(
         self,
@@ -147,7 +155,7 @@ class TreePlanner:
         self._document = definitions.documents[-1]
 
     def plan(self, definition: TreeDefinition) -> TreePlan:
-        """The plan of *definition*, without those of the trees that it calls."""
+        """Return the plan of *definition*, without the trees that it calls."""
         known = self._plans.get(definition.id)
         if known is not None:
             return known
@@ -158,7 +166,7 @@ class TreePlanner:
         if nodes:
             plan.root = nodes[0]
             if len(top.children) > 1:
-                # A tree has one root; the others are refused, and not looked at.
+                # A tree has one root; further roots are an error of StructureChecker, and ignored here.
                 nodes = nodes[: nodes.index(top.children[1])]
             self._nodes(nodes, plan)
         return plan
@@ -176,7 +184,7 @@ class TreePlanner:
         self._diagnostics.add(self._document.diagnostic(code, message, element, attribute, part, hint))
 
     def _nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
-        """Plan *nodes*, and take those that nobody knows (the shape says so) out of the tree."""
+        """Plan *nodes*, and remove unknown nodes, which StructureChecker reports, from the tree."""
         tree.size = len(nodes)
         tree.depth = max(map(_DEPTH_OF, nodes))
         known_tags = self._by_tag
@@ -203,7 +211,7 @@ class TreePlanner:
                 node.children = [child for child in node.children if child not in unknown]
 
     def _look_up(self, tag: str, element: Element) -> BindingCache | None:
-        """What is known of the nodes that *element* is one of; None if nobody knows them."""
+        """Return the bindings for the node that *element* names, or None if the node is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
         known = self._known.get(id)
         if known is None:
@@ -239,7 +247,10 @@ class TreePlanner:
         plan.bindings = bindings
 
     def _sort_out(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
-        """What is kept of the attributes that are neither ports nor the name; scripts are set apart."""
+        """Return the attributes to keep, out of those that are neither ports nor the name.
+
+        Scripts go to ``plan.scripts``; other attributes are errors.
+        """
         dialect = self.dialect
         scripts: dict[str, str] = {}
         kept: dict[str, str] = {}
@@ -248,7 +259,9 @@ class TreePlanner:
                 scripts[key] = text
             elif key == "ID":
                 if dialect.explicit_by_id and plan.element.tag not in EXPLICIT_TAGS:
-                    message = f'<{plan.id}> has an ID, which only explicit tags such as <Action ID="…"> have'
+                    message = (
+                        f'unexpected ID in <{plan.id}>: only explicit tags such as <Action ID="…"> have one'
+                    )
                     self._error(UNEXPECTED_ID, message, plan.element, key, 'to name the node, write name="…"')
             elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
                 kept[key] = text
@@ -268,13 +281,13 @@ class TreePlanner:
         if self.dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
             self._error(
                 CONTROL_CHARACTER_IN_NAME,
-                f"a name has no control characters, but {text!r} does",
+                f"control character in the name {text!r}",
                 plan.element,
                 "name",
             )
 
     def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
-        """The binding of *port* to a *text* that it was not bound to before."""
+        """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
         bound = (Input if port.reads else Binding)(port, text, self.dialect.format)
         if bound.key is None:
             is_fine = not bound.fault and text != port.default
@@ -285,35 +298,35 @@ class TreePlanner:
         return bound
 
     def _is_convertible(self, plan: NodePlan, bound: Binding) -> bool:
-        """Refuse a text that is no ``{key}`` and doesn't convert to the type of the port."""
+        """Add an error if the text is no ``{key}`` and doesn't convert to the type of the port."""
         port, text = bound.port, bound.text
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
-            return True  # then it is one, if not of this format
+            return True  # a key, possibly in the notation of the other format
         kind = port.type
         if not kind.strong or not kind.converts:
             return True
         error = bound.fault
         if bound.key is not None or text == port.default:
-            # Then the text was not converted.
+            # The binding has not converted the text.
             try:
                 kind.from_text(text)
-            except ConversionError as found:
-                error = str(found)
+            except ConversionError as conversion_error:
+                error = str(conversion_error)
         if not error:
             return True
         hint = ""
         if bound.key is not None:
-            hint = "write {=}" if "=" in text else f"write {text.strip()}, without spaces around"
+            hint = "write {=}" if "=" in text else f"write {text.strip()} without surrounding spaces"
         elif is_port_name(text):
-            hint = f"for the blackboard's entry write {{{text}}}"
-        message = f"the port '{port.name}' of <{plan.id}> takes {kind.name}: {error}"
+            hint = f"to use the blackboard entry, write {{{text}}}"
+        message = f"the port '{port.name}' of <{plan.id}> has the type {kind.name}: {error}"
         self._error(INCONVERTIBLE_TEXT, message, plan.element, port.name, hint)
         return False
 
     # --- SubTree elements
 
     def _subtree(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
-        """Plan a call of a tree; whether there is such a tree."""
+        """Plan a SubTree element. Returns whether the called tree exists."""
         element = plan.element
         id = element.get("ID") or ""
         plan.id = tag
@@ -330,7 +343,7 @@ class TreePlanner:
         if element.get("ID") is not None and self.definitions.complete:
             self._error(
                 UNKNOWN_TREE,
-                f"no tree is called '{id}'",
+                f"unknown tree '{id}'",
                 element,
                 "ID",
                 tree_hint(id, self.definitions.by_id),
@@ -359,10 +372,8 @@ class TreePlanner:
                 if port in given:
                     continue
                 if default is None or default == "":
-                    message = (
-                        f"<SubTree> is not given the port '{port}', which the model of '{call.tree}' demands"
-                    )
-                    hint = f'write {port}="…", or give it a default in <TreeNodesModel>'
+                    message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree}' requires"
+                    hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
                     self._error(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
                 else:
                     given[port] = default
@@ -384,13 +395,13 @@ class TreePlanner:
                 call.legacy_autoremap = self._truth(plan, key, text)
             elif tag == "SubTree":
                 call.written[key] = text
-                # Without braces: what is written is the outer key itself.
+                # <SubTree> of format 3 has no braces: the text is the outer key itself.
                 call.remaps[key] = text
             else:
                 call.written[key] = text
-                outside = remapped_key(text, key, 3) if text != "=" else None
-                if outside is not None:
-                    call.remaps[key] = outside
+                outer = remapped_key(text, key, 3) if text != "=" else None
+                if outer is not None:
+                    call.remaps[key] = outer
                 else:
                     call.constants[key] = text
         plan.name = call.tree
@@ -399,7 +410,7 @@ class TreePlanner:
         try:
             return BOOL.from_text(text, self.dialect.format) is True
         except ConversionError:
-            message = f"{key} is 'true' or 'false', not '{text}'"
+            message = f"{key} must be 'true' or 'false', not '{text}'"
             self._error(NOT_A_BOOLEAN, message, plan.element, key)
             return False
 
@@ -407,12 +418,18 @@ class TreePlanner:
 def topological_order(
     planner: TreePlanner, main: TreeDefinition, diagnostics: DiagnosticCollector
 ) -> list[TreePlan] | None:
-    """The plans below *main* and its own, called trees before those that call them.
+    """Return the plans of *main* and its subtrees, called trees before their callers.
 
-    None if trees call each other in a circle; every call that closes one goes to *diagnostics*.
+    Args:
+        planner: Plans the trees.
+        main: The tree to start with.
+        diagnostics: Collects an error for every call that closes a cycle.
+
+    Returns:
+        The plans, or None if trees call each other recursively.
     """
     order: dict[str, TreePlan] = {}
-    in_circle = False
+    is_recursive = False
     path: dict[str, None] = {}
     pending: list[tuple[str, bool]] = [(main.id, False)]
     while pending:
@@ -429,12 +446,12 @@ def topological_order(
         for node in plan.calls:
             called = node.call.tree if node.call is not None else ""
             if called in path:
-                in_circle = True
+                is_recursive = True
                 way = [*path, called]
-                message = f"the trees call each other in a circle: {' → '.join(way[way.index(called) :])}"
+                message = f"the trees call each other recursively: {' → '.join(way[way.index(called) :])}"
                 document = plan.definition.document
                 hint = "a tree can't contain itself"
                 diagnostics.add(document.diagnostic(RECURSIVE_TREES, message, node.element, "ID", hint=hint))
             elif called in planner.definitions.by_id and called not in order:
                 pending.append((called, False))
-    return None if in_circle else list(order.values())
+    return None if is_recursive else list(order.values())

@@ -1,4 +1,4 @@
-"""The shape of trees: tags that are known, children that fit, names that may be; and their outline."""
+"""Check the structure of trees: known tags, numbers of children, valid names; and outline their nodes."""
 
 from collections.abc import Mapping
 
@@ -32,12 +32,12 @@ _LEAVES = (NodeType.ACTION, NodeType.CONDITION)
 
 
 def element_children(element: Element) -> list[Element]:
-    """The elements in *element* but for the obsolete ``<Root>`` of Groot 1."""
+    """Return the child elements of *element*, without the obsolete ``<Root>`` of Groot 1."""
     return [child for child in element.children if child.tag != "Root"]
 
 
 class StructureChecker:
-    """Checks the definitions of a forest, whether they are used or not."""
+    """Checks all tree definitions of the documents, whether they are used or not."""
 
     def __init__(
         self, definitions: TreeDefinitions, palette: NodePalette, diagnostics: DiagnosticCollector
@@ -52,7 +52,11 @@ class StructureChecker:
         self._leaves: set[str] = set()
 
     def check(self) -> dict[TreeDefinition, list[NodePlan]]:
-        """Check all; the nodes of each definition in pre-order, its ``<BehaviorTree>`` first."""
+        """Check all definitions.
+
+        Returns:
+            The nodes of each definition in pre-order, beginning with its ``<BehaviorTree>``.
+        """
         for document in self._definitions.documents:
             self._models(document)
         outlines: dict[TreeDefinition, list[NodePlan]] = {}
@@ -69,13 +73,13 @@ class StructureChecker:
     def _models(self, document: Document) -> None:
         models = list(document.root.iterchildren("TreeNodesModel"))
         if self._dialect.explicit_by_id and len(models) > 1:
-            message = "a document has one <TreeNodesModel>, and this is the second"
-            hint = "move its models into the first"
+            message = "second <TreeNodesModel> in the document"
+            hint = "move its models into the first <TreeNodesModel>"
             self._diagnostics.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
 
     def _walk(self, top: Element) -> list[NodePlan]:
         limit = self._document.max_depth or self._dialect.max_depth
-        # What is in a SubTree of format 3 is not looked at: its having children is said already.
+        # The content of a SubTree is not checked in format 3: its children are an error already.
         closed = self._dialect.subtree_tags if not self._dialect.explicit_by_id else frozenset()
         kinds = self._kinds
         nodes: list[NodePlan] = []
@@ -109,7 +113,7 @@ class StructureChecker:
         return nodes
 
     def _compact(self, tag: str) -> NodeType | None:
-        """The kind by which children of the compact *tag* are counted; None if it is none or unknown."""
+        """Return the node type that limits the children of *tag*; None if *tag* is no compact node."""
         manifest = self._palette.manifests.get(tag)
         kind = None
         if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT_TAGS:
@@ -125,13 +129,13 @@ class StructureChecker:
 
     def _obsolete(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
-            message = "<Root> is obsolete and is skipped"
+            message = "the obsolete <Root> is ignored"
             self._diagnostics.add(
                 self._document.diagnostic(CAPITALISED_ROOT, message, child, hint="remove it")
             )
 
     def _special(self, tag: str, element: Element, children: list[Element]) -> None:
-        """An element that is no compact node."""
+        """Check an element that is no compact node."""
         if tag == "BehaviorTree":
             self._tree(element, children)
         elif tag in self._dialect.subtree_tags:
@@ -144,7 +148,7 @@ class StructureChecker:
     def _explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         node = element.get("ID") or ""
         if not node:
-            message = f"<{tag}> does not say which node it is"
+            message = f"the ID of the node is missing in <{tag}>"
             hint = f'write <{tag} ID="…"/>'
             self._error(MISSING_ID, message, element, hint=hint)
             return
@@ -156,7 +160,7 @@ class StructureChecker:
         self._count(node, kind, element, children)
 
     def _unknown(self, node: str) -> str:
-        """A hint for a *node* that is not registered."""
+        """Return a hint for the unknown *node*."""
         declaring = (
             document.file
             for document in self._definitions.documents
@@ -166,19 +170,19 @@ class StructureChecker:
         return self._palette.unknown_node_hint(node, self._trees, next(declaring, None))
 
     def _count(self, node: str, kind: NodeType, element: Element, children: list[Element]) -> None:
-        """Say so if *children* are too few or too many for *node*, which is of *kind*."""
-        found = len(children)
-        has = "no child" if found == 0 else f"{found} children" if found > 1 else "1 child"
+        """Add an error if *children* are too few or too many for *node*, which is of *kind*."""
+        count = len(children)
+        has = "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
         if kind is NodeType.DECORATOR:
-            if found != 1:
-                hint = "put them into a <Sequence>" if found else ""
+            if count != 1:
+                hint = "put them into a <Sequence>" if count else ""
                 self._error(
                     WRONG_CHILD_COUNT, f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint
                 )
         elif kind is NodeType.CONTROL:
             manifest = self._palette.manifests.get(node)
             least = 1 if manifest is None else max(manifest.cls.child_count_at_load[0], 1)
-            if found < least:
+            if count < least:
                 message = (
                     f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
                 )
@@ -186,47 +190,47 @@ class StructureChecker:
                 self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif node == "ReactiveSequence":
                 self._one_asynchronous(children)
-        elif found and kind in _LEAVES:
+        elif count and kind in _LEAVES:
             self._error(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_A_NODE[kind]} has none", element)
 
     def _one_asynchronous(self, children: list[Element]) -> None:
         lasting = [child for child in children if child.tag == "AsyncSequence"]
         if len(lasting) > 1 and self._dialect.explicit_by_id:
-            message = "a ReactiveSequence has one AsyncSequence at most, and this is the second"
+            message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             self._error(
-                SEVERAL_ASYNC_SEQUENCES, message, lasting[1], hint="only one child of it can be RUNNING"
+                SEVERAL_ASYNC_SEQUENCES, message, lasting[1], hint="only one child can be RUNNING at a time"
             )
 
     def _tree(self, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
-        called = f"the tree '{name}'" if name else "the tree"
+        label = f"the tree '{name}'" if name else "the tree"
         if self._dialect.tree_ids_checked and name:
             self._not_a_node(name, element)
             char = forbidden_in(name)
             if char:
-                message = f"a tree's ID has no {char!r} in it, but this one is '{name}'"
-                self._error(INVALID_NAME, message, element, "ID", "letters, digits, '_' and '-' will do")
+                message = f"invalid tree ID '{name}': {char!r} is not allowed"
+                self._error(INVALID_NAME, message, element, "ID", "use letters, digits, '_' and '-'")
             elif is_reserved(name):
-                self._error(INVALID_NAME, f"no tree may be called '{name}'; it is reserved", element, "ID")
+                self._error(INVALID_NAME, f"invalid tree ID '{name}': the name is reserved", element, "ID")
         if len(children) != 1:
-            found = f"{len(children)} children" if children else "no child"
-            message = f"{called} has {found}; a tree has exactly 1"
+            count = f"{len(children)} children" if children else "no child"
+            message = f"{label} has {count}; a tree has exactly 1"
             hint = "put them into a <Sequence>" if children else ""
             self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _subtree(self, tag: str, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
         if element.get("ID") is None or (not name and self._dialect.explicit_by_id):
-            message = f"<{tag}> does not say which tree it is"
+            message = f"the ID of the tree is missing in <{tag}>"
             self._error(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
         elif self._dialect.tree_ids_checked:
             self._not_a_node(name, element)
         if children:
-            message = f'<{tag} ID="{name}"> has children; what it does stands in its <BehaviorTree>'
+            message = f'<{tag} ID="{name}"> has children; they belong into the <BehaviorTree> that it calls'
             self._error(WRONG_CHILD_COUNT, message, children[0])
 
     def _not_a_node(self, name: str, element: Element) -> None:
         known = self._palette.manifests.get(name)
         if known is not None and not known.is_overridable:
-            message = f"a tree can't be called '{name}', as a node is"
+            message = f"invalid tree ID '{name}': a node has this name"
             self._error(TREE_NAMED_AS_NODE, message, element, "ID", "rename the tree")

@@ -1,4 +1,4 @@
-"""The trees that documents define, by ID, and the one that is to be made."""
+"""The trees that documents define, by ID, and the selection of the main tree."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -30,14 +30,20 @@ class TreeDefinition:
 def select_dialect(
     documents: list[Document], format: int | None, diagnostics: DiagnosticCollector
 ) -> Dialect:
-    """The dialect that the last (the including) document asks for, unless *format* says another."""
+    """Return the dialect of the last (the including) document.
+
+    Args:
+        documents: All documents, included documents first.
+        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        diagnostics: Collects an error if the format is unknown.
+    """
     if format is not None:
         return DIALECTS[format]
     document = documents[-1]
     written = document.root.get("BTCPP_format")
     known = parse_format(written)
     if known is None:
-        message = f"BTCPP_format '{written}' is not known"
+        message = f"unknown BTCPP_format '{written}'"
         hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
         diagnostics.add(
             document.diagnostic(UNKNOWN_FORMAT, message, document.root, "BTCPP_format", hint=hint)
@@ -46,14 +52,14 @@ def select_dialect(
 
 
 class TreeDefinitions:
-    """The definitions of *documents*, one an ID, and all of them in order."""
+    """The tree definitions of documents: *by_id* has one definition per ID, *all* has all in order."""
 
     def __init__(self, documents: list[Document], dialect: Dialect, diagnostics: DiagnosticCollector) -> None:
         self.documents = documents
         self.dialect = dialect
         self.all: list[TreeDefinition] = []
         self.by_id: dict[str, TreeDefinition] = {}
-        # Of a document that could not be read in whole nobody can say which trees are missing.
+        # After an error in reading or including, a tree may be missing for that reason: no further error.
         self.complete = not diagnostics.errors
         unnamed = 0
         for document in documents:
@@ -62,15 +68,15 @@ class TreeDefinitions:
                 message = f"the outermost element is <{root.tag}>, not <root>"
                 hint = EXAMPLE
                 if str(root.tag).lower() == "root":
-                    hint = "did you mean <root>? XML tells capital letters from small ones"
+                    hint = "did you mean <root>? XML is case-sensitive"
                 diagnostics.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
                 continue
             only_child = len(root.children) == 1
             for element in root.iterchildren("BehaviorTree"):
                 written = element.get("ID")
                 if written is None and not only_child and dialect.tree_ids_checked:
-                    message = "this <BehaviorTree> has no ID"
-                    hint = 'name it: <BehaviorTree ID="…">'
+                    message = "missing ID of the <BehaviorTree>"
+                    hint = 'write <BehaviorTree ID="…">'
                     diagnostics.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
                 name = written or ""
                 if not name:
@@ -88,27 +94,32 @@ class TreeDefinitions:
         where = f"{earlier.document.file or '<text>'}:{place.line}" if place else earlier.document.file
         if self.dialect.last_tree_wins:
             self.by_id[definition.id] = definition
-            message = f"there are two trees '{definition.id}'; this one replaces that of {where}"
+            message = f"duplicate tree '{definition.id}': it replaces the tree at {where}"
         else:
-            message = f"there are two trees '{definition.id}'; that of {where} is used, not this one"
-        hint = "rename or remove one of them"
+            message = f"duplicate tree '{definition.id}': it is ignored, the tree at {where} is used"
+        hint = "rename or remove one of the two trees"
         diagnostics.add(
             definition.document.diagnostic(DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint)
         )
 
-    def select_main(self, asked: str | None, diagnostics: DiagnosticCollector) -> TreeDefinition | None:
-        """The tree that is to be made: the one *asked* for, the document's main tree, or its only one."""
+    def select_main(self, requested: str | None, diagnostics: DiagnosticCollector) -> TreeDefinition | None:
+        """Return the tree to build: the requested tree, the document's main tree, or its only tree.
+
+        Args:
+            requested: ID of a tree, or None.
+            diagnostics: Collects an error if the tree is missing or ambiguous.
+        """
         document = self.documents[-1]
-        if asked is not None:
-            if asked not in self.by_id and self.complete:
-                hint = self.suggestion(asked)
-                message = f"no tree is called '{asked}'"
+        if requested is not None:
+            if requested not in self.by_id and self.complete:
+                hint = self.suggestion(requested)
+                message = f"unknown tree '{requested}'"
                 diagnostics.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, document.root, hint=hint))
-            return self.by_id.get(asked)
+            return self.by_id.get(requested)
         written = document.root.get("main_tree_to_execute")
         if written is not None:
             if written not in self.by_id and self.complete:
-                message = f"main_tree_to_execute names the tree '{written}', which is not there"
+                message = f"unknown tree '{written}' in main_tree_to_execute"
                 hint = self.suggestion(written)
                 diagnostics.add(
                     document.diagnostic(
@@ -116,29 +127,34 @@ class TreeDefinitions:
                     )
                 )
             return self.by_id.get(written)
-        own = [one for one in self.all if one.document is document]
-        for only in (own, list(self.by_id.values())):
-            if len(only) == 1:
-                return self.by_id[only[0].id]
+        own = [definition for definition in self.all if definition.document is document]
+        for candidates in (own, list(self.by_id.values())):
+            if len(candidates) == 1:
+                return self.by_id[candidates[0].id]
         if not self.complete:
             return None
         if not self.all:
-            message = "there is no <BehaviorTree> in the document"
+            message = "missing <BehaviorTree>: the document has no tree"
             hint = EXAMPLE
         else:
-            message = "several trees, and none is named as the main one"
+            message = "ambiguous main tree: the document has several trees"
             names = join_names(sorted(self.by_id), "or")
-            hint = f'write main_tree_to_execute="…" into <root>, or name one when loading: {names}'
+            hint = f'write main_tree_to_execute="…" in <root>, or select a tree when loading: {names}'
         diagnostics.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, document.root, hint=hint))
         return None
 
     def suggestion(self, name: str) -> str:
-        """A hint for a tree *name* that is not there."""
+        """Return a hint for the unknown tree *name*."""
         return tree_hint(name, self.by_id)
 
 
 def tree_hint(name: str, known: Mapping[str, object] | Iterable[str]) -> str:
-    """Which of the *known* trees the writer of *name* may have meant."""
+    """Return a hint for an unknown tree.
+
+    Args:
+        name: The unknown ID.
+        known: The IDs of the known trees.
+    """
     names = sorted(known)
     near = nearest_name(name, names)
     if near is not None:

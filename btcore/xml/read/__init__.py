@@ -1,1 +1,1 @@
-"""Read documents: from a file or a text to elements with their positions."""
+"""Read documents: parse a file or a text into elements with their positions."""

@@ -1,11 +1,11 @@
-"""What differs between the XML of BehaviorTree.CPP 4 and 3: one table, and the words for it."""
+"""The table of differences between the XML of BehaviorTree.CPP 4 and 3, and the names of attributes."""
 
 from dataclasses import dataclass
 from typing import Final
 
 from btcore.status import NodeType
 
-# Tags that name a category, the node's ID being an attribute.
+# Explicit tags name the kind of a node; its ID is an attribute.
 EXPLICIT_TAGS: Final = {
     "Action": NodeType.ACTION,
     "Condition": NodeType.CONDITION,
@@ -15,7 +15,7 @@ EXPLICIT_TAGS: Final = {
 PRECONDITION_ATTRIBUTES: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 POSTCONDITION_ATTRIBUTES: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
 SCRIPT_ATTRIBUTES: Final = frozenset(PRECONDITION_ATTRIBUTES + POSTCONDITION_ATTRIBUTES)
-# Renamed or dropped since format 3; Groot 1 wrote the first of each pair.
+# Nodes renamed or dropped since format 3, as Groot 1 writes them, and their replacements in format 4.
 NODE_REPLACEMENTS: Final = {
     "SequenceStar": "SequenceWithMemory",
     "SubTreePlus": "SubTree",
@@ -32,15 +32,15 @@ class Dialect:
     """The rules of one format.
 
     - *subtree_tags*: the tags that call a subtree.
-    - *reserved*: attributes of a node that are never ports; *free_underscore*: nor is any other
-      attribute that can't be the name of a port.
-    - *last_tree_wins*: of two trees of one ID.
-    - *explicit_by_id*: the children of an explicit tag are counted by the kind of its node, not by the tag.
-    - *literals_checked*: a text that doesn't convert to the port's type is refused at load.
-    - *controls_need_children*: which compact control nodes may not be empty (None = all).
-    - *leaves_checked*: compact leaves may have no children.
-    - *tree_ids_checked*: a tree may not be called as a node is.
-    - *max_depth* of elements below a BehaviorTree.
+    - *reserved*: attributes of a node that are never ports.
+    - *free_underscore*: any other attribute whose name is no valid port name is allowed and ignored.
+    - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
+    - *explicit_by_id*: the kind of an explicit node comes from its ID, not from its tag.
+    - *literals_checked*: a text that doesn't convert to the port's type is an error when the tree is loaded.
+    - *controls_need_children*: compact control nodes that must have children (None = all).
+    - *leaves_checked*: children of a compact leaf are an error.
+    - *tree_ids_checked*: the ID of a tree must be a valid name, and not the name of a node.
+    - *max_depth*: maximum depth of elements below a BehaviorTree.
     """
 
     format: int
@@ -87,9 +87,9 @@ DIALECTS: Final = {
 
 
 def parse_format(written: str | None) -> int | None:
-    """The format that a `BTCPP_format` asks for; None if it is none that is known.
+    """Return the format (3 or 4) that the attribute `BTCPP_format` names, or None if it is unknown.
 
-    Without the attribute a document is of format 3, as Groot 1 writes.
+    A document without the attribute has format 3, as Groot 1 writes it.
     """
     if written is None:
         return 3

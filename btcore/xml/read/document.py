@@ -1,6 +1,6 @@
-"""Documents: from a file or a text to elements, with the place of each in the text.
+"""Parse a file or a text into a document: its elements, with the position of each in the text.
 
-A document type with content is refused, and what is not XML with file, line and column.
+Invalid XML is reported with file, line and column. A document type with content is an error.
 """
 
 import os
@@ -50,10 +50,14 @@ _BYTE_ORDER_MARKS: Final = (
 
 
 class Document:
-    """One XML document: *root* is its element tree, *text* what the user wrote, *file* its name.
+    """One XML document.
 
-    *warnings* tells what was read leniently, *knows_lines* whether every element has its line in *text*;
-    *max_depth* is how deep its elements may nest (None: as deep as its format allows).
+    Attributes:
+        root: The outermost element.
+        text: The text as the user wrote it.
+        file: Name of the file in messages, or "".
+        knows_lines: Whether every element has its line number.
+        max_depth: Maximum depth of elements; None means the limit of the format.
     """
 
     max_depth: int | None = None
@@ -71,22 +75,23 @@ class Document:
 
     @property
     def folder(self) -> Path:
-        """Where its includes are looked for: the folder of its file, else the current one."""
+        """The folder that paths of includes are relative to: that of the file, or the current folder."""
         return Path(self.file).parent if self.file else Path()
 
     @property
     def source_map(self) -> SourceMap:
-        """Where its elements stand; made when it is asked for the first time."""
+        """The positions of the elements, computed on first use."""
         if self._places is None:
             self._places = SourceMap(self.text, self.root)
         return self._places
 
     def line(self, element: Element) -> int:
-        """The line in which *element* begins."""
+        """Return the line (from 1) in which *element* begins."""
         return element.line if self.knows_lines else self.source_map.line(element)
 
     def text_in(self, element: Element) -> str:
-        """The text in *element*, up to its first child. Few need it, so it is read when it is asked for."""
+        """Return the text in *element* up to its first child."""
+        # Only descriptions in models need it, so the text is parsed a second time, on first use.
         if not self._parsed:
             self._parsed = list(parse_lxml_tree(_encoded(self._lenient.text)).iter("*"))
         return self._parsed[self.source_map.index(element)].text or ""
@@ -94,9 +99,13 @@ class Document:
     def span(
         self, element: Element | int, attribute: str = "", part: ElementPart = "value", within: int = 0
     ) -> SourceSpan | None:
-        """Where *element* (itself, or its index in the document) stands, or one of its attributes.
+        """Return the position of an element or of one of its attributes, or None if it is unknown.
 
-        *within* asks for one character of the attribute's value, by its number from 1.
+        Args:
+            element: The element, or its index in the document from 0.
+            attribute: Name of the attribute; "" means the element itself.
+            part: Whether to return the position of the attribute's name or value.
+            within: Number of a character in the value, from 1; 0 means the whole value.
         """
         return self.source_map.span(element, attribute, part, within)
 
@@ -110,7 +119,17 @@ class Document:
         hint: str = "",
         within: int = 0,
     ) -> Diagnostic:
-        """A diagnostic about *element*, or about one of its attributes (see :meth:`span`)."""
+        """Return a diagnostic about an element or about one of its attributes.
+
+        Args:
+            code: The diagnostic code.
+            message: What is wrong.
+            element: The element, or its index in the document from 0.
+            attribute: Name of the attribute; "" means the element itself.
+            part: Whether the place is the attribute's name or its value.
+            hint: How to fix the problem, or "".
+            within: Number of a character in the value, from 1; 0 means the whole value.
+        """
         place = self.span(element, attribute, part, within)
         if place is None:
             return Diagnostic(code, message, self.file, hint=hint)
@@ -118,38 +137,46 @@ class Document:
 
     @property
     def warnings(self) -> list[Diagnostic]:
-        """One for every attribute value with a bare ``<`` or ``&`` in it."""
-        found: list[Diagnostic] = []
+        """A warning for every attribute value that contains an unescaped ``<`` or ``&``."""
+        warnings: list[Diagnostic] = []
         end = 0
-        for one in self._lenient.escapes:
-            if one.original not in "<&" or one.offset < end:
+        for escape in self._lenient.escapes:
+            if escape.original not in "<&" or escape.offset < end:
                 continue
-            value, end = self._escaped_value(one.offset)
-            place = span_at(self.text, one.offset)
-            message = f"a bare '{one.original}' in an attribute value is read as text"
-            hint = f"other XML tools refuse it; write {value}"
-            found.append(
+            value, end = self._escaped_value(escape.offset)
+            place = span_at(self.text, escape.offset)
+            message = f"unescaped '{escape.original}' in an attribute value is read as text"
+            hint = f"other XML tools reject it; write {value}"
+            warnings.append(
                 Diagnostic(BARE_MARKUP, message, self.file, place.line, place.column, hint, place.source)
             )
-        return found
+        return warnings
 
     def _escaped_value(self, offset: int) -> tuple[str, int]:
-        """The attribute around *offset* as it should be written, and where it ends."""
+        """Return the attribute around *offset*, correctly escaped, and the offset of its end."""
         text = self.text
         quote_at = max(text.rfind('="', 0, offset), text.rfind("='", 0, offset)) + 1
         start = max(text.rfind(gap, 0, quote_at) for gap in " \t\r\n<") + 1
         end = text.find(text[quote_at], offset) + 1
         pieces: list[str] = []
-        for one in self._lenient.escapes:
-            if start <= one.offset < end and one.original in "<&":
-                pieces += (text[start : one.offset], one.written)
-                start = one.offset + 1
+        for escape in self._lenient.escapes:
+            if start <= escape.offset < end and escape.original in "<&":
+                pieces += (text[start : escape.offset], escape.written)
+                start = escape.offset + 1
         return "".join((*pieces, text[start:end])), end
 
 
 def parse_text(text: str, file: str = "") -> Document:
-    """Parse *text*; *file* is what messages call it. Raises XmlSyntaxError."""
-    # A byte order mark, and the declaration's encoding, are of no use once the text is a text.
+    """Parse a text.
+
+    Args:
+        text: The XML text.
+        file: Name of the file in messages, or "".
+
+    Raises:
+        XmlSyntaxError: *text* is not valid XML.
+    """
+    # The text is decoded already, so a byte order mark and the declared encoding are ignored.
     text = text.removeprefix("\ufeff")
     if not text or text.isspace():
         raise XmlSyntaxError([Diagnostic(EMPTY_DOCUMENT, "the document is empty", file, hint=EXAMPLE)])
@@ -157,7 +184,7 @@ def parse_text(text: str, file: str = "") -> Document:
         _refuse_document_type(text, file)
     zero = text.find("\0")
     if zero >= 0:
-        raise _syntax_error(NOT_XML, "a NUL character; this is not an XML document", text, zero, file)
+        raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
     is_kept = has_one_line_tags(text) or not may_keep_line_breaks(text)
     lenient = EscapedText(text, ()) if is_kept else escape_attribute_values(text)
     plain = parse_with_expat(_encoded(lenient.text))
@@ -178,7 +205,7 @@ def parse_text(text: str, file: str = "") -> Document:
 
 
 def parse_file(path: str | os.PathLike[str]) -> Document:
-    """Read and parse the file *path*. Raises XmlSyntaxError, also when it can't be read."""
+    """Read and parse the file *path*. Raises XmlSyntaxError if it can't be read or is not valid XML."""
     name = os.fspath(path)
     try:
         data = Path(path).read_bytes()
@@ -195,16 +222,16 @@ def _encoded(text: str) -> bytes:
 def _unreadable(path: Path, error: OSError) -> Diagnostic:
     hint = ""
     if str(path).lstrip().startswith("<"):
-        message = "the path of a file is wanted, and this is XML"
-        return Diagnostic(UNREADABLE_FILE, message, hint="btcore.loads(text) reads a text")
+        message = "expected the path of a file, but got XML text"
+        return Diagnostic(UNREADABLE_FILE, message, hint="to load a text, use btcore.loads(text)")
     if path.is_dir():
         message = "is a folder, not a file"
-        inside = sorted(found.name for found in path.glob("*.xml"))[:5]
-        if inside:
-            hint = "did you mean one of the files in it: " + ", ".join(inside) + "?"
+        names = sorted(file.name for file in path.glob("*.xml"))[:5]
+        if names:
+            hint = "did you mean a file in it: " + ", ".join(names) + "?"
     elif isinstance(error, FileNotFoundError):
         message = "no such file"
-        near = nearest_name(path.name, [found.name for found in path.parent.glob("*.xml")])
+        near = nearest_name(path.name, [file.name for file in path.parent.glob("*.xml")])
         if near is not None:
             hint = f"did you mean {path.with_name(near)}?"
     else:
@@ -215,26 +242,26 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
 def _decoded(data: bytes, file: str) -> str:
     for mark, encoding in _BYTE_ORDER_MARKS:
         if data.startswith(mark):
-            message = f"the file is {encoding}; trees are read as UTF-8"
+            message = f"the file is encoded as {encoding}, not as UTF-8"
             raise XmlSyntaxError([Diagnostic(NOT_UTF8, message, file, hint="save it as UTF-8")])
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = data[: error.start].decode("utf-8")
-        # The rest is shown as far as it can be.
+        # Decode the rest with replacement characters, to show the line in the message.
         text = before + data[error.start :].decode("utf-8", "replace")
-        message = f"the byte 0x{data[error.start]:02X} is not UTF-8"
+        message = f"the byte 0x{data[error.start]:02X} is not valid UTF-8"
         raise _syntax_error(NOT_UTF8, message, text, len(before), file, "save the file as UTF-8") from None
 
 
 def _refuse_document_type(text: str, file: str) -> None:
-    """Refuse a document type that could define or fetch something; a bare name does no harm."""
+    """Raise XmlSyntaxError for a document type that defines or fetches something; a bare name is allowed."""
     for at, tag in iter_markup(text):
         if tag is None and text.startswith("<!DOCTYPE", at):
             inside = text[at + len("<!DOCTYPE") : text.find(">", at)].split()
             if len(inside) > 1 or "[" in "".join(inside):
-                message = "a document type that defines or fetches something is refused"
-                hint = "trees need no <!DOCTYPE …>: remove it, and write its entities out"
+                message = "a document type that defines or fetches something is not supported"
+                hint = "trees need no <!DOCTYPE …>: remove it, and replace its entities by their text"
                 raise _syntax_error(DOCUMENT_TYPE, message, text, at, file, hint, len("<!DOCTYPE"))
 
 

@@ -1,7 +1,7 @@
-"""Elements as a document has them, and how a text becomes elements.
+"""The elements of a document, and the parsers that create them.
 
-A plain text is read in one pass by expat, which comes with Python. Whatever expat refuses, and anything
-that libxml2 may see in another way, is left to libxml2, which has the last word on what is XML.
+Expat, which comes with Python, parses a plain text in one pass. Texts that expat rejects, and texts that
+libxml2 may parse differently, are parsed by libxml2, which decides what is valid XML.
 """
 
 from collections.abc import Iterator
@@ -10,14 +10,14 @@ from xml.parsers import expat
 
 from lxml import etree
 
-# Of libxml2's own, which are 2,048.
+# Below libxml2's own limit of 2,048 levels, so that libxml2 reports deeper documents.
 _MOST_LEVELS: Final = 2_000
 
 
 class Element:
-    """One element: its *tag*, its *attributes* and *children* in the order written.
+    """One element: its *tag*, and its *attributes* and *children* in document order.
 
-    *line* (from 1) is that in which its start tag begins, where the reader of the text knows it, else 0.
+    *line* (from 1) is the line in which its start tag begins, or 0 if the parser doesn't know it.
     """
 
     __slots__ = ("attributes", "children", "line", "tag")
@@ -29,15 +29,15 @@ class Element:
         self.children: list[Element] = []
 
     def get(self, name: str) -> str | None:
-        """The attribute *name*, or None."""
+        """Return the value of the attribute *name*, or None."""
         return self.attributes.get(name)
 
     def iterchildren(self, *tags: str) -> Iterator["Element"]:
-        """The children that are called one of *tags*, in order."""
+        """Return the children with one of *tags*, in order."""
         return (child for child in self.children if child.tag in tags)
 
     def iter(self, *tags: str) -> Iterator["Element"]:
-        """It and all below it, in the order of their start tags; of *tags* alone if any are given."""
+        """Yield the element and all its descendants in document order; only those with *tags*, if any."""
         pending = [self]
         while pending:
             element = pending.pop()
@@ -47,11 +47,11 @@ class Element:
 
 
 class _Unusual(Exception):
-    """Expat met something that libxml2 is to look at."""
+    """Expat found something that libxml2 must parse."""
 
 
 def parse_with_expat(data: bytes) -> Element | None:
-    """The outermost element of *data* (UTF-8), with lines; None unless libxml2 would surely see the same."""
+    """Return the outermost element of *data* (UTF-8), with lines, or None if libxml2 must parse it."""
     names: dict[str, str] = {}
     parser = expat.ParserCreate("utf-8", None, names)
     top: list[Element] = []
@@ -76,9 +76,9 @@ def parse_with_expat(data: bytes) -> Element | None:
     except (expat.ExpatError, _Unusual):
         return None
     finally:
-        # It holds the parser, which holds it.
+        # Break the reference cycle between the handler and the parser.
         parser.StartElementHandler = None
-    # Namespaces are none of expat's business.
+    # Expat is not set up for namespaces.
     if "xmlns" in names or any(":" in name for name in names):
         return None
     return top[0]
@@ -94,7 +94,11 @@ def _unusual(*_: object) -> None:
 
 
 def parse_with_libxml2(data: bytes) -> Element:
-    """The outermost element of *data* (UTF-8) as libxml2 sees it, without lines. Raises XMLSyntaxError."""
+    """Return the outermost element of *data* (UTF-8), parsed by libxml2, without lines.
+
+    Raises:
+        lxml.etree.XMLSyntaxError: *data* is not valid XML.
+    """
     top: list[Element] = []
     pending: list[tuple[Any, list[Element]]] = [(parse_lxml_tree(data), top)]
     while pending:
@@ -106,13 +110,13 @@ def parse_with_libxml2(data: bytes) -> Element:
 
 
 def parse_lxml_tree(data: bytes) -> etree._Element:
-    """What libxml2 makes of *data* (UTF-8). Raises XMLSyntaxError.
+    """Parse *data* (UTF-8) with libxml2, without document types, custom entities and network access.
 
-    It is told to look nothing up: no document types with content, no entities of the document's own, no
-    network.
+    Raises:
+        lxml.etree.XMLSyntaxError: *data* is not valid XML.
     """
-    # Of itself it allows 256 levels counted from <root>; with huge_tree 2,048, so that the format's
-    # own limit, counted from the BehaviorTree, can hold.
+    # By default libxml2 allows 256 levels counted from <root>. With huge_tree it allows 2,048, so that
+    # the limit of the format, which counts from the BehaviorTree, takes effect.
     parser = etree.XMLParser(
         encoding="utf-8",
         resolve_entities=False,

@@ -1,4 +1,4 @@
-"""Documents that name others by ``<include path="…" ros_pkg="…"/>``."""
+"""Resolve ``<include path="…" ros_pkg="…"/>``: read the included documents."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,28 +10,36 @@ from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
 
 PackageResolver = Callable[[str], "str | Path | None"]
-"""From the name of a ROS package to the directory that its files are shared in; None if unknown."""
+"""Returns the share directory of the ROS package with the given name, or None if it is unknown."""
 
 
 def resolve_includes(
     document: Document, diagnostics: DiagnosticCollector, packages: PackageResolver | None = None
 ) -> list[Document]:
-    """The documents that *document* includes, however indirectly, and *document* itself, last.
+    """Read the documents that *document* includes, directly or indirectly.
 
-    Included documents come before the one that names them, so that of two trees of one ID the
-    including document's is the later one. A file that is named twice is read once.
+    A file that is included several times is read once.
+
+    Args:
+        document: The including document.
+        diagnostics: Collects an error for each include that fails.
+        packages: Finds the share directory of a ROS package.
+
+    Returns:
+        The included documents, each before the document that includes it; *document* is the last. So a
+        tree of the including document comes after included trees with the same ID.
     """
-    found: list[Document] = []
+    documents: list[Document] = []
     seen: set[Path] = set()
-    _gather(document, diagnostics, packages, found, seen, [])
-    return found
+    _gather(document, diagnostics, packages, documents, seen, [])
+    return documents
 
 
 def _gather(
     document: Document,
     diagnostics: DiagnosticCollector,
     packages: PackageResolver | None,
-    found: list[Document],
+    documents: list[Document],
     seen: set[Path],
     chain: list[Path],
 ) -> None:
@@ -43,8 +51,8 @@ def _gather(
             continue
         resolved = path.resolve()
         if resolved in [*chain, *own]:
-            circle = [*chain, *own][[*chain, *own].index(resolved) :]
-            names = " → ".join(one.name for one in [*circle, resolved])
+            cycle = [*chain, *own][[*chain, *own].index(resolved) :]
+            names = " → ".join(file.name for file in [*cycle, resolved])
             diagnostics.add(
                 document.diagnostic(INCLUDE_FAILED, f"the files include each other: {names}", element, "path")
             )
@@ -52,22 +60,22 @@ def _gather(
             try:
                 included = parse_file(path)
             except XmlSyntaxError as error:
-                _tell(error, document, element, diagnostics)
+                _add_errors(error, document, element, diagnostics)
                 seen.add(resolved)
             else:
-                _gather(included, diagnostics, packages, found, seen, [*chain, *own])
-    found.append(document)
+                _gather(included, diagnostics, packages, documents, seen, [*chain, *own])
+    documents.append(document)
 
 
-def _tell(
+def _add_errors(
     error: XmlSyntaxError, document: Document, element: Element, diagnostics: DiagnosticCollector
 ) -> None:
-    for one in error.diagnostics:
-        if one.code != UNREADABLE_FILE:
-            diagnostics.add(one)
+    for cause in error.diagnostics:
+        if cause.code != UNREADABLE_FILE:
+            diagnostics.add(cause)
             continue
-        message = f"the included file '{one.file}': {one.message}"
-        diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=one.hint))
+        message = f"the included file '{cause.file}': {cause.message}"
+        diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=cause.hint))
 
 
 def _path_of(
@@ -76,23 +84,23 @@ def _path_of(
     written = element.get("path")
     if not written:
         hint = 'write <include path="other.xml"/>'
-        diagnostics.add(document.diagnostic(INCLUDE_FAILED, "<include> names no file", element, hint=hint))
+        diagnostics.add(document.diagnostic(INCLUDE_FAILED, "missing path in <include>", element, hint=hint))
         return None
     path = Path(written)
     package = element.get("ros_pkg")
     if package is None:
         return path if path.is_absolute() else document.folder / path
     if path.is_absolute():
-        message = f"ros_pkg '{package}' is ignored, as the path is absolute"
+        message = f"ros_pkg '{package}' is ignored because the path is absolute"
         diagnostics.add(document.diagnostic(IGNORED_PACKAGE, message, element, "ros_pkg"))
         return path
     folder = packages(package) if packages is not None else None
     if folder is None:
-        message = f"the ROS package '{package}' is not known"
+        message = f"unknown ROS package '{package}'"
         hint = (
-            "no resolver of packages was given: pass one, from a package's name to its share directory"
+            "pass a package resolver, a function that returns the share directory of a package"
             if packages is None
-            else "the resolver of packages does not know it"
+            else "the package resolver does not know it"
         )
         diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "ros_pkg", hint=hint))
         return None

@@ -1,4 +1,4 @@
-"""Where something stands in a document: looked up only when a message needs it."""
+"""Positions in a document, computed only when a message needs them."""
 
 import re
 from typing import Final, Literal, NamedTuple
@@ -11,7 +11,7 @@ _LINE: Final = re.compile(r"[^\r\n]*")
 
 
 class SourceSpan(NamedTuple):
-    """A stretch of a document: *line* and *column* (characters) from 1, its *width*, and its line's text."""
+    """A range in a document: *line* and *column* from 1, *width* in characters, and *source*, its line."""
 
     line: int
     column: int
@@ -20,9 +20,13 @@ class SourceSpan(NamedTuple):
 
 
 def span_at(text: str, offset: int, width: int = 1, lines: dict[int, str] | None = None) -> SourceSpan:
-    """The place of the *width* characters of *text* from *offset* on.
+    """Return the position of a range of *text*.
 
-    *lines* keeps the lines that were met before, by their start: a line may be long, and met often.
+    Args:
+        text: The whole text.
+        offset: Offset of the first character, from 0.
+        width: Number of characters; the range ends at the end of the line at the latest.
+        lines: A cache of lines by the offset of their start. It avoids copies of very long lines.
     """
     start = max(text.rfind("\n", 0, offset), text.rfind("\r", 0, offset)) + 1
     line = _line_breaks(text, offset) + 1
@@ -43,7 +47,7 @@ def _line_breaks(text: str, end: int, start: int = 0) -> int:
 
 
 def _character(text: str, start: int, end: int, number: int) -> int:
-    """Where the character *number*, from 1, of the value written in *start* … *end* stands."""
+    """Return the offset of character *number* (from 1) of the escaped value from *start* to *end*."""
     at = start
     for _ in range(number - 1):
         reference = REFERENCE.match(text, at, end)
@@ -52,7 +56,7 @@ def _character(text: str, start: int, end: int, number: int) -> int:
 
 
 class SourceMap:
-    """The places of one document's elements.
+    """The positions of a document's elements.
 
     The parser's tree and the user's text hold the same elements in the same order, so the n-th
     element is the n-th start tag, however the tag is written.
@@ -67,11 +71,11 @@ class SourceMap:
         self._index = {element: index for index, element in enumerate(self._elements)}
 
     def index(self, element: Element) -> int:
-        """Which element of the document *element* is, from 0."""
+        """Return the index of *element* in document order, from 0."""
         return self._index[element]
 
     def line(self, element: Element) -> int:
-        """The line in which the start tag of *element* begins."""
+        """Return the line in which the start tag of *element* begins, from 1."""
         if self._lines is None:
             self._lines = []
             line, done = 1, 0
@@ -84,9 +88,13 @@ class SourceMap:
     def span(
         self, element: Element | int, attribute: str = "", part: ElementPart = "tag", within: int = 0
     ) -> SourceSpan | None:
-        """Where *element* (or the element of that index) stands, or an attribute's name or value.
+        """Return the position of an element or of one of its attributes, or None if it is unknown.
 
-        *within* is the number of a character of the value, from 1, and asks for that one alone.
+        Args:
+            element: The element, or its index in the document from 0.
+            attribute: Name of the attribute; "" means the element itself.
+            part: Whether to return the position of the attribute's name or value.
+            within: Number of a character in the value, from 1; 0 means the whole value.
         """
         index = element if isinstance(element, int) else self._index.get(element, -1)
         if not 0 <= index < len(self._tags):
@@ -95,9 +103,9 @@ class SourceMap:
         start, end = tag.start(), tag.end(1)
         if self._text[end] == ">":
             end += 1
-        found = find_attribute(tag, attribute) if attribute else None
-        if found is not None:
-            start, end = value_span(found) if part == "value" else found.span(1)
+        match = find_attribute(tag, attribute) if attribute else None
+        if match is not None:
+            start, end = value_span(match) if part == "value" else match.span(1)
             if within and part == "value":
                 start = _character(self._text, start, end, within)
                 end = start + 1

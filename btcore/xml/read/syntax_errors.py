@@ -1,4 +1,4 @@
-"""What is wrong with a document that is not XML, said in the words of its author."""
+"""Explain XML syntax errors in terms that the author of a document understands."""
 
 import re
 from typing import Final, NamedTuple
@@ -13,10 +13,10 @@ from btcore.xml.read.tinyxml2_compat import OPEN_TAG, EscapedText, iter_markup
 EXAMPLE: Final = 'a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>'
 
 
-class _Saying(NamedTuple):
-    """What libxml2 says (a pattern), the same as a sentence, and what to do about it.
+class _Explanation(NamedTuple):
+    """A pattern of libxml2's error message, our message for it, and a hint.
 
-    *anchor* is what the complaint is about, found backwards from where the parser stood.
+    *anchor* is the text that the error is about: the last occurrence before the parser's position.
     """
 
     pattern: str
@@ -25,78 +25,92 @@ class _Saying(NamedTuple):
     anchor: str = ""
 
 
-_SAYINGS: Final = (
-    _Saying(r"AttValue: \" or ' expected", "an attribute's value must stand in quotes"),
-    _Saying(
+_EXPLANATIONS: Final = (
+    _Explanation(r"AttValue: \" or ' expected", "an attribute's value must be in quotes"),
+    _Explanation(
         r"Attribute (\S+) redefined",
         "the attribute {0} is written twice in one tag",
         "remove one of them",
         "{0}",
     ),
-    _Saying(
+    _Explanation(
         r"Specification mandates value for attribute ([^\s,]+)",
         "the attribute {0} has no value",
         'write {0}="…"',
         "{0}",
     ),
-    _Saying(
+    _Explanation(
         r"Extra content at the end of the document",
         "something follows the end of the document",
-        "all trees stand inside one <root>…</root>",
+        "all trees must be inside one <root>…</root>",
     ),
-    _Saying(
+    _Explanation(
         r"Start tag expected",
-        "this is not XML: it does not begin with a tag",
+        "not XML: the document does not begin with a tag",
         EXAMPLE,
     ),
-    _Saying(
+    _Explanation(
         r"Namespace prefix ([^\s,]+) (?:for \S+ )?on ([^\s,]+) is not defined",
         "the prefix {0}: of {1} is not defined",
         "names of nodes and ports have no colon",
         "{0}:",
     ),
-    _Saying(r"xmlParseEntityRef: no name|EntityRef: expecting", "a bare '&' in text", "write &amp;", "&"),
-    _Saying(r"Entity '(.*)' not defined", "the entity &{0}; is not defined", "write &amp;{0};", "&{0}"),
-    _Saying(r"StartTag: invalid element name", "a '<' that begins no tag", "write &lt; for a bare '<'", "<"),
-    _Saying(
-        r"invalid xmlChar value (\d+)", "&#{0}; is a control character, which XML forbids", "remove it", "&#"
+    _Explanation(
+        r"xmlParseEntityRef: no name|EntityRef: expecting", "unescaped '&' in text", "write &amp;", "&"
     ),
-    _Saying(
+    _Explanation(r"Entity '(.*)' not defined", "the entity &{0}; is not defined", "write &amp;{0};", "&{0}"),
+    _Explanation(
+        r"StartTag: invalid element name", "'<' without a valid tag", "write &lt; for the character '<'", "<"
+    ),
+    _Explanation(
+        r"invalid xmlChar value (\d+)",
+        "&#{0}; is a control character, which is invalid in XML",
+        "remove it",
+        "&#",
+    ),
+    _Explanation(
         r"PCDATA invalid Char value|invalid character in attribute value",
-        "a control character, which XML forbids",
+        "control character, which is invalid in XML",
         "remove it",
     ),
-    _Saying(r"attributes construct error", "spaces must part the attributes"),
-    _Saying(r"XML declaration allowed only at the start", "<?xml …?> must be the very first of the file"),
-    _Saying(
+    _Explanation(r"attributes construct error", "missing space between attributes"),
+    _Explanation(r"XML declaration allowed only at the start", "<?xml …?> must be at the start of the file"),
+    _Explanation(
         r"Excessive depth in document: (\d+)",
         "elements are nested more than {0} deep",
         "split the tree into subtrees",
     ),
-    _Saying(
+    _Explanation(
         r"Double hyphen within comment|Comment must not contain '--'",
-        "'--' stands inside a comment",
+        "-- is not allowed in a comment",
         "",
         "--",
     ),
-    _Saying(r"error parsing attribute name", "this is no name of an attribute"),
+    _Explanation(r"error parsing attribute name", "invalid attribute name"),
 )
 
 
 def diagnose_xml_error(error: etree.XMLSyntaxError, lenient: EscapedText, text: str, file: str) -> Diagnostic:
-    """The diagnostic for *text*, which the parser refused with *error*."""
-    found = _unbalanced(text)
-    if found is not None:
-        offset, width, message, hint = found
+    """Return the diagnostic for a text that libxml2 rejected.
+
+    Args:
+        error: The error of libxml2.
+        lenient: The text that libxml2 parsed.
+        text: The text as the user wrote it.
+        file: Name of the file in messages, or "".
+    """
+    unbalanced = _unbalanced(text)
+    if unbalanced is not None:
+        offset, width, message, hint = unbalanced
         place = span_at(text, offset, width)
         return Diagnostic(NOT_XML, message, file, place.line, place.column, hint, place.source, place.width)
     line, column = error.position
     at = lenient.to_original(_offset(lenient.text, line or 1, column or 1))
     message, hint, anchor = _sentence(str(error.msg))
     if "<" not in text and text.strip().lower().endswith((".xml", ".btproj")):
-        hint = "if that is the path of a file, read it with btcore.load(path)"
-    found_at = text.rfind(anchor, 0, at + 1) if anchor else -1
-    place = span_at(text, found_at, len(anchor)) if found_at >= 0 else span_at(text, at)
+        hint = "if it is the path of a file, use btcore.load(path)"
+    anchor_at = text.rfind(anchor, 0, at + 1) if anchor else -1
+    place = span_at(text, anchor_at, len(anchor)) if anchor_at >= 0 else span_at(text, at)
     return Diagnostic(NOT_XML, message, file, place.line, place.column, hint, place.source, place.width)
 
 
@@ -111,17 +125,17 @@ def _offset(text: str, line: int, column: int) -> int:
 
 
 def _sentence(message: str) -> tuple[str, str, str]:
-    for saying in _SAYINGS:
-        found = re.search(saying.pattern, message)
-        if found is not None:
-            words = [word or "" for word in found.groups()]
-            return saying.sentence.format(*words), saying.hint.format(*words), saying.anchor.format(*words)
+    for known in _EXPLANATIONS:
+        match = re.search(known.pattern, message)
+        if match is not None:
+            words = [word or "" for word in match.groups()]
+            return known.sentence.format(*words), known.hint.format(*words), known.anchor.format(*words)
     bare = re.sub(r",? line \d+, column \d+.*", "", message)
-    return f"this is not well-formed XML: {bare[:1].lower()}{bare[1:]}", "", ""
+    return f"invalid XML: {bare[:1].lower()}{bare[1:]}", "", ""
 
 
 def _unbalanced(text: str) -> tuple[int, int, str, str] | None:
-    """The first tag that has no partner: offset, width, what is wrong, and what to do."""
+    """Return the first unbalanced tag as (offset, width, message, hint), or None."""
     open_tags: list[tuple[str, int]] = []
     for at, tag in iter_markup(text):
         if tag is not None:
@@ -130,21 +144,21 @@ def _unbalanced(text: str) -> tuple[int, int, str, str] | None:
             continue
         if text.startswith("<!", at):
             if text.startswith("<!--", at):
-                return at, 4, "a comment that does not end", "it ends with -->"
+                return at, 4, "the comment is not closed", "close it with -->"
             continue
         if not text.startswith("</", at):
             return _broken_tag(text, at)
         end = text.find(">", at)
         if end < 0:
-            return at, len(text) - at, "an end tag that does not end", "it ends with >"
+            return at, len(text) - at, "the end tag is not closed", "close it with >"
         name = text[at + 2 : end].strip()
         width = end + 1 - at
         if not open_tags:
-            return at, width, f"</{name}> closes nothing", "remove it, or write its start tag"
+            return at, width, f"</{name}> has no start tag", "remove it, or write its start tag"
         opened, opened_at = open_tags.pop()
         if opened != name:
             place = span_at(text, opened_at)
-            message = f"</{name}> stands where <{opened}> is to be closed"
+            message = f"expected </{opened}>, but found </{name}>"
             return at, width, message, f"<{opened}> was opened in line {place.line}, column {place.column}"
     if open_tags:
         name, at = open_tags[-1]
@@ -153,15 +167,15 @@ def _unbalanced(text: str) -> tuple[int, int, str, str] | None:
 
 
 def _broken_tag(text: str, at: int) -> tuple[int, int, str, str] | None:
-    """A ``<`` that begins no whole tag; None where the parser's own words are better."""
+    """Return the error for a ``<`` without a complete tag; None if libxml2's message is better."""
     name = OPEN_TAG.match(text, at)
     if name is None:
         return None
     width = len(name[0])
     rest = text[at + width :]
-    following = re.search(r"<", re.sub(r"\"[^\"]*\"|'[^']*'", lambda one: "x" * len(one[0]), rest))
+    following = re.search(r"<", re.sub(r"\"[^\"]*\"|'[^']*'", lambda match: "x" * len(match[0]), rest))
     inside = rest[: following.start()] if following else rest
     quotes = re.sub(r"\"[^\"]*\"|'[^']*'", "", inside)
     if '"' in quotes or "'" in quotes:
-        return at, width, f"in {name[0]} …> a quote is opened and not closed", ""
-    return at, width, f"the tag {name[0]} …> is not finished", "it ends with > or />"
+        return at, width, f"missing closing quote in the tag {name[0]} …>", ""
+    return at, width, f"the tag {name[0]} …> is not closed", "close it with > or />"

@@ -1,9 +1,9 @@
-"""XML read as tinyxml2 reads it, where BehaviorTree.CPP's users rely on that.
+"""Make XML parsers read attribute values as tinyxml2, the parser of BehaviorTree.CPP, does.
 
-tinyxml2 takes a bare ``<`` or ``&`` in an attribute value as text, and keeps the line breaks
-and tabs of a value. An XML parser refuses the first and turns the second into spaces. So such
-characters are escaped before the parser sees them, and it is remembered where, because places
-in messages are those of the text as the user wrote it.
+tinyxml2 reads an unescaped ``<`` or ``&`` in an attribute value as text, and keeps line breaks and tabs
+in a value. A standard XML parser rejects the former and turns the latter into spaces. Therefore these
+characters are escaped before parsing. The offsets of the escapes are kept, because positions in messages
+refer to the text as the user wrote it.
 """
 
 import re
@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-# Names as tinyxml2 takes them: whatever is not punctuation of a tag.
+# tinyxml2 accepts any characters in names, except for the punctuation of a tag.
 _NAME: Final = r"[^\s<>/!?=\"'&]+"
 START_TAG: Final = re.compile(rf"<({_NAME})((?:[^\"'<>]|\"[^\"]*\"|'[^']*')*+)>")
 OPEN_TAG: Final = re.compile(rf"<{_NAME}")
@@ -22,12 +22,12 @@ REFERENCE: Final = re.compile(_REFERENCE + r"|\r\n")
 _NEEDS_ESCAPE: Final = re.compile(rf"<|(?!{_REFERENCE})&|\r\n|[\n\r\t]")
 _ESCAPED: Final = {"<": "&lt;", "&": "&amp;", "\n": "&#10;", "\r": "&#10;", "\r\n": "&#10;", "\t": "&#9;"}
 _LINE_BREAK_IN_VALUE: Final = re.compile(r"""=\s*+(?:"[^"\n\r\t]*+[\n\r\t]|')""")
-# What stands between `<` and its end is never a tag: comments, character data, instructions.
+# Comments, character data and processing instructions contain no tags.
 _OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
 
 
 class EscapedCharacter(NamedTuple):
-    """One character (or line break) at *offset* of the original text, and what it became."""
+    """One escaped character (or line break): its *offset* in the original text, and its replacement."""
 
     offset: int
     original: str
@@ -35,31 +35,30 @@ class EscapedCharacter(NamedTuple):
 
 
 class EscapedText(NamedTuple):
-    """A text that an XML parser accepts, and how it came from the original."""
+    """A text that an XML parser accepts, and the characters that were escaped in it."""
 
     text: str
     escapes: tuple[EscapedCharacter, ...]
 
     def to_original(self, offset: int) -> int:
-        """The offset in the original text of *offset* in :attr:`text`."""
+        """Return the offset in the original text that corresponds to *offset* in :attr:`text`."""
         starts: list[int] = []
         grown: list[int] = []
         growth = 0
-        for one in self.escapes:
-            starts.append(one.offset + growth)
-            growth += len(one.written) - len(one.original)
+        for escape in self.escapes:
+            starts.append(escape.offset + growth)
+            growth += len(escape.written) - len(escape.original)
             grown.append(growth)
         index = bisect_right(starts, offset) - 1
         if index < 0:
             return offset
-        one = self.escapes[index]
-        return max(one.offset, offset - grown[index])
+        return max(self.escapes[index].offset, offset - grown[index])
 
 
 def iter_markup(text: str) -> Iterator[tuple[int, re.Match[str] | None]]:
-    """Every start tag, end tag and declaration of *text*: its offset, and the match of a start tag.
+    """Yield every start tag, end tag and declaration: its offset, and the match if it is a start tag.
 
-    Ends with the first ``<`` after which *text* is not well-formed enough to tell what is a tag.
+    Stops at the first ``<`` after which *text* is too malformed to recognise tags.
     """
     at = text.find("<")
     while at >= 0:
@@ -86,20 +85,20 @@ def iter_markup(text: str) -> Iterator[tuple[int, re.Match[str] | None]]:
 
 
 def iter_start_tags(text: str) -> Iterator[re.Match[str]]:
-    """The start tags of *text*, in document order: group 1 is the name, group 2 the attributes."""
+    """Return the start tags of *text* in document order: group 1 is the name, group 2 the attributes."""
     return (tag for _, tag in iter_markup(text) if tag is not None)
 
 
 def iter_attribute_values(tag: re.Match[str]) -> Iterator[tuple[str, int, int]]:
-    """The attributes of a start tag: name, and where its value starts and ends in the text."""
+    """Yield the attributes of a start tag, as (name, start of the value, end of the value)."""
     for attribute in ATTRIBUTE.finditer(tag.string, *tag.span(2)):
         yield attribute[1], *value_span(attribute)
 
 
 def find_attribute(tag: re.Match[str], name: str) -> re.Match[str] | None:
     """Return the match of :data:`ATTRIBUTE` for the attribute *name* of a start tag, if there is one."""
-    found = ATTRIBUTE.finditer(tag.string, *tag.span(2))
-    return next((attribute for attribute in found if attribute[1] == name), None)
+    attributes = ATTRIBUTE.finditer(tag.string, *tag.span(2))
+    return next((attribute for attribute in attributes if attribute[1] == name), None)
 
 
 def value_span(attribute: re.Match[str]) -> tuple[int, int]:
@@ -108,23 +107,23 @@ def value_span(attribute: re.Match[str]) -> tuple[int, int]:
 
 
 def has_one_line_tags(text: str) -> bool:
-    """Whether surely no tag holds a line break or a tab, be it in a value (cheap; errs towards False)."""
+    """Return whether certainly no tag contains a line break or a tab (cheap; errs towards False)."""
     if any(odd in text for odd in "\t\r'") or ("!" in text and "<!" in text):
         return False
-    # Single characters are found far faster than two, so the rare one of "<?" narrows the search.
+    # Searching for one character is much faster than for two, so the rare "?" narrows the search.
     if text.rfind("<?", 0, text.rfind("?") + 1) > 0:
         return False
-    # Every line break follows a ">", and no ">" is anything but the end of a tag.
+    # Then every line break follows a ">", and every ">" ends a tag.
     return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
 
 
 def may_keep_line_breaks(text: str) -> bool:
-    """Whether an attribute value may hold a line break or tab (cheap; errs towards True)."""
+    """Return whether an attribute value may contain a line break or a tab (cheap; errs towards True)."""
     return _LINE_BREAK_IN_VALUE.search(text) is not None
 
 
 def escape_attribute_values(text: str) -> EscapedText:
-    """*text* with what an XML parser would refuse or alter in attribute values escaped."""
+    """Escape the characters in attribute values that an XML parser would reject or change."""
     escapes: list[EscapedCharacter] = []
     pieces: list[str] = []
     done = 0
@@ -132,10 +131,10 @@ def escape_attribute_values(text: str) -> EscapedText:
         if _NEEDS_ESCAPE.search(tag[2]) is None:
             continue
         for _, start, end in iter_attribute_values(tag):
-            for found in _NEEDS_ESCAPE.finditer(text, start, end):
-                written = _ESCAPED[found[0]]
-                escapes.append(EscapedCharacter(found.start(), found[0], written))
-                pieces += (text[done : found.start()], written)
-                done = found.end()
+            for match in _NEEDS_ESCAPE.finditer(text, start, end):
+                written = _ESCAPED[match[0]]
+                escapes.append(EscapedCharacter(match.start(), match[0], written))
+                pieces += (text[done : match.start()], written)
+                done = match.end()
     pieces.append(text[done:])
     return EscapedText("".join(pieces), tuple(escapes))

@@ -262,7 +262,7 @@ def test_only_a_registry_is_one(nodes: Any) -> None:
 
 
 def test_an_empty_registry_does_not_know_the_built_in_nodes() -> None:
-    with pytest.raises(btcore.UnknownNodeError, match=r"begin with Registry\.standard\(\)"):
+    with pytest.raises(btcore.UnknownNodeError, match=r"start with Registry\.standard\(\)"):
         status_of("<AlwaysSuccess/>", Registry())
 
 

@@ -50,7 +50,7 @@ CASES = {
         t.xml:3:5: E101 unknown node <SequenceStar>
            3 |      <SequenceStar><AlwaysSuccess/></SequenceStar>
              |      ^^^^^^^^^^^^^^
-              <SequenceWithMemory> takes its place
+              use <SequenceWithMemory>, which replaces it
         """,
     ),
     "a node of format 4 in format 3": (
@@ -70,7 +70,7 @@ CASES = {
         t.xml:3:5: E101 unknown node <Weld>
            3 |      <Weld/>
              |      ^^^^^
-              a <TreeNodesModel> declares it, but its code isn't here: register that (--plugin, or nodes.add), or do without code: --model t.xml
+              a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, or --model t.xml to work without the code
         """,  # noqa: E501
     ),
     "a tree used as a tag": (
@@ -87,7 +87,7 @@ CASES = {
         ('<SubTree ID="Chrage"/>', {"Charge": "<AlwaysSuccess/>"}),
         TreeError,
         """
-        t.xml:3:18: E109 no tree is called 'Chrage'
+        t.xml:3:18: E109 unknown tree 'Chrage'
            3 |      <SubTree ID="Chrage"/>
              |                   ^^^^^^
               did you mean 'Charge'?
@@ -100,7 +100,7 @@ CASES = {
         ),
         TreeError,
         """
-        t.xml:6:37: E110 the trees call each other in a circle: A → B → A
+        t.xml:6:37: E110 the trees call each other recursively: A → B → A
            6 |    <BehaviorTree ID="B"><SubTree ID="A"/></BehaviorTree>
              |                                      ^
               a tree can't contain itself
@@ -158,7 +158,7 @@ CASES = {
         ('<SubTree ID="A"><Say/></SubTree>', {"A": "<AlwaysSuccess/>"}),
         TreeError,
         """
-        t.xml:3:21: E104 <SubTree ID="A"> has children; what it does stands in its <BehaviorTree>
+        t.xml:3:21: E104 <SubTree ID="A"> has children; they belong into the <BehaviorTree> that it calls
            3 |      <SubTree ID="A"><Say/></SubTree>
              |                      ^^^^
         """,
@@ -167,7 +167,7 @@ CASES = {
         ("<Say/>", {}, 'BTCPP_format="4" main_tree_to_execute="Mian"'),
         TreeError,
         """
-        t.xml:1:46: E108 main_tree_to_execute names the tree 'Mian', which is not there
+        t.xml:1:46: E108 unknown tree 'Mian' in main_tree_to_execute
            1 |  <root BTCPP_format="4" main_tree_to_execute="Mian">
              |                                               ^^^^
               did you mean 'Main'?
@@ -177,17 +177,17 @@ CASES = {
         ("<Say/>", {"Other": "<AlwaysSuccess/>"}, 'BTCPP_format="4"'),
         TreeError,
         """
-        t.xml:1:1: E108 several trees, and none is named as the main one
+        t.xml:1:1: E108 ambiguous main tree: the document has several trees
            1 |  <root BTCPP_format="4">
              |  ^^^^^
-              write main_tree_to_execute="…" into <root>, or name one when loading: Main or Other
+              write main_tree_to_execute="…" in <root>, or select a tree when loading: Main or Other
         """,
     ),
     "no tree at all": (
         '<root BTCPP_format="4"/>',
         TreeError,
         """
-        t.xml:1:1: E108 there is no <BehaviorTree> in the document
+        t.xml:1:1: E108 missing <BehaviorTree>: the document has no tree
            1 |  <root BTCPP_format="4"/>
              |  ^^^^^
               a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
@@ -210,14 +210,14 @@ CASES = {
         t.xml:1:1: E008 the outermost element is <Root>, not <root>
            1 |  <Root BTCPP_format="4"/>
              |  ^^^^^
-              did you mean <root>? XML tells capital letters from small ones
+              did you mean <root>? XML is case-sensitive
         """,
     ),
     "a format that is not known": (
         ("<Say/>", {}, 'BTCPP_format="5"'),
         XmlSyntaxError,
         """
-        t.xml:1:21: E009 BTCPP_format '5' is not known
+        t.xml:1:21: E009 unknown BTCPP_format '5'
            1 |  <root BTCPP_format="5">
              |                      ^
               write BTCPP_format="4", or "3" for a tree of Groot 1
@@ -227,7 +227,7 @@ CASES = {
         ("<Say/>", {"Drive": "<AlwaysSuccess/>"}),
         TreeError,
         """
-        t.xml:5:21: E105 a tree can't be called 'Drive', as a node is
+        t.xml:5:21: E105 invalid tree ID 'Drive': a node has this name
            5 |    <BehaviorTree ID="Drive"><AlwaysSuccess/></BehaviorTree>
              |                      ^^^^^
               rename the tree
@@ -237,17 +237,17 @@ CASES = {
         ("<Say/>", {"go home": "<AlwaysSuccess/>"}),
         TreeError,
         """
-        t.xml:5:21: E107 a tree's ID has no ' ' in it, but this one is 'go home'
+        t.xml:5:21: E107 invalid tree ID 'go home': ' ' is not allowed
            5 |    <BehaviorTree ID="go home"><AlwaysSuccess/></BehaviorTree>
              |                      ^^^^^^^
-              letters, digits, '_' and '-' will do
+              use letters, digits, '_' and '-'
         """,
     ),
     "a tree with a reserved name": (
         ("<Say/>", {"root": "<Say/>"}),
         TreeError,
         """
-        t.xml:5:21: E107 no tree may be called 'root'; it is reserved
+        t.xml:5:21: E107 invalid tree ID 'root': the name is reserved
            5 |    <BehaviorTree ID="root"><Say/></BehaviorTree>
              |                      ^^^^
         """,
@@ -256,7 +256,7 @@ CASES = {
         ('<Say ID="greet"/>',),
         TreeError,
         """
-        t.xml:3:14: E103 <Say> has an ID, which only explicit tags such as <Action ID="…"> have
+        t.xml:3:14: E103 unexpected ID in <Say>: only explicit tags such as <Action ID="…"> have one
            3 |      <Say ID="greet"/>
              |               ^^^^^
               to name the node, write name="…"
@@ -266,7 +266,7 @@ CASES = {
         ("<Action/>",),
         TreeError,
         """
-        t.xml:3:5: E102 <Action> does not say which node it is
+        t.xml:3:5: E102 the ID of the node is missing in <Action>
            3 |      <Action/>
              |      ^^^^^^^
               write <Action ID="…"/>
@@ -285,10 +285,10 @@ CASES = {
         ("<Say/>", '  <include ros_pkg="nav" path="nope.xml"/>\n'),
         XmlSyntaxError,
         """
-        t.xml:5:21: E007 the ROS package 'nav' is not known
+        t.xml:5:21: E007 unknown ROS package 'nav'
            5 |    <include ros_pkg="nav" path="nope.xml"/>
              |                      ^^^
-              no resolver of packages was given: pass one, from a package's name to its share directory
+              pass a package resolver, a function that returns the share directory of a package
         """,
     ),
 }
@@ -334,10 +334,10 @@ def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry, d
     assert [str(one) for one in analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings] == [
         dedent(
             """\
-            t.xml:5:21: W102 there are two trees 'Main'; this one replaces that of t.xml:2
+            t.xml:5:21: W102 duplicate tree 'Main': it replaces the tree at t.xml:2
                5 |    <BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>
                  |                      ^^^^
-                  rename or remove one of them"""
+                  rename or remove one of the two trees"""
         )
     ]
 
@@ -347,7 +347,7 @@ def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry, d
     assert build(parse_text(text), nodes).root.id == "AlwaysFailure"
     (warning,) = analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings
     assert str(warning).startswith(
-        "t.xml:5:21: W102 there are two trees 'Main'; that of t.xml:2 is used, not this one"
+        "t.xml:5:21: W102 duplicate tree 'Main': it is ignored, the tree at t.xml:2 is used"
     )
 
 
@@ -355,7 +355,7 @@ def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry, docume
     text = document("<Root/><Say/>", {}, 'main_tree_to_execute="Main"')
     assert build(parse_text(text), nodes).root.id == "Say"
     (warning,) = analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings
-    assert str(warning).startswith("t.xml:3:5: W103 <Root> is obsolete and is skipped")
+    assert str(warning).startswith("t.xml:3:5: W103 the obsolete <Root> is ignored")
 
 
 # --- files that include files

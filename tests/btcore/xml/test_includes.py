@@ -87,5 +87,5 @@ def test_a_package_is_ignored_with_a_warning_where_the_path_is_absolute(tmp_path
 
 def test_a_package_that_the_resolver_does_not_know_is_a_fault(tmp_path: Path) -> None:
     main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include='<include ros_pkg="nav" path="a.xml"/>')
-    with pytest.raises(TreeError, match="the ROS package 'nav' is not known"):
+    with pytest.raises(TreeError, match="unknown ROS package 'nav'"):
         load(main, packages=lambda name: None)

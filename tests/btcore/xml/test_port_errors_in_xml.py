@@ -32,7 +32,7 @@ CASES = {
         t.xml:3:11: E201 <Turn> has no port 'angle'
            3 |      <Turn angle="1"/>
              |            ^^^^^
-              its parameter 'angle: float' asks for a resource; did you mean angle: In[float]?
+              its parameter 'angle: float' is a resource; did you mean angle: In[float]?
         """,
     ),
     "a parameter that is not marked, and nobody gives": (
@@ -67,17 +67,17 @@ CASES = {
         ('<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>',),
         PortError,
         """
-        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: 'many' is no integer
+        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: 'many' is no integer
            3 |      <Repeat num_cycles="many"><AlwaysSuccess/></Repeat>
              |                          ^^^^
-              for the blackboard's entry write {many}
+              to use the blackboard entry, write {many}
         """,
     ),
     "an empty attribute of a typed port": (
         ('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>',),
         PortError,
         """
-        t.xml:3:24: E202 the port 'num_cycles' of <Repeat> takes int: '' is no integer
+        t.xml:3:24: E202 the port 'num_cycles' of <Repeat> has the type int: '' is no integer
            3 |      <Repeat num_cycles=""><AlwaysSuccess/></Repeat>
              |                         ^^
         """,
@@ -86,27 +86,27 @@ CASES = {
         ('<Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>',),
         PortError,
         """
-        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: ' {n}' is no integer
+        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: ' {n}' is no integer
            3 |      <Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>
              |                          ^^^^
-              write {n}, without spaces around
+              write {n} without surrounding spaces
         """,
     ),
     "two types for one entry": (
         ('<RunOnce then_skip="{n}"><Repeat num_cycles="{n}"><Say/></Repeat></RunOnce>',),
         PortError,
         """
-        t.xml:3:50: E203 the port 'num_cycles' of <Repeat> is int, but its entry is bool
+        t.xml:3:50: E203 the port 'num_cycles' of <Repeat> has the type int, but its entry has the type bool
            3 |      <RunOnce then_skip="{n}"><Repeat num_cycles="{n}"><Say/></Repeat></RunOnce>
              |                                                   ^^^
-              it was declared by 'then_skip' of <RunOnce> (t.xml:3); the type of an entry never changes
+              declared by 'then_skip' of <RunOnce> (t.xml:3); the type of an entry never changes
         """,
     ),
     "a script with a mistake": (
         ('<Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>',),
         PortError,
         """
-        t.xml:3:43: E206 the script in '_skipIf' of <Say>: a value is wanted, but '=' stands here
+        t.xml:3:43: E206 invalid script in '_skipIf' of <Say>: a value is wanted, but '=' stands here
            3 |      <Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>
              |                                            ^
         """,
@@ -159,10 +159,10 @@ CASES = {
         ),
         PortError,
         """
-        t.xml:3:5: E204 <SubTree> is not given the port 'goal', which the model of 'A' demands
+        t.xml:3:5: E204 <SubTree> lacks the port 'goal', which the model of 'A' requires
            3 |      <SubTree ID="A"/>
              |      ^^^^^^^^
-              write goal="…", or give it a default in <TreeNodesModel>
+              write goal="…", or declare a default in <TreeNodesModel>
         """,
     ),
     "a port of a subtree whose name has a dot": (
@@ -178,7 +178,7 @@ CASES = {
         ('<SubTree ID="A" _autoremap="yes"/>', {"A": "<AlwaysSuccess/>"}),
         PortError,
         """
-        t.xml:3:33: E207 _autoremap is 'true' or 'false', not 'yes'
+        t.xml:3:33: E207 _autoremap must be 'true' or 'false', not 'yes'
            3 |      <SubTree ID="A" _autoremap="yes"/>
              |                                  ^^^
         """,

@@ -51,10 +51,10 @@ def test_what_was_read_leniently_is_a_warning_that_shows_the_escaped_form() -> N
     assert [str(one) for one in document.warnings] == [
         message(
             """
-            t.xml:2:28: W101 a bare '<' in an attribute value is read as text
+            t.xml:2:28: W101 unescaped '<' in an attribute value is read as text
                2 |    <Script name="s" code="a < b && c" x="fine &amp; well"/>
                  |                             ^
-                  other XML tools refuse it; write code="a &lt; b &amp;&amp; c"
+                  other XML tools reject it; write code="a &lt; b &amp;&amp; c"
             """
         )
     ]
@@ -95,7 +95,7 @@ def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
         (
             "not a tree at all",
             """
-            t.xml:1:1: E002 this is not XML: it does not begin with a tag
+            t.xml:1:1: E002 not XML: the document does not begin with a tag
                1 |  not a tree at all
                  |  ^
                   a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
@@ -104,7 +104,7 @@ def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
         (
             "<root>\n  <Sequence>\n  </Fallback>\n</root>",
             """
-            t.xml:3:3: E002 </Fallback> stands where <Sequence> is to be closed
+            t.xml:3:3: E002 expected </Sequence>, but found </Fallback>
                3 |    </Fallback>
                  |    ^^^^^^^^^^^
                   <Sequence> was opened in line 2, column 3
@@ -122,7 +122,7 @@ def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
         (
             '<root>\n  <Say text="hello/>\n</root>',
             """
-            t.xml:2:3: E002 in <Say …> a quote is opened and not closed
+            t.xml:2:3: E002 missing closing quote in the tag <Say …>
                2 |    <Say text="hello/>
                  |    ^^^^
             """,
@@ -130,7 +130,7 @@ def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
         (
             "<root>\n  <Say text=hello/>\n</root>",
             """
-            t.xml:2:13: E002 an attribute's value must stand in quotes
+            t.xml:2:13: E002 an attribute's value must be in quotes
                2 |    <Say text=hello/>
                  |              ^
             """,
@@ -147,7 +147,7 @@ def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
         (
             "<root>a & b</root>",
             """
-            t.xml:1:9: E002 a bare '&' in text
+            t.xml:1:9: E002 unescaped '&' in text
                1 |  <root>a & b</root>
                  |          ^
                   write &amp;
@@ -159,22 +159,22 @@ def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
             t.xml:2:1: E002 something follows the end of the document
                2 |  <root/>
                  |  ^
-                  all trees stand inside one <root>…</root>
+                  all trees must be inside one <root>…</root>
             """,
         ),
         (
             "<root><!-- oh </root>",
             """
-            t.xml:1:7: E002 a comment that does not end
+            t.xml:1:7: E002 the comment is not closed
                1 |  <root><!-- oh </root>
                  |        ^^^^
-                  it ends with -->
+                  close it with -->
             """,
         ),
         (
             "<root>\n\x00</root>",
             """
-            t.xml:2:1: E002 a NUL character; this is not an XML document
+            t.xml:2:1: E002 invalid XML: the text contains a NUL character
                2 |  \x00</root>
                  |  ^
             """,
@@ -187,7 +187,7 @@ def test_what_is_not_xml_is_refused_with_its_place(text: str, said: str) -> None
 
 def test_places_are_those_of_the_original_though_characters_before_were_escaped() -> None:
     text = '<root>\n<A x="a < b & c && d"/><B y=1/>\n</root>'
-    assert tree_error(text).startswith("t.xml:2:29: E002 an attribute's value must stand in quotes")
+    assert tree_error(text).startswith("t.xml:2:29: E002 an attribute's value must be in quotes")
 
 
 # --- what is hostile
@@ -197,10 +197,10 @@ def test_a_bomb_of_entities_is_refused_unread() -> None:
     bomb = '<!DOCTYPE root [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>\n<root x="&b;"/>'
     assert tree_error(bomb) == message(
         """
-        t.xml:1:1: E005 a document type that defines or fetches something is refused
+        t.xml:1:1: E005 a document type that defines or fetches something is not supported
            1 |  <!DOCTYPE root [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>
              |  ^^^^^^^^^
-              trees need no <!DOCTYPE …>: remove it, and write its entities out
+              trees need no <!DOCTYPE …>: remove it, and replace its entities by their text
         """
     )
 
@@ -210,7 +210,7 @@ def test_an_external_entity_is_refused_and_not_fetched(tmp_path: Path) -> None:
     secret.write_text("secret")
     text = f'<!DOCTYPE root [<!ENTITY a SYSTEM "{secret}">]><root>&a;</root>'
     said = tree_error(text)
-    assert "t.xml:1:1: E005 a document type that defines or fetches something is refused" in said
+    assert "t.xml:1:1: E005 a document type that defines or fetches something is not supported" in said
     assert "E005" in tree_error(f'<!DOCTYPE root SYSTEM "{secret}"><root/>')
 
 
@@ -241,9 +241,9 @@ def test_a_text_where_a_path_is_wanted_and_the_other_way_round() -> None:
     with pytest.raises(XmlSyntaxError) as caught:
         btcore.load('<root BTCPP_format="4"/>')
     assert str(caught.value) == (
-        "<text>: E003 the path of a file is wanted, and this is XML\n      btcore.loads(text) reads a text"
+        "<text>: E003 expected the path of a file, but got XML text\n      to load a text, use btcore.loads(text)"
     )
-    with pytest.raises(XmlSyntaxError, match=r"E002 [^$]*read it with btcore\.load\(path\)"):
+    with pytest.raises(XmlSyntaxError, match=r"E002 [^$]*use btcore\.load\(path\)"):
         btcore.loads("trees/patrol.xml")
 
 
@@ -252,7 +252,7 @@ def test_a_folder(tmp_path: Path) -> None:
     with pytest.raises(XmlSyntaxError) as caught:
         parse_file(tmp_path)
     assert str(caught.value) == (
-        f"{tmp_path}: E003 is a folder, not a file\n      did you mean one of the files in it: a.xml?"
+        f"{tmp_path}: E003 is a folder, not a file\n      did you mean a file in it: a.xml?"
     )
 
 
@@ -261,7 +261,7 @@ def test_a_file_that_is_not_utf_8(tmp_path: Path) -> None:
     path.write_bytes("<root>\n  <A n='é'/></root>".encode("latin-1"))
     with pytest.raises(XmlSyntaxError) as caught:
         parse_file(path)
-    assert str(caught.value).startswith(f"{path}:2:9: E004 the byte 0xE9 is not UTF-8\n")
+    assert str(caught.value).startswith(f"{path}:2:9: E004 the byte 0xE9 is not valid UTF-8\n")
 
 
 def test_a_file_of_utf_16(tmp_path: Path) -> None:
@@ -270,7 +270,7 @@ def test_a_file_of_utf_16(tmp_path: Path) -> None:
     with pytest.raises(XmlSyntaxError) as caught:
         parse_file(path)
     assert str(caught.value) == (
-        f"{path}: E004 the file is UTF-16; trees are read as UTF-8\n      save it as UTF-8"
+        f"{path}: E004 the file is encoded as UTF-16, not as UTF-8\n      save it as UTF-8"
     )
 
 

@@ -58,16 +58,16 @@ def said(text: str) -> str:
         (children("WhileDoElse", "<AlwaysFailure/>", "<Drive/>", "<Grasp/>"), 5, "Drive",
          "the condition <AlwaysFailure> never succeeds"),
         (children("TryCatch", "<AlwaysSuccess/>", "<Drive/>"), 5, "Drive",
-         "what it is to catch never fails"),
+         "the children before it never fail"),
     ],
 )  # fmt: skip
 def test_a_child_that_no_tick_gets_to(check: Check, body: str, line: int, tag: str, why: str) -> None:
     assert check(body, given=["x"]) == said(
         f"""
-        t.xml:{line}:7: W105 this <{tag}> is never ticked: {why}
+        t.xml:{line}:7: W105 <{tag}> is never ticked: {why}
            {line} |        <{tag}/>
              |        {"^" * len(f"<{tag}")}
-              remove it, or what keeps the ticks from it
+              remove it, or the cause
         """
     )
 
@@ -97,7 +97,7 @@ def test_a_child_that_may_be_reached(check: Check, body: str) -> None:
 def test_what_a_subtree_may_result_in_counts(check: Check) -> None:
     body = children("Sequence", '<SubTree ID="Doomed"/>', "<Drive/>")
     assert check(body, tree("Doomed", "<AlwaysFailure/>")).startswith(
-        't.xml:5:7: W105 this <Drive> is never ticked: <SubTree ID="Doomed"> before it (line 4) never succ'
+        't.xml:5:7: W105 <Drive> is never ticked: <SubTree ID="Doomed"> before it (line 4) never succ'
     )
     assert check(body, tree("Doomed", "<BatteryOk/>")) == ""
 
@@ -124,9 +124,9 @@ def test_nothing_is_certain_of_a_node_that_was_replaced(check: Check, palette: R
         (children("Switch2", "<BatteryOk/>", "<BatteryOk/>").replace("<Switch2>", '<Switch2 variable="1">'),
          "<Switch2> has 2 children; it needs 3: one for each case, and a default"),
         (children("ParallelAll", "<BatteryOk/>").replace("<ParallelAll>", '<ParallelAll max_failures="2">'),
-         "<ParallelAll> has 1 child, which can never give 2 failures"),
+         "<ParallelAll> has 1 child, too few for 2 failures"),
         (children("Parallel", "<BatteryOk/>").replace("<Parallel>", '<Parallel success_count="3">'),
-         "<Parallel> has 1 child, which can never give 3 successes"),
+         "<Parallel> has 1 child, too few for 3 successes"),
     ],
 )  # fmt: skip
 def test_children_that_only_the_first_tick_refuses_are_an_error_and_do_not_keep_the_tree_from_loading(
@@ -170,10 +170,10 @@ def test_as_many_children_as_the_node_takes(check: Check, body: str) -> None:
 def test_text_between_elements_is_told_of_at_its_place(check: Check) -> None:
     assert check("<Sequence>\n  first  charge <!-- a comment --><Drive/></Sequence>") == said(
         """
-        t.xml:4:3: W108 the text 'first charge' stands between the elements of a tree, and is ignored
+        t.xml:4:3: W108 the text 'first charge' between the elements of a tree is ignored
            4 |    first  charge <!-- a comment --><Drive/></Sequence>
              |    ^^^^^^^^^^^^
-              what a node is given stands in its attributes; what is for readers: <!-- … -->
+              pass values to a node in its attributes; write comments as <!-- … -->
         """
     )
 
@@ -190,7 +190,7 @@ def test_comments_and_the_descriptions_of_models_are_no_loose_text(check: Check)
 def test_a_reactive_node_with_two_asynchronous_children(check: Check) -> None:
     assert check(children("ReactiveSequence", "<BatteryOk/>", "<Drive/>", "<Grasp/>")) == said(
         """
-        t.xml:6:7: W106 <ReactiveSequence> has a second asynchronous child here: each tick begins with <Drive> (line 5), which halts this <Grasp> unless it ends at once
+        t.xml:6:7: W106 <Grasp> is a second asynchronous child of <ReactiveSequence>: each tick begins with <Drive> (line 5), which halts <Grasp> unless it completes at once
            6 |        <Grasp/>
              |        ^^^^^^
               put both into a <Sequence>
@@ -219,7 +219,9 @@ def test_what_takes_its_time_is_asynchronous(
     check: Check, node: str, first: str, second: str, line_of_second: int
 ) -> None:
     found = check(children(node, first, second), tree("Inner", "<Grasp/>") if "Inner" in second else "")
-    assert found.startswith(f"t.xml:{line_of_second}:7: W106 <{node}> has a second asynchronous child here")
+    label = second.replace("/>", ">")
+    start = f"t.xml:{line_of_second}:7: W106 {label} is a second asynchronous child of <{node}>"
+    assert found.startswith(start)
 
 
 @pytest.mark.parametrize(
@@ -262,10 +264,10 @@ def test_an_asynchronous_leaf_may_say_that_it_ends_at_once(check: Check, palette
 def test_a_tree_that_is_never_used(check: Check) -> None:
     assert check("<AlwaysSuccess/>", tree("Left")) == said(
         """
-        t.xml:5:21: W104 the tree 'Left' is never used: 'Main' doesn't lead to it
+        t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly
            5 |    <BehaviorTree ID="Left">
              |                      ^^^^
-              call it by <SubTree ID="Left"/>, or remove it
+              call it with <SubTree ID="Left"/>, or remove it
         """
     )
 
@@ -273,7 +275,7 @@ def test_a_tree_that_is_never_used(check: Check) -> None:
 def test_of_unused_trees_that_call_each_other_the_first_is_named(check: Check) -> None:
     found = check("<AlwaysSuccess/>", tree("Left", '<SubTree ID="Right"/>') + tree("Right"))
     assert [line for line in found.splitlines() if "W104" in line] == [
-        "t.xml:5:21: W104 the tree 'Left' is never used: 'Main' doesn't lead to it"
+        "t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly"
     ]
 
 

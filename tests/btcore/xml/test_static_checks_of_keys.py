@@ -34,17 +34,17 @@ CASES = {
         '<Say text="{goal}"/>',
         "",
         """
-        t.xml:3:16: W201 the port 'text' of <Say> reads {goal}, which nothing writes
+        t.xml:3:16: W201 the port 'text' of <Say> reads {goal}, which is never written
            3 |      <Say text="{goal}"/>
              |                 ^^^^^^
-              write it before, or fill the blackboard before the first tick: tree.blackboard["goal"] = …
+              write it first, or fill the blackboard before the first tick: tree.blackboard["goal"] = …
         """,
     ),
     "a typing mistake": (
         children('<Script code="goal := 1"/>', '<Say text="{gaol}"/>', '<Say text="{gaol}"/>'),
         "",
         """
-        t.xml:5:18: W201 the port 'text' of <Say> reads {gaol}, which nothing writes (1 more place reads it)
+        t.xml:5:18: W201 the port 'text' of <Say> reads {gaol}, which is never written (1 more place reads it)
            5 |        <Say text="{gaol}"/>
              |                   ^^^^^^
               did you mean 'goal'?
@@ -54,67 +54,67 @@ CASES = {
         children('<Look found="{door}"/>', '<Say text="{ door }"/>'),
         "",
         """
-        t.xml:5:18: W201 the port 'text' of <Say> reads { door }, which nothing writes
+        t.xml:5:18: W201 the port 'text' of <Say> reads { door }, which is never written
            5 |        <Say text="{ door }"/>
              |                   ^^^^^^^^
-              spaces between the braces are a part of the key: write {door}
+              spaces inside the braces are part of the key: write {door}
         """,
     ),
     "read by a script": (
         '<AlwaysSuccess _skipIf="1 &lt; done"/>',
         "",
         """
-        t.xml:3:36: W201 the script in '_skipIf' of <AlwaysSuccess> reads 'done', which nothing writes
+        t.xml:3:36: W201 the script in '_skipIf' of <AlwaysSuccess> reads 'done', which is never written
            3 |      <AlwaysSuccess _skipIf="1 &lt; done"/>
              |                                     ^^^^
-              write it before, or fill the blackboard before the first tick: tree.blackboard["done"] = …
+              write it first, or fill the blackboard before the first tick: tree.blackboard["done"] = …
         """,
     ),
     "perhaps an enum": (
         children('<Script code="state := READY"/>'),
         "",
         """
-        t.xml:4:30: W201 the script in 'code' of <Script> reads 'READY', which nothing writes
+        t.xml:4:30: W201 the script in 'code' of <Script> reads 'READY', which is never written
            4 |        <Script code="state := READY"/>
              |                               ^^^^^
-              if it is an enum's, register that: nodes.add_enum(…); else write it before, or fill the blackboard before the first tick: tree.blackboard["READY"] = …
+              if it is the name of an enum member, register the enum with nodes.add_enum(…); else write it first, or fill the blackboard before the first tick: tree.blackboard["READY"] = …
         """,  # noqa: E501 - a hint is one line
     ),
     "known to the calling tree alone": (
         children('<Look found="{door}"/>', '<SubTree ID="Inner"/>'),
         tree("Inner", '<Say text="{door}"/>'),
         """
-        t.xml:9:16: W201 the port 'text' of <Say> reads {door}, which nothing writes
+        t.xml:9:16: W201 the port 'text' of <Say> reads {door}, which is never written
            9 |      <Say text="{door}"/>
              |                 ^^^^^^
-              a subtree has keys of its own: in the SubTree of 'Inner' in line 5 write door="{door}"
+              a subtree has a blackboard of its own: in the SubTree of 'Inner' in line 5 write door="{door}"
         """,
     ),
     "braces around the key of a SetBlackboard": (
         '<SetBlackboard value="1" output_key="{x}"/>',
         "",
         """
-        t.xml:3:42: W201 the port 'output_key' of <SetBlackboard> reads {x}, which nothing writes
+        t.xml:3:42: W201 the port 'output_key' of <SetBlackboard> reads {x}, which is never written
            3 |      <SetBlackboard value="1" output_key="{x}"/>
              |                                           ^^^
-              it would name the entry to write; to write x itself, write output_key="x"
+              {x} must hold the name of the entry to write; to write the entry x itself, use output_key="x"
         """,
     ),
     "assigned to, and made by nothing": (
         '<Script code="x += 1"/>',
         "",
         """
-        t.xml:3:19: W209 the script in 'code' of <Script> assigns to 'x', an entry that nothing makes
+        t.xml:3:19: W209 the script in 'code' of <Script> assigns to the entry 'x', which is never created
            3 |      <Script code="x += 1"/>
              |                    ^
-              to make it, write x := …; or fill the blackboard before the first tick: tree.blackboard["x"] = …
+              to create it, write x := …; or fill the blackboard before the first tick: tree.blackboard["x"] = …
         """,
     ),
     "handed over in vain": (
         children('<Look found="{door}"/>', '<SubTree ID="Inner" dor="{door}" door="x"/>'),
         tree("Inner", '<Say text="{door}"/>'),
         """
-        t.xml:5:27: W204 <SubTree ID="Inner"> is given 'dor', but no port or script in that tree uses it
+        t.xml:5:27: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'dor'
            5 |        <SubTree ID="Inner" dor="{door}" door="x"/>
              |                            ^^^
               its keys are 'door'
@@ -124,7 +124,7 @@ CASES = {
         '<SubTree ID="Inner" door="open"/>',
         tree("Inner", '<Sequence><SetBlackboard value="door" output_key="x"/><Say text="{x}"/></Sequence>'),
         """
-        t.xml:3:25: W204 <SubTree ID="Inner"> is given 'door', but no port or script in that tree uses it
+        t.xml:3:25: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'door'
            3 |      <SubTree ID="Inner" door="open"/>
              |                          ^^^^
               its keys are 'x'
@@ -134,11 +134,11 @@ CASES = {
         '<SubTree ID="Inner" gate="open" dor="shut"/>',
         tree("Inner", '<Script code="gate := door"/>'),
         """
-        t.xml:3:37: W204 <SubTree ID="Inner"> is given 'dor', but no port or script in that tree uses it
+        t.xml:3:37: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'dor'
            3 |      <SubTree ID="Inner" gate="open" dor="shut"/>
              |                                      ^^^
               did you mean 'door'?
-        t.xml:6:27: W201 the script in 'code' of <Script> reads 'door', which nothing writes
+        t.xml:6:27: W201 the script in 'code' of <Script> reads 'door', which is never written
            6 |      <Script code="gate := door"/>
              |                            ^^^^
               did you mean 'dor'?
@@ -148,50 +148,50 @@ CASES = {
         children('<Say text="{n}"/>', '<Count start="1" result="{n}"/>'),
         "",
         """
-        t.xml:5:32: W206 the port 'result' of <Count> writes int, but the entry 'n' is std::string: every write raises
+        t.xml:5:32: W206 the port 'result' of <Count> writes int, but the entry 'n' has the type std::string: every write raises
            5 |        <Count start="1" result="{n}"/>
              |                                 ^^^
-              it was declared by 'text' of <Say> (t.xml:4); the type of an entry never changes
+              declared by 'text' of <Say> (t.xml:4); the type of an entry never changes
         """,  # noqa: E501 - a message is one line
     ),
     "an entry that is a text, in the calling tree": (
         children('<Say text="{word}" _skipIf="true"/>', '<SubTree ID="Inner" n="{word}"/>'),
         tree("Inner", '<Count start="1" result="{n}"/>'),
         """
-        t.xml:9:30: W206 the port 'result' of <Count> writes int, but the entry 'n' is std::string: every write raises
+        t.xml:9:30: W206 the port 'result' of <Count> writes int, but the entry 'n' has the type std::string: every write raises
            9 |      <Count start="1" result="{n}"/>
              |                               ^^^
-              it was declared by 'text' of <Say> (t.xml:4); the type of an entry never changes
+              declared by 'text' of <Say> (t.xml:4); the type of an entry never changes
         """,  # noqa: E501 - a message is one line
     ),
     "a script's text for a number": (
         children('<Count start="1" result="{n}"/>', "<Script code=\"n := 'many'\"/>"),
         "",
         """
-        t.xml:5:21: W206 the script in 'code' of <Script> raises whenever it runs: 'n' can't take the value: 'many' is no integer
+        t.xml:5:21: W206 the script in 'code' of <Script> always raises: 'n' can't take the value: 'many' is no integer
            5 |        <Script code="n := 'many'"/>
              |                      ^
-              'n' is int, declared by 'result' of <Count> (t.xml:4)
+              'n' has the type int, declared by 'result' of <Count> (t.xml:4)
         """,  # noqa: E501 - a message is one line
     ),
     "a SetBlackboard's text for a number": (
         children('<Count start="1" result="{n}"/>', '<SetBlackboard value="many" output_key="n"/>'),
         "",
         """
-        t.xml:5:47: W206 <SetBlackboard> writes 'many', but the entry 'n' is int: every write raises
+        t.xml:5:47: W206 <SetBlackboard> writes 'many', but the entry 'n' has the type int: every write raises
            5 |        <SetBlackboard value="many" output_key="n"/>
              |                                                ^
-              it was declared by 'result' of <Count> (t.xml:4); the type of an entry never changes
+              declared by 'result' of <Count> (t.xml:4); the type of an entry never changes
         """,
     ),
     "a constant that its reader can't read": (
         '<SubTree ID="Inner" n="soon"/>',
         tree("Inner", REPEAT),
         """
-        t.xml:3:28: W206 'n' of <SubTree ID="Inner"> is given the text 'soon': 'soon' is no integer
+        t.xml:3:28: W206 'n' of <SubTree ID="Inner"> is the text 'soon': 'soon' is no integer
            3 |      <SubTree ID="Inner" n="soon"/>
              |                             ^^^^
-              the port 'num_cycles' of <Repeat> reads it as int; for an entry write {soon}
+              the port 'num_cycles' of <Repeat> reads it as int; to pass the entry, write {soon}
         """,
     ),
 }
@@ -285,10 +285,10 @@ def test_a_script_on_the_blackboard_must_be_there_at_load(check: Check) -> None:
     assert check(body, given=["code"]) == ""
     assert check(body) == said(
         """
-        t.xml:4:21: W201 <Script> takes its script from {code}, which is empty when the tree is made
+        t.xml:4:21: W201 <Script> reads its script from {code}, which is empty when the tree is built
            4 |        <Script code="{code}"/>
              |                      ^^^^^^
-              load the tree on a blackboard that holds it: load(…, blackboard=…)
+              load the tree with a blackboard that holds the script: load(…, blackboard=…)
         """
     )
 
@@ -296,10 +296,10 @@ def test_a_script_on_the_blackboard_must_be_there_at_load(check: Check) -> None:
 def test_a_subtree_knows_nothing_of_what_the_main_blackboard_comes_with(check: Check) -> None:
     assert check('<SubTree ID="Inner"/>', tree("Inner", '<Say text="{goal}"/>'), given=["goal"]) == said(
         """
-        t.xml:6:16: W201 the port 'text' of <Say> reads {goal}, which nothing writes
+        t.xml:6:16: W201 the port 'text' of <Say> reads {goal}, which is never written
            6 |      <Say text="{goal}"/>
              |                 ^^^^^^
-              a subtree has keys of its own: in the SubTree of 'Inner' in line 3 write goal="{goal}"
+              a subtree has a blackboard of its own: in the SubTree of 'Inner' in line 3 write goal="{goal}"
         """
     )
 
@@ -312,7 +312,7 @@ def test_a_tree_with_a_model_is_handed_its_ports(check: Any) -> None:
         "</root>"
     )
     assert [one.message for one in check.found_in(text)] == [
-        "the port 'text' of <Say> reads {what}, which nothing writes"
+        "the port 'text' of <Say> reads {what}, which is never written"
     ]
 
 
@@ -337,7 +337,7 @@ def test_braces_in_a_subtree_of_format_3(check: Check) -> None:
     body = children('<Look found="{door}"/>', '<SubTree ID="Inner" door="{door}"/>')
     assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == said(
         """
-        t.xml:5:33: W205 in format 3 <SubTree ID="Inner"> takes bare keys: with braces 'door' leads to nothing
+        t.xml:5:33: W205 in format 3 <SubTree ID="Inner"> takes keys without braces: 'door' has no effect
            5 |        <SubTree ID="Inner" door="{door}"/>
              |                                  ^^^^^^
               write door="door", or <SubTreePlus ID="Inner" door="{door}"/>

@@ -22,7 +22,7 @@ CASES = {
     "a leaf without its port": (
         "<Say/>",
         """
-        t.xml:3:5: W202 <Say> is not given the port 'text', which has no default
+        t.xml:3:5: W202 the port 'text' of <Say> is missing and has no default
            3 |      <Say/>
              |      ^^^^
               write text="…"
@@ -31,7 +31,7 @@ CASES = {
     "a leaf without its ports, one of them written": (
         "<Count/>",
         """
-        t.xml:3:5: W202 <Count> is not given the ports 'start' and 'result', which have no default
+        t.xml:3:5: W202 the ports 'start' and 'result' of <Count> are missing and have no default
            3 |      <Count/>
              |      ^^^^^^
               write start="…" result="{…}"
@@ -40,7 +40,7 @@ CASES = {
     "a built-in node without its port": (
         "<Sleep/>",
         """
-        t.xml:3:5: W202 <Sleep> is not given the port 'msec', which has no default
+        t.xml:3:5: W202 the port 'msec' of <Sleep> is missing and has no default
            3 |      <Sleep/>
              |      ^^^^^^
               write msec="…"
@@ -49,25 +49,25 @@ CASES = {
     "a fraction for an integer": (
         f'<Repeat num_cycles="3.7">{REPEAT}',
         """
-        t.xml:3:25: W203 the port 'num_cycles' of <Repeat> takes int: of '3.7' only '3' is read
+        t.xml:3:25: W203 the port 'num_cycles' of <Repeat> has the type int: only '3' of '3.7' is read
            3 |      <Repeat num_cycles="3.7"><AlwaysSuccess/></Repeat>
              |                          ^^^
-              write 3, if that is meant
+              write 3 if that is the intended value
         """,
     ),
     "a unit": (
         '<Sleep msec="5s"/>',
         """
-        t.xml:3:18: W203 the port 'msec' of <Sleep> takes unsigned int: of '5s' only '5' is read
+        t.xml:3:18: W203 the port 'msec' of <Sleep> has the type unsigned int: only '5' of '5s' is read
            3 |      <Sleep msec="5s"/>
              |                   ^^
-              write 5, if that is meant
+              write 5 if that is the intended value
         """,
     ),
     "a decimal comma": (
         '<BatteryOk minimum="1,5"/>',
         """
-        t.xml:3:25: W203 the port 'minimum' of <BatteryOk> takes double: of '1,5' only '1' is read
+        t.xml:3:25: W203 the port 'minimum' of <BatteryOk> has the type double: only '1' of '1,5' is read
            3 |      <BatteryOk minimum="1,5"/>
              |                          ^^^
               write 1.5
@@ -76,25 +76,25 @@ CASES = {
     "an item of a queue": (
         '<LoopInt queue="1;2.5;3"><AlwaysSuccess/></LoopInt>',
         """
-        t.xml:3:21: W203 the port 'queue' of <LoopInt> takes int: of '2.5' only '2' is read
+        t.xml:3:21: W203 the port 'queue' of <LoopInt> has the type int: only '2' of '2.5' is read
            3 |      <LoopInt queue="1;2.5;3"><AlwaysSuccess/></LoopInt>
              |                      ^^^^^^^
-              write 2, if that is meant
+              write 2 if that is the intended value
         """,
     ),
     "a condition that is a number": (
         '<AlwaysSuccess _skipIf="2"/>',
         """
-        t.xml:3:29: W207 '_skipIf' of <AlwaysSuccess> raises whenever it is asked: its result is 2, neither true nor false
+        t.xml:3:29: W207 '_skipIf' of <AlwaysSuccess> always raises: its result is 2, neither true nor false
            3 |      <AlwaysSuccess _skipIf="2"/>
              |                              ^
-              0 and 1 are, and reals from 0 up; or compare it with something
+              valid results are 0, 1 and reals from 0 up; or write a comparison
         """,  # noqa: E501 - a message is one line
     ),
     "a condition that is a text": (
         "<ScriptCondition code=\"'true'\"/>",
         """
-        t.xml:3:28: W207 'code' of <ScriptCondition> raises whenever it is asked: its result is the text 'true'
+        t.xml:3:28: W207 'code' of <ScriptCondition> always raises: its result is the text 'true'
            3 |      <ScriptCondition code="'true'"/>
              |                             ^^^^^^
               write true without quotes
@@ -103,7 +103,7 @@ CASES = {
     "a script that can't be worked out": (
         "<Script code=\"a := 'x' * 2\"/>",
         """
-        t.xml:3:28: W207 the script in 'code' of <Script> raises whenever it runs: '*' can't be done with the text 'x' and the number 2
+        t.xml:3:28: W207 the script in 'code' of <Script> always raises: '*' can't be done with the text 'x' and the number 2
            3 |      <Script code="a := 'x' * 2"/>
              |                             ^
         """,  # noqa: E501 - a message is one line
@@ -111,7 +111,7 @@ CASES = {
     "a script that assigns to a comparison": (
         '<AlwaysSuccess _failureIf="1 == 1 &amp;&amp; a = 2"/>',
         """
-        t.xml:3:52: W207 the script in '_failureIf' of <AlwaysSuccess> raises whenever it runs: only the name of an entry can stand before '='
+        t.xml:3:52: W207 the script in '_failureIf' of <AlwaysSuccess> always raises: the left side of '=' is not the name of an entry
            3 |      <AlwaysSuccess _failureIf="1 == 1 &amp;&amp; a = 2"/>
              |                                                     ^
         """,  # noqa: E501 - a message is one line
@@ -119,7 +119,7 @@ CASES = {
     "a condition that assigns": (
         '<AlwaysSuccess _skipIf="x = 3"/>',
         """
-        t.xml:3:31: W208 '_skipIf' of <AlwaysSuccess> assigns to 'x', and does not compare it
+        t.xml:3:31: W208 '_skipIf' of <AlwaysSuccess> assigns to 'x' instead of comparing
            3 |      <AlwaysSuccess _skipIf="x = 3"/>
              |                                ^
               to compare, write x == …
@@ -128,25 +128,25 @@ CASES = {
     "a brace that lacks": (
         '<Say text="{door"/>',
         """
-        t.xml:3:16: W210 the port 'text' of <Say> is given the text '{door', not an entry
+        t.xml:3:16: W210 the port 'text' of <Say> is the text '{door', not an entry
            3 |      <Say text="{door"/>
              |                 ^^^^^
-              for the entry write {door}
+              to use the entry, write {door}
         """,
     ),
     "a dollar": (
         '<Say text="${x}"/>',
         """
-        t.xml:3:16: W210 the port 'text' of <Say> is given the text '${x}', not an entry
+        t.xml:3:16: W210 the port 'text' of <Say> is the text '${x}', not an entry
            3 |      <Say text="${x}"/>
              |                 ^^^^
-              for the entry write {x}
+              to use the entry, write {x}
         """,
     ),
     "an output without braces": (
         '<Look found="door"/>',
         """
-        t.xml:3:18: W211 the port 'found' of <Look> is to be written, but 'door' names no entry
+        t.xml:3:18: W211 the output port 'found' of <Look> has no entry: 'door' is only a text
            3 |      <Look found="door"/>
              |                   ^^^^
               write found="{door}"
@@ -232,17 +232,17 @@ def test_texts_that_are_fine_in_format_3(check: Check, body: str) -> None:
 
 
 def test_a_fraction_for_an_integer_in_format_3(check: Check) -> None:
-    assert "of '3.7' only '3' is read" in check(f'<Repeat num_cycles="3.7">{REPEAT}', format=3)
+    assert "only '3' of '3.7' is read" in check(f'<Repeat num_cycles="3.7">{REPEAT}', format=3)
 
 
 def test_a_subtrees_constant_with_half_a_pointer(check: Check) -> None:
     more = '  <BehaviorTree ID="Inner"><Say text="{word}"/></BehaviorTree>\n'
     assert check('<SubTree ID="Inner" word="door}"/>', more) == said(
         """
-        t.xml:3:31: W210 'word' of <SubTree ID="Inner"> is given the text 'door}', not an entry
+        t.xml:3:31: W210 'word' of <SubTree ID="Inner"> is the text 'door}', not an entry
            3 |      <SubTree ID="Inner" word="door}"/>
              |                                ^^^^^
-              for the entry write {door}
+              to use the entry, write {door}
         """
     )
 
@@ -256,10 +256,10 @@ def test_what_a_leaf_of_format_3_will_not_be_able_to_read_is_an_error(
     body = '<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>'
     assert check(body, format=3) == said(
         """
-        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> takes int: 'many' is no integer
+        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: 'many' is no integer
            3 |      <Repeat num_cycles="many"><AlwaysSuccess/></Repeat>
              |                          ^^^^
-              for the blackboard's entry write {many}
+              to use the blackboard entry, write {many}
         """
     )
     tree = btcore.loads(document(body), nodes=palette, format=3)

@@ -66,7 +66,7 @@ def files(tmp_path: Path) -> Files:
 
 def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
     assert files.said_of(NAVIGATE) == [
-        "6:40: W201 the port 'goal' of <Plan> reads {goal}, which nothing writes"
+        "6:40: W201 the port 'goal' of <Plan> reads {goal}, which is never written"
     ]
     assert files.said_of(NAVIGATE, given=["goal"]) == []
 
@@ -77,17 +77,17 @@ def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
         (
             'hz="1.0"',
             'hz="1Hz"',
-            "6:23: W203 the port 'hz' of <AtRate> takes double: of '1Hz' only '1' is read",
+            "6:23: W203 the port 'hz' of <AtRate> has the type double: only '1' of '1Hz' is read",
         ),
         (
             'path="{path}" code',
             'path="path" code',
-            "6:54: W211 the port 'path' of <Plan> is to be written, but 'path' names no entry",
+            "6:54: W211 the output port 'path' of <Plan> has no entry: 'path' is only a text",
         ),
         (
             'Follow path="{path}"',
             'Follow path="{pth}"',
-            "7:25: W201 the port 'path' of <Follow> reads {pth}, which nothing writes",
+            "7:25: W201 the port 'path' of <Follow> reads {pth}, which is never written",
         ),
         (
             'where="{path}"',

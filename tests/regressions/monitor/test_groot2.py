@@ -189,7 +189,7 @@ def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_
         (
             "W212",
             3,
-            f"the attribute '{port}' of <LoadController> is ignored: it can't be a port, as it holds '.'",
+            f"the attribute '{port}' of <LoadController> is ignored: invalid port name (it holds '.')",
         )
         for port in ("request.name", "response.ok")
     ]
