@@ -1,4 +1,4 @@
-"""From documents to a tree that can be ticked: plan, check, then make the nodes."""
+"""Build a tree from documents: check and plan them, then create the nodes."""
 
 import gc
 from collections.abc import Iterator, Sequence
@@ -51,9 +51,9 @@ from btcore.xml.read.includes import PackageResolver
 
 @contextmanager
 def pause_gc() -> Iterator[None]:
-    """Let Python's collector of cyclic garbage rest, as nothing of a tree in the making is garbage.
+    """Disable Python's cyclic garbage collector while a tree is built.
 
-    Otherwise it would look through the growing tree again and again.
+    The collector would scan the growing tree again and again, although no part of it is garbage.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -76,10 +76,20 @@ def build(
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
 ) -> Tree:
-    """The tree of *document*, on *blackboard* if one is given. Raises TreeError with every fault found.
+    """Build the tree of a document.
 
-    The clock is *clock*, else the first of *resources* that is one, else the system's; for the other
-    arguments see :func:`btcore.xml.plan.document_checks.analyse_document`.
+    Args:
+        document: The parsed document.
+        registry: The registered nodes.
+        tree: ID of the tree to build; by default the document's main tree.
+        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        blackboard: The blackboard of the main tree; by default a new blackboard.
+        resources: Objects that leaves require, selected by their types.
+        clock: The clock; by default the first clock in *resources*, or else the system clock.
+        packages: Finds the share directory of a ROS package.
+
+    Raises:
+        TreeError: The document has errors; the exception contains all of them.
     """
     analysis = analyse_document(document, registry, tree, format, packages)
     analysis.diagnostics.raise_errors()
@@ -94,18 +104,29 @@ def required_resources_of(
     format: int | None = None,
     packages: PackageResolver | None = None,
 ) -> list[Any]:
-    """The types of the resources that the leaves of the tree ask for, each once. Raises as :func:`build`."""
+    """Return the types of the resources that the leaves of the tree require, each once.
+
+    Args:
+        document: The parsed document.
+        registry: The registered nodes.
+        tree: ID of the tree; by default the document's main tree.
+        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        packages: Finds the share directory of a ROS package.
+
+    Raises:
+        TreeError: The document has errors; the exception contains all of them.
+    """
     analysis = analyse_document(document, registry, tree, format, packages)
     analysis.diagnostics.raise_errors()
-    found: list[Any] = []
+    types: list[Any] = []
     for manifest in analysis.used_manifests():
-        found += (one for one in manifest.required_resources if one not in found)
-    return found
+        types += (resource for resource in manifest.required_resources if resource not in types)
+    return types
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class TreeInstantiator:
-    """Makes the nodes of one tree, depth-first, and collects what goes wrong on the way."""
+    """Creates the nodes of one tree, depth-first, and collects the errors."""
 
     def __init__(
         self,
@@ -136,13 +157,13 @@ class TreeInstantiator:
         self._diagnostics = DiagnosticCollector()
 
     def instantiate(self) -> Tree:
-        """The tree. Raises TreeError."""
+        """Return the tree. Raises TreeError with all errors in creating its nodes."""
         self._instance(self._planner.plan(self._main), "", self._blackboard)
         self._diagnostics.raise_errors()
         return Tree(self._main.id, self._format, self._subtrees, self._nodes, self._context, self._registry)
 
     def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        """One instance of a definition; its root, or None if it could not be made."""
+        """Create an instance of a definition. Returns its root, or None if the root could not be created."""
         subtree = Subtree(plan.definition.id, path, blackboard)
         self._subtrees.append(subtree)
         assert plan.root is not None
@@ -172,6 +193,7 @@ class TreeInstantiator:
                 self._nodes.append(leaf)
                 subtree.nodes.append(leaf)
             return leaf
+        # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
         at, own_at = len(self._nodes), len(subtree.nodes)
         self._nodes.append(_PLACE_HOLDER)
         subtree.nodes.append(_PLACE_HOLDER)
@@ -183,7 +205,7 @@ class TreeInstantiator:
         return node
 
     def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
-        """Bind the ports, and declare the entries that the document names."""
+        """Bind the ports, and declare the entries that the ports point to."""
         if not plan.bindings:
             return
         inputs: dict[str, Input] = {}
@@ -208,7 +230,7 @@ class TreeInstantiator:
             config.outputs = outputs
 
     def declared_by(self, entry: Entry) -> str:
-        """Which port gave *entry* its type, or ""."""
+        """Return the port that declared the type of *entry*, with its place, or ""."""
         if entry not in self._declared:
             return ""
         bound, config = self._declared[entry]
@@ -217,7 +239,7 @@ class TreeInstantiator:
     def _clash(
         self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, error: BlackboardError
     ) -> Diagnostic:
-        """Two types for one entry: the port's, and the one that it was declared with."""
+        """Return the diagnostic for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
             return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, port.name)
         types = f"has the type {port.type.name}, but its entry has the type {entry.declared.name}"
@@ -236,28 +258,28 @@ class TreeInstantiator:
         blackboard: Blackboard,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
-        made: list[TreeNode] = []
+        created: list[TreeNode] = []
         if children:
-            made += [child for child in children if child is not None]
-            if len(made) != len(children):
-                return None
+            created += [child for child in children if child is not None]
+            if len(created) != len(children):
+                return None  # the error of the child is in the diagnostics
         if manifest is None:
             return None
         try:
-            return manifest.make(config, self._context, blackboard, self._resources, made)
+            return manifest.make(config, self._context, blackboard, self._resources, created)
         except ScriptError as error:
-            self._diagnostics.add(self._script_fault(document, plan, error))
+            self._diagnostics.add(self._script_diagnostic(document, plan, error))
         except (NodeError, BlackboardError, ConversionError) as error:
             self._diagnostics.add(document.diagnostic(_code_of(error, plan), str(error), plan.element))
         except BtcoreError:
             raise
         except Exception as error:
-            message = f"<{plan.id}> raised while it was made: {type(error).__name__}: {error}"
+            message = f"<{plan.id}> raised while it was created: {type(error).__name__}: {error}"
             self._diagnostics.add(document.diagnostic(LEAF_INIT_RAISED, message, plan.element))
         return None
 
     def _substituted(self, plan: NodePlan, config: NodeConfig, document: Document) -> Manifest | None:
-        """What makes the node by the registry's substitution rules: its own manifest where none applies."""
+        """Return the manifest after the registry's substitution rules, or None after an error."""
         if plan.manifest is None:
             return None
         children = len(plan.children) if plan.call is None else 1
@@ -267,7 +289,7 @@ class TreeInstantiator:
             self._diagnostics.add(document.diagnostic(NODE_NOT_CREATED, str(error), plan.element))
             return None
 
-    def _script_fault(self, document: Document, plan: NodePlan, error: ScriptError) -> Diagnostic:
+    def _script_diagnostic(self, document: Document, plan: NodePlan, error: ScriptError) -> Diagnostic:
         texts = {key: text for key, text in plan.element.attributes.items() if text == error.text}
         if texts:
             return script_diagnostic(document, plan, next(iter(texts)), error)
@@ -291,7 +313,7 @@ class TreeInstantiator:
         config.attributes = {**call.written, **plan.attributes}
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
-            hint = "give them different names, or none"
+            hint = "give them different names, or remove the names"
             self._diagnostics.add(
                 document.diagnostic(DUPLICATE_SUBTREE_PATH, message, plan.element, "name", hint=hint)
             )
@@ -311,13 +333,13 @@ class TreeInstantiator:
         return node
 
     def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
-        """The blackboard of the inner tree, connected with *outer*."""
+        """Return the blackboard of the inner tree, connected with *outer*."""
         if call.shared:
             return outer
         inner = self._scopes(outer)
-        for key, outside in call.remaps.items():
-            inner.remap(key, outside)
-        # Constants come before autoremap is switched on, and so stay in the inner blackboard.
+        for key, outer_key in call.remaps.items():
+            inner.remap(key, outer_key)
+        # Constants are set before autoremap is enabled, so that they stay in the inner blackboard.
         for key, text in call.constants.items():
             value = parse_constant(text) if self._format == 4 else text
             try:
@@ -334,16 +356,16 @@ class TreeInstantiator:
         return inner
 
     def _keys_of(self, tree: str) -> set[str]:
-        """The keys that the attributes of *tree*'s elements point to (format 3's `__autoremap`)."""
+        """Return the keys that the attributes in *tree* point to, for `__autoremap` of format 3."""
         definition = self._planner.definitions.by_id[tree]
-        found = set()
+        keys = set()
         for top in definition.element.children:
             for element in top.iter():
                 for key, text in element.attributes.items():
-                    outside = remapped_key(text, key, 3)
-                    if outside is not None and key not in ("ID", "name"):
-                        found.add(outside)
-        return found
+                    outer_key = remapped_key(text, key, 3)
+                    if outer_key is not None and key not in ("ID", "name"):
+                        keys.add(outer_key)
+        return keys
 
 
 def _code_of(error: Exception, plan: NodePlan) -> DiagnosticCode:
@@ -351,13 +373,13 @@ def _code_of(error: Exception, plan: NodePlan) -> DiagnosticCode:
         return INCONVERTIBLE_TEXT
     given = {port.name for port, _, _ in plan.ports}
     ports = plan.manifest.ports.values() if plan.manifest is not None else ()
-    # A node that refuses to be made for want of a port says so itself.
+    # If a node can't be created and lacks an input port, the message names the port.
     missing = any(port.reads and port.name not in given for port in ports)
     return MISSING_PORT if missing else NODE_NOT_CREATED
 
 
 def _clock_among(resources: Sequence[object]) -> Clock:
-    """The first of *resources* that is a clock, else the system's."""
+    """Return the first clock in *resources*, or else the system clock."""
     for resource in resources:
         if hasattr(resource, "now") and hasattr(resource, "wait_until"):
             return cast(Clock, resource)

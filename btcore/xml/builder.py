@@ -1,8 +1,8 @@
-"""Trees built in code: nodes by their names, ports as keywords, written as XML and loaded as any other.
+"""Build trees in Python code: node names as methods, ports as keywords.
 
-::
+The tree is written as XML and then loaded like any other document::
 
-    b = Builder(nodes)  # those of Registry.standard(), if none are given
+    b = Builder(nodes)  # by default the nodes of Registry.standard()
     bump = b.Sequence(b.Back(), b.Turn(angle=1.57), name="bump")
     tree = b.build(b.ReactiveSequence(b.Fallback(b.Inverter(b.IsObstacle()), bump), b.Forward()))
     print(b.xml(bump))
@@ -46,13 +46,14 @@ from btcore.xml.read.tinyxml2_compat import EscapedText
 
 _STEP: Final = "    "
 MAX_BUILDER_DEPTH: Final = 2_000
-"""How deep a tree may be that is built in code."""
+"""Maximum number of levels of a tree that is built in code."""
 
 
 class NodeSpec:
-    """One node of a tree that is being built, with its children: a description, made by a Builder.
+    """The description of a node and its children, created by a Builder.
 
-    It may stand in several trees, and several times in one. *where* is the ``(file, line)`` that made it.
+    A NodeSpec can be used in several trees, and several times in a tree. *where* is the ``(file, line)``
+    of the code that created it.
     """
 
     def __init__(
@@ -68,17 +69,17 @@ class NodeSpec:
 
 
 def blackboard_key(name: str) -> str:
-    """The port text for the blackboard entry *name*: ``key("goal")`` is ``"{goal}"``."""
+    """Return the port text for the entry *name*: ``blackboard_key("goal")`` is ``"{goal}"``."""
     return f"{{{name}}}"
 
 
 class Builder:
-    """Makes twigs of the nodes of a registry: ``b.Sequence(…)``, or ``b["Sequence"](…)``.
+    """Creates node specs from the nodes of a registry: ``b.Sequence(…)``, or ``b["Sequence"](…)``.
 
-    Children come first; keywords are ports, ``name``, ``_skipIf`` and the like. A value is written as
-    its text; a keyword that Python has for itself takes an underscore more (``if_``, ``else_``).
-    ``b.SubTree("Dock", goal="{home}")`` calls a tree; :meth:`node` makes a twig of the function or class
-    that is registered.
+    Positional arguments are children; keywords are ports, ``name``, ``_skipIf`` and other attributes.
+    Values are converted to text. Append an underscore to names that are Python keywords (``if_``,
+    ``else_``). ``b.SubTree("Dock", goal="{home}")`` calls a tree; :meth:`node` creates a spec from a
+    registered function or class.
     """
 
     def __init__(self, nodes: Registry | None = None) -> None:
@@ -93,18 +94,33 @@ class Builder:
         return self._maker(id, _caller())
 
     def node(self, thing: Any, *children: NodeSpec, **ports: object) -> NodeSpec:
-        """Return a spec of the node that *thing* is registered as. Raises UnknownNodeError."""
+        """Return a spec of a node, given its function or class.
+
+        Args:
+            thing: The registered function or class.
+            *children: Specs of the children.
+            **ports: Ports and other attributes.
+
+        Raises:
+            UnknownNodeError: *thing* is not registered.
+        """
         where = _caller()
         for manifest in self._nodes:
             if thing in (manifest.function, manifest.cls):
-                return self._twig(manifest, children, ports, where)
+                return self._make_spec(manifest, children, ports, where)
         message = f"{getattr(thing, '__qualname__', thing)!r} is not registered"
         raise UnknownNodeError(
             [Diagnostic(UNKNOWN_NODE, message, *where, hint="add it to the registry: nodes.add(…)")]
         )
 
     def xml(self, main: NodeSpec, id: str = "Main", /, **subtrees: NodeSpec) -> str:
-        """The document of the tree *main*, which is called *id*, and of *subtrees* by their IDs."""
+        """Return the XML of a tree and its subtrees.
+
+        Args:
+            main: The root of the main tree.
+            id: ID of the main tree.
+            **subtrees: The roots of the subtrees, by their IDs.
+        """
         return _Writer(main, id, subtrees, _STEP).text()
 
     def build(
@@ -118,10 +134,18 @@ class Builder:
         clock: Clock | None = None,
         **subtrees: NodeSpec,
     ) -> Tree:
-        """The tree *main*, ready to be ticked, as :func:`btcore.load` makes one.
+        """Build a tree, as :func:`btcore.load` does. It can have 2,000 levels (a file: 256).
 
-        It may be 2,000 levels deep, where a file has 256. Raises TreeError with every fault found, each
-        with the file and line that made the twig.
+        Args:
+            main: The root of the main tree.
+            id: ID of the main tree.
+            resources: Objects that leaves require, selected by their types.
+            blackboard: The blackboard of the main tree; by default a new blackboard.
+            clock: The clock; by default the first clock in *resources*, or else the system clock.
+            **subtrees: The roots of the subtrees, by their IDs.
+
+        Raises:
+            TreeError: The tree has errors; each has the file and line of the code that created the spec.
         """
         document = _Writer(main, id, subtrees, "").document()
         return build(document, self._nodes, tree=id, resources=resources, blackboard=blackboard, clock=clock)
@@ -134,11 +158,11 @@ class Builder:
             raise UnknownNodeError([Diagnostic(UNKNOWN_NODE, f"unknown node {id}", *where, hint=hint)])
 
         def make(*children: Any, **ports: object) -> NodeSpec:
-            return self._twig(manifest, children, ports, _caller())
+            return self._make_spec(manifest, children, ports, _caller())
 
         return make
 
-    def _twig(
+    def _make_spec(
         self, manifest: Manifest, children: Sequence[Any], ports: Mapping[str, object], where: tuple[str, int]
     ) -> NodeSpec:
         attributes: dict[str, str] = {}
@@ -146,8 +170,8 @@ class Builder:
             attributes["ID"], *children = children
         for child in children:
             if not isinstance(child, NodeSpec):
-                message = f"{child!r} is no child of <{manifest.id}>: children are nodes of a builder"
-                hint = "name the port that it is for" if manifest.ports else ""
+                message = f"invalid child {child!r} of <{manifest.id}>: children must be nodes of a builder"
+                hint = "to set a port, use its name as keyword" if manifest.ports else ""
                 raise TreeError([Diagnostic(WRONG_CHILD_COUNT, message, *where, hint=hint)])
         for name, value in ports.items():
             bare = name[:-1] if name.endswith("_") and name not in manifest.ports else name
@@ -156,7 +180,7 @@ class Builder:
 
 
 def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) -> str:
-    """*value* as the text of the port *name*. Raises PortError, with the place of the call."""
+    """Return *value* as text of the port *name*. Raises PortError with the place of the call."""
     if isinstance(value, str):
         return value
     if isinstance(value, Enum):
@@ -169,12 +193,12 @@ def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) 
     try:
         return port.type.to_text(value) if port is not None and port.type.strong else to_text(value)
     except ConversionError as error:
-        message = f"the port '{name}' of <{manifest.id}> is given {value!r}: {error}"
+        message = f"invalid value {value!r} of the port '{name}' of <{manifest.id}>: {error}"
         raise PortError([Diagnostic(INCONVERTIBLE_TEXT, message, *where)]) from error
 
 
 def _caller() -> tuple[str, int]:
-    """The file and the line that called the builder."""
+    """Return the file and the line of the code that called the builder."""
     frame = inspect.currentframe()
     while frame is not None and frame.f_code.co_filename == __file__:
         frame = frame.f_back
@@ -186,73 +210,73 @@ def _caller() -> tuple[str, int]:
 
 
 class _Writer:
-    """Writes twigs as a document, one element a line, and remembers which twig is which.
+    """Writes specs as a document, one element per line, and keeps the spec of each element.
 
     Each level is indented by *step*.
     """
 
     def __init__(self, main: NodeSpec, id: str, subtrees: Mapping[str, NodeSpec], step: str) -> None:
-        self._twigs: list[NodeSpec | None] = [None]
+        self._specs: list[NodeSpec | None] = [None]
         self._lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
         self._main = main
         self._step = step
         self._too_deep: NodeSpec | None = None
-        for name, twig in {id: main, **subtrees}.items():
-            self._twigs.append(twig)
+        for name, spec in {id: main, **subtrees}.items():
+            self._specs.append(spec)
             self._lines.append(f"{step}<BehaviorTree ID={quoted(name)}>")
-            self._write(twig)
+            self._write(spec)
             self._lines.append(f"{step}</BehaviorTree>")
         self._lines.append("</root>")
 
     def _write(self, top: NodeSpec) -> None:
-        # A text stands for the end of an element. No recursion: trees built in code may be very deep.
+        # A text is the end tag of an element. A loop, not recursion: trees built in code may be very deep.
         pending: list[tuple[NodeSpec | str, int]] = [(top, 2)]
         while pending:
-            twig, depth = pending.pop()
+            spec, depth = pending.pop()
             indent = self._step * depth
-            if isinstance(twig, str):
-                self._lines.append(indent + twig)
+            if isinstance(spec, str):
+                self._lines.append(indent + spec)
                 continue
             if depth > MAX_BUILDER_DEPTH + 1:
-                self._too_deep = twig
-            self._twigs.append(twig)
-            words = [twig.id, *(f"{key}={quoted(text)}" for key, text in twig.attributes.items())]
-            self._lines.append(f"{indent}<{' '.join(words)}{'>' if twig.children else '/>'}")
-            if twig.children:
-                pending.append((f"</{twig.id}>", depth))
-                pending += [(child, depth + 1) for child in reversed(twig.children)]
+                self._too_deep = spec
+            self._specs.append(spec)
+            words = [spec.id, *(f"{key}={quoted(text)}" for key, text in spec.attributes.items())]
+            self._lines.append(f"{indent}<{' '.join(words)}{'>' if spec.children else '/>'}")
+            if spec.children:
+                pending.append((f"</{spec.id}>", depth))
+                pending += [(child, depth + 1) for child in reversed(spec.children)]
 
     def text(self) -> str:
-        """The document."""
+        """Return the XML text of the document."""
         return "\n".join(self._lines) + "\n"
 
     def document(self) -> Document:
-        """The document, whose places are those of the code that made the twigs. Raises XmlSyntaxError."""
+        """Return the document; diagnostics refer to the code. Raises XmlSyntaxError if it is too deep."""
         if self._too_deep is not None:
             message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
             raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])
         text = self.text()
-        return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._twigs)
+        return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._specs)
 
 
 class _BuiltDocument(Document):
-    """A document written by a builder: its faults are told at the lines of the code."""
+    """A document written by a builder: diagnostics refer to the lines of the code."""
 
     max_depth = MAX_BUILDER_DEPTH
 
-    def __init__(self, root: Element, text: str, file: str, twigs: Sequence[NodeSpec | None]) -> None:
+    def __init__(self, root: Element, text: str, file: str, specs: Sequence[NodeSpec | None]) -> None:
         super().__init__(root, EscapedText(text, ()), text, file)
-        self._twigs = twigs
+        self._specs = specs
 
     @property
     def folder(self) -> Path:
-        """The current folder."""
+        """The current folder, which paths of includes are relative to."""
         return Path()
 
     def line(self, element: Element) -> int:
-        """The line of the code that made *element*."""
-        twig = self._twigs[self.source_map.index(element)]
-        return twig.where[1] if twig is not None else 0
+        """Return the line of the code that created *element*."""
+        spec = self._specs[self.source_map.index(element)]
+        return spec.where[1] if spec is not None else 0
 
     def diagnostic(
         self,
@@ -264,16 +288,16 @@ class _BuiltDocument(Document):
         hint: str = "",
         within: int = 0,
     ) -> Diagnostic:
-        """As any document's, at the place in the code; the XML is shown, as nobody has written it."""
-        found = super().diagnostic(code, message, element, attribute, part, hint, within)
+        """Return a diagnostic at the place in the code, with the generated XML in the hint."""
+        diagnostic = super().diagnostic(code, message, element, attribute, part, hint, within)
         index = element if isinstance(element, int) else self.source_map.index(element)
-        twig = self._twigs[index]
-        if twig is None:
-            return replace(found, line=0, column=0, source="", width=1)
-        file, line = twig.where
-        shown = f"it is written {found.source.strip()}"
+        spec = self._specs[index]
+        if spec is None:
+            return replace(diagnostic, line=0, column=0, source="", width=1)
+        file, line = spec.where
+        shown = f"the generated XML is {diagnostic.source.strip()}"
         return replace(
-            found,
+            diagnostic,
             file=file,
             line=line,
             column=0,

@@ -1,4 +1,4 @@
-"""An XML schema (XSD 1.0) of all registered nodes, for editors that complete and check as one types."""
+"""Write an XML schema (XSD 1.0) of all registered nodes, for completion and validation in editors."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -57,46 +57,55 @@ class _SchemaElement:
         )
 
     def add(self, tag: str, /, **attributes: str) -> "_SchemaElement":
-        """A new element inside of this one, after all others."""
+        """Append a new child element and return it.
+
+        Args:
+            tag: Name of the element, without the namespace.
+            **attributes: Its attributes.
+        """
         return _SchemaElement(tag, self, **attributes)
 
     def has(self, tag: str, name: str) -> bool:
-        """Whether there is a *tag* called *name* in it."""
-        return any(one.get("name") == name for one in self.element.iterchildren(f"{{{_XS}}}{tag}"))
+        """Return whether the element has a child *tag* with the name *name*."""
+        return any(child.get("name") == name for child in self.element.iterchildren(f"{{{_XS}}}{tag}"))
 
 
 def _add_documentation(part: _SchemaElement, text: str) -> None:
-    """Let editors show *text* about *part*, which has nothing inside yet."""
+    """Add *text* as the documentation of *part*, which must not have children yet."""
     if text:
         part.add("annotation").add("documentation").element.text = text
 
 
 def _add_enumeration(schema: _SchemaElement, name: str, values: Sequence[str]) -> None:
-    """A type *name* of these *values* alone."""
+    """Add an enumeration type *name* with *values*."""
     restriction = schema.add("simpleType", name=name).add("restriction", base="xs:string")
     for value in values:
         restriction.add("enumeration", value=value)
 
 
 def _add_union(schema: _SchemaElement, name: str) -> None:
-    """The type that takes a *name* or a blackboard entry."""
+    """Add the union of the type *name* and of pointers to blackboard entries."""
     schema.add("simpleType", name=f"{name}OrBlackboard").add("union", memberTypes=f"blackboard {name}")
 
 
 def _add_attribute(
     part: _SchemaElement, name: str, type: str, required: bool = False, about: str = ""
 ) -> None:
-    """An attribute of *part*."""
+    """Add an attribute to *part*."""
     more = {"use": "required"} if required else {}
     _add_documentation(part.add("attribute", name=name, type=type, **more), about)
 
 
 def write_schema(registry: Registry, format: int = 4) -> str:
-    """The schema of the trees of *format* that *registry* has the nodes for.
+    """Return the schema for trees with the nodes of a registry.
 
-    As BehaviorTree.CPP's writeTreeXSD it is for the compact form (a type ``<ID>Type`` a node, the ports
-    its attributes, those without a default required); tags such as ``<Action ID="…">`` pass with any
-    attributes. IDs that can't be tags are left out.
+    Like writeTreeXSD of BehaviorTree.CPP, the schema describes the compact form: each node has a type
+    ``<ID>Type`` with its ports as attributes, and ports without a default are required. Explicit tags
+    such as ``<Action ID="…">`` accept any attributes. IDs that are not valid tags are left out.
+
+    Args:
+        registry: The registered nodes.
+        format: The format of the trees, 3 or 4.
     """
     manifests = registry.manifests_of(format)
     schema = _SchemaElement("schema", elementFormDefault="qualified")
@@ -120,7 +129,7 @@ def write_schema(registry: Registry, format: int = 4) -> str:
 
 
 def _simple_types(schema: _SchemaElement) -> None:
-    """The types of attributes: each a literal, or a blackboard entry in braces."""
+    """Add the types of attributes: each accepts literals and blackboard entries in braces."""
     schema.add("simpleType", name="blackboard").add("restriction", base="xs:string").add(
         "pattern", value=_POINTER
     )
@@ -139,15 +148,19 @@ def _simple_types(schema: _SchemaElement) -> None:
 
 def _groups(schema: _SchemaElement, format: int) -> None:
     group = schema.add("attributeGroup", name="anyNodeAttributes")
-    _add_attribute(group, "name", "xs:string", about="what this node is called, in logs and paths")
-    _add_attribute(group, "_description", "xs:string", about="a remark for the reader")
+    _add_attribute(group, "name", "xs:string", about="name of the node in logs and paths")
+    _add_attribute(group, "_description", "xs:string", about="a comment")
     if format == 3:
         return
     for name in ("_uid", "_fullpath"):
-        _add_attribute(group, name, "xs:string", about="written by monitors; it has no effect")
+        _add_attribute(group, name, "xs:string", about="written by monitors, without effect")
     for title, names, about in (
-        ("preconditions", PRECONDITION_ATTRIBUTES, "a script that is asked before the node is ticked"),
-        ("postconditions", POSTCONDITION_ATTRIBUTES, "a script that is run afterwards"),
+        ("preconditions", PRECONDITION_ATTRIBUTES, "a condition that is checked before the node is ticked"),
+        (
+            "postconditions",
+            POSTCONDITION_ATTRIBUTES,
+            "a script that runs after the node has completed or was halted",
+        ),
     ):
         scripts = schema.add("attributeGroup", name=title)
         for name in names:
@@ -156,13 +169,13 @@ def _groups(schema: _SchemaElement, format: int) -> None:
 
 
 def _node(schema: _SchemaElement, manifest: Manifest, format: int) -> None:
-    """The type of one node: its children and its ports."""
+    """Add the type of a node: its children and its ports."""
     kind = schema.add("complexType", name=f"{manifest.id}Type")
     _add_documentation(kind, manifest.description)
     _children(kind, *_number_of_children(manifest, format))
     for port in manifest.ports.values():
         required = port.default is None and not port.optional
-        # What is only written has to be an entry; format 3 takes its name without braces too.
+        # An output port must point to an entry; format 3 also accepts its name without braces.
         type = _type_of(schema, port.type) if port.reads or format == 3 else "blackboard"
         _add_attribute(kind, port.name, type, required, _about(port))
     kind.add("attributeGroup", ref="anyNodeAttributes")
@@ -186,7 +199,7 @@ def _children(kind: _SchemaElement, least: int, most: int | None) -> None:
 
 
 def _type_of(schema: _SchemaElement, kind: ValueType) -> str:
-    """The name of the attribute type for *kind*, which is made when it is an enum met first."""
+    """Return the name of the attribute type for *kind*; add the type if it is a new enum."""
     if isinstance(kind, EnumType) and issubclass(kind.python_type, Enum):
         name = re.sub(r"\W", "_", kind.name)
         if not schema.has("simpleType", name):
@@ -206,9 +219,9 @@ def _about(port: Port) -> str:
 
 
 def _explicit(schema: _SchemaElement, tag: str) -> None:
-    """``<Action ID="…">`` and the like: whatever its node takes."""
+    """Add the type of an explicit tag such as ``<Action ID="…">``, which accepts any attributes."""
     kind = schema.add("complexType", name=f"explicit{tag}Type")
-    _add_documentation(kind, f"A node of the family {tag}, named by its ID.")
+    _add_documentation(kind, f"A node of the kind {tag}, named by its ID.")
     if tag in ("Control", "Decorator"):
         _children(kind, 1, 1 if tag == "Decorator" else None)
     _add_attribute(kind, "ID", "xs:string", required=True)
@@ -218,13 +231,13 @@ def _explicit(schema: _SchemaElement, tag: str) -> None:
 def _subtree(schema: _SchemaElement, tag: str, manifest: Manifest | None) -> None:
     kind = schema.add("complexType", name=f"{tag}Type")
     _add_documentation(kind, manifest.description if manifest is not None else "")
-    _add_attribute(kind, "ID", "xs:string", required=True, about="the tree that is called")
+    _add_attribute(kind, "ID", "xs:string", required=True, about="ID of the called tree")
     _add_attribute(kind, "name", "xs:string")
     kind.add("anyAttribute", processContents="skip")
 
 
 def _add_document_types(schema: _SchemaElement, format: int) -> None:
-    """Everything around the nodes: root, includes, trees and models."""
+    """Add the types of elements around the nodes: root, includes, trees and models."""
     root = schema.add("element", name="root").add("complexType")
     inside = root.add("choice", minOccurs="0", maxOccurs="unbounded")
     include = inside.add("element", name="include").add("complexType")
@@ -235,8 +248,8 @@ def _add_document_types(schema: _SchemaElement, format: int) -> None:
     number = root.add("attribute", name="BTCPP_format", fixed=str(format))
     if format == 4:
         number.element.set("use", "required")
-    _add_attribute(root, "main_tree_to_execute", "xs:string", about="the ID of the tree to run")
-    _add_attribute(root, "project_name", "xs:string", about="of a Groot 2 project")
+    _add_attribute(root, "main_tree_to_execute", "xs:string", about="ID of the tree to run")
+    _add_attribute(root, "project_name", "xs:string", about="name of a Groot 2 project")
     tree = schema.add("complexType", name="BehaviorTreeType")
     tree.add("group", ref="nodeGroup")
     _add_attribute(tree, "ID", "xs:string")
@@ -246,7 +259,7 @@ def _add_document_types(schema: _SchemaElement, format: int) -> None:
 
 
 def _models(schema: _SchemaElement) -> None:
-    """TreeNodesModel: the palette of an editor."""
+    """Add the type of TreeNodesModel, the palette of an editor."""
     models = schema.add("complexType", name="TreeNodesModelType")
     choice = models.add("choice", minOccurs="0", maxOccurs="unbounded")
     for tag in _MODELS:

@@ -1,4 +1,4 @@
-"""What a conversion does to a document: edits of its text, and a diagnostic for each."""
+"""The changes of a conversion: edits of the document's text, and a diagnostic for each."""
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic
@@ -10,10 +10,10 @@ from btcore.xml.read.positions import ElementPart
 
 
 class ConversionContext:
-    """The changes to *document*: make them with *rewriter*, and :meth:`note` each.
+    """The changes to *document*: make each with *rewriter*, and describe it with :meth:`note`.
 
-    Codes tell three sorts apart: ``C1…`` is written differently and means the same, ``C2…`` means
-    something else in format 4, ``C3…`` is left to the user.
+    Codes classify changes: ``C1…`` keeps the meaning, ``C2…`` has another meaning in format 4, ``C3…``
+    is left to the user.
     """
 
     def __init__(self, document: Document, registry: Registry) -> None:
@@ -31,5 +31,14 @@ class ConversionContext:
         hint: str = "",
         part: ElementPart = "value",
     ) -> None:
-        """Tell of a change at *element*, or at one of its attributes."""
+        """Add a diagnostic for a change of an element or of one of its attributes.
+
+        Args:
+            code: The diagnostic code.
+            message: What changes.
+            element: The element in the original document.
+            attribute: Name of the attribute; "" means the element itself.
+            hint: Further advice, or "".
+            part: Whether the place is the attribute's name or its value.
+        """
         self.found.append(self.document.diagnostic(code, message, element, attribute, part, hint))

@@ -29,11 +29,13 @@ _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
 
 
 class Conversion(NamedTuple):
-    """A document in format 4.
+    """A document converted to format 4.
 
-    *changes* tell what is written differently (codes ``C1…``), what means something else
-    (``C2…``) and what is left to the user (``C3…``), at their places in the original; *remaining*
-    are the errors that a loader of format 4 finds in *text* and one of format 3 didn't.
+    Attributes:
+        text: The converted text.
+        changes: The changes, at their positions in the original: other spelling (codes ``C1…``), other
+            meaning (``C2…``), and steps left to the user (``C3…``).
+        remaining: Errors in *text* that the original document did not have.
     """
 
     text: str
@@ -42,11 +44,17 @@ class Conversion(NamedTuple):
 
 
 def convert(document: Document, registry: Registry) -> Conversion:
-    """*document* in format 4; one that is in format 4 is given back as it is.
+    """Convert a document from format 3 to format 4; a document in format 4 is returned unchanged.
 
-    Nodes that *registry* doesn't know are converted too, as far as that can be done without knowing
-    their ports. Included documents are not touched. Raises TreeError for a document that is of
-    neither format, or no tree.
+    Unknown nodes are converted as far as possible without knowing their ports. Included documents are
+    not changed.
+
+    Args:
+        document: The document to convert.
+        registry: The registered nodes.
+
+    Raises:
+        TreeError: The format is unknown, or the outermost element is not ``<root>``.
     """
     root = document.root
     if root.tag != "root":
@@ -54,7 +62,7 @@ def convert(document: Document, registry: Registry) -> Conversion:
         raise TreeError([document.diagnostic(NOT_A_ROOT, message, root)])
     format = parse_format(root.get("BTCPP_format"))
     if format is None:
-        message = f"BTCPP_format '{root.get('BTCPP_format')}' is not known"
+        message = f"unknown BTCPP_format '{root.get('BTCPP_format')}'"
         raise TreeError([document.diagnostic(UNKNOWN_FORMAT, message, root, "BTCPP_format")])
     if format == 4:
         return Conversion(document.text, [], [])
@@ -76,26 +84,26 @@ def _root(changes: ConversionContext, root: Element) -> None:
             changes.rewriter.rename_element(model, "SubTree")
             changes.note(NODE_RENAMED, "the model of a <SubTreePlus> becomes one of a <SubTree>", model)
     for include in root.iterchildren("include"):
-        message = "the included file is read in the format of this one: convert it too"
+        message = "the included file is read in the format of this document: convert it too"
         changes.note(MANUAL_STEP, message, include, "path")
 
 
 class _Trees:
-    """Converts the trees of a document, one after the other."""
+    """Converts the trees of a document one by one."""
 
     def __init__(self, changes: ConversionContext) -> None:
         self._changes = changes
         self._tags = DIALECTS[3].subtree_tags
 
     def convert(self) -> None:
-        """Convert all."""
+        """Convert all trees."""
         seen: set[str] = set()
         for tree in self._changes.document.root.iterchildren("BehaviorTree"):
             id = tree.get("ID") or ""
             if id in seen:
-                message = f"of the trees '{id}' this one counts in format 4, and the first one in format 3"
+                message = f"duplicate tree '{id}': format 4 uses the last tree, format 3 the first"
                 self._changes.note(
-                    LAST_TREE_COUNTS, message, tree, "ID", hint="remove the one that isn't wanted"
+                    LAST_TREE_COUNTS, message, tree, "ID", hint="remove the tree that is not needed"
                 )
             seen.add(id)
             names: set[str] = set()
@@ -123,19 +131,18 @@ class _Trees:
         elif "ReactiveSequence" in (parent.tag, parent.get("ID")) and _TAG.match(new):
             self._changes.rewriter.rename_element(element, new)
             self._changes.rewriter.remove_attribute(element, "ID")
-            message = (
-                f'<{tag} ID="{new}"> becomes <{new}>: C++ takes no <{tag}> in a ReactiveSequence of format 4'
-            )
+            reason = f"BehaviorTree.CPP 4 rejects <{tag}> in a ReactiveSequence"
+            message = f'<{tag} ID="{new}"> becomes <{new}>: {reason}'
             self._changes.note(TAG_MADE_COMPACT, message, element)
         elif new != id:
             self._changes.rewriter.set_attribute(element, "ID", new)
 
 
 def _remaining(document: Document, text: str, registry: Registry) -> list[Diagnostic]:
-    """The errors of the result that the original doesn't have."""
-    before = {_comparable(one) for one in _errors(document, registry)}
+    """Return the errors of the converted text that the original document doesn't have."""
+    before = {_comparable(error) for error in _errors(document, registry)}
     after = _errors(parse_text(text, document.file), registry)
-    return sort_diagnostics([one for one in after if _comparable(one) not in before])
+    return sort_diagnostics([error for error in after if _comparable(error) not in before])
 
 
 def _comparable(diagnostic: Diagnostic) -> tuple[str, str]:
@@ -147,7 +154,7 @@ def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
     planner, _, diagnostics = analyse_document(document, registry)
     for definition in planner.definitions.by_id.values():
         check_scripts(planner.plan(definition), registry, diagnostics)
-    # The converter looks at this file alone, which may be one of several.
+    # Only this file is converted, so its main tree may be in another file.
     return [
         one for one in diagnostics.errors if one.file == document.file and one.code != AMBIGUOUS_MAIN_TREE
     ]

@@ -1,4 +1,4 @@
-"""Nodes that format 4 calls otherwise, or that do something else there."""
+"""Convert nodes that have another name or another behavior in format 4."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -29,7 +29,7 @@ from btcore.xml.plan.structure_checks import element_children
 from btcore.xml.read.dialect import NODE_REPLACEMENTS
 from btcore.xml.read.element import Element
 
-# What std::from_chars reads as a number, or nearly so: such cases may be equal without being the same text.
+# Texts that std::from_chars may read as a number: such cases can be equal although the texts differ.
 _NUMBER: Final = re.compile(r"-?(?:[0-9.]|inf|nan)", re.I)
 _ELEMENT: Final[Mapping[str, ValueType]] = {
     "BlackboardCheckInt": INT,
@@ -40,7 +40,16 @@ _ELEMENT: Final[Mapping[str, ValueType]] = {
 
 
 def convert_node(changes: ConversionContext, element: Element, id: str) -> str:
-    """What format 4 calls the node *id*; notes what is different about it there."""
+    """Convert a node except for its port texts, and note how its behavior differs in format 4.
+
+    Args:
+        changes: Collects the changes.
+        element: The element of the node.
+        id: The ID of the node in format 3.
+
+    Returns:
+        The ID of the node in format 4.
+    """
     new = NODE_REPLACEMENTS.get(id, id)
     if id in _ELEMENT:
         return new if _check(changes, element, id) else id
@@ -50,8 +59,8 @@ def convert_node(changes: ConversionContext, element: Element, id: str) -> str:
     elif new == id and changes.registry.get(id, 3) is None:
         taken = changes.registry.get(id, 4)
         if taken is not None and taken.distribution == "btcore":
-            message = f"format 4 has a node of its own that is called <{id}>"
-            changes.note(MANUAL_STEP, message, element, hint="give yours another ID")
+            message = f"<{id}> is the name of a built-in node in format 4"
+            changes.note(MANUAL_STEP, message, element, hint="give your node another ID")
     return new
 
 
@@ -72,13 +81,15 @@ def _repeated(changes: ConversionContext, element: Element, id: str) -> None:
         return
     name = NODE_REPLACEMENTS.get(id, id)
     message = f"<{name}> yields: a child that {again} at once is ticked again in the next tick"
-    hint = "format 3 ticks it again in the same one; tick_once() ticks the whole tree again without a pause"
+    hint = "format 3 ticks it again in the same tick; tick_once() ticks the whole tree again without a pause"
     changes.note(LOOP_YIELDS, message, element, hint=hint)
 
 
 def _parallel(changes: ConversionContext, element: Element, id: str) -> None:
     given = element.attributes
-    message = "<Parallel> is RUNNING before its children are ticked, in format 3 only after: observers see it"
+    message = (
+        "<Parallel> is RUNNING before its children are ticked, in format 3 only afterwards: observers see it"
+    )
     changes.note(PARALLEL_THRESHOLDS, message, element)
     for old, new in (("success_threshold", "success_count"), ("failure_threshold", "failure_count")):
         if old not in given:
@@ -86,7 +97,9 @@ def _parallel(changes: ConversionContext, element: Element, id: str) -> None:
         changes.rewriter.rename_attribute(element, old, new)
         changes.note(ATTRIBUTE_RENAMED, f"'{old}' becomes '{new}'", element, old, part="name")
         if given[old].strip() == "0" or remapped_key(given[old], old, 3) is not None:
-            message = f'{new}="0" is reached with the first child\'s result; in format 3 it is never reached'
+            message = (
+                f'{new}="0" is reached with the first result of a child; in format 3 it is never reached'
+            )
             changes.note(PARALLEL_THRESHOLDS, message, element, old)
     if "success_threshold" not in given:
         message = "without a 'success_count' all children have to succeed; format 3 fails without the port"
@@ -106,22 +119,24 @@ def _switch(changes: ConversionContext, element: Element, id: str) -> None:
 def _store(changes: ConversionContext, element: Element, id: str) -> None:
     value = element.attributes.get("value", "")
     if remapped_key(value, "value", 3) is not None:
-        message = f"<SetBlackboard> fails when the entry of {value} is empty, where format 3 copies that too"
+        message = f"<SetBlackboard> fails if the entry {value} is empty; format 3 copies an empty entry"
     else:
         message = (
-            f"'{value}' is converted to the type that the entry has, or refused, and a second write makes "
-            "the entry a text for good; format 3 stores the text"
+            f"'{value}' is converted to the type of the entry, or is an error, and a second write makes the "
+            "entry a text permanently; format 3 always stores the text"
         )
     changes.note(ENTRY_TYPE_KEPT, message, element, "value")
 
 
 def _check(changes: ConversionContext, element: Element, id: str) -> bool:
-    """Make a Precondition of a BlackboardCheck; whether it can be one."""
+    """Convert a BlackboardCheck to a Precondition. Returns whether that is possible."""
     given = element.attributes
     script = _comparison(given, _ELEMENT[id])
     if script is None:
-        message = f"what <{id}> compares can't be said in a script; format 4 has no such node, and it is left"
-        hint = "an entry of a script has a name of letters, digits and '_'; a text holds no quote"
+        message = (
+            f"<{id}> is not converted: format 4 lacks the node, and a script can't express the comparison"
+        )
+        hint = "in a script, entry names have letters, digits and '_' only, and texts have no quotes"
         changes.note(MANUAL_STEP, message, element, hint=hint)
         return False
     first, second = (name for name in given if name in ("value_A", "value_B"))
@@ -132,16 +147,16 @@ def _check(changes: ConversionContext, element: Element, id: str) -> bool:
     if "return_on_mismatch" in given:
         rewriter.rename_attribute(element, "return_on_mismatch", "else")
     message = (
-        "<Precondition> asks before the child starts, and not while it runs; an entry that is missing is an "
-        f"error; <{id}> asks on every tick, and takes it for a mismatch"
+        "<Precondition> checks before the child starts, not while it runs, and a missing entry is an error; "
+        f"<{id}> checks on every tick, and a missing entry is a mismatch"
     )
-    hint = f'to ask on every tick: a <ReactiveSequence> of <ScriptCondition code="{script}"/> and the child'
+    hint = f'to check on every tick: a <ReactiveSequence> of <ScriptCondition code="{script}"/> and the child'
     changes.note(CHECKED_ONCE, message, element, hint=hint)
     return True
 
 
 def _comparison(given: Mapping[str, str], kind: ValueType) -> str | None:
-    """``value_A == value_B`` as a script, or None."""
+    """Return ``value_A == value_B`` as a script, or None if a script can't express it."""
     sides: list[str] = []
     for name in ("value_A", "value_B"):
         text = given.get(name)
@@ -161,7 +176,7 @@ def _is_name(key: str) -> bool:
 
 
 def _literal(text: str, kind: ValueType) -> str | None:
-    """*text*, read as *kind*, as a script writes it; None where it can't."""
+    """Return the script literal for *text*, read as *kind*, or None if there is none."""
     try:
         value = kind.from_text(text, 3)
     except ConversionError:

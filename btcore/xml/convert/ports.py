@@ -1,4 +1,4 @@
-"""Port texts of format 3 as format 4 writes them."""
+"""Convert port texts from format 3 to format 4."""
 
 from typing import Final
 
@@ -13,9 +13,13 @@ _NO_PORTS: Final = ("name", "ID", "_description")
 
 
 def convert_ports(changes: ConversionContext, element: Element, id: str, new_id: str) -> None:
-    """Rewrite the texts of the ports of the node *id*, which format 4 calls *new_id*.
+    """Rewrite the port texts of a node. For unknown nodes only pointers to entries are rewritten.
 
-    Of a node that isn't registered only what is written alike for every type is rewritten.
+    Args:
+        changes: Collects the changes.
+        element: The element of the node.
+        id: The ID of the node in format 3.
+        new_id: The ID of the node in format 4.
     """
     old = changes.registry.get(id, 3)
     new = changes.registry.get(new_id, 4)
@@ -53,17 +57,17 @@ def _pointer(changes: ConversionContext, element: Element, name: str, text: str,
         message = f"'{name}' is the entry '=' in format 3, and the entry '{name}' in format 4"
         changes.note(TEXT_REINTERPRETED, message, element, name)
         return
-    wanted = "{=}" if text == "=" else f"{{{key}}}"
-    if text != wanted:
-        changes.rewriter.set_attribute(element, name, wanted)
-        changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{wanted}"', element, name)
+    new_text = "{=}" if text == "=" else f"{{{key}}}"
+    if text != new_text:
+        changes.rewriter.set_attribute(element, name, new_text)
+        changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{new_text}"', element, name)
 
 
 def _literal(changes: ConversionContext, element: Element, name: str, text: str, port: Port) -> None:
     if not text:
         changes.rewriter.remove_attribute(element, name)
-        default = "its default counts" if port.default is not None else "the node lacks it when it is ticked"
-        message = f"the empty '{name}' is removed, which format 4 refuses as {port.type.name}: {default}"
+        effect = "the default is used" if port.default is not None else "the port is missing in ticks"
+        message = f"the empty '{name}' is removed, as it is no {port.type.name} in format 4: {effect}"
         changes.note(EMPTY_ATTRIBUTE_REMOVED, message, element, name)
         return
     if not port.type.converts:
@@ -78,7 +82,7 @@ def _literal(changes: ConversionContext, element: Element, name: str, text: str,
         same = False
     if same or not isinstance(value, (int, float)):
         return
-    wanted = str(value).lower() if isinstance(value, bool) else repr(value)
-    changes.rewriter.set_attribute(element, name, wanted)
-    message = f'{name}="{text}" becomes {name}="{wanted}", as format 3 reads it'
+    new_text = str(value).lower() if isinstance(value, bool) else repr(value)
+    changes.rewriter.set_attribute(element, name, new_text)
+    message = f'{name}="{text}" becomes {name}="{new_text}", as format 3 reads it'
     changes.note(TEXT_REWRITTEN, message, element, name)

@@ -1,4 +1,4 @@
-"""Changing single tags and attributes of a document, and nothing else of its text."""
+"""Edit single tags and attributes of a document, and leave the rest of its text unchanged."""
 
 import re
 from typing import Final
@@ -11,15 +11,15 @@ _IN_VALUE: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t
 
 
 def escape_value(text: str, quote: str = '"') -> str:
-    """*text* as it stands between quotes of an attribute, with as few references as XML allows."""
+    """Return *text* escaped for an attribute value in quotes of the kind *quote*, as little as possible."""
     quoted = {**_IN_VALUE, quote: "&quot;" if quote == '"' else "&apos;"}
     return "".join(quoted.get(char, char) for char in text)
 
 
 class Rewriter:
-    """Gathers changes to *document*; :meth:`text` applies them. All that isn't changed stays as it is.
+    """Collects edits of *document*; :meth:`text` applies them and leaves everything else unchanged.
 
-    Elements and attributes are named as they are in the document, whatever was changed before.
+    Elements and attributes are identified by their original names, also after a change.
     """
 
     def __init__(self, document: Document) -> None:
@@ -31,7 +31,7 @@ class Rewriter:
         self._match_tags()
 
     def _match_tags(self) -> None:
-        """Find every start tag, and the end tag that belongs to it."""
+        """Find every start tag with its end tag."""
         open_tags: list[int] = []
         for at, tag in iter_markup(self._source):
             if tag is not None:
@@ -45,7 +45,12 @@ class Rewriter:
         return self._starts[self._document.source_map.index(element)]
 
     def rename_element(self, element: Element, name: str) -> None:
-        """Call *element* *name*, in its start tag and its end tag."""
+        """Rename an element, in its start tag and its end tag.
+
+        Args:
+            element: The element.
+            name: The new name.
+        """
         index = self._document.source_map.index(element)
         tag = self._starts[index]
         self._edits.append((tag.start(1), tag.end(1), name))
@@ -54,41 +59,72 @@ class Rewriter:
             self._edits.append((end, end + len(tag[1]), name))
 
     def insert_attribute(self, element: Element, name: str, text: str) -> None:
-        """Write one more attribute, before all others."""
+        """Insert an attribute before all others.
+
+        Args:
+            element: The element.
+            name: Name of the attribute.
+            text: The value, not escaped.
+        """
         at = self._tag(element).end(1)
         self._edits.append((at, at, f' {name}="{escape_value(text)}"'))
 
     def set_attribute(self, element: Element, attribute: str, text: str) -> None:
-        """Write another value; the quotes stay as they are."""
-        found = self._attribute(element, attribute)
-        start, end = value_span(found)
+        """Replace the value of an attribute, and keep its quotes.
+
+        Args:
+            element: The element.
+            attribute: Name of the attribute.
+            text: The new value, not escaped.
+
+        Raises:
+            KeyError: The element has no such attribute.
+        """
+        start, end = value_span(self._attribute(element, attribute))
         self._edits.append((start, end, escape_value(text, self._source[end])))
 
     def rename_attribute(self, element: Element, attribute: str, name: str) -> None:
-        """Call an attribute *name*."""
-        found = self._attribute(element, attribute)
-        self._edits.append((found.start(1), found.end(1), name))
+        """Rename an attribute.
+
+        Args:
+            element: The element.
+            attribute: The original name of the attribute.
+            name: The new name.
+
+        Raises:
+            KeyError: The element has no such attribute.
+        """
+        match = self._attribute(element, attribute)
+        self._edits.append((match.start(1), match.end(1), name))
 
     def remove_attribute(self, element: Element, attribute: str) -> None:
-        """Take an attribute out, with the space before it."""
-        found = self._attribute(element, attribute)
-        start = found.start()
+        """Remove an attribute and the space before it.
+
+        Args:
+            element: The element.
+            attribute: Name of the attribute.
+
+        Raises:
+            KeyError: The element has no such attribute.
+        """
+        match = self._attribute(element, attribute)
+        start = match.start()
         while self._source[start - 1].isspace():
             start -= 1
-        self._edits.append((start, found.end(), ""))
+        self._edits.append((start, match.end(), ""))
 
     def _attribute(self, element: Element, name: str) -> re.Match[str]:
-        found = find_attribute(self._tag(element), name)
-        if found is None:
+        match = find_attribute(self._tag(element), name)
+        if match is None:
             raise KeyError(name)
-        return found
+        return match
 
     def text(self) -> str:
-        """The document with all changes made."""
+        """Return the text of the document with all edits applied."""
         pieces: list[str] = []
         done = 0
         for start, end, replacement in sorted(self._edits, key=lambda edit: edit[:2]):
-            if start < done:  # a change to what is removed as a whole
+            if start < done:  # an edit inside a removed attribute
                 continue
             pieces += (self._source[done:start], replacement)
             done = end

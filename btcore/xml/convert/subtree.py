@@ -1,4 +1,4 @@
-"""SubTree and SubTreePlus of format 3 as format 4 writes them."""
+"""Convert SubTree and SubTreePlus elements from format 3 to format 4."""
 
 import re
 from typing import Final
@@ -27,7 +27,13 @@ _BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
 
 
 def convert_subtree(changes: ConversionContext, element: Element, names: set[str]) -> None:
-    """Convert a call of a tree. *names* are those that calls in the same tree have already."""
+    """Convert a SubTree or SubTreePlus element.
+
+    Args:
+        changes: Collects the changes.
+        element: The element.
+        names: Names of the calls in the same tree that were converted before; extended by this function.
+    """
     given = element.attributes
     _name(changes, element, names)
     if element.tag == "SubTreePlus":
@@ -41,7 +47,7 @@ def convert_subtree(changes: ConversionContext, element: Element, names: set[str
         return
     if shared is not None:
         changes.rewriter.remove_attribute(element, "__shared_blackboard")
-        message = "'__shared_blackboard' is removed: a tree has a blackboard of its own anyway"
+        message = "'__shared_blackboard' is removed: by default a tree has its own blackboard"
         changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, "__shared_blackboard", part="name")
     for name, text in given.items():
         if name not in ("ID", "name", "__shared_blackboard"):
@@ -55,14 +61,12 @@ def _name(changes: ConversionContext, element: Element, names: set[str]) -> None
     if name in names:
         changes.rewriter.remove_attribute(element, "name")
         message = (
-            f"the name '{name}' is removed: format 3 ignores it, and in format 4 two calls can't share one"
+            f"the name '{name}' is removed: format 3 ignores it, and in format 4 names of calls are unique"
         )
         changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, "name")
         return
     names.add(name)
-    message = (
-        f"the node is called '{name}', where format 3 calls it by the tree's ID; so are the paths below it"
-    )
+    message = f"the name of the node, and of the paths below it, is '{name}'; in format 3 it is the tree's ID"
     changes.note(SUBTREE_NAME, message, element, "name")
 
 
@@ -74,25 +78,23 @@ def _true(text: str) -> bool:
 
 
 def _share(changes: ConversionContext, element: Element) -> None:
-    """One blackboard for both trees: the nearest is to look up every name outside."""
+    """Convert a shared blackboard; autoremapping every name to the outer tree is the closest equivalent."""
     changes.rewriter.rename_attribute(element, "__shared_blackboard", "_autoremap")
     changes.rewriter.set_attribute(element, "__shared_blackboard", "true")
     message = (
-        "'__shared_blackboard' becomes '_autoremap': every name is the outer tree's, but for those that "
-        "begin with '_'"
+        "'__shared_blackboard' becomes '_autoremap': names that begin with '_' are no longer shared with "
+        "the outer tree"
     )
     changes.note(SHARED_BLACKBOARD, message, element, "__shared_blackboard", part="name")
     for name in element.attributes:
         if name not in ("ID", "name", "__shared_blackboard"):
             changes.rewriter.remove_attribute(element, name)
-            message = (
-                f"'{name}' is removed: with one blackboard for both trees it connects nothing in format 3"
-            )
+            message = f"'{name}' is removed: it has no effect in format 3 if both trees share a blackboard"
             changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, name, part="name")
 
 
 def _remap(changes: ConversionContext, element: Element, name: str, text: str) -> None:
-    """``inner="outer"``, which has braces in format 4."""
+    """Convert a remapping ``inner="outer"``, which has braces in format 4."""
     braced = _BRACED.match(text)
     if not is_port_name(name):
         message = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
@@ -107,8 +109,8 @@ def _remap(changes: ConversionContext, element: Element, name: str, text: str) -
         if text != f"{{{braced[1]}}}":
             changes.rewriter.set_attribute(element, name, f"{{{braced[1]}}}")
         message = (
-            f"'{name}' is connected with the entry '{braced[1]}'; format 3 takes the braces for a part of "
-            "the key, and connects nothing that others know"
+            f"'{name}' is connected with the entry '{braced[1]}'; in format 3 the braces are part of the "
+            "key, so that it is connected with no other entry"
         )
         changes.note(REMAPPING_CHANGED, message, element, name)
     else:
@@ -124,8 +126,8 @@ def _plus(changes: ConversionContext, element: Element) -> None:
             changes.rewriter.rename_attribute(element, name, "_autoremap")
             if _true(text):
                 message = (
-                    "'__autoremap' becomes '_autoremap': every name is the outer tree's but for those that "
-                    "begin with '_', where format 3 connects the names that the tree's ports have"
+                    "'__autoremap' becomes '_autoremap': it connects all names except those that begin with "
+                    "'_'; in format 3 it connects the names in ports of the tree"
                 )
                 changes.note(AUTOREMAP_ALL, message, element, name, part="name")
             else:
@@ -143,7 +145,6 @@ def _plus(changes: ConversionContext, element: Element) -> None:
             changes.rewriter.set_attribute(element, name, f"{{{key}}}")
             changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{{{key}}}"', element, name)
         elif key is None and not isinstance(parse_constant(text), str):
-            message = (
-                f"the constant '{name}' is the number {parse_constant(text)!r}, in format 3 the text '{text}'"
-            )
+            number = parse_constant(text)
+            message = f"the constant '{name}' is the number {number!r}; in format 3 it is the text '{text}'"
             changes.note(NUMERIC_CONSTANT, message, element, name)

@@ -1,6 +1,7 @@
-"""A palette without code: the nodes that a TreeNodesModel describes, registered as stand-ins.
+"""Register stand-ins for the nodes that a TreeNodesModel describes.
 
-So trees whose leaves are C++ can be checked, drawn, converted, and run with planned leaves.
+With stand-ins, trees whose leaves are written in C++ can be checked, drawn, converted, and run with
+planned results.
 """
 
 import os
@@ -29,7 +30,7 @@ _DIRECTIONS: Final = {
     "output_port": Direction.OUT,
     "inout_port": Direction.INOUT,
 }
-# What people, and other compilers, write for a type of BehaviorTree.CPP's.
+# Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {
     "string": "std::string",
     "str": "std::string",
@@ -50,16 +51,21 @@ _ALIASES: Final = {
 
 
 class Project(NamedTuple):
-    """A Groot 2 project: its *name*, and its *documents*, the included ones first, itself last."""
+    """A Groot 2 project: its *name*, and its *documents*, included documents before including documents."""
 
     name: str
     documents: list[Document]
 
 
 def read_project(path: str | os.PathLike[str], packages: PackageResolver | None = None) -> Project:
-    """Read a project (``.btproj``), or any document, with all that it includes.
+    """Read a project (``.btproj``), or any other document, with everything that it includes.
 
-    *packages* finds the folders of ROS packages. Raises TreeError for what can't be read.
+    Args:
+        path: The file.
+        packages: Finds the share directory of a ROS package.
+
+    Raises:
+        TreeError: The file or an included file can't be read or is not valid XML.
     """
     diagnostics = DiagnosticCollector()
     document = parse_file(path)
@@ -72,18 +78,27 @@ def read_project(path: str | os.PathLike[str], packages: PackageResolver | None 
 def add_models(
     nodes: Registry, path: str | os.PathLike[str], packages: PackageResolver | None = None
 ) -> list[str]:
-    """Register a stand-in for every model in *path*; the IDs that are new.
+    """Register a stand-in for every model in a file, and for every explicit tag in its trees.
 
-    *path* is what Groot exports, a project of Groot 2, or a file of trees with their models. Nodes
-    that are registered already stay as they are, but for those that came with an installed library.
-    Explicit tags of trees in it count as models too. Raises TreeError.
+    Registered nodes are not replaced, except for nodes of an installed library.
+
+    Args:
+        nodes: The registry to extend.
+        path: A palette exported by Groot, a project of Groot 2, or a file of trees with their models.
+        packages: Finds the share directory of a ROS package.
+
+    Returns:
+        The IDs of the new stand-ins.
+
+    Raises:
+        TreeError: The file can't be read, or contains no valid model.
     """
     documents = read_project(path, packages).documents
     added = [id for document in documents for id in _add_models(nodes, document)]
     added += add_explicit_nodes(nodes, documents)
     if not added and not any(_models(document) for document in documents):
-        message = "the file holds no model of a node"
-        hint = "a palette is a <TreeNodesModel>: Groot exports one, and so does `btcore nodes --xml`"
+        message = "the file contains no model of a node"
+        hint = "export a <TreeNodesModel> with Groot or `btcore nodes --xml`"
         raise TreeError([Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)])
     return added
 
@@ -91,7 +106,14 @@ def add_models(
 def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[str]:
     """Register a stand-in for each unknown node that an explicit tag names, as ``<Action ID="Move"/>``.
 
-    The tag tells the family, the attributes tell the ports. Returns the new IDs.
+    The tag determines the kind of the node, its attributes the ports.
+
+    Args:
+        nodes: The registry to extend.
+        documents: The documents with the explicit tags.
+
+    Returns:
+        The IDs of the new stand-ins.
     """
     found: dict[str, tuple[Document, str, dict[str, Port]]] = {}
     for document in documents:
@@ -108,7 +130,7 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
 
 
 def _seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
-    """Add the attributes of *element* to *ports*: one with a ``{key}`` may be read, or written."""
+    """Add the attributes of *element* to *ports*; an attribute with a ``{key}`` may be input and output."""
     for name, text in element.attributes.items():
         is_port = is_port_name(name) if format == 4 else not port_name_error(name, 3)
         if is_port and name not in SCRIPT_ATTRIBUTES:
@@ -130,7 +152,7 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
     for model in _models(document):
         id = model.get("ID")
         if id is None:
-            message = f"this model of <{model.tag}> does not say which node: it has no ID"
+            message = f"missing ID in the model <{model.tag}>"
             diagnostics.add(
                 document.diagnostic(MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
             )
@@ -138,7 +160,9 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
         known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
         if known is not None and not known.is_overridable:
             continue
-        ports = [_port(nodes, document, one) for one in model.iterchildren(*_DIRECTIONS) if one.get("name")]
+        ports = [
+            _port(nodes, document, item) for item in model.iterchildren(*_DIRECTIONS) if item.get("name")
+        ]
         described = next(model.iterchildren("description"), None)
         about = " ".join(document.text_in(described).split()) if described is not None else ""
         try:
@@ -159,13 +183,13 @@ def _port(nodes: Registry, document: Document, element: Element) -> Port:
         " ".join((element.get("description") or document.text_in(element)).split()),
     )
     if default_value_error(port):
-        # Then the C++ code reads such texts in a way of its own.
+        # Only the C++ code can convert texts of this port: accept any text.
         port.type = ValueType(port.type.name, object, converts=False)
     return port
 
 
 def _type(nodes: Registry, name: str) -> ValueType:
-    """The type that C++ calls *name*; one that isn't known is a type of its own, without a text form."""
+    """Return the type with the C++ name *name*; an unknown name becomes a new type without conversion."""
     name = re.sub(r"\bconst\b|&", "", name).strip()
     if not name:
         return ANY
@@ -176,7 +200,7 @@ def _type(nodes: Registry, name: str) -> ValueType:
 def _add(
     nodes: Registry, id: str, kind: NodeType, ports: list[Port], description: str, document: Document
 ) -> None:
-    """Register a stand-in. A port whose name format 4 doesn't take is one in trees of format 3 alone."""
+    """Register a stand-in. Ports whose name is not valid in format 4 exist in format 3 only."""
     origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
     allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
     if len(allowed) == len(ports):

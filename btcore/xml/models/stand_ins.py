@@ -1,4 +1,4 @@
-"""Stand-ins for nodes whose code isn't here: they have the ports of a model, and do as a plan says."""
+"""Stand-ins for nodes without code: they have the ports of a model, and return planned results."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
@@ -22,30 +22,30 @@ _LETTERS: Final = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
 class StubPlans:
-    """What stand-ins give: *letters* by the name of a node, or by its ID; at once SUCCESS by default.
+    """The planned results of stand-ins: *letters* by the name or the ID of a node; by default SUCCESS.
 
-    The letters are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). An action takes the next
-    segment (separated by ``|``) whenever it starts, and its next letter whenever it is ticked; the last
-    one repeats. A condition takes one letter a tick. Both begin again at the end.
+    The letters are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). An action uses the next
+    segment (separated by ``|``) whenever it starts, and the next letter of the segment in each tick; the
+    last letter repeats. A condition uses one letter per tick. Both start again at the end of the plan.
     """
 
     def __init__(self, letters: Mapping[str, str] | None = None) -> None:
         self.letters = dict(letters or {})
 
     def plan_for(self, node: TreeNode) -> str:
-        """The plan of *node*."""
+        """Return the plan of *node*."""
         return self.letters.get(node.name) or self.letters.get(node.id) or "S"
 
 
 def _status(node: TreeNode, letter: str) -> Status:
     status = _LETTERS.get(letter)
     if status is None:
-        raise NodeError(f"the plan of '{node.name}' says {letter!r}; its letters are R, S, F and K")
+        raise NodeError(f"invalid letter {letter!r} in the plan of '{node.name}': use R, S, F and K")
     return status
 
 
 class StubAction(StatefulAction):
-    """Succeeds at once, or does as its plan says."""
+    """Returns SUCCESS at once, or its planned results."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("_segment", "_starts", "_calls")
 
@@ -56,7 +56,7 @@ class StubAction(StatefulAction):
         self._segment = ""
 
     def on_start(self) -> Status:
-        """Take the next segment, and give its first letter."""
+        """Start the next segment, and return the status of its first letter."""
         self._segment = self._segments[self._starts % len(self._segments)]
         self._starts += 1
         self._calls = 0
@@ -70,7 +70,7 @@ class StubAction(StatefulAction):
 
 
 class StubCondition(Condition):
-    """Succeeds, or does as its plan says."""
+    """Returns SUCCESS, or its planned results."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("_ticks",)
 
@@ -92,7 +92,7 @@ class StubControl(SequenceNode):
 
 
 class StubDecorator(DecoratorNode):
-    """Gives what its child gives."""
+    """Returns the result of its child."""
 
     def tick(self) -> Status:
         """Tick the child."""
@@ -114,7 +114,15 @@ _OF_TYPE: Final[dict[NodeType, type[TreeNode]]] = {
 def make_stub_class(
     id: str, kind: NodeType, ports: Sequence[Port], description: str, origin: str
 ) -> type[TreeNode]:
-    """A class of the family *kind* to be registered as *id*; *origin* is who brings it."""
+    """Return a new stand-in class.
+
+    Args:
+        id: The ID under which the class will be registered.
+        kind: Action, condition, control or decorator.
+        ports: The ports of the node.
+        description: The docstring of the class, or "".
+        origin: The module name of the class, which names the source of the model.
+    """
     listed = list(ports)
     return type(
         id,

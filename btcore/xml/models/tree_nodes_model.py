@@ -1,4 +1,4 @@
-"""TreeNodesModel: the palette as Groot reads and writes it."""
+"""Read and write TreeNodesModel, the palette of Groot."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -43,9 +43,15 @@ def quoted(text: str) -> str:
 def subtree_models(
     documents: Sequence[Document], dialect: Dialect, diagnostics: DiagnosticCollector
 ) -> dict[str, dict[str, str | None]]:
-    """The ports of the subtree models of *documents*, by ID, and their defaults (None = mandatory).
+    """Return the ports that subtree models declare. Models of other nodes are ignored.
 
-    Models of other nodes are information for editors, and are not looked at.
+    Args:
+        documents: The documents with the models.
+        dialect: The rules for names.
+        diagnostics: Collects errors in the models.
+
+    Returns:
+        For each tree ID the names of the ports with their defaults; None means a required port.
     """
     found: dict[str, dict[str, str | None]] = {}
     for document in documents:
@@ -53,7 +59,7 @@ def subtree_models(
             for model in models.iterchildren("SubTree"):
                 id = model.get("ID")
                 if id is None:
-                    message = "this model of a subtree does not say which: it has no ID"
+                    message = "missing ID in the model of a subtree"
                     hint = 'write <SubTree ID="…">'
                     diagnostics.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
                     continue
@@ -72,29 +78,36 @@ def _port(
 ) -> None:
     name = port.get("name")
     if name is None:
-        message = f"this <{port.tag}> has no name"
+        message = f"missing name of the <{port.tag}>"
         diagnostics.add(document.diagnostic(MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>'))
         return
     error = model_port_name_error(name) if dialect.tree_ids_checked else ""
     if error:
-        message = f"no port of a subtree can be called '{name}': {error}"
+        message = f"invalid port name '{name}' in the model of a subtree: {error}"
         diagnostics.add(document.diagnostic(INVALID_NAME, message, port, "name"))
     ports[name] = port.get("default")
 
 
 def write_models(manifests: Iterable[Manifest], format: int = 4) -> str:
-    """A document with a TreeNodesModel of *manifests*, which Groot imports.
+    """Return a document with a TreeNodesModel, sorted by ID, that Groot can import.
 
-    Sorted by ID. For Groot 1 (*format* 3) ports come inputs first, each sort by name.
+    Args:
+        manifests: The nodes.
+        format: 4, or 3 for Groot 1, where ports are sorted by direction and name.
     """
     root = '<root BTCPP_format="4">' if format == 4 else "<root>"
     return "\n".join([root, *model_lines(manifests, format), "</root>"]) + "\n"
 
 
 def model_lines(manifests: Iterable[Manifest], format: int = 4) -> list[str]:
-    """The lines of a TreeNodesModel, indented as a child of ``<root>``."""
+    """Return the lines of a TreeNodesModel, indented as a child of ``<root>``.
+
+    Args:
+        manifests: The nodes.
+        format: 4, or 3 for Groot 1, where ports are sorted by direction and name.
+    """
     lines = ["    <TreeNodesModel>"]
-    for manifest in sorted(manifests, key=lambda one: one.id):
+    for manifest in sorted(manifests, key=lambda manifest: manifest.id):
         lines += _model(manifest, format)
     return [*lines, "    </TreeNodesModel>"]
 

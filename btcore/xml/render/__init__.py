@@ -1,1 +1,1 @@
-"""A tree as a picture: what is drawn, where, and how."""
+"""Draw trees as SVG, and write running trees as XML."""

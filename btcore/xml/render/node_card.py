@@ -1,4 +1,4 @@
-"""How one node of a tree looks in a picture: a card with a badge, names, ports and scripts."""
+"""Draw one node of a tree as a card with a badge, names, ports and scripts."""
 
 from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
@@ -22,11 +22,11 @@ _MARGIN: Final = 10.0
 _BADGE: Final = 11.0
 _TEXT_AT: Final = _MARGIN + 2 * _BADGE + 8
 _LONGEST: Final = 46
-_MONO: Final = 0.602  # the advance of most monospaced faces, in em
+_MONO: Final = 0.602  # the advance width of most monospaced fonts, in em
 _NARROW: Final = frozenset("ijlftrI.,:;'|!()[] ")
 _WIDE: Final = frozenset("mwMWQO@%—→")
 
-# Strokes around (0, 0), within a radius of 7, by the symbol that the node's class declares.
+# SVG paths around (0, 0) within a radius of 7 px, by the symbol that the node's class declares.
 _GLYPHS: Final = {
     "→": "M-6 0H5M1-4.2L5.4 0L1 4.2",
     "?": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
@@ -52,7 +52,7 @@ _OF_TYPE: Final = {
 
 
 class Card(NamedTuple):
-    """A node's card: *width* and *height* in px, and its *drawing* at (0, 0)."""
+    """The card of a node: *width* and *height* in px, and its *drawing*, SVG elements at (0, 0)."""
 
     width: float
     height: float
@@ -60,7 +60,13 @@ class Card(NamedTuple):
 
 
 def text_width(text: str, size: float, bold: bool = False) -> float:
-    """How wide *text* is in a usual sans-serif face of *size* px, on the generous side."""
+    """Return an upper estimate of the width of a text in a common sans-serif font, in px.
+
+    Args:
+        text: The text.
+        size: Font size in px.
+        bold: Whether the font is bold.
+    """
     units = 0.0
     for char in text:
         if char in _NARROW:
@@ -77,7 +83,7 @@ def text_width(text: str, size: float, bold: bool = False) -> float:
 
 
 def card_of(node: DiagramNode) -> Card:
-    """The card of *node*, for itself."""
+    """Return the card of *node*, without its children."""
     kind = FAMILY_COLOURS[node.type][0]
     second = _second_name(node)
     number = str(node.uid)
@@ -115,14 +121,14 @@ def card_of(node: DiagramNode) -> Card:
 
 
 def _second_name(node: DiagramNode) -> str:
-    """What stands under the name: the ID, unless it is the name."""
+    """Return the text under the name: the ID, unless it equals the name."""
     if node.type is NodeType.SUBTREE:
         return node.id if node.tree == node.name else f"{node.id} {node.tree}"
     return node.id if node.id != node.name else ""
 
 
 def _hover(node: DiagramNode) -> str:
-    """What a browser shows under the mouse: everything in full."""
+    """Return the tooltip: name, ID, ports and scripts without abbreviation, and the description."""
     lines = [f"{node.name} <{node.id}>"]
     lines += (f'{name}="{text}"' for name, text, _ in node.ports)
     lines += (f'{name}="{text}"' for name, text in node.scripts.items())
@@ -145,7 +151,7 @@ def _shortened(text: str) -> str:
 
 
 def _port_line(name: str, text: str, direction: str) -> tuple[int, str]:
-    """A port: how many characters, and the text with its colours."""
+    """Return the number of characters of a port line, and its SVG text."""
     sign = {"output": "←", "inout": "↔"}.get(direction, "→")
     shown = _shortened(text) or "″″"
     kind = "key" if shown.startswith(("{", "=", "${")) else "value"

@@ -1,4 +1,4 @@
-"""A tree as an SVG that stands for itself: no fonts, no scripts, nothing to fetch."""
+"""Draw a tree as a self-contained SVG: without embedded fonts, scripts and external files."""
 
 from typing import Final, Literal
 from xml.sax.saxutils import escape
@@ -51,15 +51,25 @@ _STYLE: Final = f"""
 
 
 def tree_to_svg(tree: Tree, direction: Direction = "auto") -> str:
-    """*tree* as an SVG document; see :func:`diagram_to_svg`."""
+    """Return *tree* as an SVG document.
+
+    Args:
+        tree: The tree.
+        direction: Where children are placed; see :func:`diagram_to_svg`.
+    """
     return diagram_to_svg(diagram_of_tree(tree), tree.id, tree.format, direction)
 
 
 def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, direction: Direction = "auto") -> str:
-    """A drawing of *root* and all below it, headed by *title*.
+    """Return a drawing of a tree as an SVG document.
 
-    Cards are coloured by family and say what is written at the node; the content of a SubTree has a
-    frame. *direction* is where children stand, "auto" takes "right" when "down" becomes too wide.
+    Cards are coloured by kind, and show the attributes of the node. The content of a SubTree has a frame.
+
+    Args:
+        root: The root of the tree.
+        title: The title above the drawing.
+        format: The format of the tree, 3 or 4.
+        direction: Where children are placed; "auto" is "down", or "right" if "down" becomes too wide.
     """
     cards: dict[int, Card] = {}
     for node in _nodes(root):
@@ -74,19 +84,19 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, direction: Di
 
 
 def _nodes(root: DiagramNode) -> list[DiagramNode]:
-    found: list[DiagramNode] = []
+    nodes: list[DiagramNode] = []
     pending = [root]
     while pending:
         node = pending.pop()
-        found.append(node)
+        nodes.append(node)
         pending += reversed(node.children)
-    return found
+    return nodes
 
 
 def _layout(
     root: DiagramNode, cards: dict[int, Card], direction: str
 ) -> tuple[LayoutBox, tuple[float, float]]:
-    """The placed boxes, and the width and height of all."""
+    """Return the placed boxes, and the width and height of the drawing in px."""
 
     def box_of(node: DiagramNode) -> LayoutBox:
         card = cards[node.uid]
@@ -130,15 +140,15 @@ def _document(
     frames: list[str] = []
     edges: list[str] = []
     drawn: list[str] = []
-    for node, one in _pairs(root, box):
-        _draw(node, one, cards[node.uid], down, frames, edges, drawn)
+    for node, node_box in _pairs(root, box):
+        _draw(node, node_box, cards[node.uid], down, frames, edges, drawn)
     lines += [*frames, *edges, *drawn, "</g>"]
     lines += [_legend(kinds, height - 18), "</svg>"]
     return "\n".join(lines) + "\n"
 
 
 def _colours() -> str:
-    """The rules for the families."""
+    """Return the style rules for the kinds of nodes."""
     return "".join(
         f"    .card.{name} {{ stroke: {colour}; }} .badge.{name}, .id.{name} {{ fill: {colour}; }}\n"
         for name, colour in FAMILY_COLOURS.values()
@@ -146,13 +156,13 @@ def _colours() -> str:
 
 
 def _pairs(root: DiagramNode, box: LayoutBox) -> list[tuple[DiagramNode, LayoutBox]]:
-    found: list[tuple[DiagramNode, LayoutBox]] = []
+    pairs: list[tuple[DiagramNode, LayoutBox]] = []
     pending = [(root, box)]
     while pending:
-        node, one = pending.pop()
-        found.append((node, one))
-        pending += reversed(list(zip(node.children, one.children, strict=True)))
-    return found
+        node, node_box = pending.pop()
+        pairs.append((node, node_box))
+        pending += reversed(list(zip(node.children, node_box.children, strict=True)))
+    return pairs
 
 
 def _draw(
@@ -181,7 +191,7 @@ def _draw(
 
 
 def _edge(b0: float, d0: float, b1: float, d1: float, turn: float, down: bool) -> str:
-    """A line along the depth, a turn at *turn*, and on along the depth; corners are round."""
+    """Return an edge that runs along the depth, changes its breadth at *turn*, and has round corners."""
 
     def at(b: float, d: float) -> str:
         return f"{b:.1f} {d:.1f}" if down else f"{d:.1f} {b:.1f}"
@@ -198,7 +208,7 @@ def _edge(b0: float, d0: float, b1: float, d1: float, turn: float, down: bool) -
 
 
 def _legend(kinds: list[NodeType], y: float) -> str:
-    """The families that occur, with their colours."""
+    """Return the legend: the kinds of nodes in the tree, with their colours."""
     words: list[str] = []
     x = _MARGIN
     for kind in kinds:

@@ -1,7 +1,7 @@
-"""Places boxes of any size as a tidy tree: levels in rows, parents over the middle of their children.
+"""Lay out boxes of any size as a tidy tree: levels in rows, parents centred over their children.
 
-*Breadth* is the axis along which siblings stand, *depth* the one that leads from parent to child. A
-framed box has a rectangle around all that is below it, which nothing else enters.
+*Breadth* is the axis of siblings, *depth* is the axis from parent to child. A framed box has a rectangle
+around its descendants, which other boxes don't overlap.
 """
 
 from collections.abc import Sequence
@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True, eq=False)
 class LayoutBox:
-    """What is placed: its size, its children, and (after :func:`layout_tree`) where it is.
+    """A box with its size, its children, and (after :func:`layout_tree`) its position, in px.
 
-    *breadth* and *depth* are sizes; *middle* is its centre along the breadth, *top* where it begins
-    along the depth; *frame* is (breadth from, depth from, breadth to, depth to) around what is below.
+    *breadth* and *depth* are sizes. *middle* is its centre along the breadth, *top* its start along the
+    depth. *frame* is (min breadth, min depth, max breadth, max depth) of the frame around its descendants.
     """
 
     breadth: float
@@ -32,19 +32,27 @@ class LayoutBox:
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """Distances: between *siblings*, between *levels*, and from a *frame* to what is in it."""
+    """Distances in px: between *siblings*, between *levels*, and from a *frame* to its content."""
 
     siblings: float
     levels: float
     frame: float
 
 
-# How far the boxes of each level reach to both sides, from the level of the box on.
+# Minimum and maximum breadth of the boxes on each level, relative to the box, from its own level on.
 _Contour = list[tuple[float, float]]
 
 
 def layout_tree(root: LayoutBox, gaps: Spacing) -> tuple[float, float]:
-    """Place *root* and all below it; the breadth and the depth that they take, from 0 on."""
+    """Place a box and its descendants, from the origin (0, 0) on.
+
+    Args:
+        root: The box.
+        gaps: Distances between boxes.
+
+    Returns:
+        The breadth and the depth of the layout in px.
+    """
     boxes: list[LayoutBox] = []
     contour = _place(root, 0, gaps, boxes)
     left = min(side[0] for side in contour)
@@ -90,12 +98,12 @@ def _place(box: LayoutBox, level: int, gaps: Spacing, boxes: list[LayoutBox]) ->
 
 
 def _side_by_side(children: Sequence[LayoutBox], contours: Sequence[_Contour], gap: float) -> _Contour:
-    """Push *children* together, and centre them over each other; the contour of all."""
+    """Place *children* as close to each other as possible. Returns their common contour."""
     merged = list(contours[0])
     children[0]._offset = 0.0
     for child, contour in zip(children[1:], contours[1:], strict=True):
         shared = zip(merged, contour, strict=False)
-        shift = max(one[1] - other[0] for one, other in shared) + gap
+        shift = max(left_side[1] - right_side[0] for left_side, right_side in shared) + gap
         child._offset = shift
         for level, (left, right) in enumerate(contour):
             if level < len(merged):
@@ -109,7 +117,7 @@ def _side_by_side(children: Sequence[LayoutBox], contours: Sequence[_Contour], g
 
 
 def _levels(boxes: Sequence[LayoutBox], gaps: Spacing) -> tuple[list[float], list[float]]:
-    """Where each level begins, and how thick it is."""
+    """Return the start and the size of each level along the depth."""
     count = max(box.level for box in boxes) + 1
     thickness = [0.0] * count
     opening = [0.0] * count

@@ -1,4 +1,4 @@
-"""A tree as it is drawn: what each node is called, and what is written at it."""
+"""Collect what a drawing of a tree shows: names, ports and scripts of its nodes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,12 +13,20 @@ from btcore.xml.plan.plan import NodePlan, TreePlanner
 
 @dataclass(slots=True)
 class DiagramNode:
-    """One node with what is below it.
+    """One node of a drawing, with its children.
 
-    *uid* is its number in a run, *ports* are (name, text, direction) as ``("goal", "{g}", "input")``,
-    those that are written, with "script" for the direction of a script; *symbol* is the class's; *scripts*
-    are ``_skipIf`` and the like; *tree* is the ID of the tree that a SubTree node calls, whose root is its
-    only child.
+    Attributes:
+        uid: Number of the node in the running tree.
+        id: ID of the node.
+        name: Name of the node.
+        type: Kind of the node.
+        ports: The ports that the document sets, as (name, text, direction), such as ``("goal", "{g}",
+            "input")``; the direction of a script is "script".
+        scripts: Pre- and post-conditions, by attribute.
+        about: Description of the node.
+        tree: For a SubTree node, the ID of the called tree, whose root is the only child.
+        symbol: The symbol that the node's class declares.
+        children: The children of the node.
     """
 
     uid: int
@@ -34,7 +42,7 @@ class DiagramNode:
 
 
 def diagram_of_tree(tree: Tree) -> DiagramNode:
-    """*tree* as it runs. Ports that have their default aren't shown."""
+    """Return a running tree as a drawing. Ports with their default value are not shown."""
     trees = {subtree.path: subtree.id for subtree in tree.subtrees[1:]}
 
     def of(node: TreeNode) -> DiagramNode:
@@ -61,7 +69,7 @@ def diagram_of_tree(tree: Tree) -> DiagramNode:
 
 
 def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
-    """The main tree of the document in *analysis*, which has no errors, numbered as in a run of it."""
+    """Return the main tree of a document without errors as a drawing, numbered as in a running tree."""
     assert analysis.main is not None, "a document without a main tree has errors"
     return _Numbering(analysis.planner).of_tree(analysis.main.id)
 
@@ -71,14 +79,14 @@ def _direction(port: Port) -> str:
 
 
 class _Numbering:
-    """Unfolds plans into nodes, depth first."""
+    """Converts plans to diagram nodes, depth first, and numbers them."""
 
     def __init__(self, planner: TreePlanner) -> None:
         self._planner = planner
         self._uid = 0
 
     def of_tree(self, id: str) -> DiagramNode:
-        """The root of the tree *id*."""
+        """Return the root of the tree *id*."""
         root = self._planner.plan(self._planner.definitions.by_id[id]).root
         assert root is not None, "the tree has been checked"
         return self._of(root)

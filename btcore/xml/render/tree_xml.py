@@ -1,4 +1,4 @@
-"""A tree, as it runs, written as XML: what a Groot 2 monitor asks for, and a document to load again."""
+"""Write a running tree as XML, for Groot 2 monitors and for loading it again."""
 
 from collections.abc import Iterable
 
@@ -13,12 +13,15 @@ _STEP = "    "
 
 
 def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) -> str:
-    """*tree* as BehaviorTree.CPP's WriteTreeToXML writes it (groot2.md §4.1).
+    """Return a tree as XML, as WriteTreeToXML in BehaviorTree.CPP's src/xml_parsing.cpp writes it.
 
-    Every instance of a subtree becomes a ``<BehaviorTree>`` of its own, in order of creation, with
-    its path as ``_fullpath``; every node stands in the compact form, with the texts of its ports,
-    defaults filled in. *metadata* adds each node's ``_uid``; *builtin_models* puts the nodes that
-    btcore brings into the TreeNodesModel too.
+    Every instance of a subtree becomes a separate ``<BehaviorTree>``, in order of creation, with its path
+    as ``_fullpath``. Every node has the compact form, with the texts of its ports including defaults.
+
+    Args:
+        tree: The tree.
+        metadata: Whether to write the ``_uid`` of each node and the ``_fullpath`` of each SubTree.
+        builtin_models: Whether the TreeNodesModel includes the built-in nodes.
     """
     instances = {subtree.path: subtree for subtree in tree.subtrees}
     lines = ['<root BTCPP_format="4">']
@@ -28,7 +31,7 @@ def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) 
         _write(subtree.root, 2, instances, metadata, lines)
         lines.append(f"{_STEP}</BehaviorTree>")
     manifests = tree.registry.manifests_of(tree.format).values()
-    lines += model_lines(one for one in manifests if builtin_models or one.distribution != "btcore")
+    lines += model_lines(item for item in manifests if builtin_models or item.distribution != "btcore")
     return "\n".join([*lines, "</root>"]) + "\n"
 
 
@@ -51,7 +54,7 @@ def _write(
 
 
 def _words(node: TreeNode, metadata: bool) -> list[str]:
-    """The attributes of a node that is no SubTree."""
+    """Return the attributes of a node other than a SubTree."""
     config = node.config
     pairs = [("name", node.name)]
     if metadata:
@@ -62,12 +65,12 @@ def _words(node: TreeNode, metadata: bool) -> list[str]:
 
 
 def _call(node: TreeNode, instance: Subtree, metadata: bool) -> list[str]:
-    """The attributes of a SubTree, which has neither a name nor a content of its own here."""
+    """Return the attributes of a SubTree, which is written without a name."""
     pairs = [("ID", instance.id)]
     if metadata:
         pairs += (("_fullpath", instance.path), ("_uid", str(node.uid)))
     config = node.config
-    # A SubTree of format 3 names the outer key without braces.
+    # A SubTree of format 3 has the outer key without braces.
     bare = config.format == 3 and node.id == "SubTree"
     for key, text in config.attributes.items():
         if is_port_name(key):

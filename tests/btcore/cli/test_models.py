@@ -112,7 +112,7 @@ def test_a_file_that_is_no_model_is_a_mistake(
     model.write_text("<root/>")
     result = cli(command, tree_file("<AlwaysSuccess/>"), "--model", model)
     assert result.exit_code == 2
-    assert "model.xml: E003 the file holds no model of a node" in result.stderr
+    assert "model.xml: E003 the file contains no model of a node" in result.stderr
 
 
 def test_what_show_prints_as_json_is_what_it_draws(cli: Cli, tree_file: TreeFile, model: Path) -> None:

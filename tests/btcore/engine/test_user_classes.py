@@ -74,7 +74,9 @@ def test_an_attribute_that_is_the_engines_is_not_assigned(make_tree: Grow) -> No
         def __init__(self) -> None:
             self.status = Status.SUCCESS  # type: ignore[misc]
 
-    with pytest.raises(TreeError, match=r"E115 <Bold> raised while it was made: AttributeError: .*'status'"):
+    with pytest.raises(
+        TreeError, match=r"E115 <Bold> raised while it was created: AttributeError: .*'status'"
+    ):
         make_tree("<Bold/>", Bold)
 
 

@@ -129,7 +129,7 @@ def test_a_plan_of_other_letters_is_told_when_it_is_due(models: Path) -> None:
     add_models(nodes, models)
     tree = btcore.loads(TREE, nodes=nodes, resources=[StubPlans({"Move": "RX"})])
     tree.tick_exactly_once()
-    with pytest.raises(btcore.NodeExecutionError, match=r"the plan of 'Move' says 'X'"):
+    with pytest.raises(btcore.NodeExecutionError, match=r"invalid letter 'X' in the plan of 'Move'"):
         tree.tick_exactly_once()
 
 
@@ -163,8 +163,8 @@ def test_a_compact_tag_that_no_model_has_stays_a_mistake() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('<root BTCPP_format="4"/>', "holds no model"),
-        ('<root><TreeNodesModel><Action name="x"/></TreeNodesModel></root>', "has no ID"),
+        ('<root BTCPP_format="4"/>', "contains no model"),
+        ('<root><TreeNodesModel><Action name="x"/></TreeNodesModel></root>', "missing ID"),
         ('<root><TreeNodesModel><Action ID="a b"/></TreeNodesModel></root>', "'a b' can't be the ID"),
     ],
 )

@@ -133,7 +133,7 @@ CASES = {
         ("<Broken/>",),
         TreeError,
         """
-        t.xml:3:5: E115 <Broken> raised while it was made: ValueError: no camera
+        t.xml:3:5: E115 <Broken> raised while it was created: ValueError: no camera
            3 |      <Broken/>
              |      ^^^^^^^
         """,
@@ -148,7 +148,7 @@ CASES = {
         t.xml:3:63: E112 two SubTree nodes have the path 'a'
            3 |      <Sequence><SubTree ID="A" name="a"/><SubTree ID="A" name="a"/></Sequence>
              |                                                                ^
-              give them different names, or none
+              give them different names, or remove the names
         """,
     ),
     "a port that a subtree's model demands": (
@@ -169,7 +169,7 @@ CASES = {
         ("<Say/>", '<TreeNodesModel><SubTree ID="A"><input_port name="a.b"/></SubTree></TreeNodesModel>'),
         TreeError,
         """
-        t.xml:5:51: E107 no port of a subtree can be called 'a.b': it holds '.'
+        t.xml:5:51: E107 invalid port name 'a.b' in the model of a subtree: it holds '.'
            5 |  <TreeNodesModel><SubTree ID="A"><input_port name="a.b"/></SubTree></TreeNodesModel></root>
              |                                                    ^^^
         """,

@@ -241,7 +241,8 @@ def test_a_text_where_a_path_is_wanted_and_the_other_way_round() -> None:
     with pytest.raises(XmlSyntaxError) as caught:
         btcore.load('<root BTCPP_format="4"/>')
     assert str(caught.value) == (
-        "<text>: E003 expected the path of a file, but got XML text\n      to load a text, use btcore.loads(text)"
+        "<text>: E003 expected the path of a file, but got XML text\n"
+        "      to load a text, use btcore.loads(text)"
     )
     with pytest.raises(XmlSyntaxError, match=r"E002 [^$]*use btcore\.load\(path\)"):
         btcore.loads("trees/patrol.xml")

@@ -108,7 +108,7 @@ CASES = {
            3 |      <Script code="x += 1"/>
              |                    ^
               to create it, write x := …; or fill the blackboard before the first tick: tree.blackboard["x"] = …
-        """,
+        """,  # noqa: E501 - a message is one line
     ),
     "handed over in vain": (
         children('<Look found="{door}"/>', '<SubTree ID="Inner" dor="{door}" door="x"/>'),

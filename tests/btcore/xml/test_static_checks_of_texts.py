@@ -89,7 +89,7 @@ CASES = {
            3 |      <AlwaysSuccess _skipIf="2"/>
              |                              ^
               valid results are 0, 1 and reals from 0 up; or write a comparison
-        """,  # noqa: E501 - a message is one line
+        """,
     ),
     "a condition that is a text": (
         "<ScriptCondition code=\"'true'\"/>",
@@ -98,7 +98,7 @@ CASES = {
            3 |      <ScriptCondition code="'true'"/>
              |                             ^^^^^^
               write true without quotes
-        """,  # noqa: E501 - a message is one line
+        """,
     ),
     "a script that can't be worked out": (
         "<Script code=\"a := 'x' * 2\"/>",

@@ -92,8 +92,7 @@ def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
         (
             'where="{path}"',
             'wher="{path}"',
-            "12:47: W204 <SubTree ID=\"Recover\"> is given 'wher', "
-            "but no port or script in that tree uses it",
+            "12:47: W204 no port or script in the tree of <SubTree ID=\"Recover\"> uses 'wher'",
         ),
     ],
 )
