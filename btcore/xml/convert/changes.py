@@ -31,7 +31,7 @@ class ConversionContext:
         hint: str = "",
         part: ElementPart = "value",
     ) -> None:
-        """Add a diagnostic for a change of an element or of one of its attributes.
+        """Add a diagnostic for a change of an element or an attribute of it.
 
         Args:
             code: The diagnostic code.

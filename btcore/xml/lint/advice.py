@@ -40,7 +40,7 @@ class LintReporter:
         within: int = 0,
         width: int = 0,
     ) -> None:
-        """Add a warning (or, depending on *code*, an error) about *node* or one of its attributes.
+        """Add a warning (or, depending on *code*, an error) about *node* or an attribute of it.
 
         Args:
             code: The diagnostic code.

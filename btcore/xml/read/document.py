@@ -99,7 +99,7 @@ class Document:
     def span(
         self, element: Element | int, attribute: str = "", part: ElementPart = "value", within: int = 0
     ) -> SourceSpan | None:
-        """Return the position of an element or of one of its attributes, or None if it is unknown.
+        """Return the position of an element or an attribute of it, or None if it is unknown.
 
         Args:
             element: The element, or its index in the document from 0.
@@ -119,7 +119,7 @@ class Document:
         hint: str = "",
         within: int = 0,
     ) -> Diagnostic:
-        """Return a diagnostic about an element or about one of its attributes.
+        """Return a diagnostic about an element or an attribute of it.
 
         Args:
             code: The diagnostic code.

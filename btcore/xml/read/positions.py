@@ -88,7 +88,7 @@ class SourceMap:
     def span(
         self, element: Element | int, attribute: str = "", part: ElementPart = "tag", within: int = 0
     ) -> SourceSpan | None:
-        """Return the position of an element or of one of its attributes, or None if it is unknown.
+        """Return the position of an element or an attribute of it, or None if it is unknown.
 
         Args:
             element: The element, or its index in the document from 0.
