@@ -1,1 +1,1 @@
-"""Bytes ⇄ messages, without sockets: Groot 2's protocol and the scene channel."""
+"""Bytes ⇄ messages, without sockets: the protocols of Groot 1 and Groot 2, and the scene channel."""

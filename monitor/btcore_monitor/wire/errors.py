@@ -1,21 +1,21 @@
-"""What is said when bytes are not what a protocol promises."""
+"""The errors of received bytes that do not fit a protocol."""
 
 from btcore_monitor.errors import MonitorError
 
 
 class ProtocolError(MonitorError, ValueError):
-    """Received bytes don't fit the protocol: the message says what was expected, and what came.
+    """Received bytes do not fit the protocol. The message names the expected and the received data.
 
     Likely causes: another program answers at that address, or one side is much newer.
     """
 
 
 class RobotRefusedError(ProtocolError):
-    """The robot answered a request with an error; the message is the robot's own sentence."""
+    """The robot answered a request with an error. The message is the text that the robot sent."""
 
 
 def describe_bytes(data: bytes, room: int = 24) -> str:
-    """*data* for an error message: its length, and its first *room* bytes in hex."""
+    """Return *data* for an error message: its length, and its first *room* bytes in hexadecimal."""
     if not data:
         return "nothing"
     dots = " …" if len(data) > room else ""

@@ -1,7 +1,7 @@
-"""The XML that a Groot 2 publisher answers FULLTREE with, read into an :class:`ObservedTree`, and written.
+"""Read the XML of a Groot 2 FULLTREE reply into an :class:`ObservedTree`, and write it.
 
-A robot is not trusted more than a web page: a document type is refused before parsing, so there
-are no entities to expand, and nothing is fetched.
+The XML comes from the network and is not trusted. A document with a document type declaration is rejected
+before parsing, so there are no entities to expand, and the parser fetches nothing.
 """
 
 from collections.abc import Iterator
@@ -19,25 +19,30 @@ FAMILIES: Final[dict[str, Kind]] = {
     "Decorator": "decorator",
     "SubTree": "subtree",
 }
-"""Tags of a TreeNodesModel, which are also the tags of nodes in explicit form."""
+"""Node families by the tags of a TreeNodesModel. The explicit form of a node has the same tags."""
 
 _TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
 
 
 def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
-    """The tree that *xml* (UTF-8) shows; *tree_id* is the reply's UUID as 32 hex digits.
+    """Return the tree that *xml* describes.
 
-    Raises :class:`ProtocolError` if it is not a FULLTREE document.
+    Args:
+        xml: The second frame of a FULLTREE reply, in UTF-8.
+        tree_id: The UUID in the reply's header, as 32 hexadecimal digits.
+
+    Raises:
+        ProtocolError: *xml* is not a FULLTREE document.
     """
     root = _parse(xml)
     trees: dict[str, etree._Element] = {}
     for element in root.iterchildren("BehaviorTree"):
         path = element.get("_fullpath")
         if path is None:
-            raise ProtocolError("expected _fullpath on every <BehaviorTree>, and one has none")
+            raise ProtocolError("expected _fullpath on every <BehaviorTree>, and it is missing")
         if path in trees:
-            raise ProtocolError(f"expected one <BehaviorTree> with _fullpath '{path}', and got two")
+            raise ProtocolError(f"expected a single <BehaviorTree> with _fullpath '{path}', and got two")
         trees[path] = element
     if not trees:
         raise ProtocolError("expected a <BehaviorTree> in the full tree, and got none")
@@ -55,7 +60,7 @@ def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
 
 
 def write_fulltree(tree: ObservedTree) -> bytes:
-    """The document that shows *tree*: the robot's own, else one with what is known."""
+    """Return the robot's own document for *tree*, or a document that is built from the known nodes."""
     if tree.xml:
         return tree.xml
     root = etree.Element("root", BTCPP_format="4")
@@ -91,7 +96,7 @@ def _parse(xml: bytes) -> etree._Element:
             f"expected the full tree in UTF-8, and got {error.reason} at byte {error.start}"
         ) from None
     if b"<!DOCTYPE" in xml:
-        raise ProtocolError("the full tree declares a document type, which no publisher writes: refused")
+        raise ProtocolError("the full tree declares a document type, which no publisher writes: rejected")
     parser = etree.XMLParser(
         encoding="utf-8",
         resolve_entities=False,
@@ -111,7 +116,10 @@ def _parse(xml: bytes) -> etree._Element:
 
 
 class _Reader:
-    """Walks the instances of subtrees, depth first, without recursion: trees can be very deep."""
+    """Reads the nodes of all subtree instances, depth first.
+
+    The reader does not recurse, because a tree may be deeper than Python's recursion limit.
+    """
 
     def __init__(self, trees: dict[str, etree._Element], kinds: dict[str, Kind]) -> None:
         self._trees = trees
@@ -120,24 +128,26 @@ class _Reader:
         self._uids: set[int] = set()
 
     def read(self, main: str) -> Iterator[ObservedNode]:
-        """The nodes of the instance *main* and of those below it, in pre-order."""
+        """Yield the nodes of the instance *main* and of the instances below it, in pre-order."""
         children: dict[int, list[int]] = {0: []}
-        found: list[ObservedNode] = []
+        nodes: list[ObservedNode] = []
         self._read.add(main)
         waiting = [(element, 0, main) for element in _roots(self._trees[main])]
         while waiting:
             element, parent, subtree = waiting.pop()
             node = self._node(element, parent, subtree)
-            found.append(node)
+            nodes.append(node)
             children[parent].append(node.uid)
             children[node.uid] = []
-            inside = subtree
+            child_subtree = subtree
             below = list(element.iterchildren(etree.Element))
             if node.kind == "subtree":
-                inside = node.path
-                below = self._content(inside)
-            waiting.extend((child, node.uid, inside) for child in reversed(below))
-        for node in found:
+                # <SubTree> has no child elements: its content is the <BehaviorTree> with the same _fullpath.
+                child_subtree = node.path
+                below = self._content(child_subtree)
+            waiting.extend((child, node.uid, child_subtree) for child in reversed(below))
+        # The family of a node without a model depends on its number of children, which is known only now.
+        for node in nodes:
             yield ObservedNode(
                 node.uid,
                 node.name,
@@ -154,9 +164,9 @@ class _Reader:
 
     def _content(self, path: str) -> list[etree._Element]:
         if path not in self._trees:
-            raise ProtocolError(f"expected a <BehaviorTree> with _fullpath '{path}', and there is none")
+            raise ProtocolError(f"expected a <BehaviorTree> with _fullpath '{path}', and it is missing")
         if path in self._read:
-            raise ProtocolError(f"expected one <SubTree> with _fullpath '{path}', and got two")
+            raise ProtocolError(f"expected a single <SubTree> with _fullpath '{path}', and got two")
         self._read.add(path)
         return _roots(self._trees[path])
 
@@ -167,18 +177,21 @@ class _Reader:
             raise ProtocolError(f"expected a number as _uid of <{tag}>, and got '{text}'")
         uid = int(text)
         if uid == 0 or uid in self._uids:
-            raise ProtocolError(f"expected every _uid once, from 1 on, and <{tag}> has {uid} again")
+            raise ProtocolError(f"expected unique values of _uid from 1 on, and <{tag}> has {uid}")
         self._uids.add(uid)
         ports = {str(key): str(value) for key, value in element.attrib.items() if key not in _NOT_PORTS}
         if tag == "SubTree":
             path = element.get("_fullpath")
             if path is None:
                 raise ProtocolError(f"expected _fullpath on the <SubTree> with _uid {uid}")
+            # The element of a subtree has no name attribute. BehaviorTree.CPP appends "::uid" to the path of
+            # a subtree that has no name of its own.
             name = path.removeprefix(subtree + "/" if subtree else "")
             name = name.removesuffix(f"::{uid}")
             return ObservedNode(uid, name, "SubTree", "subtree", path, parent, (), ports, subtree)
         node_id = str(element.get("ID", tag)) if tag in FAMILIES else tag
         name = str(element.get("name", node_id))
+        # The document has no paths of leaves; this is the rule of BehaviorTree.CPP's src/xml_parsing.cpp.
         path = name if name != node_id else f"{name}::{uid}"
         if subtree:
             path = f"{subtree}/{path}"
@@ -192,6 +205,6 @@ def _roots(tree: etree._Element) -> list[etree._Element]:
     roots = list(tree.iterchildren(etree.Element))
     if len(roots) != 1:
         raise ProtocolError(
-            f'expected one node in <BehaviorTree ID="{tree.get("ID")}">, and got {len(roots)}'
+            f'expected one node in <BehaviorTree ID="{tree.get("ID")}">, and got {len(roots)} nodes'
         )
     return roots

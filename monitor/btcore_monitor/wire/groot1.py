@@ -1,8 +1,9 @@
-"""Groot 1's protocol as BehaviorTree.CPP 3.8 speaks it: bytes ⇄ messages, no sockets.
+"""Groot 1's protocol as in BehaviorTree.CPP 3.8 (``src/loggers/bt_zmq_publisher.cpp``): bytes ⇄ messages.
 
-The request socket answers whatever it is asked with the tree (groot1_tree.py). The publish socket sends
-updates, one frame each: how all nodes stood at the end of the update before, and the transitions since.
-Little endian. What doesn't fit raises :class:`~btcore_monitor.wire.errors.ProtocolError`.
+The request socket answers every request with the tree (groot1_tree.py). The publish socket sends updates of
+one frame each: the statuses of all nodes at the end of the previous update, and the transitions since then.
+Integers are little endian: the C++ publisher writes them with ``flatbuffers::WriteScalar``. Bytes that do
+not fit raise :class:`~btcore_monitor.wire.errors.ProtocolError`.
 """
 
 import struct
@@ -12,26 +13,28 @@ from typing import Final, NamedTuple
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 
 PUBLISH_PORT: Final = 1666
-"""Where updates are sent; requests are answered one port further."""
+"""The port of updates. The next port answers requests."""
 
 BESIDE_GROOT2: Final = 2666
-"""The publish port where Groot 2 has the usual one's neighbour."""
+"""The port of updates of a robot that publishes for Groot 2 too, which has 1667 and 1668."""
 
 RATE: Final = 25
-"""Updates a second, at most."""
+"""Maximum updates per second; the default of BehaviorTree.CPP's PublisherZMQ."""
 
 QUESTION: Final = [b""]
-"""What Groot 1 asks for the tree with; a publisher doesn't look at it, but it must be one frame."""
+"""The frames of Groot 1's request for the tree. A publisher ignores the content, but it must be one frame."""
 
 _SIZE: Final = struct.Struct("<I")
 _STATUS: Final = struct.Struct("<Hb")
+# SerializeTransition writes int64 seconds at byte 0 and int64 microseconds at byte 4. Each write covers the
+# high half of the previous value, so 32 bits of each remain on the wire.
 _CHANGE: Final = struct.Struct("<IIHbb")
 _NS_PER_US: Final = 1_000
 _US_PER_S: Final = 1_000_000
 
 
 class WireChange(NamedTuple):
-    """A transition; *stamp* is the robot's wall clock in ns since the epoch, of which whole µs are sent."""
+    """A transition. *stamp* is the robot's wall clock in ns since the epoch; the wire carries whole µs."""
 
     stamp: int
     uid: int
@@ -40,19 +43,24 @@ class WireChange(NamedTuple):
 
 
 class Update(NamedTuple):
-    """*statuses* is uid → status before the *changes*, in the tree's order."""
+    """An update: *statuses* maps uids to the statuses before *changes*, in the tree's order."""
 
     statuses: Mapping[int, int]
     changes: tuple[WireChange, ...]
 
 
 def status_code(status: int) -> int:
-    """*status* (0–4) as Groot 1 knows it: it has no SKIPPED, and shows an idle node for it."""
+    """Return *status* (0–4) in Groot 1's numbers, which have no SKIPPED (4): it is sent as IDLE (0)."""
     return status if status < 4 else 0
 
 
 def encode_update(statuses: Iterable[tuple[int, int]], changes: Iterable[WireChange]) -> bytes:
-    """The frame for (uid, status) pairs in the tree's order, and for *changes*, oldest first."""
+    """Return the frame of an update.
+
+    Args:
+        statuses: Pairs of a uid and the status before *changes*, in the tree's order.
+        changes: The transitions, the oldest first.
+    """
     block = b"".join(_STATUS.pack(uid, status) for uid, status in statuses)
     records = b"".join(map(_encode_change, changes))
     return b"".join(
@@ -66,7 +74,11 @@ def _encode_change(change: WireChange) -> bytes:
 
 
 def decode_update(frame: bytes) -> Update:
-    """The update in *frame*."""
+    """Return the update in *frame*.
+
+    Raises:
+        ProtocolError: *frame* is not an update.
+    """
     size = _size_at(frame, 0)
     start = 2 * _SIZE.size + size
     if size % _STATUS.size or start > len(frame):
@@ -92,10 +104,10 @@ def decode_update(frame: bytes) -> Update:
     return Update(statuses, changes)
 
 
-def _size_at(frame: bytes, place: int) -> int:
-    if place + _SIZE.size > len(frame):
+def _size_at(frame: bytes, offset: int) -> int:
+    if offset + _SIZE.size > len(frame):
         raise ProtocolError(f"expected statuses and transitions, and got {describe_bytes(frame)}")
-    return int(_SIZE.unpack_from(frame, place)[0])
+    return int(_SIZE.unpack_from(frame, offset)[0])
 
 
 def _status(code: int, uid: int) -> int:

@@ -1,8 +1,8 @@
-"""The tree that a Groot 1 publisher answers with, as an :class:`ObservedTree`.
+"""Convert the tree of a Groot 1 reply to an :class:`ObservedTree`.
 
-The wire tells neither paths nor the main tree's ID: paths are made by BehaviorTree.CPP 4's rule, and the
-main tree goes by the name of its root. A process counts its nodes through all of its trees; here a
-node's uid is its place in the tree, as Groot 1 has it too.
+The protocol has neither paths nor the ID of the main tree. Paths follow BehaviorTree.CPP 4's rule, and the
+main tree gets the name of its root node. A robot's process numbers the nodes of all its trees together; an
+observed node gets its position in the tree as uid, as in Groot 1.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _KINDS: Final[dict[int, Kind]] = {
 
 @dataclass(frozen=True, slots=True)
 class Groot1ObservedTree:
-    """The *tree*, with its uids by the robot's, and the statuses that the tree came with."""
+    """An observed tree, its uids by the robot's uids, and the statuses in the robot's reply by uid."""
 
     tree: ObservedTree
     uids: dict[int, int]
@@ -39,26 +39,31 @@ class Groot1ObservedTree:
 
 
 def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
-    """The observed tree of *tree*, with the *tree_id* (32 hex digits).
+    """Return the observed tree of *tree*.
 
-    Raises :class:`ProtocolError` if its nodes aren't one tree.
+    Args:
+        tree: The nodes and models of the robot's reply.
+        tree_id: The ID of the observed tree, 32 hexadecimal digits. The protocol itself has no tree IDs.
+
+    Raises:
+        ProtocolError: The nodes do not form one tree.
     """
     ordered = _depth_first(tree)
     uids = {node.uid: place for place, (node, _) in enumerate(ordered, start=1)}
     kinds = {model.id: _KINDS.get(model.type) for model in tree.models}
     nodes: list[ObservedNode] = []
     subtrees = {"": ordered[0][0].name}
-    insides: dict[int, str] = {0: ""}
+    subtree_below: dict[int, str] = {0: ""}
     for node, parent in ordered:
         uid, above = uids[node.uid], uids.get(parent, 0)
         kind = kinds.get(node.id) or kind_from_children(len(node.children))
-        subtree = insides[above]
+        subtree = subtree_below[above]
         path = node.name if node.name != node.id and kind != "subtree" else f"{node.name}::{uid}"
         if subtree:
             path = f"{subtree}/{path}"
-        insides[uid] = subtree
+        subtree_below[uid] = subtree
         if kind == "subtree":
-            insides[uid] = path
+            subtree_below[uid] = path
             subtrees[path] = node.name
         children = tuple(uids[child] for child in node.children)
         nodes.append(
@@ -69,25 +74,25 @@ def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
 
 
 def _depth_first(tree: WireTree) -> list[tuple[WireNode, int]]:
-    """The nodes in pre-order, each with its parent's uid (the root: -1)."""
+    """Return the nodes in pre-order, each with its parent's uid (-1 for the root)."""
     if not tree.nodes:
         raise ProtocolError("expected nodes in the tree, and got none")
     by_uid = {node.uid: node for node in tree.nodes}
     if len(by_uid) != len(tree.nodes):
         raise ProtocolError(
-            f"expected every uid once, and {len(tree.nodes)} nodes have {len(by_uid)} of them"
+            f"expected unique uids, and {len(tree.nodes)} nodes have {len(by_uid)} different uids"
         )
-    found: list[tuple[WireNode, int]] = []
+    ordered: list[tuple[WireNode, int]] = []
     waiting = [(tree.nodes[0].uid, -1)]
     while waiting:
         uid, parent = waiting.pop()
         node = by_uid.pop(uid, None)
         if node is None:
             raise ProtocolError(
-                f"expected a tree, and node {parent} has node {uid} as a child, which is gone or another's"
+                f"expected a tree, and node {parent} has node {uid} as a child, which is missing or used twice"
             )
-        found.append((node, parent))
+        ordered.append((node, parent))
         waiting.extend((child, uid) for child in reversed(node.children))
     if by_uid:
-        raise ProtocolError(f"expected a tree, and node {next(iter(by_uid))} is no node's child")
-    return found
+        raise ProtocolError(f"expected a tree, and node {next(iter(by_uid))} has no parent")
+    return ordered

@@ -1,7 +1,7 @@
-"""The tree as Groot 1 gets it from the request socket: a flatbuffer ⇄ nodes and models.
+"""The tree in the reply of Groot 1's request socket: a flatbuffer ⇄ nodes and models.
 
-The schema is BehaviorTree.CPP 3.8's ``BT_logger_generated.h``. Groot 1 reads it without any check, so
-everything that it looks at is written: each vector and each string, even an empty one, and each status.
+The schema is BehaviorTree.CPP 3.8's ``BT_logger_generated.h``. Groot 1 reads the buffer without any check,
+so every field that it reads is written: all statuses, vectors and strings, even if they are empty.
 """
 
 from collections.abc import Callable, Iterable
@@ -32,10 +32,10 @@ _PORT_NAME, _PORT_DIRECTION, _PORT_TYPE, _PORT_DESCRIPTION = 0, 1, 2, 3
 
 
 class WireNode(NamedTuple):
-    """One node. *name* is its own (a SubTree's: the tree's ID), *id* what it is registered as.
+    """A node. *name* is its instance name (for a SubTree: the tree's ID), *id* its registration ID.
 
-    *ports* are pairs of a port and its text in the XML: inputs first, then outputs, so that a port which
-    is both comes twice.
+    *ports* are pairs of a port's name and its text in the XML: inputs first, then outputs. A port that is
+    both has two pairs.
     """
 
     uid: int
@@ -47,7 +47,7 @@ class WireNode(NamedTuple):
 
 
 class WirePort(NamedTuple):
-    """One port of a model. *type* is a C++ name (``void``: untyped), *direction* INPUT, OUTPUT or INOUT."""
+    """A port of a model. *type* is a C++ name (``void``: untyped), *direction* INPUT, OUTPUT or INOUT."""
 
     name: str
     direction: int
@@ -56,7 +56,7 @@ class WirePort(NamedTuple):
 
 
 class WireModel(NamedTuple):
-    """What is known of all nodes that are registered as *id*; *type* is ACTION, CONDITION, …"""
+    """The model of all nodes with the registration ID *id*. *type* is ACTION, CONDITION, …"""
 
     id: str
     type: int
@@ -64,16 +64,17 @@ class WireModel(NamedTuple):
 
 
 class WireTree(NamedTuple):
-    """A whole tree: its nodes depth-first, the root first, and the models of all that may be in it."""
+    """A whole tree: its nodes depth-first, the root first, and the models of all registered nodes."""
 
     nodes: tuple[WireNode, ...]
     models: tuple[WireModel, ...]
 
 
 def decode_tree(data: bytes) -> WireTree:
-    """The nodes and models in *data*; whether they are one tree is not looked at.
+    """Return the nodes and models in *data*, without a check that the nodes form one tree.
 
-    Raises :class:`ProtocolError` if *data* is something else.
+    Raises:
+        ProtocolError: *data* is not a flatbuffer of this schema.
     """
     try:
         root = Table.root(data)
@@ -84,7 +85,10 @@ def decode_tree(data: bytes) -> WireTree:
 
 
 def status_places(data: bytes) -> list[int]:
-    """At which byte of *data*, that :func:`encode_tree` wrote, the status of each node is, in their order."""
+    """Return the byte offset of each node's status in *data*, the result of :func:`encode_tree`.
+
+    A server writes new statuses in place, instead of encoding the whole tree for every request.
+    """
     return [node.place(_STATUS) for node in Table.root(data).tables(_NODES)]
 
 
@@ -96,7 +100,7 @@ def _read_node(table: Table) -> WireNode:
         _among(table.i8(_STATUS), 3, f"a status of node {uid}"),
         table.text(_NAME),
         table.text(_ID),
-        tuple((one.text(_REMAP_PORT), one.text(_REMAP_TEXT)) for one in table.tables(_REMAPS)),
+        tuple((remap.text(_REMAP_PORT), remap.text(_REMAP_TEXT)) for remap in table.tables(_REMAPS)),
     )
 
 
@@ -119,14 +123,16 @@ def _among(number: int, most: int, what: str) -> int:
 
 
 def encode_tree(tree: WireTree) -> bytes:
-    """The flatbuffer of *tree*; the first node is the root."""
-    # Here, because it takes numpy in, which a run without Groot 1 needn't wait for.
+    """Return the flatbuffer of *tree*; the first node is the root."""
+    # Not at the top of the module: flatbuffers imports numpy, which a run without Groot 1 does not need.
     from flatbuffers import Builder
 
     builder = Builder(1024 + 128 * (len(tree.nodes) + len(tree.models)))
+    # Without defaults the builder leaves out fields of value 0. Then an idle node's status has no byte that
+    # status_places could find.
     builder.ForceDefaults(True)
-    nodes = _tables(builder, [_write_node(builder, one) for one in tree.nodes])
-    models = _tables(builder, [_write_model(builder, one) for one in tree.models])
+    nodes = _tables(builder, [_write_node(builder, node) for node in tree.nodes])
+    models = _tables(builder, [_write_model(builder, model) for model in tree.models])
     builder.StartObject(3)
     builder.PrependUint16Slot(_ROOT_UID, tree.nodes[0].uid if tree.nodes else 0, 0)
     builder.PrependUOffsetTRelativeSlot(_NODES, nodes, 0)
@@ -150,7 +156,7 @@ def _write_node(builder: "Builder", node: WireNode) -> int:
 
 
 def _write_texts(builder: "Builder", pair: tuple[str, str]) -> int:
-    port, text = (builder.CreateSharedString(one) for one in pair)
+    port, text = (builder.CreateSharedString(item) for item in pair)
     builder.StartObject(2)
     builder.PrependUOffsetTRelativeSlot(_REMAP_PORT, port, 0)
     builder.PrependUOffsetTRelativeSlot(_REMAP_TEXT, text, 0)
@@ -183,7 +189,7 @@ def _tables(builder: "Builder", offsets: list[int]) -> int:
 
 
 def _vector(builder: "Builder", width: int, items: Iterable[int], prepend: Callable[[int], object]) -> int:
-    backwards = list(items)[::-1]  # flatbuffers grow from their end
+    backwards = list(items)[::-1]  # a flatbuffer is built from its end to its beginning
     builder.StartVector(width, len(backwards), width)
     for item in backwards:
         prepend(item)

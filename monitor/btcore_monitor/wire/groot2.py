@@ -1,8 +1,10 @@
-"""Groot 2's protocol as BehaviorTree.CPP 4.10 speaks it: bytes ⇄ messages, no sockets.
+"""Groot 2's protocol as in BehaviorTree.CPP 4.10: bytes ⇄ messages, without sockets.
 
-A request is a header of 6 bytes and, for some, a second frame; a reply is a header of 22 bytes
-and, for some, a second frame; an error is the frame ``error`` and a sentence. Integers are
-little endian. Whatever doesn't fit raises :class:`~btcore_monitor.wire.errors.ProtocolError`.
+A request is a header of 6 bytes and, for some kinds, a second frame. A reply is a header of 22 bytes and, for
+some kinds, a second frame. An error reply is the frame ``error`` and a frame with a sentence. Integers are
+little endian: ``groot2_protocol.h`` copies them with ``memcpy`` in the byte order of the robot's processor,
+which is little endian on x86-64 and ARM. Bytes that do not fit raise
+:class:`~btcore_monitor.wire.errors.ProtocolError`.
 """
 
 import struct
@@ -15,14 +17,18 @@ from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError, describ
 
 DEFAULT_PORT: Final = 1667
 PROTOCOL: Final = 2
-"""The number that both sides write into byte 0; servers don't check it."""
+"""The number that both sides write into byte 0 (``kProtocolID``). Servers do not check it."""
 
 RECORDED_AT_MOST: Final = 1000
-"""Transitions that a publisher keeps for GET_TRANSITIONS: older ones are dropped."""
+"""Maximum transitions that a publisher keeps for GET_TRANSITIONS; the oldest are dropped.
+
+The limit is in BehaviorTree.CPP's ``src/loggers/groot2_publisher.cpp``.
+"""
 
 _REQUEST: Final = struct.Struct("<BBI")
 _REPLY: Final = struct.Struct("<BBI16s")
 _STATUS: Final = struct.Struct("<HB")
+# The offset in µs has 48 bits: groot2_publisher.cpp copies the first 6 bytes of a 64-bit integer.
 _TRANSITION: Final = struct.Struct("<IHHB")
 
 ERROR: Final = b"error"
@@ -34,7 +40,7 @@ HOOKS_DISABLED: Final = "hooks are disabled"
 
 
 class Request(IntEnum):
-    """What can be asked; the values are ASCII letters on the wire."""
+    """The kinds of requests. The values are ASCII letters on the wire."""
 
     FULLTREE = ord("T")
     STATUS = ord("S")
@@ -71,23 +77,27 @@ HOOKS: Final = frozenset(
         Request.DISABLE_ALL_HOOKS,
     }
 )
-"""Requests that control a robot, or look at what controls it."""
+"""Requests that set, remove, disable or list hooks, and so control a robot."""
 
 
 class RequestHeader(NamedTuple):
-    """Frame 0 of a request. *kind* is a byte: a server answers unknown ones too, with an error."""
+    """Frame 0 of a request. *kind* may be any byte: a server answers an unknown kind with an error."""
 
     kind: int
     unique_id: int
     protocol: int = PROTOCOL
 
     def encode(self) -> bytes:
-        """The six bytes."""
+        """Return the six bytes."""
         return _REQUEST.pack(self.protocol, self.kind, self.unique_id)
 
     @classmethod
     def decode(cls, frame: bytes) -> "RequestHeader":
-        """The header in *frame*; raises :class:`ProtocolError` unless it has six bytes."""
+        """Return the header in *frame*.
+
+        Raises:
+            ProtocolError: *frame* does not have six bytes.
+        """
         if len(frame) != _REQUEST.size:
             raise ProtocolError(
                 f"expected a request header of {_REQUEST.size} bytes, and got {describe_bytes(frame)}"
@@ -97,25 +107,37 @@ class RequestHeader(NamedTuple):
 
 
 def encode_request(kind: Request, unique_id: int, body: bytes | None = None) -> list[bytes]:
-    """The frames of a request; *unique_id* (32 bits) comes back in the reply."""
+    """Return the frames of a request.
+
+    Args:
+        kind: The kind of request.
+        unique_id: A number of 32 bits, which the reply repeats.
+        body: The second frame, if the kind has one.
+    """
     header = RequestHeader(kind, unique_id).encode()
     return [header] if body is None else [header, body]
 
 
-def encode_reply(asked: RequestHeader, tree_id: bytes, body: bytes | None = None) -> list[bytes]:
-    """The frames of a reply to *asked*; *tree_id* has 16 bytes."""
-    header = _REPLY.pack(PROTOCOL, asked.kind, asked.unique_id, tree_id)
+def encode_reply(request: RequestHeader, tree_id: bytes, body: bytes | None = None) -> list[bytes]:
+    """Return the frames of a reply.
+
+    Args:
+        request: The header of the request, which the reply repeats.
+        tree_id: The UUID of the tree, 16 bytes.
+        body: The second frame, if the kind has one.
+    """
+    header = _REPLY.pack(PROTOCOL, request.kind, request.unique_id, tree_id)
     return [header] if body is None else [header, body]
 
 
 def encode_error(sentence: str) -> list[bytes]:
-    """The frames of a reply that refuses."""
+    """Return the frames of an error reply."""
     return [ERROR, sentence.encode("utf-8", "replace")]
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A successful reply: *tree_id* is 32 hex digits, *body* the second frame (empty if none)."""
+    """A successful reply. *tree_id* is 32 hexadecimal digits, *body* the second frame (default: empty)."""
 
     kind: int
     unique_id: int
@@ -124,7 +146,12 @@ class Reply:
 
 
 def decode_reply(frames: Sequence[bytes]) -> Reply:
-    """The reply in *frames*; raises :class:`RobotRefusedError` for an error reply."""
+    """Return the reply in *frames*.
+
+    Raises:
+        RobotRefusedError: *frames* is an error reply.
+        ProtocolError: *frames* is not a reply.
+    """
     if len(frames) == 2 and frames[0] == ERROR:
         raise RobotRefusedError(frames[1].decode("utf-8", "replace"))
     if not 1 <= len(frames) <= 2:
@@ -138,24 +165,32 @@ def decode_reply(frames: Sequence[bytes]) -> Reply:
 
 
 class StatusRecord(NamedTuple):
-    """One node's standing; *previous* is what an idle node was before (0: it never ran)."""
+    """The status of a node. *previous* is the status before it became IDLE (0: it never ran)."""
 
     status: int
     previous: int
 
 
 def status_code(previous: int, status: int) -> int:
-    """The byte of a transition: an idle node keeps what it was, as ``10 + previous``."""
+    """Return the byte of STATUS for a node that went from *previous* to *status*.
+
+    An idle node keeps its last status as ``10 + previous`` (``IDLE_FROM_SUCCESS`` and so on in
+    ``groot2_publisher.cpp``), so that Groot 2 shows how a node ended after its parent reset it.
+    """
     return 10 + previous if status == 0 else status
 
 
 def encode_statuses(codes: Iterable[tuple[int, int]]) -> bytes:
-    """The STATUS buffer of (uid, code) pairs, in their order."""
+    """Return the STATUS buffer of (uid, code) pairs, in their order."""
     return b"".join(_STATUS.pack(uid, code) for uid, code in codes)
 
 
 def decode_statuses(body: bytes) -> dict[int, StatusRecord]:
-    """uid → standing, of a STATUS buffer, in its order."""
+    """Return uid → status record of a STATUS buffer, in its order.
+
+    Raises:
+        ProtocolError: *body* is not a STATUS buffer.
+    """
     if len(body) % _STATUS.size:
         raise ProtocolError(f"expected statuses of {_STATUS.size} bytes each, and got {describe_bytes(body)}")
     statuses = {}
@@ -170,7 +205,7 @@ def decode_statuses(body: bytes) -> dict[int, StatusRecord]:
 
 
 class RecordedTransition(NamedTuple):
-    """One recorded change: *offset* in µs since the recording's start, and the new status."""
+    """A recorded transition: *offset* in µs since the start of the recording, and the new status."""
 
     offset: int
     uid: int
@@ -178,26 +213,40 @@ class RecordedTransition(NamedTuple):
 
 
 def encode_transition(offset: int, uid: int, status: int) -> bytes:
-    """The nine bytes of one record; *offset* (µs) keeps its lower 48 bits."""
+    """Return the nine bytes of a recorded transition.
+
+    Args:
+        offset: Time since the start of the recording in µs, of which the lower 48 bits are sent.
+        uid: The node.
+        status: The new status, 0–4.
+    """
     return _TRANSITION.pack(offset & 0xFFFFFFFF, (offset >> 32) & 0xFFFF, uid, status)
 
 
 def decode_transitions(body: bytes) -> list[RecordedTransition]:
-    """The records of a GET_TRANSITIONS reply, oldest first."""
+    """Return the transitions of a GET_TRANSITIONS reply, the oldest first.
+
+    Raises:
+        ProtocolError: *body* does not hold recorded transitions.
+    """
     if len(body) % _TRANSITION.size:
         raise ProtocolError(
             f"expected transitions of {_TRANSITION.size} bytes each, and got {describe_bytes(body)}"
         )
-    found = []
+    transitions = []
     for low, high, uid, status in _TRANSITION.iter_unpack(body):
         if status > 4:
             raise ProtocolError(f"expected a status 0–4 in the transition of node {uid}, and got {status}")
-        found.append(RecordedTransition(high << 32 | low, uid, status))
-    return found
+        transitions.append(RecordedTransition(high << 32 | low, uid, status))
+    return transitions
 
 
 def decode_recording_start(body: bytes) -> int:
-    """When a recording began, in µs since the epoch: the answer to ``start``."""
+    """Return when a recording began (µs since the epoch), from the reply to ``start``.
+
+    Raises:
+        ProtocolError: *body* is not a decimal number.
+    """
     if not body.isdigit() or len(body) > 20:
         raise ProtocolError(
             f"expected the recording's start in decimal digits, and got {describe_bytes(body)}"
@@ -206,17 +255,21 @@ def decode_recording_start(body: bytes) -> int:
 
 
 def encode_names(names: Iterable[str]) -> bytes:
-    """The second frame of a BLACKBOARD request."""
+    """Return the second frame of a BLACKBOARD request."""
     return ";".join(names).encode()
 
 
 def decode_names(body: bytes) -> list[str]:
-    """Names of subtrees asked for; the main tree goes by its tree ID, the others by their path."""
+    """Return the requested names: the main tree's ID, and the paths of other subtrees."""
     return [name for name in body.decode("utf-8", "replace").split(";") if name]
 
 
 def decode_breakpoint_reached(frames: Sequence[bytes]) -> int:
-    """The uid of the node that a BREAKPOINT_REACHED notification is about."""
+    """Return the uid of the node in a BREAKPOINT_REACHED notification.
+
+    Raises:
+        ProtocolError: *frames* is not such a notification.
+    """
     if len(frames) != 2:
         raise ProtocolError(f"expected a notification of two frames, and got {len(frames)}")
     header = RequestHeader.decode(frames[0])
@@ -228,13 +281,18 @@ def decode_breakpoint_reached(frames: Sequence[bytes]) -> int:
 
 
 def blackboard_name(path: str, main: str) -> str:
-    """How a BLACKBOARD request calls the subtree at *path*: *main* is the main tree's ID."""
+    """Return the name of the subtree at *path* in a BLACKBOARD request; *main* is the main tree's ID."""
     return path or main
 
 
 def boards_by_path(boards: Mapping[str, dict[str, Any]], main: str) -> dict[str, dict[str, Any]]:
-    """A decoded reply with paths as keys: *main* becomes ``""``; ``ROOT`` goes if it is only main again."""
-    found = {("" if name == main else name): board for name, board in boards.items()}
-    if "ROOT" in found and found["ROOT"] == found.get(""):
-        del found["ROOT"]
-    return found
+    """Return the *boards* of a reply with paths as keys.
+
+    Args:
+        boards: Values by the name of a blackboard and by key.
+        main: The main tree's ID, which becomes ``""``. ``ROOT`` is left out if it equals the main blackboard.
+    """
+    by_path = {("" if name == main else name): board for name, board in boards.items()}
+    if "ROOT" in by_path and by_path["ROOT"] == by_path.get(""):
+        del by_path["ROOT"]
+    return by_path

@@ -1,6 +1,6 @@
-"""Hooks on Groot 2's wire: breakpoints and injected statuses as JSON.
+"""Hooks in Groot 2's protocol: breakpoints and injected statuses as JSON.
 
-The format is that of BehaviorTree.CPP's ``groot2_protocol.h``.
+The format is defined by ``include/behaviortree_cpp/loggers/groot2_protocol.h`` of BehaviorTree.CPP.
 """
 
 import json
@@ -24,19 +24,19 @@ POST: Final = 1
 """After the tick."""
 
 BREAKPOINT: Final = 0
-"""The tick stands until it is let go."""
+"""The tick waits until a client releases the breakpoint."""
 REPLACE: Final = 1
-"""The tick gets the desired status at once."""
+"""The tick returns the desired status immediately."""
 
 NO_STATUS: Final = "SKIPPED"
-"""As a desired status: the node is left to itself."""
+"""The desired status that replaces nothing: the node is ticked as usual."""
 
 OVERRIDING: Final = ("SUCCESS", "FAILURE")
-"""The desired statuses that replace something."""
+"""The desired statuses that replace the node's status."""
 
 
 class WireHook(NamedTuple):
-    """One hook: at most one before (*position* 0) and one after (1) the tick of a node."""
+    """A hook. A node has at most one hook before (*position* 0) and one hook after (1) its tick."""
 
     uid: int
     position: int = PRE
@@ -47,14 +47,14 @@ class WireHook(NamedTuple):
 
 
 class HookLocation(NamedTuple):
-    """Where a hook is."""
+    """The node and the position of a hook."""
 
     uid: int
     position: int
 
 
 class BreakpointUnlock(NamedTuple):
-    """How a tick that stands at a breakpoint goes on."""
+    """How a tick that waits at a breakpoint continues."""
 
     uid: int
     position: int
@@ -66,82 +66,92 @@ class BreakpointUnlock(NamedTuple):
 
 
 def encode_hooks(hooks: Sequence[WireHook]) -> bytes:
-    """The second frame of HOOK_INSERT: an object for one hook, an array for several."""
-    found = [
-        {
-            "enabled": one.enabled,
-            "uid": one.uid,
-            "mode": one.mode,
-            "once": one.once,
-            "desired_status": one.desired_status,
-            "position": one.position,
-        }
-        for one in hooks
-    ]
-    return json.dumps(found[0] if len(found) == 1 else found).encode()
+    """Return the second frame of HOOK_INSERT: an object for one hook, an array for several."""
+    # in the order of the recorded requests in tests/monitor/captures
+    keys = ("enabled", "uid", "mode", "once", "desired_status", "position")
+    objects = [{key: getattr(hook, key) for key in keys} for hook in hooks]
+    return json.dumps(objects[0] if len(objects) == 1 else objects).encode()
 
 
 def encode_place(uid: int, position: int) -> bytes:
-    """The second frame of HOOK_REMOVE."""
+    """Return the second frame of HOOK_REMOVE."""
     return json.dumps({"uid": uid, "position": position}).encode()
 
 
 def encode_unlocking(unlocking: BreakpointUnlock) -> bytes:
-    """The second frame of BREAKPOINT_UNLOCK."""
+    """Return the second frame of BREAKPOINT_UNLOCK."""
     return json.dumps(unlocking._asdict()).encode()
 
 
 def decode_hooks(body: bytes) -> list[WireHook]:
-    """The hooks of a HOOK_INSERT; also those of a HOOKS_DUMP's reply. Raises :class:`JsonError`.
+    """Return the hooks in a HOOK_INSERT request or in the reply to HOOKS_DUMP.
 
-    A C++ publisher inserts those before the one that is wrong; here all is read before anything is done.
+    A C++ publisher inserts hooks while it reads them, so an invalid hook leaves the earlier hooks inserted.
+    This function reads all hooks before the caller inserts any.
+
+    Raises:
+        JsonError: *body* is not JSON, or a hook is invalid.
     """
-    read = read_json(body)
-    return [_hook(one) for one in (read if isinstance(read, list) else [read])]
+    value = read_json(body)
+    return [_hook(item) for item in (value if isinstance(value, list) else [value])]
 
 
 def decode_place(body: bytes) -> HookLocation:
-    """Where a HOOK_REMOVE wants a hook away. Raises :class:`JsonError`."""
-    read = read_json(body)
-    return HookLocation(require_number(require_member(read, "uid")), _position(read))
+    """Return the location of the hook that a HOOK_REMOVE request removes.
+
+    Raises:
+        JsonError: *body* is not JSON, or a member is missing or invalid.
+    """
+    value = read_json(body)
+    return HookLocation(require_number(require_member(value, "uid")), _position(value))
 
 
 def decode_unlocking(body: bytes) -> BreakpointUnlock:
-    """What a BREAKPOINT_UNLOCK asks for; any status but SUCCESS and FAILURE is NO_STATUS.
+    """Return the content of a BREAKPOINT_UNLOCK request.
 
-    Raises :class:`JsonError`.
+    Every status except SUCCESS and FAILURE becomes NO_STATUS, as in ``groot2_publisher.cpp``.
+
+    Raises:
+        JsonError: *body* is not JSON, or a member is missing or invalid.
     """
-    read = read_json(body)
-    uid = require_number(require_member(read, "uid"))
-    status = require_string(require_member(read, "desired_status"))
-    position = _position(read)
-    remove = require_boolean(require_member(read, "remove_when_done"))
+    value = read_json(body)
+    uid = require_number(require_member(value, "uid"))
+    # In the order of groot2_publisher.cpp, which decides the first error of a request with several.
+    status = require_string(require_member(value, "desired_status"))
+    position = _position(value)
+    remove = require_boolean(require_member(value, "remove_when_done"))
     return BreakpointUnlock(uid, position, status if status in OVERRIDING else NO_STATUS, remove)
 
 
-def _hook(read: Any) -> WireHook:
-    uid, position = require_number(require_member(read, "uid")), _position(read)
-    enabled = require_boolean(require_member(read, "enabled"))
-    mode = REPLACE if require_number(require_member(read, "mode")) else BREAKPOINT
-    once = require_boolean(require_member(read, "once"))
-    status = require_string(require_member(read, "desired_status"))
+def _hook(value: Any) -> WireHook:
+    uid, position = require_number(require_member(value, "uid")), _position(value)
+    enabled = require_boolean(require_member(value, "enabled"))
+    mode = REPLACE if require_number(require_member(value, "mode")) else BREAKPOINT
+    once = require_boolean(require_member(value, "once"))
+    status = require_string(require_member(value, "desired_status"))
     if status not in STATUS_NAMES:
         raise JsonError(f"Cannot convert this to NodeStatus: {status}")
     return WireHook(uid, position, mode, once, status, enabled)
 
 
-def _position(read: Any) -> int:
-    return POST if require_number(require_member(read, "position")) else PRE
+def _position(value: Any) -> int:
+    return POST if require_number(require_member(value, "position")) else PRE
 
 
 # replies and notifications
 
 
 def encode_dump(hooks: Iterable[WireHook]) -> bytes:
-    """The second frame of a HOOKS_DUMP's reply."""
-    return json.dumps([one._asdict() for one in hooks], sort_keys=True, separators=(",", ":")).encode()
+    """Return the second frame of the reply to HOOKS_DUMP."""
+    # nlohmann::json sorts keys and writes no spaces
+    return json.dumps([hook._asdict() for hook in hooks], sort_keys=True, separators=(",", ":")).encode()
 
 
 def encode_breakpoint_reached(uid: int, unique_id: int) -> list[bytes]:
-    """The frames of the notification that a hook of node *uid* fires; *unique_id* is any 32 bits."""
+    """Return the frames of a notification that a hook fires.
+
+    Args:
+        uid: The hook's node.
+        unique_id: Any number of 32 bits.
+    """
     return [RequestHeader(Request.BREAKPOINT_REACHED, unique_id).encode(), str(uid).encode()]

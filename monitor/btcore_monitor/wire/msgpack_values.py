@@ -1,8 +1,8 @@
 """Values of a blackboard as MessagePack, by the rules of BehaviorTree.CPP's JSON exporter.
 
-bool → 0 or 1 · enums and integers → int · float → float32 where that is exact, else float64 ·
-str · sequences → arrays · dataclasses and named tuples → maps with ``__type`` · everything else,
-and an entry never written → nil. Keys are sorted, and an empty blackboard is nil.
+A bool becomes 0 or 1, an enum or integer an int, a float a float32 if that is exact and else a float64.
+Sequences become arrays, dataclasses and named tuples maps with ``__type``. Other values, and entries that
+were never written, become nil. Keys are sorted, and an empty blackboard is nil.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ Boards = Mapping[str, Mapping[str, Any]]
 """The values of blackboards: by the blackboard's name or path, then by key."""
 
 DEPTH_AT_MOST: Final = 16
-"""Values nested deeper are cut off with nil: a list may hold itself."""
+"""Maximum nesting; deeper values become nil. A list may contain itself."""
 
 _FLOAT32_MAX: Final = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
 _INT64_MIN: Final = -(1 << 63)
@@ -29,13 +29,18 @@ _NIL: Final = b"\xc0"
 
 
 def to_portable(value: object, depth: int = DEPTH_AT_MOST) -> Any:
-    """*value* in terms of None, int, float, str, list and dict with keys of str.
+    """Return *value* as None, int, float, str, lists, and dicts with str keys.
 
-    Nothing that a caller can still change is shared with the result.
+    The result is a copy: it shares no mutable object with *value*.
+
+    Args:
+        value: Any object.
+        depth: Maximum nesting; deeper values become None.
     """
     if type(value) in _AS_IT_IS:
         return value
     if isinstance(value, int):
+        # bool too: the C++ exporter writes bool as an integer. MessagePack has no larger integers.
         return int(value) if _INT64_MIN <= value <= _UINT64_MAX else None
     if isinstance(value, float):
         return float(value)
@@ -48,17 +53,19 @@ def to_portable(value: object, depth: int = DEPTH_AT_MOST) -> Any:
     names = getattr(value, "_fields", None)
     if names is not None and isinstance(value, tuple):
         named = zip(names, value, strict=False)
-        return {"__type": type(value).__name__} | {key: to_portable(one, depth - 1) for key, one in named}
+        return {"__type": type(value).__name__} | {key: to_portable(item, depth - 1) for key, item in named}
     if isinstance(value, list | tuple | set | frozenset):
-        return [one if type(one) in _AS_IT_IS else to_portable(one, depth - 1) for one in list(value)]
+        # list() first: the tick thread may change the container during the iteration
+        return [item if type(item) in _AS_IT_IS else to_portable(item, depth - 1) for item in list(value)]
     if isinstance(value, Mapping):
-        return {str(key): to_portable(one, depth - 1) for key, one in list(value.items())}
+        return {str(key): to_portable(item, depth - 1) for key, item in list(value.items())}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {
-            one.name: to_portable(getattr(value, one.name, None), depth - 1)
-            for one in dataclasses.fields(value)
+            field.name: to_portable(getattr(value, field.name, None), depth - 1)
+            for field in dataclasses.fields(value)
         }
         return {"__type": type(value).__name__} | fields
+    # arrays and scalars of numpy, without an import of numpy
     tolist = getattr(value, "tolist", None)
     if callable(tolist) and hasattr(value, "dtype"):
         return to_portable(tolist(), depth - 1)
@@ -66,21 +73,25 @@ def to_portable(value: object, depth: int = DEPTH_AT_MOST) -> Any:
 
 
 def encode_boards(boards: Mapping[str, Mapping[str, Any] | None]) -> bytes:
-    """The second frame of a BLACKBOARD reply: name → key → portable value; no names at all is nil."""
+    """Return the second frame of a BLACKBOARD reply: name → key → portable value, or nil without names."""
     if not boards:
         return _NIL
     return _packed({name: (board or None) for name, board in boards.items()})
 
 
 def decode_boards(body: bytes) -> dict[str, dict[str, Any]]:
-    """Name → key → value of a BLACKBOARD reply; an empty blackboard is an empty dict."""
-    whole = unpack_msgpack(body)
-    if whole is None:
+    """Return name → key → value of a BLACKBOARD reply; an empty blackboard is an empty dict.
+
+    Raises:
+        ProtocolError: *body* is not MessagePack, or not a map of maps.
+    """
+    values = unpack_msgpack(body)
+    if values is None:
         return {}
-    if not isinstance(whole, dict):
-        raise ProtocolError(f"expected blackboards as a map, and got {type(whole).__name__}")
+    if not isinstance(values, dict):
+        raise ProtocolError(f"expected blackboards as a map, and got {type(values).__name__}")
     boards: dict[str, dict[str, Any]] = {}
-    for name, board in whole.items():
+    for name, board in values.items():
         if board is not None and not isinstance(board, dict):
             raise ProtocolError(f"expected the blackboard '{name}' as a map, and got {type(board).__name__}")
         boards[name] = board or {}
@@ -88,7 +99,11 @@ def decode_boards(body: bytes) -> dict[str, dict[str, Any]]:
 
 
 def unpack_msgpack(body: bytes) -> Any:
-    """What MessagePack *body* holds; raises :class:`ProtocolError` if none, or if keys aren't text."""
+    """Return the value in *body*.
+
+    Raises:
+        ProtocolError: *body* is not MessagePack, or a map has a key that is not text.
+    """
     try:
         return msgpack.unpackb(
             body, raw=False, unicode_errors="replace", strict_map_key=False, object_pairs_hook=_text_keys
@@ -117,17 +132,17 @@ def _utf8(text: str) -> bytes:
 
 
 def _packed(value: Any) -> bytes:
-    """MessagePack with sorted keys and floats as short as they are exact, as nlohmann::json writes it."""
+    """Return *value* as nlohmann::json::to_msgpack encodes it: sorted keys, float32 where that is exact."""
     if isinstance(value, float):
         single = abs(value) <= _FLOAT32_MAX and struct.unpack("<f", struct.pack("<f", value))[0] == value
         return struct.pack(">Bf", 0xCA, value) if single else struct.pack(">Bd", 0xCB, value)
     if isinstance(value, dict):
-        # sorted as UTF-8 bytes, which is std::map's order of std::string
+        # std::map orders std::string by bytes, Python orders str by code points
         keys = sorted(value, key=_utf8)
-        head: bytes = msgpack.Packer().pack_map_header(len(keys))
-        return head + b"".join(_packed(key) + _packed(value[key]) for key in keys)
+        header: bytes = msgpack.Packer().pack_map_header(len(keys))
+        return header + b"".join(_packed(key) + _packed(value[key]) for key in keys)
     if isinstance(value, list):
-        head = msgpack.Packer().pack_array_header(len(value))
-        return head + b"".join(_packed(one) for one in value)
+        header = msgpack.Packer().pack_array_header(len(value))
+        return header + b"".join(_packed(item) for item in value)
     packed: bytes = msgpack.packb(value, unicode_errors="replace")
     return packed

@@ -1,6 +1,6 @@
-"""What a C++ publisher says about JSON that it can't use: the sentences of the nlohmann library.
+"""Read JSON with :mod:`json`, but with the error messages of the nlohmann library.
 
-Reading itself is :mod:`json`'s work.
+A C++ publisher sends the text of the library's exception in its error reply. Clients may show or compare it.
 """
 
 import json
@@ -14,7 +14,7 @@ _LOOSE: Final = re.compile(r"[A-Za-z_]+")
 
 
 class JsonError(ProtocolError):
-    """A request's JSON can't be used; the message is the one that a C++ publisher sends."""
+    """Invalid JSON in a request. The message is the same as from a C++ publisher."""
 
 
 def _refuse(name: str) -> Any:
@@ -22,45 +22,49 @@ def _refuse(name: str) -> Any:
 
 
 def read_json(body: bytes) -> Any:
-    """What *body* says. Raises :class:`JsonError` for what isn't JSON."""
+    """Return the value of the JSON text *body*.
+
+    Raises:
+        JsonError: *body* is not JSON.
+    """
     text = body.decode("utf-8", "replace")
     try:
         return json.loads(text, parse_constant=_refuse)
     except json.JSONDecodeError as error:
         raise _syntax(text, error.pos) from None
     except (ValueError, RecursionError):
-        # NaN, Infinity, a number of thousands of digits, brackets in brackets in brackets
+        # NaN, Infinity, a number of thousands of digits, or brackets that are nested too deeply
         raise _syntax(text, len(text) - len(text.lstrip())) from None
 
 
 def _syntax(text: str, at: int) -> JsonError:
-    """The sentence about the syntax error at character *at*."""
+    """Return the error for a syntax error at character *at*."""
     if not text:
         return JsonError(
             "[json.exception.parse_error.101] parse error at line 1, column 1: attempting to parse an empty "
             "input; check that your input string or stream contains the expected JSON"
         )
-    said, end = "unexpected end of input", at
+    reason, end = "unexpected end of input", at
     word = _LOOSE.match(text, at)
     if word is not None:
         end = at + _misread(word[0])
-        said = f"invalid literal; last read: '{text[at:end]}'"
+        reason = f"invalid literal; last read: '{text[at:end]}'"
     elif at < len(text):
         end = at + 1
-        said = f"unexpected '{text[at]}'; last read: '{text[at]}'"
+        reason = f"unexpected '{text[at]}'; last read: '{text[at]}'"
     line = text.count("\n", 0, end) + 1
     column = max(end - (text.rfind("\n", 0, end) + 1), 1)
     return JsonError(
         f"[json.exception.parse_error.101] parse error at line {line}, column {column}: "
-        f"syntax error while parsing value - {said}"
+        f"syntax error while parsing value - {reason}"
     )
 
 
 def _misread(word: str) -> int:
-    """How much of *word* is read until it is clear that it is none of JSON's."""
-    meant = next((one for one in _LITERALS if one[0] == word[0]), "")
+    """Return how many letters of *word* the library reads before it rejects the word as a literal."""
+    literal = next((literal for literal in _LITERALS if literal[0] == word[0]), "")
     for count, letter in enumerate(word, start=1):
-        if count > len(meant) or meant[count - 1] != letter:
+        if count > len(literal) or literal[count - 1] != letter:
             return count
     return len(word)
 
@@ -78,7 +82,11 @@ def _kind(value: Any) -> str:
 
 
 def require_member(value: Any, key: str) -> Any:
-    """The member *key* of an object. Raises :class:`JsonError`."""
+    """Return the member *key* of *value*.
+
+    Raises:
+        JsonError: *value* is not an object, or has no such member.
+    """
     if not isinstance(value, dict):
         raise JsonError(f"[json.exception.type_error.304] cannot use at() with {_kind(value)}")
     if key not in value:
@@ -87,21 +95,33 @@ def require_member(value: Any, key: str) -> Any:
 
 
 def require_number(value: Any) -> int:
-    """A number (or a bool, which C++ takes for one) without its fraction. Raises :class:`JsonError`."""
+    """Return *value* without its fraction. A bool is accepted, because nlohmann converts it to a number.
+
+    Raises:
+        JsonError: *value* is not a finite number.
+    """
     if not isinstance(value, int | float) or value != value or value in (float("inf"), float("-inf")):
         raise JsonError(f"[json.exception.type_error.302] type must be number, but is {_kind(value)}")
     return int(value)
 
 
 def require_boolean(value: Any) -> bool:
-    """A bool. Raises :class:`JsonError`."""
+    """Return *value*, a bool.
+
+    Raises:
+        JsonError: *value* is not a bool.
+    """
     if not isinstance(value, bool):
         raise JsonError(f"[json.exception.type_error.302] type must be boolean, but is {_kind(value)}")
     return value
 
 
 def require_string(value: Any) -> str:
-    """A string. Raises :class:`JsonError`."""
+    """Return *value*, a string.
+
+    Raises:
+        JsonError: *value* is not a string.
+    """
     if not isinstance(value, str):
         raise JsonError(f"[json.exception.type_error.302] type must be string, but is {_kind(value)}")
     return value

@@ -1,22 +1,22 @@
-"""The scene channel: what Groot 2's protocol has no words for. Messages ⇄ bytes, no sockets.
+"""The scene channel: data that Groot 2's protocol does not carry. Messages ⇄ bytes, without sockets.
 
-A publisher's XPUB socket sends two frames: a topic and a MessagePack map with ``v`` (1), ``kind``
-and the message's fields. Under the topic ``stream`` it sends :class:`PieceMessage`, which holds
-messages of the stream, each encoded by itself; each has the robot's ``tree_id`` and a ``seq`` that
-counts from 1 without holes, so a client sees what it missed; and, when another tree takes the place of
-the one before, its :class:`TreeMessage` and :class:`StaticMessage`. Under ``alive`` come signs of life;
-one of a tree that a client doesn't know tells it to ask.
+A publisher's XPUB socket sends two frames: a topic, and a MessagePack map with ``v`` (1), ``kind`` and the
+fields of the message. Under the topic ``stream`` it sends :class:`PieceMessage`, which holds messages of the
+stream, each encoded by itself. Each message has the robot's ``tree_id`` and a ``seq`` that counts from 1
+without gaps, so a client notices missing messages. When the robot replaces its tree, the topic also carries
+the :class:`TreeMessage` and :class:`StaticMessage` of the new tree. Under ``alive`` the publisher sends
+heartbeats; a heartbeat of an unknown tree makes a client request that tree.
 
-A client asks by subscribing, so that any SUB socket will do; the last part of the topic is the
-client's own token, and the answer comes back under that very topic:
+A client sends a request by subscribing to a topic, so a SUB socket is enough. The last part of the topic is
+a token that the client chooses, and the reply has the same topic:
 
-=====================  ================================================================
+=====================  ====================================================================
 ``again/tree/TOKEN``   :class:`TreeMessage`, :class:`StaticMessage`
-``again/N/TOKEN``      :class:`PieceMessage`: the stream from number N on; ask on after its end
-``here/TOKEN``         no answer; at its end the robot waits a moment while this is held
-=====================  ================================================================
+``again/N/TOKEN``      :class:`PieceMessage`: the stream from number N on, up to its ``last``
+``here/TOKEN``         no reply; a closing publisher waits shortly for clients that hold it
+=====================  ====================================================================
 
-Stamps are ns of the tree's clock, ``wall`` is ns since the epoch, lengths are metres, quaternions
+Stamps are ns of the tree's clock, ``wall`` is ns since the epoch, lengths are in metres, quaternions are
 x y z w, and every pose names its frame.
 """
 
@@ -33,10 +33,10 @@ from btcore_scene import MovingScene, StaticScene
 
 VERSION: Final = 1
 PORT_OFFSET: Final = 2
-"""The channel's port is the Groot 2 port plus this."""
+"""The channel's port is the port of requests plus this number."""
 
 ALIVE_EVERY: Final = 0.5
-"""Seconds (wall clock) between two signs of life."""
+"""Seconds (wall clock) between two heartbeats."""
 
 KEEPALIVE: Final = {
     "TCP_KEEPALIVE": 1,
@@ -44,21 +44,21 @@ KEEPALIVE: Final = {
     "TCP_KEEPALIVE_INTVL": 5,
     "TCP_KEEPALIVE_CNT": 3,
 }
-"""Options of both sides' sockets: a peer whose machine vanished is let go after 25 s.
+"""Options of both sides' sockets: the connection to a vanished machine ends after 10 + 3 * 5 = 25 s.
 
-ZMQ's own heartbeat would do it sooner, but it takes a client that reads slowly for a dead one.
+ZeroMQ's own heartbeat (``ZMQ_HEARTBEAT_IVL``) would be faster, but it disconnects a client that reads slowly.
 """
 
 STREAM: Final = b"stream"
-"""The topic of what happens."""
+"""The topic of the stream's messages."""
 
 ALIVE: Final = b"alive"
-"""The topic of signs of life."""
+"""The topic of heartbeats."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Anything said about the tree *tree_id*."""
+    """A message about the tree *tree_id*."""
 
     kind: ClassVar[str] = ""
     tree_id: str
@@ -66,7 +66,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class StreamMessage(Message):
-    """Something that happened, the message number *seq* of its tree, at *stamp* and *wall*."""
+    """Message number *seq* of its tree, at *stamp* (ns, tree's clock) and *wall* (ns since the epoch)."""
 
     seq: int
     stamp: int
@@ -75,10 +75,11 @@ class StreamMessage(Message):
 
 @dataclass(frozen=True, slots=True)
 class TreeMessage(Message):
-    """The tree: Groot 2's FULLTREE *xml*, and where the stream stands.
+    """The tree: Groot 2's FULLTREE *xml*, and the state of the stream.
 
-    *oldest* is the first message that can still be re-sent, *latest* the newest one (0: none
-    yet); *statuses* are uid → status just before *oldest*, *stamp* and *wall* the time of that.
+    *oldest* is the number of the first message that the robot can send again, *latest* the number of the
+    newest message (0: none yet). *statuses* maps uids to the statuses just before *oldest*, at *stamp* and
+    *wall*.
     """
 
     kind: ClassVar[str] = "tree"
@@ -92,7 +93,7 @@ class TreeMessage(Message):
 
 @dataclass(frozen=True, slots=True)
 class StaticMessage(Message):
-    """What does not change during a run."""
+    """The part of the scene that does not change during a run."""
 
     kind: ClassVar[str] = "static"
     data: StaticScene
@@ -102,8 +103,8 @@ class StaticMessage(Message):
 class TicksMessage(StreamMessage):
     """Transitions in their order, and, if *ended*, the end of the tick number *tick*.
 
-    Transition i has the number ``first + i`` and is (stamp, wall, tick, uid, previous, status);
-    a robot's transitions count from 1 without holes. *duration* is the tick's wall time in ns.
+    Transition i has the number ``first + i`` and is (stamp, wall, tick, uid, previous, status). The numbers
+    of a tree's transitions count from 1 without gaps. *duration* is the tick's wall time in ns.
     """
 
     kind: ClassVar[str] = "ticks"
@@ -117,7 +118,7 @@ class TicksMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class MovingMessage(StreamMessage):
-    """What moved or changed."""
+    """The part of the scene that moved or changed."""
 
     kind: ClassVar[str] = "moving"
     data: MovingScene
@@ -125,7 +126,7 @@ class MovingMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class BlackboardMessage(StreamMessage):
-    """All blackboards after a tick that wrote one: subtree path (``""``: main) → key → value."""
+    """All blackboards after a tick that wrote an entry: subtree path (``""``: main) → key → value."""
 
     kind: ClassVar[str] = "blackboard"
     boards: dict[str, Any]
@@ -133,7 +134,7 @@ class BlackboardMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class RaisedMessage(StreamMessage):
-    """A node raised: its full *path*, and the sentence."""
+    """An exception of a node: the node's full *path*, and the error message."""
 
     kind: ClassVar[str] = "raised"
     path: str
@@ -144,7 +145,7 @@ class RaisedMessage(StreamMessage):
 class EndMessage(StreamMessage):
     """The last message: the robot stops publishing. *status* is that of the last tick.
 
-    *dropped* counts transitions that the robot itself lost because it had no room for them.
+    *dropped* counts transitions that the robot itself lost because its queue was full.
     """
 
     kind: ClassVar[str] = "end"
@@ -154,7 +155,7 @@ class EndMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class AliveMessage(Message):
-    """A sign of life; *latest* is the newest number of the stream, so a lost tail shows."""
+    """A heartbeat. *latest* is the newest number of the stream, so a client notices lost last messages."""
 
     kind: ClassVar[str] = "alive"
     latest: int
@@ -162,10 +163,10 @@ class AliveMessage(Message):
 
 @dataclass(frozen=True, slots=True)
 class PieceMessage(Message):
-    """A piece of the stream, past or present: its messages from *first* to *last*, encoded one by one.
+    """A piece of the stream, past or present: its messages from *first* to *last*, encoded separately.
 
-    Numbers in that range that are not among *messages* are lost for good. *latest* is the newest
-    number of the stream: there is more to ask for if it is larger than *last*.
+    Numbers in that range that are missing in *messages* are lost for good. *latest* is the newest number of
+    the stream; if it is larger than *last*, the client can request more.
     """
 
     kind: ClassVar[str] = "piece"
@@ -177,14 +178,14 @@ class PieceMessage(Message):
 
 @dataclass(frozen=True, slots=True)
 class UnknownMessage(Message):
-    """A kind that a newer publisher of the same version has; *seq* is 0 if it is not of the stream."""
+    """A message of a kind that only a newer publisher has; *seq* is 0 if it is not part of the stream."""
 
     seq: int
 
 
 _KINDS: Final[dict[str, type[Any]]] = {
-    one.kind: one
-    for one in (
+    message.kind: message
+    for message in (
         TreeMessage,
         StaticMessage,
         TicksMessage,
@@ -209,62 +210,71 @@ _TYPES: Final[dict[Any, type]] = {
     MovingScene: MovingScene,
 }
 _FIELDS: Final = {
-    kind: tuple((one.name, _TYPES[one.type]) for one in fields(message)) for kind, message in _KINDS.items()
+    kind: tuple((field.name, _TYPES[field.type]) for field in fields(message))
+    for kind, message in _KINDS.items()
 }
 _T = TypeVar("_T")
 
 
 def encode(message: Message) -> bytes:
-    """*message* as MessagePack. Its data must be portable (:mod:`btcore_monitor.wire.msgpack_values`)."""
+    """Return *message* as MessagePack.
+
+    Its data must be portable (:mod:`btcore_monitor.wire.msgpack_values`).
+    """
     kind = message.kind
-    whole: dict[str, Any] = {"v": VERSION, "kind": kind}
+    values: dict[str, Any] = {"v": VERSION, "kind": kind}
     for name, _ in _FIELDS[kind]:
-        whole[name] = getattr(message, name)
+        values[name] = getattr(message, name)
     if isinstance(message, TreeMessage):
-        whole["statuses"] = list(message.statuses.items())
+        # pairs, because many MessagePack readers accept only text as keys of a map
+        values["statuses"] = list(message.statuses.items())
     elif isinstance(message, StaticMessage | MovingMessage):
-        whole["data"] = scene_schema.pack_scene(message.data)
-    encoded: bytes = msgpack.packb(whole, default=to_portable, unicode_errors="replace")
+        values["data"] = scene_schema.pack_scene(message.data)
+    encoded: bytes = msgpack.packb(values, default=to_portable, unicode_errors="replace")
     return encoded
 
 
 def decode(data: bytes) -> Message:
-    """The message in *data*; raises :class:`ProtocolError` with what was expected and what came."""
-    whole = unpack_msgpack(data)
-    if not isinstance(whole, dict) or "v" not in whole:
+    """Return the message in *data*.
+
+    Raises:
+        ProtocolError: *data* is not a message of the scene channel, or of a newer version.
+    """
+    values = unpack_msgpack(data)
+    if not isinstance(values, dict) or "v" not in values:
         raise ProtocolError(f"expected a message of the scene channel, and got {describe_bytes(data)}")
-    version = whole["v"]
+    version = values["v"]
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
         raise ProtocolError(f"expected a version of the scene channel, and got {version!r}")
     if version > VERSION:
         raise ProtocolError(
-            f"the robot speaks version {version} of the scene channel, and this monitor understands up to "
-            f"{VERSION}: update btcore here"
+            f"the robot uses version {version} of the scene channel, and this monitor supports up to version "
+            f"{VERSION}: update btcore on this machine"
         )
-    kind = whole.get("kind")
+    kind = values.get("kind")
     if not isinstance(kind, str):
         raise ProtocolError(f"expected the kind of a message, and got {kind!r}")
     if kind not in _KINDS:
         return UnknownMessage(
-            _as(str, whole, "tree_id", kind), whole["seq"] if _is_int(whole.get("seq")) else 0
+            _field(str, values, "tree_id", kind), values["seq"] if _is_int(values.get("seq")) else 0
         )
     if kind == TreeMessage.kind:
-        whole["statuses"] = _pairs(whole)
+        values["statuses"] = _pairs(values)
     elif kind in scene_schema.SCENES:
-        whole["data"] = scene_schema.unpack_scene(_as(dict, whole, "data", kind), kind)
-    message: Message = _KINDS[kind](*(_as(wanted, whole, name, kind) for name, wanted in _FIELDS[kind]))
+        values["data"] = scene_schema.unpack_scene(_field(dict, values, "data", kind), kind)
+    message: Message = _KINDS[kind](*(_field(type_, values, name, kind) for name, type_ in _FIELDS[kind]))
     if isinstance(message, TicksMessage):
         _check_rows(message.transitions)
-    elif isinstance(message, PieceMessage) and not all(isinstance(one, bytes) for one in message.messages):
+    elif isinstance(message, PieceMessage) and not all(isinstance(data, bytes) for data in message.messages):
         raise ProtocolError("expected messages as bytes in a 'piece' message")
     return message
 
 
-def _as(wanted: type[_T], whole: Mapping[str, Any], name: str, kind: str) -> _T:
-    value = whole.get(name)
-    if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
-        got = "nothing" if name not in whole else type(value).__name__
-        raise ProtocolError(f"expected '{name}' of a '{kind}' message to be {wanted.__name__}, and got {got}")
+def _field(type_: type[_T], values: Mapping[str, Any], name: str, kind: str) -> _T:
+    value = values.get(name)
+    if not isinstance(value, type_) or (type_ is int and isinstance(value, bool)):
+        got = "nothing" if name not in values else type(value).__name__
+        raise ProtocolError(f"expected '{name}' of a '{kind}' message to be {type_.__name__}, and got {got}")
     return value
 
 
@@ -272,10 +282,10 @@ def _is_int(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _pairs(whole: Mapping[str, Any]) -> dict[int, int]:
+def _pairs(values: Mapping[str, Any]) -> dict[int, int]:
     statuses = {}
-    for pair in _as(list, whole, "statuses", "tree"):
-        if not (isinstance(pair, list) and len(pair) == 2 and all(_is_int(one) for one in pair)):
+    for pair in _field(list, values, "statuses", "tree"):
+        if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_int, pair))):
             raise ProtocolError(f"expected [uid, status] in 'statuses' of a 'tree' message, and got {pair!r}")
         statuses[pair[0]] = pair[1]
     return statuses
@@ -283,5 +293,5 @@ def _pairs(whole: Mapping[str, Any]) -> dict[int, int]:
 
 def _check_rows(rows: list[list[int]]) -> None:
     for row in rows:
-        if not (isinstance(row, list) and len(row) == 6 and all(_is_int(one) for one in row)):
+        if not (isinstance(row, list) and len(row) == 6 and all(map(_is_int, row))):
             raise ProtocolError(f"expected six integers in a transition, and got {row!r:.80}")

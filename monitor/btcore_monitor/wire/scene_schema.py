@@ -1,8 +1,8 @@
 """Scenes on the wire: the messages of `btcore_scene` ⇄ plain maps, checked against their type annotations.
 
-A message is a map of its fields, without those that are None or empty by default; a `Frame` is an array.
-Cells and rgb8 pixels are compressed: such an entry has ``coding``: ``zlib``. Unknown keys of a scene
-are its `extra`.
+A message is a map of its fields, without fields that are None or empty by default; a `Frame` is an array.
+Cells and rgb8 pixels are compressed; such an entry has ``coding``: ``zlib``. Unknown keys of a scene become
+its `extra`.
 """
 
 import zlib
@@ -16,9 +16,9 @@ from btcore_monitor.wire.errors import ProtocolError
 from btcore_scene import Grid, MovingScene, Picture, StaticScene
 
 CELLS_AT_MOST: Final = 1 << 25
-"""Maximum cells of a grid, or bytes of a picture, that are accepted."""
+"""Maximum accepted cells of a grid or bytes of a picture: a few compressed bytes could fill the memory."""
 _LEVEL: Final = 1
-"""Of compression: it reduces costs to a twentieth, and higher levels take several times as long."""
+"""Compression level. It reduces costmaps to a twentieth; higher levels take several times as long."""
 
 Reader = Callable[[object, str], Any]
 Scene = StaticScene | MovingScene
@@ -51,7 +51,7 @@ def unpack_scene(data: Mapping[str, Any], kind: str) -> Scene:
         ProtocolError: The data do not match the annotations of the scene's class, or are too large.
     """
     scene: Scene = _reader(SCENES[kind])(data, f"a '{kind}' message")
-    known = {one.name for one in fields(scene)}
+    known = {field.name for field in fields(scene)}
     changed: dict[str, Any] = {"extra": {key: value for key, value in data.items() if key not in known}}
     for key, blob in _BLOBS.items():
         if key in known and key in data:
@@ -62,15 +62,16 @@ def unpack_scene(data: Mapping[str, Any], kind: str) -> Scene:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple) and value and is_dataclass(value[0]):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     if not is_dataclass(value):
         return value
     sent: dict[str, Any] = {}
-    for one in fields(value):
-        found = getattr(value, one.name)
-        unset = one.default is not None and isinstance(found, list | tuple | dict) and not found
-        if found is not None and not unset:
-            sent[one.name] = _plain(found)
+    for field in fields(value):
+        content = getattr(value, field.name)
+        # An empty sequence is sent where the default is None: no arrows remove all, None keeps them.
+        unset = field.default is not None and isinstance(content, list | tuple | dict) and not content
+        if content is not None and not unset:
+            sent[field.name] = _plain(content)
     return sent
 
 
@@ -81,43 +82,44 @@ def _deflated(entry: dict[str, Any], blob: str) -> dict[str, Any]:
 
 
 def _inflated(entry: Grid | Picture, sent: Mapping[str, Any], key: str, blob: str) -> Grid | Picture:
-    """Return *entry* with the data that *sent*, its form on the wire, may hold compressed."""
+    """Return *entry* with its data decompressed. *sent* is its form on the wire."""
     if isinstance(entry, Picture) and entry.format == "jpeg":
         return entry
     width, height = entry.size
-    wanted = width * height * (3 if isinstance(entry, Picture) else 1)
-    if width < 1 or height < 1 or wanted > CELLS_AT_MOST:
+    length = width * height * (3 if isinstance(entry, Picture) else 1)
+    if width < 1 or height < 1 or length > CELLS_AT_MOST:
         raise ProtocolError(
             f"expected at most {CELLS_AT_MOST} bytes in '{key}', and got {width} times {height}"
         )
-    data: Any = _unzipped(sent, blob, wanted) if "coding" in sent else sent[blob]
-    if len(data) != wanted:
-        raise ProtocolError(f"expected {wanted} bytes of '{blob}' for {entry.name!r}, and got {len(data)}")
+    data: Any = _unzipped(sent, blob, length) if "coding" in sent else sent[blob]
+    if len(data) != length:
+        raise ProtocolError(f"expected {length} bytes of '{blob}' for {entry.name!r}, and got {len(data)}")
     changed: Any = {blob: data}
     return replace(entry, **changed)
 
 
-def _unzipped(sent: Mapping[str, Any], blob: str, wanted: int) -> bytes:
+def _unzipped(sent: Mapping[str, Any], blob: str, length: int) -> bytes:
     if sent["coding"] != "zlib":
-        raise ProtocolError(f"expected '{blob}' to be coded by zlib, and got {_shown(sent['coding'])}")
+        raise ProtocolError(f"expected '{blob}' to be coded by zlib, and got {_short_repr(sent['coding'])}")
     try:
-        return zlib.decompressobj().decompress(sent[blob], wanted + 1)
+        # At most one byte more than expected: enough to detect too much data without decompressing it all.
+        return zlib.decompressobj().decompress(sent[blob], length + 1)
     except zlib.error as error:
-        raise ProtocolError(f"expected deflated '{blob}' for {sent['name']!r}, and got {error}") from None
+        raise ProtocolError(f"expected compressed '{blob}' for {sent['name']!r}, and got {error}") from None
 
 
-def _shown(value: object) -> str:
+def _short_repr(value: object) -> str:
     return repr(value)[:40] if isinstance(value, str | int | float | None) else type(value).__name__
 
 
 def _unexpected(where: str, expected: str, value: object) -> ProtocolError:
-    return ProtocolError(f"expected {where} to be {expected}, and got {_shown(value)}")
+    return ProtocolError(f"expected {where} to be {expected}, and got {_short_repr(value)}")
 
 
 @cache
 def _reader(hint: Any) -> Reader:
-    """Return a function that checks a value of the type *hint*, and returns it as the messages hold it."""
-    origin, args = get_origin(hint), [one for one in get_args(hint) if one is not NoneType]
+    """Return a function that checks a received value against *hint* and converts it to the message's type."""
+    origin, args = get_origin(hint), [arg for arg in get_args(hint) if arg is not NoneType]
     if hint in _PLAIN:
         return _plain_value(*_PLAIN[hint])
     if is_dataclass(hint):
@@ -169,7 +171,7 @@ def _list(reader: Reader, count: int | None = None) -> Reader:
     def read(value: object, where: str) -> object:
         if not isinstance(value, list | tuple) or (count is not None and len(value) != count):
             raise _unexpected(where, "a list" if count is None else f"{count} values", value)
-        return tuple(reader(one, where) for one in value)
+        return tuple(reader(item, where) for item in value)
 
     return read
 
@@ -183,28 +185,28 @@ def _texts(value: object, where: str) -> object:
 def _record(kind: Any) -> Reader:
     hints = get_type_hints(kind, include_extras=True)
     known = [
-        (one.name, _reader(hints[one.name]), one.default is one.default_factory is MISSING)
-        for one in fields(kind)
-        if one.init and one.name != "extra"
+        (field.name, _reader(hints[field.name]), field.default is field.default_factory is MISSING)
+        for field in fields(kind)
+        if field.init and field.name != "extra"
     ]
 
     def read(value: object, where: str) -> object:
         if not isinstance(value, Mapping):
             raise _unexpected(where, "a map", value)
-        found = {}
-        for name, reader, needed in known:
+        values = {}
+        for name, reader, required in known:
             if name in value:
-                found[name] = reader(value[name], f"'{name}' of {where}")
-            elif needed:
+                values[name] = reader(value[name], f"'{name}' of {where}")
+            elif required:
                 raise ProtocolError(f"expected '{name}' of {where}, and got nothing")
-        return kind(**found)
+        return kind(**values)
 
     return read
 
 
 def _one_of(kinds: Sequence[Any]) -> Reader:
     readers: dict[Any, Reader] = {
-        one.default: _reader(kind) for kind in kinds for one in fields(kind) if one.name == "kind"
+        field.default: _reader(kind) for kind in kinds for field in fields(kind) if field.name == "kind"
     }
     word = _word(list(readers))
 
@@ -223,7 +225,7 @@ def _row(kind: Any) -> Reader:
     def read(value: object, where: str) -> object:
         if not isinstance(value, list | tuple) or len(value) != len(readers):
             raise _unexpected(f"one of {where}", f"{len(readers)} values", value)
-        found = zip(readers, value, strict=True)
-        return kind(*(reader(one, f"the {name} in {where}") for (name, reader), one in found))
+        pairs = zip(readers, value, strict=True)
+        return kind(*(reader(item, f"the {name} in {where}") for (name, reader), item in pairs))
 
     return read

@@ -140,7 +140,7 @@ def test_a_second_tree_of_a_process_counts_on_and_its_observed_tree_counts_from_
 @pytest.mark.parametrize(
     ("children", "said"),
     [
-        ([(), ()], "node 2 is no node's child"),
+        ([(), ()], "expected a tree, and node 2 has no parent"),
         ([(2,), (1,)], "node 2 has node 1 as a child"),
         ([(2, 2), ()], "node 1 has node 2 as a child"),
         ([(7,), ()], "node 1 has node 7 as a child"),
@@ -156,7 +156,7 @@ def test_a_tree_without_nodes_or_with_a_uid_twice_is_none():
     with pytest.raises(ProtocolError, match="got none"):
         read_groot1(WireTree((), ()), UUID)
     twin = WireNode(1, (), 0, "n", "N")
-    with pytest.raises(ProtocolError, match="2 nodes have 1 of them"):
+    with pytest.raises(ProtocolError, match="2 nodes have 1 different uids"):
         read_groot1(WireTree((twin, twin), ()), UUID)
 
 

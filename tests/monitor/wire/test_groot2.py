@@ -204,7 +204,7 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
         (tree_of(b"<A/>"), "_uid of <A>"),
         (tree_of(b'<SubTree ID="S" _fullpath="s" _uid="1"/>'), "_fullpath 's'"),
         (tree_of(b'<SubTree ID="M" _fullpath="" _uid="1"/>'), "got two"),
-        (tree_of(b'<Inverter _uid="1"><A _uid="1"/></Inverter>'), "1 again"),
+        (tree_of(b'<Inverter _uid="1"><A _uid="1"/></Inverter>'), "unique values of _uid .* <A> has 1"),
     ],
 )
 def test_a_full_tree_that_is_none_is_refused_with_its_reason(xml, said):

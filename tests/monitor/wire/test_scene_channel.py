@@ -61,7 +61,7 @@ def test_every_message_says_its_version_and_kind():
 
 def test_a_newer_version_is_refused_with_what_to_do():
     newer = msgpack.packb({"v": 2, "kind": "ticks", "colour": "red"})
-    with pytest.raises(ProtocolError, match=r"version 2 .* up to 1: update btcore here"):
+    with pytest.raises(ProtocolError, match=r"version 2 .* up to version 1: update btcore on this machine"):
         decode(newer)
 
 

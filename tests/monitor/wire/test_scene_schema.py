@@ -152,7 +152,7 @@ def test_what_nobody_here_knows_is_passed_on():
         ("grids", [{**GRID, "size": [1 << 20, 1 << 20]}], "expected at most 33554432 bytes"),
         ("grids", [{**GRID, "resolution": "fine"}], "'resolution' of 'grids' .* a number, and got 'fine'"),
         ("grids", [{**GRID, "coding": "morse"}], "coded by zlib, and got 'morse'"),
-        ("grids", [{**GRID, "coding": "zlib"}], "expected deflated 'cells' for 'global_costmap'"),
+        ("grids", [{**GRID, "coding": "zlib"}], "expected compressed 'cells' for 'global_costmap'"),
         ("grids", GRID, "'grids' of a 'moving' message to be a list, and got dict"),
         ("poses", [{"name": "path", "kind": "path", "rows": ROWS + b"1234"}], "rows of three float32"),
         ("poses", [{"name": "path", "rows": ROWS}], "expected 'kind' of 'poses' .* got nothing"),
