@@ -228,7 +228,7 @@ def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]
         "folder": (["--save", "/no/such/folder/run.rrd"], "there is no folder /no/such/folder"),
         "bind": (
             ["--publish", "groot2", "--port", "0", "--bind", "203.0.113.9"],
-            "nothing here can listen at '203.0.113.9'",
+            "cannot listen at '203.0.113.9'",
         ),
         "port": (["--publish", "groot2", "--port", str(free_port)], f"port {free_port} is in use"),
     }

@@ -1,4 +1,4 @@
-"""Publishing a tree of ours: to Groot 2 and Groot 1, to our monitor, to anybody who speaks with either."""
+"""Publish a running tree for Groot 2, Groot 1, btcore's monitor, and any other client of their protocols."""
 
 from collections.abc import Sequence
 from types import EllipsisType
@@ -24,24 +24,31 @@ def serve(
     allow_control: bool = False,
     max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY,
 ) -> Publisher:
-    """Publish *tree* from now on, from a thread of its own; close the result, or use it with ``with``.
+    """Publish *tree* from a separate thread until the returned publisher is closed.
 
-    ``with serve(tree): tree.tick_while_running()``
+    The publisher is a context manager: ``with serve(tree): tree.tick_while_running()``. The tree waits for a
+    client only at a breakpoint, which *allow_control* permits.
 
-    *groot2* is the port for requests, as Groot 2 knows it (1667); the two after it are taken too
-    (notifications, and the scene channel that our monitor prefers). None or 0 takes free ones:
-    ``.port`` and ``.address`` tell. *groot1* is the port where Groot 1 gets updates (usually 1666, and
-    2666 beside Groot 2; 0: a free one), and the next one answers its requests; ``.groot1`` tells. With
-    *groot1* Groot 2 is served only if *groot2* is a port, and the scene channel is two ports behind
-    Groot 1's requests otherwise. *bind* is the interface (``*``: all). Of the *resources* those with
-    ``scene_static`` and ``scene_moving`` are shown in 3D, unless *scene* is false. *grace* is how long
-    (s, wall clock) closing waits for clients that still catch up.
+    Args:
+        tree: The tree to publish.
+        groot2: The port for Groot 2's requests (1667 by default). The next two ports are used for
+            notifications and for the scene channel, which btcore's monitor prefers. None or 0 chooses free
+            ports; see `Publisher.port` and `Publisher.address`. With *groot1*, Groot 2 is served only if
+            this is a port number.
+        bind: The interface (``*``: all interfaces).
+        scene: Whether to publish the scene channel.
+        resources: Objects of the robot. Those with ``scene_static`` and ``scene_moving`` are shown in 3D.
+        grace: Maximum time in s (wall clock) that closing waits for clients that still read.
+        groot1: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses a
+            free port; see `Publisher.groot1`. The next port answers requests. Without Groot 2, the scene
+            channel is two ports above these requests.
+        allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
+        max_heartbeat_delay: Time in s (wall clock) without a request after which hooks are disabled and a
+            tick that waits at a breakpoint continues.
 
-    With *allow_control* a client may set breakpoints and inject statuses by Groot 2's requests, until none
-    has come for *max_heartbeat_delay* (s, wall clock): then hooks are disabled, and a tick that stands goes
-    on. At a breakpoint the tree waits for the client; else it never waits for anybody.
-
-    Raises :class:`PortInUseError` or :class:`ServeError`.
+    Raises:
+        PortInUseError: Another program uses a port.
+        ServeError: The ports or the interface are invalid.
     """
     if groot1 is None:
         port: int | None = DEFAULT_PORT if groot2 is ... else groot2 or 0

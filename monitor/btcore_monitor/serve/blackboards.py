@@ -1,9 +1,9 @@
-"""Blackboards for other threads: what they hold, without tearing and without holding up the tree.
+"""Consistent snapshots of blackboards for other threads, without delaying the tree.
 
-After each tick, on the thread that ticks, entries whose sequence id moved are frozen: immutable
-values are kept as they are, containers are copied one level deep, other objects are kept by
-reference. Making them portable, which may be slow, is the publisher's work. A tree that
-does not tick is read directly; a container that changes meanwhile is read again.
+After each tick the tick thread freezes the entries whose sequence ID changed: immutable values are kept,
+containers are copied one level deep, other objects are kept by reference. The publisher's thread makes the
+values portable, which may be slow. Blackboards of a tree that does not tick are read directly; a container
+that changes during that is read again.
 """
 
 from collections import deque
@@ -16,22 +16,26 @@ from btcore_monitor.errors import MonitorError
 from btcore_monitor.wire.msgpack_values import Boards, to_portable
 
 ROOT: Final = "ROOT"
-"""The name of the outermost blackboard, which Groot 2 gets beside those asked for."""
+"""The name under which a reply also contains the outermost blackboard (``groot2_publisher.cpp``)."""
 
 _ATTEMPTS: Final = 20
+"""Maximum readings of a container that another thread changes at the same time."""
+
 _SHARED: Final = frozenset({bool, int, float, str, type(None), bytes})
 
 
 class ReservedNameError(MonitorError):
-    """A subtree is called ROOT, the name under which the outermost blackboard is sent."""
+    """A subtree is named ROOT, the name under which the outermost blackboard is sent."""
 
 
 class BlackboardTracker:
-    """Follows the blackboards of one *tree*. Belongs to the thread that ticks, unless said otherwise."""
+    """Tracks changes of the blackboards of *tree*.
+
+    Only the tick thread may call the methods, except where a method's description permits any thread.
+    """
 
     def __init__(self, tree: Tree) -> None:
-        self._main = tree.id
-        self._boards: dict[str, Blackboard] = {one.path: one.blackboard for one in tree.subtrees}
+        self._boards: dict[str, Blackboard] = {part.path: part.blackboard for part in tree.subtrees}
         self._names = {path or tree.id: path for path in self._boards}
         self._outermost = tree.subtrees[0].blackboard.root
         if all(board is not self._outermost for board in self._boards.values()):
@@ -40,53 +44,61 @@ class BlackboardTracker:
         self._frozen: dict[str, dict[str, object]] = {path: {} for path in self._boards}
 
     def snapshot_if_changed(self) -> Boards | None:
-        """All blackboards, frozen, if an entry changed since the last call; else None."""
-        news = False
+        """Return all blackboards, frozen, or None if no entry changed since the last call."""
+        changed = False
         for path, board in self._boards.items():
             entries = board.local_entries()
             seen = self._seen[path]
-            fresh: dict[str, object] = {}
+            updated: dict[str, object] = {}
             for key, entry in entries.items():
                 known = seen.get(key)
+                # the entry too: a removed and recreated entry starts with the same sequence IDs again
                 if known is None or known[1] != entry.sequence_id or known[0] is not entry:
                     seen[key] = (entry, entry.sequence_id)
-                    fresh[key] = frozen(entry.value)
-            if fresh or len(seen) != len(entries):
-                news = True
+                    updated[key] = frozen(entry.value)
+            if updated or len(seen) != len(entries):
+                changed = True
                 kept = self._frozen[path]
                 if len(seen) != len(entries):
-                    for key in [one for one in seen if one not in entries]:
+                    for key in seen.keys() - entries.keys():
                         del seen[key]
                     kept = {key: value for key, value in kept.items() if key in entries}
-                self._frozen[path] = kept | fresh
-        return dict(self._frozen) if news else None
+                # a new dict: the publisher's thread may still read the old one
+                self._frozen[path] = kept | updated
+        return dict(self._frozen) if changed else None
 
     def read_now(self) -> Boards:
-        """All blackboards as they are at this moment, from any thread."""
+        """Return all blackboards with their current values. Any thread may call this method."""
         return {path: _steady(_Values(board)) for path, board in self._boards.items()}
 
     def for_groot(self, names: list[str], boards: Boards) -> dict[str, Mapping[str, Any] | None]:
-        """What BLACKBOARD answers for *names*, out of *boards*; from any thread.
+        """Return the content of a BLACKBOARD reply. Any thread may call this method.
 
-        Unknown names are left out. ``ROOT`` joins as soon as a blackboard asked for is not the
-        outermost itself; raises :class:`ReservedNameError` if a subtree asked for has that name already.
+        The result also contains the outermost blackboard as ``ROOT`` if a requested blackboard is another.
+
+        Args:
+            names: The requested names. Unknown names are left out.
+            boards: The values by path and key.
+
+        Raises:
+            ReservedNameError: The result needs ``ROOT``, and a requested subtree has that name.
         """
-        answer: dict[str, Mapping[str, Any] | None] = {}
+        reply: dict[str, Mapping[str, Any] | None] = {}
         nested = False
         for name in names:
             path = self._names.get(name)
             if path is None:
                 continue
-            answer[name] = portable_board(boards.get(path, {}))
+            reply[name] = portable_board(boards.get(path, {}))
             nested = nested or self._boards[path] is not self._outermost
         if nested:
-            if ROOT in answer:
+            if ROOT in reply:
                 raise ReservedNameError(
                     "a subtree is named ROOT, which is the name of the outermost blackboard"
                 )
-            outermost = next(path for path, one in self._boards.items() if one is self._outermost)
-            answer[ROOT] = portable_board(boards.get(outermost, {}))
-        return answer
+            outermost = next(path for path, board in self._boards.items() if board is self._outermost)
+            reply[ROOT] = portable_board(boards.get(outermost, {}))
+        return reply
 
 
 class _Values:
@@ -100,7 +112,7 @@ class _Values:
 
 
 def _steady(read: Callable[[], dict[str, object]]) -> dict[str, object]:
-    """What *read* returns, tried again while another thread changes what it reads."""
+    """Return the result of *read*, called again while another thread changes the container."""
     for _ in range(_ATTEMPTS):
         try:
             return read()
@@ -110,7 +122,7 @@ def _steady(read: Callable[[], dict[str, object]]) -> dict[str, object]:
 
 
 def frozen(value: object) -> object:
-    """*value*, or a copy one level deep of a built-in container."""
+    """Return *value*, or a copy one level deep if it is a built-in container."""
     kind = type(value)
     if kind in _SHARED:
         return value
@@ -122,12 +134,12 @@ def frozen(value: object) -> object:
 
 
 def portable_board(board: Mapping[str, object]) -> dict[str, Any]:
-    """*board* with portable values; a value that refuses to be read is None."""
+    """Return *board* with portable values; a value that cannot be converted becomes None."""
     return {key: _readable(value) for key, value in board.items()}
 
 
 def _readable(value: object) -> Any:
-    # the value may be an object of the user's, whose attributes may do anything
+    # The value may be an object of a user's class, whose attributes may raise any exception.
     for _ in range(_ATTEMPTS):
         try:
             return to_portable(value)

@@ -1,4 +1,4 @@
-"""Our tree speaks Groot 1's protocol: transitions in, updates and the tree out, and the two sockets."""
+"""A server of Groot 1's protocol: it takes transitions, and makes updates and replies with the tree."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -29,16 +29,19 @@ from btcore_monitor.wire.groot1_tree import (
 _UNTYPED: Final = "void"
 _REQUEST_AT_MOST: Final = 1 << 20
 _UPDATES_AT_MOST: Final = 250
-"""Updates that wait for one slow client, some ten seconds of them; what it misses beyond is gone."""
+"""Maximum queued updates of a slow client, about ten seconds; the client misses further updates."""
 
 _DIRECTIONS: Final = {Direction.IN: INPUT, Direction.OUT: OUTPUT, Direction.INOUT: INOUT}
 
 
 class Groot1Server:
-    """Speaks for one tree. Belongs to the publisher's thread.
+    """Serves one tree. Only the publisher's thread may use it.
 
-    The uids on the wire begin behind *offset*: Groot 1 tells by unknown uids alone that there is another
-    tree. *rate* is how many updates are made a second, at most.
+    Args:
+        tree: The tree.
+        offset: The uids on the wire start at this number plus 1. Groot 1 has no tree IDs and detects a new
+            tree only by unknown uids, so each tree of a robot gets new uids.
+        rate: Maximum updates per second.
     """
 
     def __init__(self, tree: Tree, offset: int = 0, rate: float = groot1.RATE) -> None:
@@ -47,7 +50,7 @@ class Groot1Server:
         """The last uid on the wire."""
         self._period = 1 / rate
         self._statuses = {self.offset + node.uid: groot1.status_code(int(node.status)) for node in tree.nodes}
-        # As they were at the last update, which is what the next one begins with.
+        # The statuses at the last update; the next update begins with them.
         self._before = dict(self._statuses)
         self._tree = bytearray(encode_tree(WireTree(tuple(self._nodes(tree)), _models(tree))))
         self._places = dict(zip(self._statuses, status_places(bytes(self._tree)), strict=True))
@@ -55,11 +58,22 @@ class Groot1Server:
         self._due = 0.0
 
     def add_transition(self, item: StampedTransition, now: float) -> None:
-        """Take a transition in, at *now* (s, any clock that doesn't go back)."""
+        """Add a transition to the next update.
+
+        Args:
+            item: The transition.
+            now: The time in s of any monotonic clock.
+        """
         self._change(item.change.uid, int(item.change.status), item.wall, now)
 
     def correct(self, statuses: dict[int, int], wall: int, now: float) -> None:
-        """Let nodes change, of whose transitions some were lost, to what the tree says itself."""
+        """Correct nodes with lost transitions by adding transitions to their current statuses.
+
+        Args:
+            statuses: The tree's current statuses by uid.
+            wall: The wall clock, ns since the epoch.
+            now: The time in s of any monotonic clock.
+        """
         for node, status in statuses.items():
             self._change(node, status, wall, now)
 
@@ -75,7 +89,12 @@ class Groot1Server:
         self._tree[self._places[uid]] = status
 
     def update(self, now: float, at_once: bool = False) -> bytes | None:
-        """What is to be published at *now*, if anything is; *at_once* doesn't wait for its time."""
+        """Return the next update's frame, or None if there is nothing to publish at *now*.
+
+        Args:
+            now: The time in s of any monotonic clock.
+            at_once: Whether to ignore the maximum rate.
+        """
         if not self._waiting or (now < self._due and not at_once):
             return None
         frame = groot1.encode_update(self._before.items(), self._waiting)
@@ -84,9 +103,10 @@ class Groot1Server:
         return frame
 
     def answer(self) -> bytes:
-        """The tree, and how its nodes stand now; the answer to any request.
+        """Return the tree with its nodes' current statuses, the reply to every request.
 
-        BehaviorTree.CPP answers with how they stood at the start, which Groot 1 then shows.
+        BehaviorTree.CPP 3 replies with the statuses at the start: its ``bt_zmq_publisher.cpp`` encodes the
+        tree once. Groot 1 shows these statuses until the first update.
         """
         return bytes(self._tree)
 
@@ -94,9 +114,9 @@ class Groot1Server:
         instances = {part.path: part.id for part in tree.subtrees}
         for node in tree.nodes:
             uid = self.offset + node.uid
-            children = tuple(self.offset + one.uid for one in node.children)
+            children = tuple(self.offset + child.uid for child in node.children)
             if node.type is NodeType.SUBTREE:
-                # As the original has it: it goes by its tree's ID, and has no ports.
+                # As in BehaviorTree.CPP 3: a SubTree node has its tree's ID as name, and no ports.
                 yield WireNode(uid, children, self._statuses[uid], instances[node.path], node.id)
                 continue
             config = node.config
@@ -106,10 +126,10 @@ class Groot1Server:
 
 
 def _models(tree: Tree) -> tuple[WireModel, ...]:
-    """The models of all that the tree's registry has, and of what else the tree is made of."""
-    models = {id: _model(one) for id, one in tree.registry.manifests_of(tree.format).items()}
+    """Return the models of all registered nodes, and of other nodes in the tree."""
+    models = {id: _model(manifest) for id, manifest in tree.registry.manifests_of(tree.format).items()}
     for node in tree.nodes:
-        # Groot 1 looks up every node's model, and ends where there is none.
+        # Groot 1 looks up every node's model without a check, and crashes if it is missing.
         if node.id not in models:
             models[node.id] = WireModel(node.id, int(node.type))
     return tuple(models.values())
@@ -126,7 +146,7 @@ def _port(port: Port) -> WirePort:
 
 
 class Groot1Sockets:
-    """The sockets for a :class:`Groot1Server`: of updates, and of requests."""
+    """The sockets of a :class:`Groot1Server`: *updates* and *requests*."""
 
     def __init__(self, context: "zmq.Context[Socket]") -> None:
         self.updates = context.socket(zmq.PUB)
@@ -136,17 +156,23 @@ class Groot1Sockets:
         self.updates.setsockopt(zmq.LINGER, 0)
 
     def publish(self, server: Groot1Server, now: float, at_once: bool = False) -> None:
-        """Send what is to be sent at *now*, as :meth:`Groot1Server.update` says."""
+        """Send the next update, if it is due.
+
+        Args:
+            server: The server that makes the update.
+            now: The time in s of any monotonic clock.
+            at_once: Whether to ignore the maximum rate.
+        """
         frame = server.update(now, at_once)
         if frame is not None:
             self.updates.send(frame, zmq.DONTWAIT)
 
     def answer(self, server: Groot1Server) -> None:
-        """Take the request in that has come, and answer it."""
+        """Receive a request, if there is any, and send the reply of *server*."""
         if self.requests.take() is not None:
             self.requests.answer([server.answer()])
 
     def close(self, linger: int = 0) -> None:
-        """Free them; what is on its way has *linger* ms."""
+        """Close the sockets. Queued messages get *linger* ms to be sent."""
         self.updates.close(linger=linger)
         self.requests.socket.close(linger=linger)

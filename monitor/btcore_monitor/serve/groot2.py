@@ -1,4 +1,4 @@
-"""Our tree speaks Groot 2's protocol: requests in, replies out, no sockets."""
+"""A server of Groot 2's protocol: requests in, replies out, without sockets."""
 
 import time
 import uuid
@@ -16,7 +16,15 @@ from btcore_monitor.wire.nlohmann_json import JsonError
 
 
 class Groot2Server:
-    """Answers for one tree. Belongs to the publisher's thread. Without *control*, hooks are disabled."""
+    """Replies to requests about one tree. Only the publisher's thread may use it.
+
+    Args:
+        tree: The tree.
+        xml: The reply to FULLTREE.
+        boards: Returns the body of the reply to BLACKBOARD for the requested names.
+        tree_id: The UUID in each reply's header.
+        control: Handles requests about hooks. Without it, such requests get an error reply.
+    """
 
     def __init__(
         self,
@@ -38,10 +46,10 @@ class Groot2Server:
         self._recording_since = 0
         self._expected: int | None = None
         self.dropped = 0
-        """Transitions that fell out of the full queue before they came here."""
+        """Transitions that were lost because the queue to this thread was full."""
 
     def add_transition(self, item: StampedTransition) -> None:
-        """Take a transition in."""
+        """Update the node's status, and record the transition while a recording is on."""
         change = item.change
         if self._expected is not None:
             self.dropped += change.number - self._expected
@@ -55,17 +63,18 @@ class Groot2Server:
             self._recorded.append(groot2.encode_transition(offset, change.uid, int(change.status)))
 
     def correct(self, statuses: dict[int, int]) -> None:
-        """Set the standing of nodes whose transitions were lost, to what the tree says itself."""
+        """Correct nodes with lost transitions. *statuses* are the tree's current statuses by uid."""
         for uid, status in statuses.items():
             at = self._code_at.get(uid)
             if at is None:
                 continue
             code = self._statuses[at]
+            # 10 or more is IDLE; the rest is the status before
             if (code if code < 10 else 0) != status:
                 self._statuses[at] = groot2.status_code(code if code < 10 else code - 10, status)
 
     def answer(self, frames: Sequence[bytes]) -> list[bytes]:
-        """The reply to a request; what can't be answered gets an error reply, never an exception."""
+        """Return the frames of the reply to a request. An invalid request gets an error reply."""
         if self.control is not None:
             self.control.on_request()
         try:
@@ -98,6 +107,7 @@ class Groot2Server:
             return self._boards(groot2.decode_names(frames[1]))
         if kind is Request.TOGGLE_RECORDING:
             return self._toggle(frames[1])
+        # GET_TRANSITIONS empties the recording for all clients, as in groot2_publisher.cpp.
         recorded = b"".join(self._recorded)
         self._recorded.clear()
         return recorded
@@ -107,8 +117,8 @@ class Groot2Server:
             raise RequestRejectedError(groot2.HOOKS_DISABLED)
         return self.control.answer(kind, frames[1] if len(frames) > 1 else b"")
 
-    def _toggle(self, what: bytes) -> bytes | None:
-        if what != b"start":
+    def _toggle(self, command: bytes) -> bytes | None:
+        if command != b"start":
             self._recording_since = 0
             return None
         self._recorded.clear()
@@ -117,5 +127,5 @@ class Groot2Server:
 
 
 def statuses_of(tree: Tree) -> dict[int, int]:
-    """uid → status of every node right now, from any thread."""
+    """Return the current status of every node by uid. Any thread may call this function."""
     return {node.uid: int(node.status) for node in tree.nodes}

@@ -1,7 +1,7 @@
-"""The stream so far, encoded, for clients that come late or missed something.
+"""The encoded messages of the stream so far, for clients that connect late or missed messages.
 
-Lanes keep the kinds apart, so that scenes, which are big, don't push transitions out. Each
-lane has room for a number of bytes, and always keeps its newest message.
+Lanes separate the kinds of messages, so that large scenes do not displace transitions. Each lane has a
+maximum size in bytes, and always keeps its newest message.
 """
 
 from collections import deque
@@ -10,17 +10,23 @@ from typing import Final
 from btcore_monitor.wire.scene_channel import PieceMessage, TicksMessage, decode
 
 LANE_ROOM: Final = {"ticks": 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
-"""Bytes per lane. Measured: a transition takes some 30 bytes, so a million are kept."""
+"""Maximum bytes per lane. Measured: a transition takes about 30 bytes, so about a million are kept."""
 
 PIECE_AT_MOST: Final = 1 << 20
-"""Bytes of one piece."""
+"""Bytes after which a piece ends."""
 
 _NUMBERS_AT_MOST: Final = 20_000
-"""Numbers in one piece, of which some may be gone."""
+"""Maximum message numbers in a piece, including messages that are no longer kept."""
 
 
 class History:
-    """Messages by number. *statuses*, *stamp* and *wall* tell how the tree stood before the oldest."""
+    """Encoded messages by number.
+
+    Args:
+        statuses: Statuses by uid before the oldest message.
+        stamp: The time of *statuses*, ns of the tree's clock.
+        wall: The time of *statuses*, ns since the epoch.
+    """
 
     def __init__(self, statuses: dict[int, int], stamp: int, wall: int) -> None:
         self.statuses = statuses
@@ -33,7 +39,12 @@ class History:
         self._used = dict.fromkeys(LANE_ROOM, 0)
 
     def add(self, kind: str, data: bytes) -> None:
-        """Keep the encoded message number ``latest + 1``; the oldest of its lane may have to go."""
+        """Add the encoded message number ``latest + 1``. Old messages of a full lane are removed.
+
+        Args:
+            kind: The message's kind, which selects the lane.
+            data: The encoded message.
+        """
         self.latest += 1
         lane = kind if kind in self._lanes else "ticks"
         numbers = self._lanes[lane]
@@ -42,13 +53,14 @@ class History:
         self._used[lane] += len(data)
         while self._used[lane] > LANE_ROOM[lane] and len(numbers) > 1:
             number = numbers.popleft()
-            gone = self._data.pop(number)
-            self._used[lane] -= len(gone)
+            removed = self._data.pop(number)
+            self._used[lane] -= len(removed)
             if lane == "ticks":
-                self._forget(gone)
+                self._apply(removed)
                 self.oldest = numbers[0]
 
-    def _forget(self, data: bytes) -> None:
+    def _apply(self, data: bytes) -> None:
+        """Apply the transitions of a removed message to the statuses before the oldest message."""
         message = decode(data)
         if isinstance(message, TicksMessage):
             self.stamp, self.wall = message.stamp, message.wall
@@ -56,7 +68,12 @@ class History:
                 self.statuses[row[3]] = row[5]
 
     def piece(self, tree_id: str, first: int) -> PieceMessage:
-        """What is kept from number *first* on, up to about PIECE_AT_MOST bytes."""
+        """Return the kept messages from number *first* on, up to about PIECE_AT_MOST bytes.
+
+        Args:
+            tree_id: The tree's ID, for the message.
+            first: The first message number.
+        """
         number = first = max(first, 1)
         messages: list[bytes] = []
         size = 0

@@ -1,7 +1,8 @@
-"""Control of a running tree by Groot 2's requests: breakpoints and injected statuses.
+"""Control a running tree by Groot 2's requests: breakpoints and injected statuses.
 
-Whoever stops a robot has to stay with it: after a while without any request the hooks are disabled,
-and a tick that stands at a breakpoint goes on. The next request enables them again.
+A client that stops a robot must stay connected. After some time without any request the hooks are disabled,
+and a tick that waits at a breakpoint continues. The next request enables the hooks again. The timeout is the
+same as in BehaviorTree.CPP (``Groot2Publisher::heartbeatLoop``).
 """
 
 import random
@@ -29,63 +30,71 @@ MAX_HEARTBEAT_DELAY: Final = 5.0
 """Seconds (wall clock) without a request after which hooks are disabled: BehaviorTree.CPP's default."""
 
 _NOTICES_AT_MOST: Final = 1000
-"""Notifications that wait for the publisher; older ones are dropped."""
+"""Maximum notifications that wait for the publisher; the oldest are dropped."""
 
 
 class RequestRejectedError(MonitorError):
-    """A request that gets an error reply; the message is its text."""
+    """A request is rejected. The message is the text of the error reply."""
 
 
 class HookController:
-    """Sets the hooks of one tree. Belongs to the publisher's thread, but for :meth:`close`.
+    """Sets the hooks of one tree. Only the publisher's thread may use it, except for :meth:`close`.
 
-    *max_heartbeat_delay* is in s of wall clock.
+    Args:
+        tree: The tree.
+        max_heartbeat_delay: Time without a request after which hooks are disabled, in s (wall clock).
     """
 
     def __init__(self, tree: Tree, max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY) -> None:
         self._hooks = tree.hooks
         self._delay = max_heartbeat_delay
-        self._heard_at = time.monotonic()
-        self._alone = False
-        # Its own: the robot's leaves may want the same random numbers in every run.
+        self._last_request = time.monotonic()
+        self._timed_out = False
+        # A separate generator: leaves may seed the global generator to get the same numbers in every run.
         self._random = random.Random()
         self._fired: deque[int] = deque(maxlen=_NOTICES_AT_MOST)
         self._lock = threading.Lock()
         self._closed = False
-        self._leave = self._hooks.subscribe(self._note)
+        self._unsubscribe = self._hooks.subscribe(self._on_hook)
 
-    def _note(self, hook: Hook) -> None:
+    def _on_hook(self, hook: Hook) -> None:
         self._fired.append(hook.uid)
 
     def close(self) -> None:
-        """Take all hooks away, for good; from any thread."""
+        """Remove all hooks and reject later requests. Any thread may call this method."""
         with self._lock:
             if not self._closed:
                 self._closed = True
-                self._leave()
+                self._unsubscribe()
                 self._hooks.remove_all()
 
     def on_request(self) -> None:
-        """A request came, whichever."""
-        self._heard_at = time.monotonic()
-        if self._alone:
-            self._alone = False
+        """Restart the timeout. Every request counts, not only requests about hooks."""
+        self._last_request = time.monotonic()
+        if self._timed_out:
+            self._timed_out = False
             self._hooks.enable_all(True)
 
     def notices(self) -> list[list[bytes]]:
-        """The notifications that are due; also looks whether somebody is still there."""
-        if not self._alone and time.monotonic() - self._heard_at >= self._delay:
-            self._alone = True
+        """Return the frames of new notifications, and disable the hooks after the timeout."""
+        if not self._timed_out and time.monotonic() - self._last_request >= self._delay:
+            self._timed_out = True
             self._hooks.enable_all(False)
-        found = []
+        notices = []
         while self._fired:
-            found.append(encode_breakpoint_reached(self._fired.popleft(), self._random.getrandbits(32)))
-        return found
+            notices.append(encode_breakpoint_reached(self._fired.popleft(), self._random.getrandbits(32)))
+        return notices
 
     def answer(self, kind: Request, body: bytes) -> bytes | None:
-        """Do what a request of :data:`~btcore_monitor.wire.groot2.HOOKS` asks; the second frame of its reply.
+        """Execute a request about hooks and return the second frame of its reply.
 
-        Raises :class:`RequestRejectedError`, or :class:`~btcore_monitor.wire.nlohmann_json.JsonError`.
+        Args:
+            kind: A member of :data:`~btcore_monitor.wire.groot2.HOOKS`.
+            body: The request's second frame.
+
+        Raises:
+            RequestRejectedError: Hooks are disabled, or there is no such hook.
+            JsonError: *body* is invalid (:class:`~btcore_monitor.wire.nlohmann_json.JsonError`).
         """
         with self._lock:
             if self._closed:
@@ -97,18 +106,18 @@ class HookController:
             elif kind is Request.DISABLE_ALL_HOOKS:
                 self._hooks.enable_all(False)
             elif kind is Request.HOOK_INSERT:
-                for one in decode_hooks(body):
-                    # as the original, which accepts a hook for a node that is not there
-                    self._hooks.insert(_in_engine(one))
+                for hook in decode_hooks(body):
+                    # As in BehaviorTree.CPP, a hook of an unknown node is accepted and has no effect.
+                    self._hooks.insert(_in_engine(hook))
             elif kind is Request.HOOK_REMOVE:
                 place = decode_place(body)
                 if not self._hooks.remove(place.uid, HookPosition(place.position)):
                     raise RequestRejectedError(groot2.NO_SUCH_NODE)
             else:
-                asked = decode_unlocking(body)
-                status = Status[asked.desired_status]
+                unlock = decode_unlocking(body)
+                status = Status[unlock.desired_status]
                 if not self._hooks.unlock(
-                    asked.uid, HookPosition(asked.position), status, asked.remove_when_done
+                    unlock.uid, HookPosition(unlock.position), status, unlock.remove_when_done
                 ):
                     raise RequestRejectedError(groot2.NO_SUCH_NODE)
         return None

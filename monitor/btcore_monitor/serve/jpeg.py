@@ -1,4 +1,4 @@
-"""Pictures of a scene as JPEG, where the robot's process can do that."""
+"""Compress the pictures of a scene as JPEG, if OpenCV is installed in the robot's process."""
 
 import importlib
 from dataclasses import replace
@@ -7,11 +7,13 @@ from typing import Final
 from btcore_scene import MovingScene, Picture
 
 QUALITY: Final = 80
+"""OpenCV's JPEG quality, 0–100."""
 
 
 def with_jpeg(scene: MovingScene) -> MovingScene:
-    """Return *scene* with its rgb8 pictures as JPEG; unchanged where OpenCV isn't installed or can't."""
-    return replace(scene, pictures=[_jpeg(one) for one in scene.pictures]) if scene.pictures else scene
+    """Return *scene* with its rgb8 pictures as JPEG, or unchanged if OpenCV is missing or fails."""
+    pictures = [_jpeg(picture) for picture in scene.pictures]
+    return replace(scene, pictures=pictures) if pictures else scene
 
 
 def _jpeg(picture: Picture) -> Picture:
@@ -23,5 +25,6 @@ def _jpeg(picture: Picture) -> Picture:
         return picture
     width, height = picture.size
     pixels = numpy.frombuffer(picture.data, numpy.uint8).reshape(height, width, 3)
+    # OpenCV expects the channels in the order blue, green, red.
     done, data = cv2.imencode(".jpg", pixels[:, :, ::-1], (cv2.IMWRITE_JPEG_QUALITY, QUALITY))
     return replace(picture, format="jpeg", data=data.tobytes()) if done else picture

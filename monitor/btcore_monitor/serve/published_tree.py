@@ -1,4 +1,4 @@
-"""One tree being served: who hears it on the thread that ticks, and who answers for it on the other."""
+"""A tree that is being served: its observer on the tick thread, and its servers on the publisher's thread."""
 
 import time
 import uuid
@@ -24,19 +24,24 @@ from btcore_monitor.wire.msgpack_values import Boards, encode_boards
 from btcore_scene import SceneSource, StaticScene
 
 _SECONDS_A_TURN: Final = 0.02
-"""Time (wall clock) for queued items before the sockets have their turn."""
+"""Maximum time (wall clock) for queued items before the publisher serves its sockets again."""
 
 _FRESH_NS: Final = 1_000_000_000
-"""Blackboards seen after a tick that ended longer ago (wall clock) are read again."""
+"""Maximum age (ns, wall clock) of the blackboards of the last tick; older blackboards are read again."""
 
 
 class PublishedTree:
-    """What a publisher has for *tree*, whose id on the wire is new. *scene*: whether it has the channel.
+    """The observer and the servers of one tree, which gets a new ID on the wire.
 
-    *groot1* is the last uid that Groot 1 knows of the tree before, 0 if there was none, and None if Groot 1
-    isn't spoken. *control* is how long (s) hooks outlive the last request; None: there are none.
+    The tick thread creates, subscribes and finishes it.
 
-    Made, and told to hear and to end, on the thread that ticks.
+    Args:
+        tree: The tree.
+        resources: Objects of the robot, of which scene sources are drawn.
+        scene: Whether the scene channel is served.
+        groot1: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None if
+            Groot 1 is not served.
+        control: Time in s without a request after which hooks are disabled, or None without hooks.
     """
 
     def __init__(
@@ -50,7 +55,7 @@ class PublishedTree:
         self.tree = tree
         identity = uuid.uuid4()
         self.tree_id = identity.hex
-        self._sources = [one for one in resources if isinstance(one, SceneSource)] if scene else []
+        self._sources = [source for source in resources if isinstance(source, SceneSource)] if scene else []
         self._tracker = BlackboardTracker(tree)
         self._boards: Boards | None = None
         self._observer = QueueingObserver(self._tracker, self._sources)
@@ -61,40 +66,40 @@ class PublishedTree:
         self.groot1 = None if groot1 is None else Groot1Server(tree, groot1)
         self.scene: SceneServer | None = None
         if scene:
-            parts = [one.scene_static() for one in self._sources]
+            parts = [source.scene_static() for source in self._sources]
             static = merge_scenes(StaticScene, parts) if parts else None
             self.scene = SceneServer(self.tree_id, xml, static, statuses, tree.clock.now())
         self._unsubscribe: Callable[[], None] | None = None
 
     def subscribe(self) -> None:
-        """Hear the tree from now on."""
+        """Observe the tree from now on."""
         self._unsubscribe = self.tree.subscribe(self._observer)
         if self._sources:
-            self._observer.look(self.tree.clock.now(), time.time_ns())
+            self._observer.queue_scene(self.tree.clock.now(), time.time_ns())
 
     def leave(self) -> None:
-        """Hear and control the tree no more."""
+        """Stop observing and controlling the tree."""
         self.remove_hooks()
         if self._unsubscribe is not None:
             self._unsubscribe()
 
     def remove_hooks(self) -> None:
-        """Take all hooks away, for good; from any thread."""
+        """Remove all hooks and reject later requests about hooks. Any thread may call this method."""
         if self.groot2.control is not None:
             self.groot2.control.close()
 
     def finish(self) -> None:
-        """Hear the tree no more, and let clients know that nothing follows."""
+        """Stop observing the tree, and queue the end of the stream for clients."""
         self.leave()
         self._observer.queue.append(Finished(self.tree.clock.now(), time.time_ns(), self.tree.status))
 
-    # what follows runs on the publisher's thread
+    # The following methods run on the publisher's thread.
 
     def drain(self) -> bool:
-        """Take queued items in, for a turn; returns whether there are more."""
+        """Process queued items for a limited time. Return whether there are more."""
         queue = self._observer.queue
         dropped = self.groot2.dropped
-        enough = time.monotonic() + _SECONDS_A_TURN
+        deadline = time.monotonic() + _SECONDS_A_TURN
         for _ in range(len(queue)):
             item = queue.popleft()
             if isinstance(item, StampedTransition):
@@ -108,7 +113,7 @@ class PublishedTree:
                 self._observer.big_taken += item.weight
             if self.scene is not None:
                 self.scene.put(item)
-            if time.monotonic() > enough:
+            if time.monotonic() > deadline:
                 break
         if self.scene is not None:
             self.scene.flush()

@@ -1,7 +1,7 @@
-"""The publisher's thread: it owns the sockets, drains the queue, answers and sends.
+"""The publisher's thread: it owns the sockets, drains the queue, replies to requests and sends messages.
 
-Nothing here runs on the thread that ticks, but for making and closing a Publisher, and for giving it
-another tree.
+Only creating and closing a Publisher, and replacing its tree, run on the tick thread. ZeroMQ sockets are not
+thread-safe, so after their creation only the publisher's thread uses them.
 """
 
 import contextlib
@@ -34,13 +34,13 @@ from btcore_monitor.wire.groot1 import BESIDE_GROOT2
 _POLL_MS: Final = 10
 _REQUEST_AT_MOST: Final = 1 << 20
 _LIVE_AT_MOST: Final = 2_000
-"""Messages that wait for one slow client; what it misses beyond, it asks for again."""
+"""Maximum queued messages of a slow client; it requests messages again that it missed."""
 
 _log = logging.getLogger("monitor")
 
 
 class Publisher(Closeable):
-    """Publishes one tree until closed. Made by :func:`btcore_monitor.serve.serve`; a context manager."""
+    """Publishes a tree until closed; a context manager. Created by :func:`btcore_monitor.serve.serve`."""
 
     def __init__(
         self,
@@ -56,12 +56,12 @@ class Publisher(Closeable):
         if port and groot1 and -GROOT1_PORTS < groot1 - port < PORTS:
             raise ServeError(
                 f"Groot 2 needs the ports {port} to {port + PORTS - 1} and Groot 1 needs {groot1} and "
-                f"{groot1 + 1}, which meet: choose another for one, such as {BESIDE_GROOT2} for Groot 1"
+                f"{groot1 + 1}, which overlap: choose another port, such as {BESIDE_GROOT2} for Groot 1"
             )
         self._grace = grace
         self._scene = scene
         self._control = control
-        # The tree that ticks, and the one that the publisher's thread is at; it follows soon.
+        # The tree that ticks, and the tree that the publisher's thread serves, which follows shortly after.
         self._latest = self._published = PublishedTree(
             tree, resources, scene, None if groot1 is None else 0, control
         )
@@ -78,7 +78,7 @@ class Publisher(Closeable):
             self._stream.setsockopt(getattr(zmq, name), value)
         self._groot1 = None if groot1 is None else Groot1Sockets(self._context)
         self.groot1: int | None = None
-        """The port of Groot 1's updates, if it is spoken; its requests go one further."""
+        """The port of Groot 1's updates, or None; the next port answers its requests."""
         try:
             self.port = self._bind(port, groot1, bind)
         except BaseException:
@@ -89,7 +89,7 @@ class Publisher(Closeable):
             self._context.term()
             raise
         self.address = f"tcp://{_reachable(bind)}:{self.port}"
-        """Where a client on this machine finds the tree."""
+        """The address of the tree for a client on this machine."""
         self._change = threading.Condition()
         self._clients = 0
         self._finished = False
@@ -99,11 +99,11 @@ class Publisher(Closeable):
         self._thread.start()
 
     def _bind(self, port: int | None, groot1: int | None, host: str) -> int:
-        """Take the ports; returns the one that clients ask at: Groot 2's, or else Groot 1's."""
+        """Bind the ports. Return the port of requests: Groot 2's, or else Groot 1's."""
         stream = [self._stream] if self._scene else []
-        asked = 0
+        requests = 0
         if port is not None:
-            asked = bind_in_a_row([self._requests.socket, self._notices, *stream], host, port)
+            requests = bind_in_a_row([self._requests.socket, self._notices, *stream], host, port)
         if self._groot1 is not None and groot1 is not None:
             row: list[Socket | None] = [self._groot1.updates, self._groot1.requests.socket]
             count = GROOT1_PORTS
@@ -111,36 +111,45 @@ class Publisher(Closeable):
                 row += [None, *stream]
                 count = GROOT1_ALONE
             self.groot1 = bind_in_a_row(row, host, groot1, count)
-            asked = asked or self.groot1 + 1
-        return asked
+            requests = requests or self.groot1 + 1
+        return requests
 
     @property
     def tree_id(self) -> str:
-        """New for every tree that is served; clients tell by it that there is another one."""
+        """The ID of the current tree. Every served tree has a new ID, so clients notice a replaced tree."""
         return self._latest.tree_id
 
     @property
     def clients(self) -> int:
-        """Clients of the scene channel that are here now (Groot 2's protocol doesn't tell)."""
+        """The number of connected clients of the scene channel. Groot 2's clients are not visible."""
         return self._clients
 
     @property
     def dropped(self) -> int:
-        """Transitions lost because the publisher could not follow the tree."""
+        """The number of transitions that were lost because the publisher was too slow."""
         return self._published.groot2.dropped
 
     def wait_for_clients(self, count: int, timeout: float) -> bool:
-        """Wait at most *timeout* s (wall clock) until *count* clients or more are here; 0: until none is."""
+        """Wait until at least *count* clients are connected. Return whether that happened in time.
+
+        Args:
+            count: The number of clients; 0 waits until no client is connected.
+            timeout: Maximum time in s (wall clock).
+        """
         with self._change:
             return self._change.wait_for(
                 lambda: self._clients >= count if count else self._clients == 0, timeout
             )
 
     def replace(self, tree: Tree, resources: Sequence[object] = ()) -> None:
-        """Serve *tree* from now on, on the thread that ticks it, and no more the one before.
+        """Serve *tree* instead of the previous tree. Only the tick thread may call this method.
 
-        Ports and connections stay; clients first get what is queued of the tree before, then are told
-        of the new one. *resources* are as for ``serve``.
+        Ports and connections stay. Clients first get the queued messages of the previous tree, then the new
+        tree.
+
+        Args:
+            tree: The new tree.
+            resources: As for `serve`.
         """
         if self._finished:
             return
@@ -148,24 +157,24 @@ class Publisher(Closeable):
         fresh = PublishedTree(
             tree, resources, self._scene, None if before is None else before.end, self._control
         )
-        # In this order: when the publisher's thread finds the new one, the old one's queue is complete.
+        # In this order: when the publisher's thread finds the new tree, the old tree's queue is complete.
         self._latest.leave()
         fresh.subscribe()
         self._latest = fresh
         self._fresh.append(fresh)
 
     def finish(self) -> None:
-        """Say that nothing follows, and go on answering; for when a recording is still being written."""
+        """End the stream, but go on replying to requests, for example while a recording is being written."""
         if self._finished:
             return
         self._finished = True
         self._latest.finish()
 
     def close(self, grace: float | None = None) -> None:
-        """Send what is queued, say goodbye, and stop.
+        """Send all queued messages and the end of the stream, then stop.
 
-        Clients that are still catching up get at most *grace* s of wall clock (default: as given
-        to ``serve``) to do so.
+        *grace* is the maximum time in s (wall clock) for clients that still read (default: as given to
+        `serve`).
         """
         if self._stop.is_set():
             return
@@ -177,7 +186,7 @@ class Publisher(Closeable):
             self._stop.set()
             self._thread.join()
 
-    # what follows runs on the publisher's thread
+    # The following methods run on the publisher's thread.
 
     def _run(self) -> None:
         poller = zmq.Poller()
@@ -186,34 +195,34 @@ class Publisher(Closeable):
             poller.register(self._stream, zmq.POLLIN)
         if self._groot1 is not None:
             poller.register(self._groot1.requests.socket, zmq.POLLIN)
-        next_sign = 0.0
+        next_heartbeat = 0.0
         try:
             while not self._stop.is_set():
                 busy = self._drain()
-                self._tell_of_hooks()
+                self._send_notices()
                 ready = dict(poller.poll(0 if busy else _POLL_MS))
                 if self._requests.socket in ready:
                     self._answer()
-                self._speak_groot1(ready)
+                self._serve_groot1(ready)
                 scene = self._published.scene
                 if scene is None:
                     continue
                 if self._stream in ready:
-                    self._hear(scene)
+                    self._read_subscriptions(scene)
                 now = time.monotonic()
-                if now >= next_sign:
-                    next_sign = now + wire.ALIVE_EVERY
+                if now >= next_heartbeat:
+                    next_heartbeat = now + wire.ALIVE_EVERY
                     self._send(*scene.alive())
             while self._drain():
                 pass
-            self._speak_groot1({}, at_once=True)
+            self._serve_groot1({}, at_once=True)
         except Exception:
             _log.exception("the publisher stops; the tree goes on")
         finally:
-            # nobody is left who could unlock a breakpoint
+            # No client can release a breakpoint any more.
             self._published.remove_hooks()
             self._latest.remove_hooks()
-            # the goodbye is in flight to clients that read; those that don't aren't waited for
+            # 200 ms for the last message to clients that read; closing does not wait for other clients.
             self._stream.close(linger=200)
             self._requests.socket.close(linger=200)
             self._notices.close(linger=0)
@@ -225,21 +234,22 @@ class Publisher(Closeable):
                 self._change.notify_all()
 
     def _drain(self) -> bool:
-        """Take queued items in, and send them; returns whether there are more."""
-        followed = bool(self._fresh)
+        """Process queued items and send them. Return whether there are more."""
+        # Before draining: if a new tree is here already, the old tree's queue gets no more items.
+        replaced = bool(self._fresh)
         more = self._published.drain()
         scene = self._published.scene
         if scene is not None:
             for topic, data in scene.pending_frames():
                 self._send(topic, data)
-        if followed and not more:
+        if replaced and not more:
             self._follow(self._fresh.popleft())
             return True
         return more
 
     def _follow(self, fresh: PublishedTree) -> None:
-        """Go over to the next tree, and tell everybody."""
-        self._speak_groot1({}, at_once=True)
+        """Switch to the tree *fresh*, and send it to all clients."""
+        self._serve_groot1({}, at_once=True)
         before, self._published = self._published, fresh
         if before.scene is not None and fresh.scene is not None:
             fresh.scene.clients = before.scene.clients
@@ -250,18 +260,18 @@ class Publisher(Closeable):
         self._stream.send_multipart([topic, data], zmq.DONTWAIT)
 
     def _answer(self) -> None:
-        self._drain()  # all of it, unless the tree floods the queue
+        self._drain()  # so that the reply is up to date, unless the tree floods the queue
         frames = self._requests.take()
         if frames is not None:
             self._requests.answer(self._published.groot2.answer(frames))
 
-    def _tell_of_hooks(self) -> None:
+    def _send_notices(self) -> None:
         control = self._published.groot2.control
         if control is not None:
             for frames in control.notices():
                 self._notices.send_multipart(frames, zmq.DONTWAIT)
 
-    def _speak_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
+    def _serve_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
         sockets, server = self._groot1, self._published.groot1
         if sockets is None or server is None:
             return
@@ -271,7 +281,7 @@ class Publisher(Closeable):
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 
-    def _hear(self, scene: SceneServer) -> None:
+    def _read_subscriptions(self, scene: SceneServer) -> None:
         with contextlib.suppress(zmq.Again):
             while True:
                 for topic, data in scene.subscription(self._stream.recv(zmq.DONTWAIT)):

@@ -1,8 +1,8 @@
-"""The tick thread's side of publishing: it appends to a queue, and that is all it does.
+"""The tick thread's part of publishing: it only appends items to a queue.
 
-No lock, no socket, no serialising: a ``deque`` hands things over under the interpreter's own
-lock. The queue is bounded. If the publisher can't follow, the oldest transitions fall out (their
-numbers tell), and scenes are not taken at all (counted).
+There is no lock, no socket and no serialization here: appending to a ``deque`` is atomic under the
+interpreter's lock. The queue is bounded. If the publisher is too slow, the oldest transitions are dropped,
+which shows as a gap in their numbers, and no new scenes and blackboards are taken.
 """
 
 import time
@@ -20,20 +20,23 @@ from btcore_monitor.wire.msgpack_values import Boards
 from btcore_scene import MovingScene, SceneSource, StaticScene
 
 QUEUE_AT_MOST: Final = 200_000
-"""Items that wait for the publisher."""
+"""Maximum items that wait for the publisher."""
 
 _BIG_AT_MOST: Final = 500
-"""Scenes and blackboards that wait, which are big; further ones are skipped."""
+"""Maximum total weight of waiting scenes and blackboards, which are large; more are skipped."""
 
 _BLOB: Final = 1 << 16
-"""Bytes of a grid or picture in a scene that count as one big thing more."""
+"""Bytes of grids and pictures that add 1 to the weight of a scene."""
 
 SCENE_EVERY_NS: Final = 30_000_000
-"""The least time (tree clock) between two scenes."""
+"""Minimum time (tree clock) between two scenes."""
 
 
 _LISTS: Final = {
-    one.name for kind in (StaticScene, MovingScene) for one in fields(kind) if "Sequence" in str(one.type)
+    field.name
+    for kind in (StaticScene, MovingScene)
+    for field in fields(kind)
+    if "Sequence" in str(field.type)
 }
 """Fields of a scene that are sequences of messages."""
 
@@ -41,15 +44,18 @@ S = TypeVar("S", StaticScene, MovingScene)
 
 
 def merge_scenes(kind: type[S], scenes: Sequence[S]) -> S:
-    """Return *scenes* as one: sequences and maps are joined, of other values the first counts."""
-    whole: dict[str, Any] = {}
-    for name in (one.name for one in fields(kind)):
+    """Merge *scenes* into a scene of class *kind*.
+
+    Sequences and maps are joined; of other values the first that is not None is kept.
+    """
+    merged: dict[str, Any] = {}
+    for name in (field.name for field in fields(kind)):
         values = [value for scene in scenes if (value := getattr(scene, name)) is not None]
         if name in _LISTS and values:
-            whole[name] = tuple(chain.from_iterable(values))
+            merged[name] = tuple(chain.from_iterable(values))
         elif values:
-            whole[name] = dict(ChainMap(*values)) if isinstance(values[0], Mapping) else values[0]
-    return kind(**whole)
+            merged[name] = dict(ChainMap(*values)) if isinstance(values[0], Mapping) else values[0]
+    return kind(**merged)
 
 
 def weight(scene: MovingScene) -> int:
@@ -59,7 +65,7 @@ def weight(scene: MovingScene) -> int:
 
 
 class StampedTransition(NamedTuple):
-    """A transition, and when it was by the wall clock (ns since the epoch)."""
+    """A transition, and its wall-clock time (ns since the epoch)."""
 
     change: Transition
     wall: int
@@ -76,7 +82,7 @@ class TickEnded(NamedTuple):
 
 
 class BoardsChanged(NamedTuple):
-    """All blackboards, frozen, after a tick that wrote one."""
+    """All blackboards, frozen, after a tick that wrote an entry."""
 
     stamp: int
     wall: int
@@ -93,7 +99,7 @@ class SceneTaken(NamedTuple):
 
 
 class NodeException(NamedTuple):
-    """A node raised."""
+    """An exception of a node."""
 
     stamp: int
     wall: int
@@ -102,7 +108,7 @@ class NodeException(NamedTuple):
 
 
 class Finished(NamedTuple):
-    """Nothing follows."""
+    """The end of the run; no item follows."""
 
     stamp: int
     wall: int
@@ -113,12 +119,15 @@ Item = StampedTransition | TickEnded | BoardsChanged | SceneTaken | NodeExceptio
 
 
 class QueueingObserver(Observer):
-    """Hears one tree and queues what it hears for the publisher."""
+    """Observes one tree and queues its events for the publisher."""
 
     def __init__(self, boards: BlackboardTracker | None, scenes: Sequence[SceneSource]) -> None:
         self.queue: deque[Item] = deque(maxlen=QUEUE_AT_MOST)
         self.big_taken = 0
-        """Scenes, by their weight, and blackboards that the publisher's thread took; it alone counts here."""
+        """The total weight of the scenes and blackboards that the publisher's thread took.
+
+        Only that thread writes it, and only the tick thread writes ``_big_put``, so that no lock is needed.
+        """
         self._big_put = 0
         self.ended_at = 0
         """The monotonic time (ns) up to which the queued blackboards are the latest."""
@@ -131,7 +140,7 @@ class QueueingObserver(Observer):
         self.queue.append(StampedTransition(change, time.time_ns()))
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
-        """Queue the tick's end, the blackboards if they changed, and the scene if it is time."""
+        """Queue the tick's end, the blackboards if they changed, and the scene if it is due."""
         wall = time.time_ns()
         queue = self.queue
         queue.append(TickEnded(tick, stamp, wall, duration_ns, status))
@@ -144,13 +153,18 @@ class QueueingObserver(Observer):
                 self._big_put += 1
         self.ended_at = time.monotonic_ns()
         if self._scenes:
-            self.look(stamp, wall)
+            self.queue_scene(stamp, wall)
 
-    def look(self, stamp: int, wall: int) -> None:
-        """Queue the moving part of the scene, unless the last one is too recent."""
+    def queue_scene(self, stamp: int, wall: int) -> None:
+        """Queue the moving part of the scene, unless the last scene is too recent.
+
+        Args:
+            stamp: The time in ns of the tree's clock.
+            wall: The wall clock, ns since the epoch.
+        """
         if self._next_scene is not None and stamp < self._next_scene:
             return
-        # a little early is in time: ticks may jitter
+        # 10 % early is accepted, so that jitter of the ticks does not skip every other scene.
         self._next_scene = stamp + SCENE_EVERY_NS - SCENE_EVERY_NS // 10
         data = merge_scenes(MovingScene, [source.scene_moving() for source in self._scenes])
         taken = SceneTaken(stamp, wall, data, weight(data))
@@ -158,5 +172,5 @@ class QueueingObserver(Observer):
         self._big_put += taken.weight
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
-        """Queue the sentence."""
+        """Queue the error message."""
         self.queue.append(NodeException(stamp, time.time_ns(), error.path, str(error)))

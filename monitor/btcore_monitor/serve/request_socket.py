@@ -1,7 +1,9 @@
-"""The socket that requests come to: a REP socket's place and manners, without its weakness.
+"""The server's socket for requests: a ROUTER socket that behaves like a REP socket.
 
-Bytes that are no request of any shape, as a port scan sends them, make libzmq's REP socket wait where
-nothing is to come, and lose the answer to the next request. So the envelope is opened here.
+A REP socket would be the obvious choice, and BehaviorTree.CPP uses it. But libzmq's REP socket gets stuck in
+the middle of a message when it receives bytes without a valid envelope, as port scanners send them, and then
+loses the reply to the next request. Therefore this module uses a ROUTER socket and handles the envelope
+itself: the routing frames, an empty delimiter frame, then the request.
 """
 
 from collections.abc import Sequence
@@ -12,35 +14,41 @@ import zmq
 from btcore_monitor.serve.tcp_ports import Socket
 
 WAITING_AT_MOST: Final = 64
-"""Requests of one client that wait for an answer, and answers that wait for one that doesn't read: further
-requests stay with the client, and further answers are dropped.
+"""Maximum queued requests and replies per client.
+
+Further requests wait on the client's side. Further replies to a client that does not read are dropped.
 """
 
 
 class RequestSocket:
-    """Requests at :attr:`socket`, which is to be bound; use it from one thread at a time."""
+    """Receives requests at :attr:`socket`, which the caller binds. Use it from one thread at a time.
 
-    def __init__(self, context: "zmq.Context[Socket]", at_most: int) -> None:
+    Args:
+        context: The ZeroMQ context.
+        max_size: Maximum bytes of a frame. A client that sends more is disconnected.
+    """
+
+    def __init__(self, context: "zmq.Context[Socket]", max_size: int) -> None:
         self.socket: Socket = context.socket(zmq.ROUTER)
-        self.socket.setsockopt(zmq.MAXMSGSIZE, at_most)
+        self.socket.setsockopt(zmq.MAXMSGSIZE, max_size)
         self.socket.setsockopt(zmq.LINGER, 0)
         self.socket.setsockopt(zmq.RCVHWM, WAITING_AT_MOST)
         self.socket.setsockopt(zmq.SNDHWM, WAITING_AT_MOST)
-        self._back: list[bytes] = []
+        self._envelope: list[bytes] = []
 
     def take(self) -> list[bytes] | None:
-        """The frames of a request that has come; None if what came was none."""
+        """Return the frames of the next request, or None if there is none or it is invalid."""
         try:
             frames = self.socket.recv_multipart(zmq.DONTWAIT)
         except zmq.Again:
             return None
         try:
-            begin = frames.index(b"", 1) + 1
+            start = frames.index(b"", 1) + 1
         except ValueError:
             return None
-        self._back = frames[:begin]
-        return frames[begin:] or None
+        self._envelope = frames[:start]
+        return frames[start:] or None
 
     def answer(self, frames: Sequence[bytes]) -> None:
-        """Send *frames* to whoever asked what was taken last."""
-        self.socket.send_multipart([*self._back, *frames], zmq.DONTWAIT)
+        """Send *frames* as the reply to the last request that :meth:`take` returned."""
+        self.socket.send_multipart([*self._envelope, *frames], zmq.DONTWAIT)

@@ -1,4 +1,4 @@
-"""Our tree speaks on the scene channel: queued items in, messages out, no sockets."""
+"""A server of the scene channel: queued items in, messages out, without sockets."""
 
 import logging
 import time
@@ -43,28 +43,31 @@ Frames = tuple[bytes, bytes]
 
 
 class SceneServer:
-    """Makes the stream of one tree and answers who asks for its past. Belongs to the publisher's thread."""
+    """Makes the stream of one tree, and replies to requests for its past.
+
+    Only the publisher's thread may use it.
+    """
 
     def __init__(
         self, tree_id: str, xml: bytes, static: StaticScene | None, statuses: dict[int, int], stamp: int
     ) -> None:
         self.tree_id = tree_id
         self.dropped = 0
-        """Transitions that fell out of the full queue."""
+        """Transitions that were lost because the queue to this thread was full."""
         self.clients: set[bytes] = set()
-        """Tokens of the clients that are here."""
+        """Tokens of the connected clients."""
         self._xml = xml
         self.history = History(statuses, stamp, time.time_ns())
         self._sent = 0
-        self._complained = False
-        # Encoded at once, on the thread that ticks: nobody else may look into it later.
+        self._warned = False
+        # Encoded now, on the tick thread: the robot may change its objects later.
         self._static = None if static is None else self._encoded(StaticMessage(tree_id, static))
         self._expected: int | None = None
         self._first = 0
         self._rows: list[list[int]] = []
 
     def put(self, item: Item) -> None:
-        """Take *item* into the stream."""
+        """Add *item* to the stream."""
         if isinstance(item, StampedTransition):
             self._put_transition(item)
             return
@@ -85,15 +88,16 @@ class SceneServer:
             self._add(EndMessage(self.tree_id, seq, item.stamp, item.wall, status, self.dropped))
 
     def flush(self) -> None:
-        """End a message with the transitions of a tick that goes on: they are shown before it ends."""
+        """Add a message with the transitions of an unfinished tick, so that clients show them early."""
         if self._rows:
             stamp, wall, tick = self._rows[-1][:3]
             self._flush(tick, stamp, wall, 0, int(Status.IDLE), False)
 
     def pending_frames(self) -> Iterator[Frames]:
-        """What is to be sent since the last call, in few big pieces.
+        """Yield the messages since the last call, in few large pieces.
 
-        Each call of ZMQ waits for the interpreter's lock, up to 5 ms if the tree computes.
+        After each call of ZeroMQ this thread waits for the interpreter's lock: up to 5 ms (Python's switch
+        interval) while the tick thread computes. So few calls matter more than small messages.
         """
         while self._sent < self.history.latest:
             piece = self.history.piece(self.tree_id, self._sent + 1)
@@ -129,31 +133,33 @@ class SceneServer:
         try:
             return encode(message)
         except (TypeError, ValueError, LookupError, OverflowError, RecursionError) as error:
-            # a scene may hold anything; one that can't be sent must not silence the rest
-            if not self._complained:
-                self._complained = True
+            # A scene's `extra` may hold any object. An invalid scene must not end the whole stream.
+            if not self._warned:
+                self._warned = True
                 _log.warning("a '%s' message can't be sent and is left out: %r", message.kind, error)
             return None
 
     def alive(self) -> Frames:
-        """A sign of life."""
+        """Return the frames of a heartbeat."""
         return ALIVE, encode(AliveMessage(self.tree_id, self.history.latest))
 
     def subscription(self, frame: bytes) -> Iterator[Frames]:
-        """Answers to a subscription (the frame that an XPUB socket received)."""
-        begins, topic = frame[:1] == b"\x01", frame[1:]
+        """Yield the replies to a subscription, the *frame* that an XPUB socket received."""
+        # Byte 0 is 1 for a new subscription and 0 for its end. ZeroMQ also reports the end when a client
+        # disconnects, so "here" topics count the connected clients.
+        subscribes, topic = frame[:1] == b"\x01", frame[1:]
         parts = topic.split(b"/")
         if parts[0] == b"here" and len(parts) == 2:
-            (self.clients.add if begins else self.clients.discard)(parts[1])
-        elif parts[0] == b"again" and begins and len(parts) >= 2:
+            (self.clients.add if subscribes else self.clients.discard)(parts[1])
+        elif parts[0] == b"again" and subscribes and len(parts) >= 2:
             yield from self._again(parts[1], topic)
 
     def introduction(self) -> Iterator[Frames]:
-        """The tree, for clients that listened to another one here."""
+        """Yield the messages about this tree for clients of the previous tree."""
         return self._again(b"tree", STREAM)
 
-    def _again(self, what: bytes, topic: bytes) -> Iterator[Frames]:
-        if what == b"tree":
+    def _again(self, request: bytes, topic: bytes) -> Iterator[Frames]:
+        if request == b"tree":
             past = self.history
             yield (
                 topic,
@@ -169,8 +175,8 @@ class SceneServer:
                     )
                 ),
             )
-        if what in (b"tree", b"static"):
+        if request in (b"tree", b"static"):
             if self._static is not None:
                 yield topic, self._static
-        elif what.isdigit() and len(what) < 19:
-            yield topic, encode(self.history.piece(self.tree_id, int(what)))
+        elif request.isdigit() and len(request) < 19:  # fits into 64 bits
+            yield topic, encode(self.history.piece(self.tree_id, int(request)))

@@ -1,4 +1,4 @@
-"""Taking ports in a row: Groot 2's two or Groot 1's two, and the scene channel's."""
+"""Bind consecutive ports: two for Groot 2 or Groot 1, and one for the scene channel."""
 
 import random
 from collections.abc import Sequence
@@ -15,38 +15,48 @@ GROOT1_PORTS: Final = 2
 """port: updates · port + 1: requests."""
 
 GROOT1_ALONE: Final = 4
-"""As before, and port + 3: the scene channel, as far behind the requests as with Groot 2."""
+"""port: updates · port + 1: requests · port + 3: the scene channel, two ports above the requests."""
 
 _FREE_FROM: Final = 20_000
 _FREE_TO: Final = 32_000
-"""Free ports are looked for below the range that Linux hands out to outgoing connections."""
+"""Free ports are chosen below 32768, where Linux's default range for outgoing connections begins."""
 
 _ATTEMPTS: Final = 200
 
 
 class ServeError(MonitorError):
-    """A tree can't be published where it was asked for."""
+    """A tree can't be published at the given ports or interface."""
 
 
 class PortInUseError(ServeError):
-    """Another program listens at a port that is needed. Likely cause: a second robot, or an old run."""
+    """Another program listens at a required port. Likely cause: a second robot, or an old run."""
 
     def __init__(self, port: int, first: int, count: int = PORTS) -> None:
         self.port = port
-        said = f"port {port} is in use"
+        message = f"port {port} is in use"
         if port != first:
-            said += f" ({first} to {first + count - 1} are needed)"
-        super().__init__(f"{said}: choose another with --port, or --port 0 for a free one")
+            message += f" ({first} to {first + count - 1} are needed)"
+        super().__init__(f"{message}: choose another port with --port, or a free port with --port 0")
 
 
 Socket = zmq.Socket[bytes]
 
 
 def bind_in_a_row(sockets: Sequence[Socket | None], host: str, port: int, count: int = PORTS) -> int:
-    """Bind the *sockets* to *host* at *port*, *port* + 1 …; port 0 takes free ones. Returns the first port.
+    """Bind *sockets* to consecutive ports of *host*.
 
-    Where there is None instead of a socket nothing is bound; *count* ports in all are said to be needed.
-    Raises :class:`PortInUseError`, or :class:`ServeError` if *host* or *port* can't be bound at all.
+    Args:
+        sockets: The sockets; None leaves out a port.
+        host: The interface.
+        port: The first port; 0 chooses free ports.
+        count: The number of ports in the range, for error messages and free ports.
+
+    Returns:
+        The first port.
+
+    Raises:
+        PortInUseError: Another program uses a port.
+        ServeError: *host* or *port* is invalid, or no free ports were found.
     """
     if port:
         if not 1 <= port <= 65536 - count:
@@ -61,7 +71,8 @@ def bind_in_a_row(sockets: Sequence[Socket | None], host: str, port: int, count:
             continue
         return base
     raise ServeError(
-        f"no {count} free ports in a row were found from {_FREE_FROM} to {_FREE_TO}: name one with --port"
+        f"no {count} consecutive free ports were found from {_FREE_FROM} to {_FREE_TO}: choose a port with "
+        "--port"
     )
 
 
@@ -85,8 +96,8 @@ def _explained(error: zmq.ZMQError, host: str, first: int, port: int, count: int
     if code == zmq.EADDRINUSE:
         return PortInUseError(port, first, count)
     if code == 13:  # EACCES
-        return ServeError(f"port {port} may not be opened by this user: choose one above 1023 with --port")
+        return ServeError(f"this user may not open port {port}: choose a port above 1023 with --port")
     return ServeError(
-        f"nothing here can listen at '{host}' ({error.strerror}): --bind takes the address of one of this "
-        "machine's interfaces, 127.0.0.1 for this machine only, or * for all"
+        f"cannot listen at '{host}' ({error.strerror}): --bind takes the address of an interface of this "
+        "machine, 127.0.0.1 for this machine only, or * for all interfaces"
     )

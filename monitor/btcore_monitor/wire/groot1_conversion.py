@@ -89,7 +89,7 @@ def _depth_first(tree: WireTree) -> list[tuple[WireNode, int]]:
         node = by_uid.pop(uid, None)
         if node is None:
             raise ProtocolError(
-                f"expected a tree, and node {parent} has node {uid} as a child, which is missing or used twice"
+                f"expected a tree, and node {parent} has node {uid} as a child that is missing or used twice"
             )
         ordered.append((node, parent))
         waiting.extend((child, uid) for child in reversed(node.children))

@@ -12,7 +12,7 @@ def test_a_taken_port_is_named_with_the_ways_out(sample):
     with serve(sample, groot2=0) as first, pytest.raises(PortInUseError) as raised:
         serve(sample, groot2=first.port)
     assert str(raised.value) == (
-        f"port {first.port} is in use: choose another with --port, or --port 0 for a free one"
+        f"port {first.port} is in use: choose another port with --port, or a free port with --port 0"
     )
     assert raised.value.port == first.port
 
@@ -38,7 +38,7 @@ def test_free_ports_are_taken_for_0_and_none(sample, endless):
 
 
 def test_an_interface_that_is_not_here_is_named(sample):
-    with pytest.raises(ServeError, match=r"nothing here can listen at '203\.0\.113\.9'.*--bind"):
+    with pytest.raises(ServeError, match=r"cannot listen at '203\.0\.113\.9'.*--bind"):
         serve(sample, groot2=0, bind="203.0.113.9")
 
 
