@@ -1,1 +1,1 @@
-"""Listening to a running tree, whoever runs it: nothing here knows the engine."""
+"""Clients that watch the running tree of any robot; no module here imports the engine."""

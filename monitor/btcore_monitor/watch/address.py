@@ -1,7 +1,7 @@
-"""Where a robot is: ``tcp://robot.local:1667``, or any shorter form of that.
+"""The address of a robot: ``tcp://robot.local:1667``, or a shorter form.
 
-A robot that speaks Groot 1's protocol publishes one port below the one it is asked at, 1666 and 1667. If it
-has other ports, the one for publishing stands behind: ``tcp://robot.local:1800/1700``.
+A robot with Groot 1's protocol publishes updates one port below its port of requests: 1666 and 1667. The
+port of updates can follow the address: ``tcp://robot.local:1800/1700``.
 """
 
 import re
@@ -17,22 +17,22 @@ _FORM: Final = re.compile(
 
 
 class AddressError(MonitorError, ValueError):
-    """A text that no robot's address can be read from."""
+    """A text is not the address of a robot."""
 
 
 class Address(NamedTuple):
-    """A host (IPv6 in brackets), the port of requests, and Groot 1's for publishing (0: not told)."""
+    """A host (IPv6 in brackets), the port of requests, and the port of Groot 1's updates (0: default)."""
 
     host: str
     port: int
     publish: int = 0
 
     def at(self, offset: int = 0) -> str:
-        """The ZMQ endpoint *offset* ports further."""
+        """Return the ZeroMQ endpoint *offset* ports above the port of requests."""
         return f"tcp://{self.host}:{self.port + offset}"
 
     def published(self) -> str:
-        """The ZMQ endpoint where a robot publishes that speaks Groot 1's protocol."""
+        """Return the ZeroMQ endpoint of Groot 1's updates."""
         return f"tcp://{self.host}:{self.publish or self.port - 1}"
 
     def __str__(self) -> str:
@@ -40,21 +40,24 @@ class Address(NamedTuple):
 
 
 def parse_address(text: str) -> Address:
-    """The address in *text*: ``tcp://HOST:PORT``, ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
+    """Return the address in *text*: ``tcp://HOST:PORT``, ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
 
-    Each may be followed by ``/PORT``, where Groot 1's updates are published. The host defaults to
-    127.0.0.1 and the port to 1667. Raises :class:`AddressError`.
+    Each form may be followed by ``/PORT``, the port of Groot 1's updates. The host defaults to 127.0.0.1 and
+    the port to 1667.
+
+    Raises:
+        AddressError: *text* is not an address, or a port is out of range.
     """
     text = text.strip()
     if text.isascii() and text.partition("/")[0].isdigit():
         text = f":{text}"
-    found = _FORM.fullmatch(text)
-    if found is None:
-        raise AddressError(f"'{text}' is no address: write tcp://HOST:PORT, HOST:PORT, HOST or PORT")
-    port = int(found["port"] or DEFAULT_PORT)
-    if not 1 <= port <= 65533:
-        raise AddressError(f"port {port} is out of range: a robot is found at a port from 1 to 65533")
-    publish = int(found["publish"] or 0)
+    match = _FORM.fullmatch(text)
+    if match is None:
+        raise AddressError(f"'{text}' is not an address: write tcp://HOST:PORT, HOST:PORT, HOST or PORT")
+    port = int(match["port"] or DEFAULT_PORT)
+    if not 1 <= port <= 65533:  # the two ports above carry notifications and the scene channel
+        raise AddressError(f"port {port} is out of range: a robot's port is from 1 to 65533")
+    publish = int(match["publish"] or 0)
     if publish > 65535:
-        raise AddressError(f"port {publish} is out of range: a robot publishes at a port from 1 to 65535")
-    return Address(found["host"] or "127.0.0.1", port, publish)
+        raise AddressError(f"port {publish} is out of range: the port of updates is from 1 to 65535")
+    return Address(match["host"] or "127.0.0.1", port, publish)

@@ -1,4 +1,4 @@
-"""Asking for blackboards, again and again, and what to do about a robot that refuses."""
+"""Poll the blackboards of a robot, and react when it rejects a request."""
 
 from typing import Any
 
@@ -8,26 +8,27 @@ from btcore_monitor.wire.msgpack_values import Boards, decode_boards
 
 
 class BlackboardPoller:
-    """The questions of one robot's blackboards, *rate* times a second (0: never).
+    """Makes the requests for a robot's blackboards, *rate* times per second (0: never).
 
-    All subtrees are asked for at once. BehaviorTree.CPP refuses that where a subtree is called ``ROOT``
-    or where there are two outermost blackboards; then each is asked for by itself.
+    A request covers all subtrees. BehaviorTree.CPP rejects that if a subtree is named ``ROOT`` or if there
+    are two outermost blackboards (``Groot2Publisher::generateBlackboardsDump``); then the poller requests
+    each blackboard separately.
     """
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
         self.due = 0.0
-        """When the next question is due (monotonic s)."""
+        """When the next request is due (monotonic s)."""
         self._every = 1 / rate if rate > 0 else float("inf")
         self._main = ""
         self._groups: list[list[str]] = []
         self._left: list[list[str]] = []
-        self._asked: list[str] = []
-        self._found: dict[str, dict[str, Any]] = {}
+        self._requested: list[str] = []
+        self._received: dict[str, dict[str, Any]] = {}
         self._shown: Boards | None = None
 
     def begin(self, tree: ObservedTree) -> None:
-        """Ask for the blackboards of *tree* from now on."""
+        """Poll the blackboards of *tree* from now on."""
         self._main = tree.name
         self._groups = [[blackboard_name(path, tree.name) for path in tree.subtrees]]
         self._left.clear()
@@ -35,33 +36,41 @@ class BlackboardPoller:
         self.due = 0.0 if self.rate > 0 else float("inf")
 
     def next_request(self, now: float) -> bytes:
-        """What to ask for at *now* (monotonic s)."""
+        """Return the body of the next request, at *now* (monotonic s)."""
         if not self._left:
             self._left = list(self._groups)
-            self._found = {}
-        self._asked = self._left.pop(0)
+            self._received = {}
+        self._requested = self._left.pop(0)
         self.due = now + self._every / len(self._groups)
-        return encode_names(self._asked)
+        return encode_names(self._requested)
 
     def answer(self, body: bytes) -> Boards | None:
-        """All boards by path, if *body* was the last answer needed and they are others than before."""
-        self._found |= decode_boards(body)
+        """Return all blackboards by path if *body* was the last missing reply and a value changed, else None.
+
+        Raises:
+            ProtocolError: *body* is not a BLACKBOARD reply.
+        """
+        self._received |= decode_boards(body)
         if self._left:
             return None
-        boards = boards_by_path(self._found, self._main)
+        boards = boards_by_path(self._received, self._main)
         if boards == self._shown:
             return None
         self._shown = boards
         return boards
 
     def refused(self) -> list[str]:
-        """The robot refused: ask otherwise. The names that will not be asked for any more."""
+        """Change the requests after the robot rejected the last request.
+
+        Returns:
+            The names that are no longer requested.
+        """
         self._left.clear()
-        if len(self._asked) > 1:
-            self._groups = [[name] for name in self._asked]
+        if len(self._requested) > 1:
+            self._groups = [[name] for name in self._requested]
             self.due = 0.0
             return []
-        self._groups = [group for group in self._groups if group != self._asked]
+        self._groups = [group for group in self._groups if group != self._requested]
         if not self._groups:
             self.due = float("inf")
-        return self._asked
+        return self._requested

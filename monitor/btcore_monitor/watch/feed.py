@@ -1,10 +1,10 @@
-"""One robot's events, whatever it speaks: btcore's scene channel if there is one, else Groot 2 or Groot 1.
+"""The events of a robot, from btcore's scene channel if the robot has it, else from Groot 2 or Groot 1.
 
     with Feed("tcp://robot.local:1667") as feed:
         for event in feed:
             ...
 
-The robot may be there already, come later, go, and come back with another tree.
+The robot may start later, disappear, and come back with another tree.
 """
 
 import threading
@@ -40,27 +40,32 @@ from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
 
 SCENE_FIRST: Final = 0.7
-"""Seconds that a robot which answers Groot's requests has to speak on the scene channel too."""
+"""Seconds that the feed waits for the scene channel of a robot that replies to Groot's requests."""
 
 SILENT_AFTER: Final = 3.0
-"""Seconds (wall clock) without a sign of life after which a btcore robot counts as lost."""
+"""Seconds (wall clock) without a heartbeat after which a btcore robot counts as lost."""
 
 ABANDONED_AFTER: Final = 60.0
-"""Seconds (wall clock) that ``events(until_end=True)`` waits for a robot that isn't there."""
+"""Seconds (wall clock) that ``events(until_end=True)`` waits for a robot that is away."""
 
 MAX_REPLY_TIMEOUT: Final = 8.0
-"""Seconds (wall clock) that an answer may take over a slow network."""
+"""Maximum seconds (wall clock) for a reply over a slow network."""
 
 _STEP: Final = 0.2
 _LOOK_EVERY: Final = 0.05
 
 
 class Feed(Closeable):
-    """Events of the robot at *address*, in order; use it from one thread (but for :meth:`stop`).
+    """The events of a robot, in order. Use it from one thread, except :meth:`stop`.
 
-    *blackboard_rate* (Hz) is how often a robot without scene channel is asked for its
-    blackboards (0: never); with *record* it is asked to record its transitions too, which are then
-    nobody else's. Raises :class:`~btcore_monitor.watch.address.AddressError` if *address* is none.
+    Args:
+        address: The robot's address, as in `parse_address`.
+        blackboard_rate: Rate (Hz) of blackboard requests to a robot without scene channel (0: never).
+        record: Whether such a robot is also requested to record its transitions. Then other clients do not
+            receive these transitions.
+
+    Raises:
+        AddressError: *address* is invalid (:class:`~btcore_monitor.watch.address.AddressError`).
     """
 
     def __init__(self, address: str, *, blackboard_rate: float = 2.0, record: bool = True) -> None:
@@ -75,10 +80,10 @@ class Feed(Closeable):
         self._by_scene = False
         self._answered_at = 0.0
         self._number: int | None = None
-        self._told = ""
+        self._reported_error = ""
 
     def poll(self, timeout: float) -> list[Event]:
-        """What happened since the last call; waits at most *timeout* s (wall clock) for something."""
+        """Return the events since the last call, after at most *timeout* s (wall clock) for the first."""
         deadline = time.monotonic() + timeout
         while True:
             events = self._gather()
@@ -88,9 +93,9 @@ class Feed(Closeable):
             self._wait(min(left, _STEP))
 
     def events(self, until_end: bool = False) -> Iterator[Event]:
-        """Event after event until :meth:`stop`.
+        """Yield events until :meth:`stop`.
 
-        With *until_end* only until the robot says goodbye, or is away for ABANDONED_AFTER.
+        With *until_end*, stop also at the end of the robot's run, or when it is away for ABANDONED_AFTER.
         """
         away_since: float | None = time.monotonic()
         while not self._stopped.is_set():
@@ -111,7 +116,7 @@ class Feed(Closeable):
         self._stopped.set()
 
     def close(self) -> None:
-        """Free the sockets; the robot does not mind."""
+        """Close the sockets. The robot continues."""
         self._stopped.set()
         self._scene.close()
         self._sampled.leave()
@@ -124,12 +129,12 @@ class Feed(Closeable):
             self._link(events, "waiting", f"waiting for the robot at {self.address}")
         for message in self._scene.read():
             self._from_scene(message, events)
-        if self._scene.fault != self._told:
-            self._told = self._scene.fault
-            if self._told:
-                self._link(events, "lost", self._told)
+        if self._scene.error != self._reported_error:
+            self._reported_error = self._scene.error
+            if self._reported_error:
+                self._link(events, "lost", self._reported_error)
         now = time.monotonic()
-        if now - self._scene.heard_at < SILENT_AFTER and self._scene.tree_id:
+        if now - self._scene.last_message < SILENT_AFTER and self._scene.tree_id:
             self._by_scene = True
             self._leave_groot1()
             if self._state == "lost":
@@ -188,18 +193,19 @@ class Feed(Closeable):
             events.append(Ticked(message.tick, message.stamp, message.wall, message.duration, message.status))
 
     def _from_groot2(self, now: float, events: list[Event]) -> None:
-        """Ask in Groot 2's words; show the answers once the scene channel had its chance to speak."""
+        """Send requests of Groot 2, and return events only after the scene channel had time to connect."""
+        # At least a round trip: over a slow network the scene channel needs longer than SCENE_FIRST.
         self._answered_at = self._answered_at or (now if self._sampled.tree is not None else 0.0)
         chance = max(SCENE_FIRST, self._groot2.round_trip)
         too_early = not self._answered_at or now - self._answered_at < chance
         try:
-            found = self._sampled.step(tree_only=too_early)
-        except Groot1DetectedError as answer:
+            sampled = self._sampled.step(tree_only=too_early)
+        except Groot1DetectedError as detected:
             self._sampled.forget()
             self._answered_at = now
             self._groot1 = Groot1Feed(self.address, MAX_REPLY_TIMEOUT)
             if self._state == "connected":
-                self._link(events, "lost", str(answer))
+                self._link(events, "lost", str(detected))
             return
         except (NoReplyError, ProtocolError) as error:
             self._sampled.forget()
@@ -209,15 +215,15 @@ class Feed(Closeable):
             return
         if self._sampled.following:
             self._link(events, "connected", f"{self.address}, by Groot 2's protocol")
-        events.extend(found)
+        events.extend(sampled)
 
     def _from_groot1(self, robot: Groot1Feed, now: float, events: list[Event]) -> None:
-        """Hear what is published; show it, as above, once the scene channel had its chance."""
+        """Read updates of Groot 1, and return events only after the scene channel had time to connect."""
         try:
             self._early += robot.step()
-        except NoReplyError as silence:
+        except NoReplyError as error:
             if self._state == "connected":
-                self._link(events, "lost", str(silence))
+                self._link(events, "lost", str(error))
         except ProtocolError as error:
             self._leave_groot1()
             if self._state == "connected":

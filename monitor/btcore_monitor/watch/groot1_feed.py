@@ -1,9 +1,9 @@
-"""Following a robot that speaks Groot 1's protocol: BehaviorTree.CPP 3's, or ours.
+"""Follow a robot with Groot 1's protocol: a robot with BehaviorTree.CPP 3 or btcore.
 
-It publishes every transition with its time, some 25 times a second, and before them how all nodes stood
-at the end of the update before. So what gets lost on the way shows, though not how much it was. The tree
-is asked for at first, when a node is heard of that isn't in it, and after a silence, to see whether the
-robot is there.
+The robot publishes all transitions with their times, at most 25 times per second, together with the statuses
+of all nodes at the end of the previous update. So the feed detects lost updates, but not their number. It
+requests the tree at the beginning, when an update has an unknown node, and after some time without updates,
+to check whether the robot is still there.
 """
 
 import time
@@ -36,12 +36,12 @@ from btcore_monitor.wire.groot1_conversion import Groot1ObservedTree, read_groot
 from btcore_monitor.wire.groot1_tree import WireTree
 
 PROBE_AFTER: Final = 3.0
-"""Seconds (wall clock) without an update after which the robot is asked whether it is there."""
+"""Seconds (wall clock) without an update after which a request checks whether the robot is there."""
 
 FIRST_UPDATE: Final = 0.15
-"""Seconds that an update has to come before a tree is shown with the statuses that it came with.
+"""Seconds that the feed waits for an update before it shows a tree with the statuses of the reply.
 
-BehaviorTree.CPP answers with those that the nodes had at its start, so an update, if one comes, is better.
+BehaviorTree.CPP replies with the statuses at its start, so the statuses of an update are better.
 """
 
 NOT_SENT: Final = "not sent by Groot 1"
@@ -53,7 +53,7 @@ GROOT1: Final = DataSource(
         "blackboard": NOT_SENT,
     },
 )
-"""What this protocol tells, and what not."""
+"""The topics that this protocol does not send."""
 
 _ASK_AGAIN_AFTER: Final = 0.2
 _WAITING_AT_MOST: Final = 250
@@ -61,38 +61,43 @@ _UPDATES_A_TURN: Final = 50
 _UPDATE_AT_MOST: Final = 16 << 20
 _RECONNECT_MS: Final = 100
 _FUTURE_NS: Final = 5_000_000_000
-"""So far (ns) an update may be ahead of its time: the first one may have been on its way that long."""
+"""How far (ns) an update may be ahead of the estimated time, because the first update may have been delayed
+that long."""
 
 
 class Groot1Feed:
-    """Turns a robot's updates into events; use it from one thread.
+    """Converts a robot's updates to events. Use it from one thread.
 
-    Transitions are numbered here, so ``TreeSeen.numbered`` is false. Where an update doesn't begin as the
-    one before ended, a DataMissed says that some are missing, and a TreeSeen with the same tree id how the
-    nodes stand. A robot that was disconnected has started anew. *patience* (s) is what an answer may take.
+    The feed numbers the transitions itself, so ``TreeSeen.numbered`` is false. If an update does not begin
+    with the statuses at the end of the previous update, a DataMissed event reports missing transitions, and a
+    TreeSeen event with the same tree ID has the current statuses. A disconnection counts as a restart.
+
+    Args:
+        address: The robot's address.
+        patience: Maximum time for a reply, in s (wall clock).
     """
 
     def __init__(self, address: Address, patience: float = 0.0) -> None:
         self.address = address
         self._client = RequestClient(address, patience=patience)
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._news = self._context.socket(zmq.SUB)
+        self._updates = self._context.socket(zmq.SUB)
         for option, value in (
             (zmq.LINGER, 0),
             (zmq.MAXMSGSIZE, _UPDATE_AT_MOST),
             (zmq.RECONNECT_IVL, _RECONNECT_MS),
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
         ):
-            self._news.setsockopt(option, value)
-        self._news.subscribe(b"")
-        self._links = self._news.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
-        self._news.connect(address.published())
+            self._updates.setsockopt(option, value)
+        self._updates.subscribe(b"")
+        self._links = self._updates.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
+        self._updates.connect(address.published())
         self._tree: WireTree | None = None
         self._seen: Groot1ObservedTree | None = None
         self._linked = False
-        self._asked_at = 0.0
+        self._requested_at = 0.0
         self._shown_from = 0.0
-        self._must_ask = True
+        self._must_request = True
         self._started_anew = False
         self._waiting: deque[Update] = deque(maxlen=_WAITING_AT_MOST)
         self._shown = False
@@ -102,91 +107,96 @@ class Groot1Feed:
         self._began = time.monotonic_ns()
         self._ahead = 0
         self._stamp = 0
-        self._told_up_to = 0
+        self._reported_up_to = 0
         self._t = 0
         self.alive_at = 0.0
-        """When something came last (monotonic s); 0: never."""
+        """When the last update or reply arrived (monotonic s); 0: never."""
         self._silent_since = 0.0
 
     def __str__(self) -> str:
-        said = f"{self.address}, by Groot 1's protocol"
+        description = f"{self.address}, by Groot 1's protocol"
         if not self._linked:
-            said += (
-                f", and nothing is published at {self.address.published()}: if that is elsewhere, "
+            description += (
+                f", and nothing is published at {self.address.published()}: if updates have another port, "
                 f"write {self.address.at()}/PORT"
             )
-        return said
+        return description
 
     @property
     def is_back(self) -> bool:
-        """Whether a tree that was shown is heard of again, after a silence."""
+        """Whether the robot of a shown tree sends messages again after it was away."""
         return self._shown and self._silent_since < self.alive_at
 
     @property
     def sockets(self) -> list[Socket]:
-        """Those of now, for a poller."""
-        return [self._news, self._links, *([self._client.socket] if self._client.busy else [])]
+        """The current sockets, for a poller."""
+        return [self._updates, self._links, *([self._client.socket] if self._client.busy else [])]
 
     def step(self) -> list[Event]:
-        """Take in what came, and ask what is due; never waits.
+        """Read new messages and send the next request, without waiting. Return the new events.
 
-        Raises :class:`~btcore_monitor.watch.request_client.NoReplyError` if the robot is silent (go on
-        stepping: it may come
-        back) and :class:`ProtocolError` if what is there speaks otherwise.
+        Raises:
+            NoReplyError: The robot does not reply. It may come back, so the caller should continue to step.
+            ProtocolError: The program at the address does not use this protocol.
         """
         events: list[Event] = []
-        self._hear()
+        self._read_updates()
         self._advance(events)
         self._look_at_links()
-        self._ask()
+        self._request()
         self._advance(events)
         return events
 
     def close(self) -> None:
         """Free the sockets."""
-        self._news.disable_monitor()
+        self._updates.disable_monitor()
         self._links.close(linger=0)
-        self._news.close()
+        self._updates.close()
         self._client.close()
         self._context.term()
 
-    # what comes
+    # Receiving
 
     def _look_at_links(self) -> None:
         while self._links.poll(0):
             event = parse_monitor_message(self._links.recv_multipart())["event"]
-            # Who is no publisher is disconnected too, again and again.
+            # Only after a handshake: a socket that is not a ZeroMQ publisher also causes DISCONNECTED events,
+            # at every attempt to connect.
             if event == zmq.EVENT_DISCONNECTED and self._linked:
-                self._started_anew = self._must_ask = True
-                self._asked_at = 0.0
+                self._started_anew = self._must_request = True
+                self._requested_at = 0.0
                 self._waiting.clear()
             self._linked = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
 
-    def _hear(self) -> None:
+    def _read_updates(self) -> None:
         for _ in range(_UPDATES_A_TURN):
             try:
-                frame = self._news.recv(zmq.DONTWAIT)
+                frame = self._updates.recv(zmq.DONTWAIT)
             except zmq.Again:
                 return
             self._waiting.append(decode_update(frame))
             self.alive_at = time.monotonic()
 
-    def _ask(self) -> None:
+    def _request(self) -> None:
         try:
             frames = self._client.finish()
         except NoReplyError:
-            self._must_ask = True
+            self._must_request = True
             if self._shown and time.monotonic() - self.alive_at < PROBE_AFTER:
-                return  # it is there, since it publishes
+                return  # the robot is there, since it publishes
             self._sure = False
             self._silent_since = time.monotonic()
             raise
         now = time.monotonic()
         if frames is not None:
             self._take(frames, now)
-        silent = now - max(self.alive_at, self._asked_at) >= PROBE_AFTER
-        if not self._client.busy and (silent or self._must_ask) and now - self._asked_at >= _ASK_AGAIN_AFTER:
-            self._asked_at = now
+        silent = now - max(self.alive_at, self._requested_at) >= PROBE_AFTER
+        if (
+            not self._client.busy
+            and (silent or self._must_request)
+            and now - self._requested_at >= _ASK_AGAIN_AFTER
+        ):
+            self._requested_at = now
             self._client.begin(QUESTION)
 
     def _take(self, frames: list[bytes], now: float) -> None:
@@ -195,7 +205,7 @@ class Groot1Feed:
             what = describe_bytes(frames[0]) if len(frames) == 1 else f"{len(frames)} frames"
             raise ProtocolError(f"expected a tree in Groot 1's protocol from {self.address}, and got {what}")
         self.alive_at = now
-        self._must_ask = False
+        self._must_request = False
         shape = tree._replace(nodes=tuple(node._replace(status=IDLE) for node in tree.nodes))
         if shape == self._tree and not self._started_anew:
             self._drop_unknown()
@@ -208,10 +218,10 @@ class Groot1Feed:
         self._drop_unknown()
 
     def _drop_unknown(self) -> None:
-        """Forget the updates that are not about the tree; they are about another one, or about nothing."""
+        """Remove waiting updates with unknown nodes: they belong to a previous tree."""
         self._waiting = deque(filter(self._known, self._waiting), maxlen=_WAITING_AT_MOST)
 
-    # what it says
+    # Events
 
     def _advance(self, events: list[Event]) -> None:
         if self._seen is None or self._started_anew:
@@ -220,12 +230,12 @@ class Groot1Feed:
             self._show(events)
         while self._waiting and self._shown:
             if not self._known(self._waiting[0]):
-                self._must_ask = True
+                self._must_request = True
                 return
             self._apply(self._waiting.popleft(), events)
 
     def _show(self, events: list[Event]) -> None:
-        """Let the tree be seen, as the first update says that it stood, or else the tree itself."""
+        """Add an event for the tree, with the statuses of the first update or else of the reply."""
         assert self._seen is not None
         self._statuses = dict(self._seen.statuses)
         wall = time.time_ns()
@@ -244,13 +254,13 @@ class Groot1Feed:
     def _tree_seen(self, t: int, wall: int) -> TreeSeen:
         assert self._seen is not None
         self._shown = True
-        self._told_up_to = t
+        self._reported_up_to = t
         return TreeSeen(self._seen.tree, t, wall, dict(self._statuses), numbered=False, source=GROOT1)
 
     def _known(self, update: Update) -> bool:
         assert self._seen is not None
         uids = self._seen.uids
-        return update.statuses.keys() <= uids.keys() and all(one.uid in uids for one in update.changes)
+        return update.statuses.keys() <= uids.keys() and all(change.uid in uids for change in update.changes)
 
     def _translated(self, update: Update) -> dict[int, int]:
         assert self._seen is not None
@@ -265,17 +275,18 @@ class Groot1Feed:
         for change in update.changes:
             self._change(change, events)
 
-    def _compare(self, said: dict[int, int], t: int, wall: int, events: list[Event]) -> None:
-        """See whether what the robot *said* is what is known, and correct that."""
-        other = {uid: status for uid, status in said.items() if self._statuses[uid] != status}
-        if self._sure and not any(other.values()):
-            # A robot may be told not to publish transitions to IDLE.
-            for uid in other:
+    def _compare(self, received: dict[int, int], t: int, wall: int, events: list[Event]) -> None:
+        """Compare the *received* statuses with the known statuses, and correct these."""
+        different = {uid: status for uid, status in received.items() if self._statuses[uid] != status}
+        if self._sure and not any(different.values()):
+            # A robot can be configured not to publish transitions to IDLE: StatusChangeLogger's
+            # enableTransitionToIdle(false). Then this is no gap.
+            for uid in different:
                 self._report(uid, IDLE, t, wall, events)
-        elif other:
+        elif different:
             if self._sure:
                 events.append(self._unseen(t, wall))
-            self._statuses |= other
+            self._statuses |= different
             events.append(self._tree_seen(t, wall))
         self._sure = True
 
@@ -292,21 +303,22 @@ class Groot1Feed:
     def _report(self, uid: int, status: int, t: int, wall: int, events: list[Event]) -> None:
         self._number += 1
         previous, self._statuses[uid] = self._statuses[uid], status
-        self._told_up_to = t
+        self._reported_up_to = t
         events.append(StatusChanged(self._number, t, wall, 0, uid, previous, status))
 
     def _unseen(self, t: int, wall: int) -> DataMissed:
         return DataMissed(
-            t, wall, self._told_up_to, "transitions", "updates of the robot got lost on the way"
+            t, wall, self._reported_up_to, "transitions", "updates of the robot were lost on the network"
         )
 
     def _now(self) -> int:
         return time.monotonic_ns() - self._began
 
     def _compare_clocks(self, update: Update) -> None:
-        """See how far the robot's wall clock is ahead of the time since the first thing seen.
+        """Measure the offset between the robot's wall clock and the time since the feed was created.
 
-        Once is enough, unless it was set: then it goes back, or tells of what can't have been yet.
+        The first measurement is kept until the robot's clock is set. The feed notices that if the clock goes
+        back, or if an update is too far in the future.
         """
         first, last = update.changes[0].stamp, update.changes[-1].stamp
         now = self._now()
@@ -315,6 +327,6 @@ class Groot1Feed:
         self._stamp = last
 
     def _time(self, stamp: int) -> int:
-        """*stamp*, of the robot's wall clock, as time since the first thing seen; it never goes back."""
+        """Return *stamp* (robot's wall clock) as time (ns) since the feed was created; it never decreases."""
         self._t = max(self._t, stamp - self._ahead)
         return self._t

@@ -1,4 +1,4 @@
-"""Asking a robot in Groot 2's protocol: one request at a time. All times here are wall-clock seconds."""
+"""A client of Groot 2's protocol: one request at a time. All times are wall-clock seconds."""
 
 import random
 import time
@@ -30,18 +30,24 @@ __all__ = ["TIMEOUT", "Groot2Client", "NoReplyError", "Socket"]
 
 
 class Groot2Client(Closeable):
-    """A client of one robot; use it from one thread. Closing it, or ``with``, frees the socket."""
+    """A client of one robot, and a context manager. Use it from one thread.
+
+    Args:
+        address: The robot's address.
+        timeout: Maximum seconds for a reply.
+        patience: Maximum seconds to which the timeout may grow, as in `RequestClient`.
+    """
 
     def __init__(self, address: Address, timeout: float = TIMEOUT, patience: float = 0.0) -> None:
         self.address = address
         self._client = RequestClient(address, timeout, patience)
-        self._asked = Request.FULLTREE
+        self._pending = Request.FULLTREE
         self._random = random.Random()
         self._unique_id = 0
 
     @property
     def timeout(self) -> float:
-        """Seconds that the robot has for an answer."""
+        """Maximum seconds for a reply."""
         return self._client.timeout
 
     @timeout.setter
@@ -50,43 +56,48 @@ class Groot2Client(Closeable):
 
     @property
     def round_trip(self) -> float:
-        """Seconds that the latest answer took."""
+        """Seconds that the latest reply took."""
         return self._client.round_trip
 
-    # one request after another
+    # Methods that wait for the reply. They raise the exceptions of request().
 
     def fulltree(self) -> ObservedTree:
-        """The tree as it is running."""
+        """Return the robot's tree."""
         reply = self.request(Request.FULLTREE)
         return read_fulltree(reply.body, reply.tree_id)
 
     def statuses(self) -> dict[int, StatusRecord]:
-        """uid → standing, of every node."""
+        """Return the status record of every node by uid."""
         return groot2.decode_statuses(self.request(Request.STATUS).body)
 
     def blackboards(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-        """Name → key → value. *names*: the main tree by its ID, the others by their path."""
+        """Return name → key → value of the blackboards *names*: the main tree's ID, and other paths."""
         return decode_boards(self.request(Request.BLACKBOARD, groot2.encode_names(names)).body)
 
     def start_recording(self) -> int:
-        """Let the robot record transitions; the start in µs since the epoch. Clears what it had."""
+        """Start recording transitions and clear the robot's buffer. Return the start in µs since the epoch."""
         return groot2.decode_recording_start(self.request(Request.TOGGLE_RECORDING, b"start").body)
 
     def stop_recording(self) -> None:
-        """Let the robot record no more; what it has stays."""
+        """Stop recording transitions. The robot keeps the recorded transitions."""
         self.request(Request.TOGGLE_RECORDING, b"stop")
 
     def transitions(self) -> list[RecordedTransition]:
-        """What the robot recorded (1,000 at most), which empties its buffer for everybody."""
+        """Return the recorded transitions (at most 1,000). This empties the buffer for all clients."""
         return groot2.decode_transitions(self.request(Request.GET_TRANSITIONS).body)
 
     def request(self, kind: Request, body: bytes | None = None) -> Reply:
-        """The robot's answer.
+        """Send a request and return the robot's reply.
 
-        Raises :class:`NoReplyError` after the timeout, :class:`RobotRefusedError` for an error reply,
-        :class:`~btcore_monitor.watch.protocol_detection.Groot1DetectedError` for an answer in Groot 1's
-        protocol and
-        :class:`ProtocolError` for bytes that are none.
+        Args:
+            kind: The kind of request.
+            body: The request's second frame, if the kind has one.
+
+        Raises:
+            NoReplyError: There is no reply within the timeout.
+            RobotRefusedError: The robot sent an error reply.
+            Groot1DetectedError: The robot replied in Groot 1's protocol.
+            ProtocolError: The reply is invalid.
         """
         self.begin(kind, body)
         while True:
@@ -95,49 +106,56 @@ class Groot2Client(Closeable):
                 return reply
             self.wait(self._client.deadline - time.monotonic())
 
-    # the same in steps, for who has other things to wait for
+    # The same in steps, for callers that wait for other sockets too.
 
     @property
     def busy(self) -> bool:
-        """Whether an answer is due."""
+        """Whether a reply is pending."""
         return self._client.busy
 
     @property
     def socket(self) -> Socket:
-        """The socket of now, for a poller. It changes after a silence."""
+        """The current socket, for a poller. It changes after a timeout."""
         return self._client.socket
 
     def begin(self, kind: Request, body: bytes | None = None) -> None:
-        """Send a request; a pending one is given up."""
-        self._asked = kind
+        """Send a request. A pending request is abandoned."""
+        self._pending = kind
         self._unique_id = self._random.getrandbits(32)
         self._client.begin(groot2.encode_request(kind, self._unique_id, body))
 
     def part(self, kind: Request, body: bytes | None = None) -> None:
-        """Send a last request before :meth:`close`; nobody waits for its answer."""
+        """Send a last request before :meth:`close`, without waiting for its reply."""
         self._client.send_last(groot2.encode_request(kind, self._random.getrandbits(32), body))
 
     def finish(self) -> Reply | None:
-        """The answer, or None while it is on its way; raises as :meth:`request` does."""
+        """Return the reply, or None while it is pending.
+
+        Raises:
+            NoReplyError: There is no reply within the timeout.
+            RobotRefusedError: The robot sent an error reply.
+            Groot1DetectedError: The robot replied in Groot 1's protocol.
+            ProtocolError: The reply is invalid, or belongs to another request.
+        """
         frames = self._client.finish()
         if frames is None:
             return None
-        asked = self._asked
+        request = self._pending
         try:
             reply = groot2.decode_reply(frames)
         except RobotRefusedError as error:
-            raise RobotRefusedError(f"{self.address} refuses {asked.name}: {error}") from None
+            raise RobotRefusedError(f"{self.address} refuses {request.name}: {error}") from None
         except ProtocolError:
             check_speaks_groot2(frames, self.address)
             raise
-        if reply.kind != asked or reply.unique_id != self._unique_id:
+        if reply.kind != request or reply.unique_id != self._unique_id:
             raise ProtocolError(
-                f"expected an answer to {asked.name}, and {self.address} answered another request"
+                f"expected a reply to {request.name}, and {self.address} replied to another request"
             )
         return reply
 
     def wait(self, seconds: float) -> None:
-        """Return when something came, or after *seconds*."""
+        """Return when a reply arrives, or after *seconds*."""
         self._client.wait(seconds)
 
     def close(self) -> None:

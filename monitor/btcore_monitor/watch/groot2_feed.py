@@ -1,10 +1,11 @@
-"""Following a robot that only speaks Groot 2's protocol, by asking it again and again.
+"""Follow a robot that supports only Groot 2's protocol, by polling.
 
-It is asked to record its transitions, and after each look at the statuses for what it recorded; a batch that
-is not in keeping with them is a hole, and is told of as one. The robot's buffer is emptied by whoever asks,
-so where somebody else asks too, or the robot refuses, or ``record`` is false, only its statuses are asked
-for. Then what happens between two looks is unseen, with one exception that the wire grants: an idle node
-says what it was before. Either way transitions are numbered by us, and ``TreeSeen.numbered`` is false.
+The feed lets the robot record its transitions, and requests first the statuses and then the recorded
+transitions, again and again. Transitions that do not agree with the statuses are reported as a gap. Each
+request for transitions empties the robot's buffer. So if another client requests them too, if the robot
+rejects the request, or if ``record`` is false, the feed requests only statuses. Then changes between two
+requests are unseen, with one exception: the protocol sends the previous status of an idle node. In both cases
+the feed numbers the transitions itself, and ``TreeSeen.numbered`` is false.
 """
 
 import time
@@ -41,26 +42,33 @@ from btcore_monitor.wire.groot2 import (
 )
 
 STATUS_EVERY: Final = 0.05
-"""Seconds (wall clock) between two looks at the statuses."""
+"""Seconds (wall clock) between two requests for statuses."""
 
 HOLES_AT_MOST: Final = 3
-"""Holes in what a tree recorded after which its recording is left alone."""
+"""Gaps in the recording of a tree after which the feed stops requesting recorded transitions."""
 
 _FORGIVEN_AFTER: Final = 200
-"""Batches without a hole after which earlier holes don't count."""
+"""Batches without a gap after which earlier gaps no longer count."""
 
 _SOONER_FROM: Final = 400
+"""Transitions in a batch from which on requests become more frequent: the robot keeps only 1,000."""
 _LATER_UNTIL: Final = 100
-"""Transitions in a batch from which on, and up to which, the next one is asked for sooner, or later."""
+"""Transitions in a batch up to which requests become less frequent again."""
 _SOONEST: Final = 0.01
 _UNSURE_BY: Final = 1_000_000_000
-"""ns; beside what an answer takes, how far the robot's clock may be from what is thought here."""
+"""Maximum error (ns) of the estimate of the robot's clock, in addition to the duration of a request."""
 
 NOT_SENT: Final = "not sent by Groot 2"
 
 
 class Groot2Feed:
-    """Turns a robot's answers into events. *blackboard_rate* is in Hz; 0: never."""
+    """Converts a robot's replies to events.
+
+    Args:
+        client: The client of the robot.
+        blackboard_rate: How often blackboards are requested, in Hz (0: never).
+        record: Whether the robot records its transitions.
+    """
 
     def __init__(self, client: Groot2Client, blackboard_rate: float, record: bool = True) -> None:
         self.client = client
@@ -73,8 +81,8 @@ class Groot2Feed:
         self._validator: RecordingValidator | None = None
         self._clock = RobotClock()
         self._boards = BlackboardPoller(blackboard_rate)
-        self._asking: Request | None = None
-        self._asked_at = 0
+        self._pending: Request | None = None
+        self._requested_at = 0
         self._recording_from = 0
         self._drained_at = 0
         self._unsure_by = _UNSURE_BY
@@ -87,56 +95,63 @@ class Groot2Feed:
         self._next_status = 0.0
 
     def forget(self) -> None:
-        """Begin anew, with the tree. If it is the one before, its recording is taken up where it was left."""
+        """Start again by requesting the tree. The recording of an unchanged tree continues."""
         self.tree = None
         self._records = None
         self._looked = None
-        self._asking = None
+        self._pending = None
 
     @property
     def following(self) -> bool:
-        """Whether the robot's tree and how it stands are known."""
+        """Whether the robot's tree and its statuses are known."""
         return self.tree is not None and self._records is not None
 
     @property
     def next_at(self) -> float:
-        """When the next request is due (monotonic s); an answer that is awaited comes first."""
-        if self._asking is not None:
+        """When the next request is due (monotonic s); infinite while a reply is pending."""
+        if self._pending is not None:
             return float("inf")
         if not self.following:
             return 0.0
         return min(self._next_status, self._boards.due)
 
     def step(self, tree_only: bool = False) -> list[Event]:
-        """Take an answer in, and ask what is due next (with *tree_only* nothing but the tree); never waits.
+        """Process a reply and send the next request, without waiting. Return the new events.
 
-        Raises what :meth:`Groot2Client.finish` raises.
+        Args:
+            tree_only: Whether to request only the tree.
+
+        Raises:
+            NoReplyError: There is no reply within the timeout.
+            RobotRefusedError: The robot rejected a request for its tree or its statuses.
+            Groot1DetectedError: The robot replied in Groot 1's protocol.
+            ProtocolError: A reply is invalid.
         """
         events: list[Event] = []
         if self.client.busy:
-            asked = self._asking
+            request = self._pending
             try:
                 reply = self.client.finish()
             except RobotRefusedError as error:
-                self._asking = None
-                if not self._goes_on_without(asked, str(error), events):
+                self._pending = None
+                if not self._continue_without(request, str(error), events):
                     raise
             else:
                 if reply is None:
                     return events
-                self._asking = None
+                self._pending = None
                 self._take(reply, events)
-        self._ask(tree_only)
+        self._request(tree_only)
         return events
 
     def leave(self) -> None:
-        """Have the robot stop the recording that was begun here; nobody waits for its answer."""
+        """Stop the recording that this feed started, without waiting for the reply."""
         if self.tree is not None and self._validator is not None:
             self.client.part(Request.TOGGLE_RECORDING, b"stop")
 
-    # what is asked
+    # Requests
 
-    def _ask(self, tree_only: bool) -> None:
+    def _request(self, tree_only: bool) -> None:
         now = time.monotonic()
         if self.tree is None:
             self._begin(Request.FULLTREE)
@@ -150,17 +165,18 @@ class Groot2Feed:
         elif self._records is not None and self._record and self._validator is None:
             self._begin(Request.TOGGLE_RECORDING, b"start")
         elif self._records is None or self._boards.due >= self._next_status <= now:
+            # Statuses before recorded transitions: a batch must include all that led to the statuses.
             self._next_status = now + self._every
             self._begin(Request.STATUS)
         elif self._boards.due <= now:
             self._begin(Request.BLACKBOARD, self._boards.next_request(now))
 
     def _begin(self, kind: Request, body: bytes | None = None) -> None:
-        self._asking = kind
-        self._asked_at = self._clock.wall()
+        self._pending = kind
+        self._requested_at = self._clock.wall()
         self.client.begin(kind, body)
 
-    # what is answered
+    # Replies
 
     def _take(self, reply: Reply, events: list[Event]) -> None:
         if self.tree is None or reply.tree_id != self.tree.tree_id:
@@ -207,11 +223,12 @@ class Groot2Feed:
             self._show(self._clock.wall(), looked, events)
 
     def _start(self, wall: int) -> None:
-        """The robot records from *wall* (its clock) on. The tree is shown when the first batch is there."""
+        """Begin a recording that starts at *wall* (robot's clock). The tree is shown with the first batch."""
         assert self._records is not None
         answered_at = self._clock.wall()
-        self._clock.set(wall, (self._asked_at + answered_at) // 2)
-        self._unsure_by = _UNSURE_BY + answered_at - self._asked_at
+        # The robot took its time between request and reply; the middle halves the maximum error.
+        self._clock.set(wall, (self._requested_at + answered_at) // 2)
+        self._unsure_by = _UNSURE_BY + answered_at - self._requested_at
         if self._is_first:
             self._clock.begin(wall)
         self._recording_from = self._drained_at = wall
@@ -229,7 +246,7 @@ class Groot2Feed:
 
     def _source(self) -> DataSource:
         rate = self._boards.rate
-        polled = f"asked for {rate:g} times a second" if rate else "not asked for"
+        polled = f"requested {rate:g} times a second" if rate else "not requested"
         lacks: dict[Topic, str] = {
             "ticks": NOT_SENT,
             "exceptions": NOT_SENT,
@@ -239,11 +256,11 @@ class Groot2Feed:
             return DataSource("Groot 2, recorded", lacks)
         why = f" ({self._no_record})" if self._no_record else ""
         lacks["transitions"] = (
-            f"statuses are asked for {1 / STATUS_EVERY:g} times a second{why}: changes between are unseen"
+            f"statuses are requested {1 / STATUS_EVERY:g} times a second{why}: changes between are unseen"
         )
         return DataSource("Groot 2, sampled", lacks)
 
-    # what changed
+    # Events
 
     def _compare(
         self, before: Mapping[int, StatusRecord], looked: Mapping[int, StatusRecord], events: list[Event]
@@ -255,7 +272,7 @@ class Groot2Feed:
                 continue
             steps = [record.status]
             if record.status == 0 and record.previous not in (0, old.status):
-                steps = [record.previous, 0]  # it went through that between the two looks
+                steps = [record.previous, 0]  # the node had the previous status between the two requests
             previous = old.status
             for status in steps:
                 if status != previous:
@@ -268,14 +285,17 @@ class Groot2Feed:
         events.append(StatusChanged(self._number, self._seen_up_to, wall, 0, uid, previous, status))
 
     def _enter(self, body: bytes, events: list[Event]) -> None:
-        """Take in what the robot recorded since it was asked last."""
+        """Process the transitions that the robot recorded since the previous batch."""
         assert self._validator is not None
         assert self._looked is not None
         looked, self._looked = self._looked, None
         batch = decode_transitions(body)
-        drained_at, self._drained_at = self._drained_at, self._asked_at
+        drained_at, self._drained_at = self._drained_at, self._requested_at
         if batch and self._recording_from + 1000 * batch[0].offset < drained_at - self._unsure_by:
-            self._leave(looked, "somebody else began a recording of this robot, or its clock was set", events)
+            # Offsets count from the start of the recording, which another client's `start` moves.
+            self._leave(
+                looked, "another client began a recording of this robot, or its clock was set", events
+            )
             return
         before = self._validator.statuses
         try:
@@ -285,9 +305,9 @@ class Groot2Feed:
         else:
             if self._is_first:
                 self._show(self._recording_from, before, events)
-            for one, previous in steps:
-                wall = self._recording_from + 1000 * one.offset
-                self._report(wall, one.uid, previous, one.status, events)
+            for transition, previous in steps:
+                wall = self._recording_from + 1000 * transition.offset
+                self._report(wall, transition.uid, previous, transition.status, events)
             self._whole += bool(steps)
             if self._whole >= _FORGIVEN_AFTER:
                 self._holes = self._whole = 0
@@ -299,45 +319,47 @@ class Groot2Feed:
 
     def _miss(self, hole: MissingTransitionsError, events: list[Event]) -> None:
         assert self._validator is not None
-        if self._is_first:  # nothing was said yet
-            self._show(self._asked_at, self._validator.statuses, events)
+        if self._is_first:  # no event was reported yet
+            self._show(self._requested_at, self._validator.statuses, events)
             return
         self._holes += 1
         self._whole = 0
         if self._holes < HOLES_AT_MOST:
-            self._tell_of_hole(str(hole), events)
-            self._show(self._asked_at, self._validator.statuses, events)
+            self._report_gap(str(hole), events)
+            self._show(self._requested_at, self._validator.statuses, events)
         elif isinstance(hole, RecordingOverflowError):
             self._must_stop = True
-            self._leave(self._validator.statuses, f"{hole}: it changes faster than it can be asked", events)
+            self._leave(
+                self._validator.statuses, f"{hole}: it changes faster than requests can follow", events
+            )
         else:
-            self._leave(self._validator.statuses, "somebody else reads this robot's recording too", events)
+            self._leave(self._validator.statuses, "another client reads this robot's recording too", events)
 
     def _leave(self, records: dict[int, StatusRecord], why: str, events: list[Event]) -> None:
-        """Leave the recording alone from now on."""
-        self._tell_of_hole(why, events)
+        """Stop using the recording, and continue with statuses only."""
+        self._report_gap(why, events)
         self._record = False
         self._no_record = why
         self._validator = None
         self._records = records
-        self._show(self._asked_at, records, events)
+        self._show(self._requested_at, records, events)
 
-    def _tell_of_hole(self, why: str, events: list[Event]) -> None:
+    def _report_gap(self, why: str, events: list[Event]) -> None:
         if self._is_first:
             return
-        wall = self._asked_at
+        wall = self._requested_at
         events.append(DataMissed(self._clock.t(wall), wall, self._seen_up_to, "transitions", why))
 
-    def _goes_on_without(self, asked: Request | None, why: str, events: list[Event]) -> bool:
-        """Do without what the robot refused; false if that can't be."""
-        if asked is Request.BLACKBOARD:
+    def _continue_without(self, request: Request | None, why: str, events: list[Event]) -> bool:
+        """Continue without the data that the robot refused. Return false if the data is necessary."""
+        if request is Request.BLACKBOARD:
             wall = self._clock.wall()
             t = self._clock.t(wall)
             names = self._boards.refused()
             events.extend(
                 DataMissed(t, wall, t, "blackboard", f"{name} isn't shown: {why}") for name in names
             )
-        elif asked in (Request.TOGGLE_RECORDING, Request.GET_TRANSITIONS) and self._records is not None:
+        elif request in (Request.TOGGLE_RECORDING, Request.GET_TRANSITIONS) and self._records is not None:
             self._record = False
             self._validator = self._looked = None
             self._no_record = why

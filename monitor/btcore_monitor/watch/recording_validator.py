@@ -1,9 +1,9 @@
-"""Checking what a robot recorded: whether its transitions lead from what was known to what is.
+"""Check the recorded transitions of a robot for gaps.
 
-Groot 2's publishers keep the last 1,000 transitions and hand them to whoever asks, once. They have no
-numbers, so a batch counts as complete only if it is in keeping with the statuses that were asked for in
-between: from how all nodes stood after the batch before, its transitions have to pass through exactly
-those statuses, and no node may go to where it is.
+Groot 2's publishers keep the last 1,000 transitions, and the first client that requests them removes them.
+The transitions have no numbers. So a batch counts as complete only if it agrees with the statuses that were
+requested between two batches: starting from the statuses after the previous batch, its transitions must pass
+through exactly those statuses, and no transition may lead to the node's current status.
 """
 
 import time
@@ -15,7 +15,7 @@ from btcore_monitor.wire.groot2 import RECORDED_AT_MOST, RecordedTransition, Sta
 
 
 class MissingTransitionsError(MonitorError):
-    """Transitions are missing: the message says how that is known."""
+    """Transitions are missing. The message describes how the gap was detected."""
 
 
 class RecordingOverflowError(MissingTransitionsError):
@@ -23,7 +23,7 @@ class RecordingOverflowError(MissingTransitionsError):
 
 
 class RecordingValidator:
-    """How the nodes stand by the transitions so far, from how they stood in *statuses* on."""
+    """Applies batches of transitions to *statuses*, and detects gaps."""
 
     def __init__(self, statuses: Mapping[int, StatusRecord]) -> None:
         self.statuses = dict(statuses)
@@ -31,35 +31,46 @@ class RecordingValidator:
     def enter(
         self, looked: Mapping[int, StatusRecord], batch: Sequence[RecordedTransition]
     ) -> list[tuple[RecordedTransition, int]]:
-        """The transitions of *batch*, each with its node's status before.
+        """Apply a batch of transitions.
 
-        *looked* is how the nodes stood at some moment after the batch before and not after this one.
-        Raises :class:`MissingTransitionsError`; from then on what is known of a node is the latest that
-        was said of it.
+        Args:
+            looked: The statuses at a time after the previous batch and not after this batch.
+            batch: The recorded transitions, the oldest first.
+
+        Returns:
+            The transitions, each with its node's previous status.
+
+        Raises:
+            RecordingOverflowError: The batch is as large as the robot's buffer.
+            MissingTransitionsError: The batch does not agree with *looked*. Then `statuses` holds the latest
+                known status of each node.
         """
         steps = []
-        wrong = ""
+        problem = ""
         before = self.statuses
         now = dict(before)
-        other = {uid for uid, record in looked.items() if now.get(uid) != record}
-        met = not other
-        for one in batch:
-            known = now.get(one.uid)
+        # Nodes whose status differs from *looked*. The batch agrees if the set is empty at some moment.
+        different = {uid for uid, record in looked.items() if now.get(uid) != record}
+        agreed = not different
+        for transition in batch:
+            known = now.get(transition.uid)
             if known is None:
                 continue
-            if known.status == one.status:
-                wrong = f"node {one.uid} went twice to the same status"
-            steps.append((one, known.status))
-            now[one.uid] = StatusRecord(one.status, known.status if one.status == IDLE else 0)
-            if now[one.uid] == looked.get(one.uid):
-                other.discard(one.uid)
+            if known.status == transition.status:
+                problem = f"node {transition.uid} went twice to the same status"
+            steps.append((transition, known.status))
+            now[transition.uid] = StatusRecord(
+                transition.status, known.status if transition.status == IDLE else 0
+            )
+            if now[transition.uid] == looked.get(transition.uid):
+                different.discard(transition.uid)
             else:
-                other.add(one.uid)
-            met = met or not other
-        if not wrong and met and len(batch) < RECORDED_AT_MOST:
+                different.add(transition.uid)
+            agreed = agreed or not different
+        if not problem and agreed and len(batch) < RECORDED_AT_MOST:
             self.statuses = now
             return steps
-        moved = {one.uid for one in batch}
+        moved = {transition.uid for transition in batch}
         self.statuses = before | {
             uid: now[uid] if uid in moved and uid in now else record for uid, record in looked.items()
         }
@@ -67,13 +78,14 @@ class RecordingValidator:
             raise RecordingOverflowError(
                 f"the robot keeps {RECORDED_AT_MOST} transitions, and older ones are dropped"
             )
-        raise MissingTransitionsError(wrong or "its recorded transitions do not lead to its statuses")
+        raise MissingTransitionsError(problem or "its recorded transitions do not lead to its statuses")
 
 
 class RobotClock:
-    """The wall clock of a robot (ns since the epoch), as far as it is known here, and its tree's time.
+    """An estimate of a robot's wall clock (ns since the epoch), and the time of its tree.
 
-    It is ours until the robot tells its own, and goes steadily, whatever becomes of ours.
+    Until the robot sends a time, it equals this machine's wall clock. It advances with the monotonic clock,
+    so changes of this machine's wall clock do not affect it.
     """
 
     def __init__(self) -> None:
@@ -81,17 +93,22 @@ class RobotClock:
         self._origin = self.wall()
 
     def wall(self) -> int:
-        """The robot's time now."""
+        """Return the robot's current time."""
         return time.monotonic_ns() + self._ahead
 
     def set(self, wall: int, then: int) -> None:
-        """At *then*, as this clock has it, it was *wall* by the robot's."""
+        """Correct the estimate.
+
+        Args:
+            wall: A time of the robot's wall clock, in ns since the epoch.
+            then: The estimate's time at that moment.
+        """
         self._ahead += wall - then
 
     def begin(self, wall: int) -> None:
-        """The tree's time counts from *wall* on."""
+        """Let the tree's time start at *wall*."""
         self._origin = wall
 
     def t(self, wall: int) -> int:
-        """The tree's time (ns) at *wall*."""
+        """Return the tree's time (ns) at *wall*."""
         return wall - self._origin

@@ -1,7 +1,7 @@
-"""Asking a robot: one request at a time, and a fresh socket after silence.
+"""A client that sends requests to a robot: one request at a time, and a new socket after a timeout.
 
-A REQ socket that got no answer can't ask again, so it is thrown away ("lazy pirate"). All times
-here are wall-clock seconds.
+A REQ socket must receive a reply before it can send again. After a timeout the client therefore closes the
+socket and opens another, the "Lazy Pirate" pattern of the ZeroMQ guide. All times are wall-clock seconds.
 """
 
 import time
@@ -14,23 +14,28 @@ from btcore_monitor.errors import MonitorError
 from btcore_monitor.watch.address import Address
 
 TIMEOUT: Final = 1.0
-"""Seconds that a robot has for an answer."""
+"""Default maximum seconds for a reply."""
 
 _REPLY_AT_MOST: Final = 256 << 20
-_PARTING_MS: Final = 200
+"""Maximum bytes of a frame in a reply, because the other program may not be a robot."""
+_LAST_REQUEST_MS: Final = 200
 
 Socket = zmq.Socket[bytes]
 
 
 class NoReplyError(MonitorError):
-    """The robot is silent: it is not there, or something between is slow."""
+    """No reply within the timeout: there is no robot at the address, or the network is slow."""
 
 
 class RequestClient:
-    """Sends frames to one robot and brings its answers; use it from one thread.
+    """Sends requests to one robot and receives its replies. Use it from one thread.
 
-    *timeout* is for an answer. With a *patience* it is doubled after each silence, up to that, so that an
-    answer comes through a slow network too, and then is four times what the answer took.
+    Args:
+        address: The robot's address.
+        timeout: Maximum seconds for a reply.
+        patience: If positive, the timeout doubles after each missing reply, up to this number of seconds, so
+            that replies arrive through a slow network too. After a reply the timeout is four times the
+            round trip, and at least *timeout*.
     """
 
     def __init__(self, address: Address, timeout: float = TIMEOUT, patience: float = 0.0) -> None:
@@ -38,19 +43,19 @@ class RequestClient:
         self.timeout = timeout
         self.patience = patience
         self.round_trip = 0.0
-        """How long the latest answer took."""
+        """Seconds that the latest reply took."""
         self._least = timeout
         self._asked_at = 0.0
         self.busy = False
-        """Whether an answer is due."""
+        """Whether a reply is pending."""
         self.deadline = 0.0
-        """Until when (monotonic s) the robot may answer what was asked last."""
+        """The end of the timeout of the pending request (monotonic s)."""
         self._context: zmq.Context[Socket] = zmq.Context()
         self._socket: Socket | None = None
 
     @property
     def socket(self) -> Socket:
-        """The socket of now, for a poller. It changes after a silence."""
+        """The current socket, for a poller. It changes after a timeout."""
         if self._socket is None:
             self._socket = self._context.socket(zmq.REQ)
             self._socket.setsockopt(zmq.LINGER, 0)
@@ -59,32 +64,36 @@ class RequestClient:
         return self._socket
 
     def begin(self, frames: Sequence[bytes]) -> None:
-        """Send a request; a pending one is given up."""
+        """Send a request. A pending request is abandoned."""
         if self.busy:
             self._drop()
         try:
             self.socket.send_multipart(frames, zmq.DONTWAIT)
         except zmq.Again:
-            # nobody is connected and the queue of one is full: the timeout will tell
+            # There is no connection and the queue is full: finish() raises after the timeout.
             self._drop()
         self.busy = True
         self._asked_at = time.monotonic()
         self.deadline = self._asked_at + self.timeout
 
     def finish(self) -> list[bytes] | None:
-        """The answer, or None while it is on its way. Raises :class:`NoReplyError` after the timeout."""
+        """Return the frames of the reply, or None while it is pending.
+
+        Raises:
+            NoReplyError: There is no reply within the timeout.
+        """
         if not self.busy:
             return None
         try:
             frames = self.socket.recv_multipart(zmq.DONTWAIT)
-        except zmq.ZMQError:  # nothing is there, or the request was never sent
+        except zmq.ZMQError:  # no reply yet, or the request was never sent
             if time.monotonic() < self.deadline:
                 return None
             self._drop()
-            silent = self.timeout
+            timeout = self.timeout
             if self.patience:
-                self.timeout = min(self.patience, 2 * silent)
-            raise NoReplyError(f"no answer from {self.address} in {silent:.3g} s") from None
+                self.timeout = min(self.patience, 2 * timeout)
+            raise NoReplyError(f"no answer from {self.address} in {timeout:.3g} s") from None
         self.busy = False
         self.round_trip = time.monotonic() - self._asked_at
         if self.patience:
@@ -92,13 +101,13 @@ class RequestClient:
         return frames
 
     def send_last(self, frames: Sequence[bytes]) -> None:
-        """Send a last request before :meth:`close`; nobody waits for its answer."""
+        """Send a last request before :meth:`close`, without waiting for its reply."""
         self.begin(frames)
         self.busy = False
-        self.socket.setsockopt(zmq.LINGER, _PARTING_MS)
+        self.socket.setsockopt(zmq.LINGER, _LAST_REQUEST_MS)
 
     def wait(self, seconds: float) -> None:
-        """Return when something came, or after *seconds*."""
+        """Return when a reply arrives, or after *seconds*."""
         self.socket.poll(max(0, round(1000 * seconds)) + 1, zmq.POLLIN)
 
     def _drop(self) -> None:

@@ -1,7 +1,7 @@
-"""Listening to a btcore robot's scene channel, so that nothing of its stream is missing.
+"""A client of a btcore robot's scene channel, which requests missing messages of the stream again.
 
-Every message of the stream has a number. One that comes out of turn waits, and what is missing is
-asked for again: the robot keeps a history. Only what that no longer holds is lost for good.
+Every message of the stream has a number. A message that arrives too early waits, and the client requests the
+missing messages from the robot's history. Only messages that the history no longer holds are lost.
 """
 
 import time
@@ -25,7 +25,7 @@ from btcore_monitor.wire.scene_channel import (
 )
 
 _WAITING_AT_MOST: Final = 5_000
-"""Messages kept that came too early; further ones are asked for again when it is their turn."""
+"""Maximum waiting messages that arrived too early; the client requests others again later."""
 
 _ASK_AGAIN_AFTER: Final = 2.0
 _FRAMES_A_TURN: Final = 500
@@ -35,26 +35,26 @@ Socket = zmq.Socket[bytes]
 
 
 class SceneClient:
-    """The stream of whatever btcore robot is at *address*, in order; use it from one thread."""
+    """Receives the stream of the btcore robot at *address*, in order. Use it from one thread."""
 
     def __init__(self, address: Address) -> None:
         self.tree_id = ""
-        """The tree that is followed; empty until one is known."""
-        self.heard_at = 0.0
-        """When something came last (monotonic s); 0: never."""
-        self.fault = ""
-        """Why the last message could not be read; empty if it could."""
-        self.faults = 0
-        """Messages that could not be read."""
+        """The ID of the current tree; empty until a tree is known."""
+        self.last_message = 0.0
+        """When the last message arrived (monotonic s); 0: never."""
+        self.error = ""
+        """Why the last message could not be decoded; empty if it could."""
+        self.errors = 0
+        """The number of messages that could not be decoded."""
         self._next = 1
         self._latest = 0
         self._gone_up_to = 0
         self._waiting: dict[int, StreamMessage | UnknownMessage] = {}
         self._topic = b""
-        self._asked_at = 0.0
+        self._requested_at = 0.0
         self._here = b""
-        self._questions: list[bytes] = []
-        self._questioned_at = 0.0
+        self._tree_topics: list[bytes] = []
+        self._tree_requested_at = 0.0
         self._context: zmq.Context[Socket] = zmq.Context()
         self.socket = self._context.socket(zmq.SUB)
         for option, value in (
@@ -67,13 +67,13 @@ class SceneClient:
             self.socket.setsockopt(option, value)
         self.socket.subscribe(wire.STREAM)
         self.socket.subscribe(wire.ALIVE)
-        self._ask_which()
-        self._be_here()
+        self._request_tree()
+        self._register()
         self.socket.connect(address.at(wire.PORT_OFFSET))
 
     def read(self) -> list[Message]:
-        """What came, without waiting, in the robot's order: each message of a stream exactly once."""
-        came: list[Message] = []
+        """Return the new messages without waiting, in the robot's order, each message exactly once."""
+        received: list[Message] = []
         for _ in range(_FRAMES_A_TURN):
             try:
                 frames = self.socket.recv_multipart(zmq.DONTWAIT)
@@ -82,66 +82,67 @@ class SceneClient:
             if len(frames) != 2:
                 continue
             try:
-                self._take(wire.decode(frames[1]), came)
-                self.heard_at = time.monotonic()
+                self._take(wire.decode(frames[1]), received)
+                self.last_message = time.monotonic()
             except ProtocolError as error:
-                self.fault = str(error)
-                self.faults += 1
-        self._ask()
-        return came
+                self.error = str(error)
+                self.errors += 1
+        self._request_missing()
+        return received
 
     def close(self) -> None:
         """Free the socket."""
         self.socket.close()
         self._context.term()
 
-    def _be_here(self) -> None:
+    def _register(self) -> None:
         if not self._here:
             self._here = b"here/" + _token()
             self.socket.subscribe(self._here)
 
-    def _ask_which(self) -> None:
-        """Ask for the tree."""
-        # Kept: after a reconnection ZMQ subscribes again, and the answer tells which tree it is.
-        self._questions.append(b"again/tree/" + _token())
-        self._questioned_at = time.monotonic()
-        self.socket.subscribe(self._questions[-1])
+    def _request_tree(self) -> None:
+        """Request the tree."""
+        # The subscription stays: after a reconnection ZeroMQ subscribes again, and the reply shows whether
+        # the robot has another tree.
+        self._tree_topics.append(b"again/tree/" + _token())
+        self._tree_requested_at = time.monotonic()
+        self.socket.subscribe(self._tree_topics[-1])
 
-    def _take(self, message: Message, came: list[Message]) -> None:
+    def _take(self, message: Message, received: list[Message]) -> None:
         if isinstance(message, TreeMessage):
             if message.tree_id != self.tree_id:
-                # Nobody answers for the tree before any more: what waited for an answer is all there is.
+                # The robot no longer replies about the previous tree, so its missing messages are lost.
                 self._gone_up_to = max(self._waiting, default=0)
-                self._advance(came)
+                self._advance(received)
                 self._begin(message)
-                came.append(message)
+                received.append(message)
             return
         if message.tree_id != self.tree_id:
-            # of a tree whose TreeMessage is on its way, or got lost
+            # The TreeMessage of this tree has not arrived yet, or was lost.
             if isinstance(message, AliveMessage) and self._may_be_lost():
-                self._ask_which()
+                self._request_tree()
             return
-        self.fault = ""
+        self.error = ""
         if isinstance(message, StaticMessage):
-            came.append(message)
+            received.append(message)
         elif isinstance(message, AliveMessage):
             self._latest = max(self._latest, message.latest)
         elif isinstance(message, PieceMessage):
             self._latest = max(self._latest, message.latest)
             if message.first <= self._next:
-                # whatever is not in it up to its end is gone for good
+                # messages in its range that it does not contain are lost for good
                 self._gone_up_to = max(self._gone_up_to, message.last)
                 self._answered()
             for data in message.messages:
                 try:
                     self._keep(wire.decode(data), len(message.messages))
                 except ProtocolError as error:
-                    self.fault = str(error)
-                    self.faults += 1
-            self._advance(came)
+                    self.error = str(error)
+                    self.errors += 1
+            self._advance(received)
 
     def _may_be_lost(self) -> bool:
-        return bool(self.tree_id) and time.monotonic() - self._questioned_at >= _ASK_AGAIN_AFTER
+        return bool(self.tree_id) and time.monotonic() - self._tree_requested_at >= _ASK_AGAIN_AFTER
 
     def _begin(self, message: TreeMessage) -> None:
         self.tree_id = message.tree_id
@@ -150,10 +151,10 @@ class SceneClient:
         self._gone_up_to = 0
         self._waiting.clear()
         self._answered()
-        self._be_here()
-        for topic in self._questions[:-1]:
+        self._register()
+        for topic in self._tree_topics[:-1]:
             self.socket.unsubscribe(topic)
-        del self._questions[:-1]
+        del self._tree_topics[:-1]
 
     def _keep(self, message: Message, more_room: int) -> None:
         if not isinstance(message, StreamMessage | UnknownMessage):
@@ -162,7 +163,7 @@ class SceneClient:
         if message.seq == self._next or (message.seq > self._next and room):
             self._waiting[message.seq] = message
 
-    def _advance(self, came: list[Message]) -> None:
+    def _advance(self, received: list[Message]) -> None:
         while True:
             message = self._waiting.pop(self._next, None)
             if message is None and self._next > self._gone_up_to:
@@ -170,21 +171,22 @@ class SceneClient:
             self._next += 1
             if message is None or isinstance(message, UnknownMessage):
                 continue
-            came.append(message)
+            received.append(message)
             if isinstance(message, EndMessage):
+                # A closing robot waits for clients that still hold this subscription.
                 self.socket.unsubscribe(self._here)
                 self._here = b""
 
-    def _ask(self) -> None:
-        """Ask for what is missing, unless an answer is due."""
+    def _request_missing(self) -> None:
+        """Request missing messages, unless a reply is pending."""
         if not self.tree_id or self._next > self._latest or self._next in self._waiting:
             return
         now = time.monotonic()
-        if self._topic and now - self._asked_at < _ASK_AGAIN_AFTER:
+        if self._topic and now - self._requested_at < _ASK_AGAIN_AFTER:
             return
         self._answered()
         self._topic = b"again/%d/%s" % (self._next, _token())
-        self._asked_at = now
+        self._requested_at = now
         self.socket.subscribe(self._topic)
 
     def _answered(self) -> None:

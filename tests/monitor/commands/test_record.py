@@ -160,8 +160,8 @@ def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp
         until(lambda: read_btlog(tmp_path / "run.btlog").statuses() == running, "how the nodes stand")
         assert len(owner.transitions()) == 5
         assert recorder.end(signal.SIGINT) == 0, recorder.stderr_text
-    assert "asked for 20 times a second (--no-record): changes between are unseen" in recorder.stderr_text
-    assert "blackboard: not asked for" in recorder.stderr_text
+    assert "requested 20 times a second (--no-record): changes between are unseen" in recorder.stderr_text
+    assert "blackboard: not requested" in recorder.stderr_text
     (gap,) = read_btlog(tmp_path / "run.btlog").gaps
     assert "changes between are unseen" in gap.reason
 

@@ -355,7 +355,7 @@ def test_silence_disables_hooks_and_a_request_enables_them_again(sample, control
     window.ask("X")
     assert [one["enabled"] for one in window.dump()] == [False]
     sample.halt()
-    until(lambda: window.publisher._published.groot2.control._alone, "the silence is noticed")
+    until(lambda: window.publisher._published.groot2.control._timed_out, "the silence is noticed")
     assert [one["enabled"] for one in window.dump()] == [True]
 
 

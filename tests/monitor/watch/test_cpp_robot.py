@@ -127,7 +127,7 @@ def test_what_the_wire_lacks_is_said_and_not_guessed(cpp_robot, watch_cpp, until
     assert source(viewer).unavailable == {
         "ticks": "not sent by Groot 2",
         "exceptions": "not sent by Groot 2",
-        "blackboard": "asked for 2 times a second: changes between are unseen",
+        "blackboard": "requested 2 times a second: changes between are unseen",
     }
     assert not viewer.of(Ticked)
     assert {one.tick for one in viewer.of(StatusChanged)} == {0}
@@ -174,8 +174,8 @@ def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, wat
     finally:
         done.set()
         thread.join()
-    assert viewer.of(DataMissed)[-1].reason == "somebody else reads this robot's recording too"
-    assert "somebody else reads this robot's recording too" in source(viewer).unavailable["transitions"]
+    assert viewer.of(DataMissed)[-1].reason == "another client reads this robot's recording too"
+    assert "another client reads this robot's recording too" in source(viewer).unavailable["transitions"]
     assert source(viewer).name == "Groot 2, sampled"
     drained = robot.asked["t"]
     robot.change((7, RUNNING))
@@ -193,7 +193,7 @@ def test_a_recording_that_somebody_else_begins_anew_is_left_to_them(cpp_robot, w
         other.start_recording()
     robot.change((4, RUNNING))
     until(lambda: viewer.of(DataMissed), "the hole")
-    assert "somebody else began a recording" in viewer.of(DataMissed)[0].reason
+    assert "another client began a recording" in viewer.of(DataMissed)[0].reason
     until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
     assert viewer.of(TreeSeen)[-1].statuses[4] == RUNNING
     assert robot.recording, "theirs goes on"
@@ -206,7 +206,7 @@ def test_a_robot_that_changes_faster_than_it_can_be_asked_is_sampled(cpp_robot, 
     for count in (1, 2, 3):
         robot.change(*ROUND * 200)
         until(lambda count=count: len(viewer.of(DataMissed)) == count, "a hole")
-    assert "changes faster than it can be asked" in source(viewer).unavailable["transitions"]
+    assert "changes faster than it can be polled" in source(viewer).unavailable["transitions"]
     until(lambda: not robot.recording, "that the recording, which was ours, is stopped")
 
 
@@ -218,7 +218,7 @@ def test_with_no_record_the_buffer_is_left_to_its_owner(cpp_robot, watch_cpp, un
     until(lambda: len(changes(viewer)) == 5, "the tick")
     assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
     assert source(viewer).unavailable["transitions"] == (
-        "statuses are asked for 20 times a second (--no-record): changes between are unseen"
+        "statuses are requested 20 times a second (--no-record): changes between are unseen"
     )
 
 
