@@ -1,14 +1,13 @@
-"""Breakpoints and injected statuses in a running robot, from code: for tests of it, and for ``btcore hook``.
+"""Set breakpoints and inject statuses in a running robot, for tests and for ``btcore hook``.
 
     with BreakpointClient("tcp://robot.local:1667") as robot:
         robot.break_at("Patrol/Move*")
         reached = robot.wait()
         robot.release(reached.path, "FAILURE")
 
-Any robot that speaks Groot 2's protocol will do; btcore's wants ``allow_control``. A robot disables its
-hooks, and goes on, when it gets no request for 5 s: an open :class:`BreakpointClient` sends a request every
-second.
-Times are in s of wall clock.
+This works with every robot that supports Groot 2's protocol; a btcore robot also needs ``allow_control``. A
+robot disables its hooks and continues after 5 s without a request, so an open :class:`BreakpointClient` sends
+a request every second. Times are in s of wall clock.
 """
 
 import contextlib
@@ -47,43 +46,50 @@ from btcore_monitor.wire.hooks import (
 )
 
 DEFAULT_TIMEOUT: Final = 5.0
-"""How long the robot has to come, or to come to a breakpoint, if nothing else is said."""
+"""Default maximum time in s to connect to the robot, or until it reaches a breakpoint."""
 
 KEEP_ALIVE_EVERY: Final = 1.0
+"""Seconds between requests that keep the robot's hooks enabled."""
 
 Socket = zmq.Socket[bytes]
 
 
 class BreakpointError(MonitorError):
-    """What was asked of a robot can't be had; the message says why, and what may help."""
+    """A request to a robot failed. The message has the reason and, if possible, a hint."""
 
 
 class HookReached(NamedTuple):
-    """A hook of this node fired; if it is a breakpoint, the tree stands there."""
+    """A hook of this node fired. At a breakpoint, the tree now waits."""
 
     uid: int
     path: str
 
 
 class RequestedHook(NamedTuple):
-    """What was asked for, to be set again where the robot comes back with another tree."""
+    """A requested hook, which is set again when the robot comes back with another tree."""
 
     pattern: str
     hook: WireHook
 
 
 def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
-    """The nodes whose path or name is *pattern*, or else fits it (``*``, ``?``, ``[…]``), in order.
+    """Return the nodes whose path or name equals *pattern*, or else matches it, in the tree's order.
 
-    Raises :class:`BreakpointError`, with what may have been meant.
+    Args:
+        tree: The tree.
+        pattern: A path or name, or a pattern with ``*``, ``?`` and ``[…]``.
+
+    Raises:
+        BreakpointError: There is no such node. The message suggests a similar name.
     """
-    found = [one for one in tree.nodes if pattern in (one.path, one.name)]
-    found = found or [
-        one for one in tree.nodes if fnmatchcase(one.path, pattern) or fnmatchcase(one.name, pattern)
+    # Equality first: a name may itself contain a character of the pattern syntax.
+    nodes = [node for node in tree.nodes if pattern in (node.path, node.name)]
+    nodes = nodes or [
+        node for node in tree.nodes if fnmatchcase(node.path, pattern) or fnmatchcase(node.name, pattern)
     ]
-    if found:
-        return found
-    known = list(dict.fromkeys(text for one in tree.nodes for text in (one.path, one.name)))
+    if nodes:
+        return nodes
+    known = list(dict.fromkeys(text for node in tree.nodes for text in (node.path, node.name)))
     folded = {text.casefold(): text for text in reversed(known)}
     near = get_close_matches(pattern.casefold(), folded, n=1)
     hint = f"; did you mean '{folded[near[0]]}'?" if near else f" (it is called '{tree.name}')"
@@ -91,17 +97,22 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
 
 
 class BreakpointClient(Closeable):
-    """Control of the robot at *address*; use it from one thread, and close it, or use ``with``.
+    """Controls the hooks of a robot. Use it from one thread, and close it or use ``with``.
 
-    The robot may come *timeout* s later. Raises :class:`BreakpointError`, as every method does: no robot
-    there, hooks not allowed, no such node.
+    Args:
+        address: The robot's address, as in `parse_address`.
+        timeout: Maximum time in s (wall clock) until the robot replies.
+
+    Raises:
+        BreakpointError: There is no robot, it does not allow control, or there is no such node. All methods
+            raise this exception.
     """
 
     def __init__(self, address: str = "", timeout: float = DEFAULT_TIMEOUT) -> None:
         try:
             self.address = parse_address(address)
-        except AddressError as fault:
-            raise BreakpointError(str(fault)) from None
+        except AddressError as error:
+            raise BreakpointError(str(error)) from None
         self._client = Groot2Client(self.address, timeout)
         self._asking = threading.RLock()
         self._requested: list[RequestedHook] = []
@@ -121,11 +132,11 @@ class BreakpointClient(Closeable):
             raise
         self._thread.start()
 
-    # --- looking
+    # --- reading
 
     @property
     def tree(self) -> ObservedTree:
-        """The tree that the robot runs."""
+        """The robot's tree."""
         with self._asking:
             if self._tree is None:
                 reply = self._reply(Request.FULLTREE, None)
@@ -133,96 +144,124 @@ class BreakpointClient(Closeable):
             return self._tree
 
     def status(self, path: str) -> str:
-        """The status of the one node of that path or name: ``RUNNING``, …"""
-        found = find_nodes(self.tree, path)
-        if len(found) > 1:
+        """Return the status of the node with that path or name: ``RUNNING``, …
+
+        Raises:
+            BreakpointError: There is no such node, or there are several.
+        """
+        nodes = find_nodes(self.tree, path)
+        if len(nodes) > 1:
             raise BreakpointError(
-                f"'{path}' is {len(found)} nodes: {', '.join(one.path for one in found[:8])}"
+                f"'{path}' matches {len(nodes)} nodes: {', '.join(node.path for node in nodes[:8])}"
             )
-        return self.statuses()[found[0].path]
+        return self.statuses()[nodes[0].path]
 
     def statuses(self) -> dict[str, str]:
-        """Path → status, of all nodes."""
+        """Return the status of every node by path."""
         records = groot2.decode_statuses(self._ask(Request.STATUS).body)
         nodes = self.tree.by_uid
-        return {nodes[uid].path: STATUS_NAMES[one.status] for uid, one in records.items() if uid in nodes}
+        return {
+            nodes[uid].path: STATUS_NAMES[record.status] for uid, record in records.items() if uid in nodes
+        }
 
     def hooks(self) -> list[WireHook]:
-        """All hooks of the robot, whoever set them: those before a tick first."""
+        """Return all hooks of the robot, from all clients: hooks before a tick first."""
         return decode_hooks(self._ask(Request.HOOKS_DUMP).body)
 
     def path_of(self, uid: int) -> str:
-        """The path of node *uid*."""
+        """Return the path of node *uid*."""
         node = self.tree.by_uid.get(uid)
         return f"node {uid}" if node is None else node.path
 
     # --- setting
 
     def break_at(self, *patterns: str, after: bool = False, once: bool = False) -> list[str]:
-        """Set a breakpoint before (or *after*) every tick of the nodes that fit; returns their paths.
+        """Set breakpoints at all matching nodes.
 
-        With *once* each goes when it was released. In a robot that comes back with another tree they
-        are set again, as far as they fit.
+        If the robot comes back with another tree, the breakpoints are set again at matching nodes.
+
+        Args:
+            patterns: Paths, names or patterns, as in `find_nodes`.
+            after: Whether to stop after the node's tick instead of before it.
+            once: Whether each breakpoint is removed when it is released.
+
+        Returns:
+            The paths of the nodes.
         """
         hook = WireHook(0, POST if after else PRE, BREAKPOINT, once)
         return self._set([RequestedHook(pattern, hook) for pattern in patterns])
 
     def inject(self, pattern: str, status: str | int, *, after: bool = False, once: bool = True) -> list[str]:
-        """Let the next tick (without *once*: every tick) of the nodes that fit end with *status*.
+        """Inject a status into all matching nodes.
 
-        *status* is SUCCESS or FAILURE (as text or number); it takes the place of the tick, or, with
-        *after*, of the tick's result. Returns their paths.
+        Args:
+            pattern: A path, a name or a pattern, as in `find_nodes`.
+            status: SUCCESS or FAILURE, as text or number.
+            after: Whether the status replaces the tick's result, instead of the whole tick.
+            once: Whether the status replaces only the next tick.
+
+        Returns:
+            The paths of the nodes.
         """
         hook = WireHook(0, POST if after else PRE, REPLACE, once, _overriding(status))
         return self._set([RequestedHook(pattern, hook)])
 
     def release(self, pattern: str = "*", status: str | int | None = None, remove: bool = False) -> list[str]:
-        """Let go the tick that stands at a breakpoint of the nodes that fit, or comes there next.
+        """Release a tick that waits at a breakpoint of matching nodes, or that reaches it next.
 
-        With *status* (SUCCESS or FAILURE) its node gets that from then on; with *remove* the breakpoint
-        goes. Returns the paths of the nodes.
+        Args:
+            pattern: A path, a name or a pattern, as in `find_nodes`.
+            status: SUCCESS or FAILURE, which the node returns from then on; None ticks the node.
+            remove: Whether to remove the breakpoint.
+
+        Returns:
+            The paths of the nodes.
         """
-        wanted = NO_STATUS if status is None else _overriding(status)
-        found = self._found(pattern, BREAKPOINT)
-        if not found:
-            raise BreakpointError(f"there is no breakpoint at '{pattern}': {self._told()}")
-        for one in found:
+        desired = NO_STATUS if status is None else _overriding(status)
+        hooks = self._matching_hooks(pattern, BREAKPOINT)
+        if not hooks:
+            raise BreakpointError(f"there is no breakpoint at '{pattern}': {self._hook_list()}")
+        for hook in hooks:
             with contextlib.suppress(_HookGoneError):
-                unlocking = BreakpointUnlock(one.uid, one.position, wanted, remove)
+                unlocking = BreakpointUnlock(hook.uid, hook.position, desired, remove)
                 self._ask(Request.BREAKPOINT_UNLOCK, encode_unlocking(unlocking))
-        return [self.path_of(one.uid) for one in found]
+        return [self.path_of(hook.uid) for hook in hooks]
 
     def clear(self, pattern: str = "*") -> list[str]:
-        """Take the hooks of the nodes that fit away; a tick that stands there goes on. Returns the paths."""
+        """Remove the hooks of matching nodes and return their paths. A tick that waits there continues."""
         if pattern == "*":
-            found = self.hooks()
+            hooks = self.hooks()
             self._requested.clear()
             self._ask(Request.REMOVE_ALL_HOOKS)
         else:
-            found = self._found(pattern)
-            if not found:
-                raise BreakpointError(f"there is no hook at '{pattern}': {self._told()}")
+            hooks = self._matching_hooks(pattern)
+            if not hooks:
+                raise BreakpointError(f"there is no hook at '{pattern}': {self._hook_list()}")
             self._requested = [request for request in self._requested if request.pattern != pattern]
-            for one in found:
+            for hook in hooks:
                 with contextlib.suppress(_HookGoneError):
-                    self._ask(Request.HOOK_REMOVE, encode_place(one.uid, one.position))
-        return [self.path_of(one.uid) for one in found]
+                    self._ask(Request.HOOK_REMOVE, encode_place(hook.uid, hook.position))
+        return [self.path_of(hook.uid) for hook in hooks]
 
     def disable(self) -> None:
-        """Disable all hooks; a tick that stands at one goes on."""
+        """Disable all hooks. A tick that waits at a breakpoint continues."""
         self._ask(Request.DISABLE_ALL_HOOKS)
 
     # --- waiting
 
     def wait(self, timeout: float = DEFAULT_TIMEOUT) -> HookReached:
-        """The next hook that fires, or has fired since the last call. Raises after *timeout* s too."""
+        """Return the next hook that fires, or that has fired since the last call.
+
+        Raises:
+            BreakpointError: No hook fired within *timeout* s.
+        """
         reached = self.poll(timeout)
         if reached is None:
-            raise BreakpointError(f"no breakpoint was reached within {timeout:g} s: {self._told()}")
+            raise BreakpointError(f"no breakpoint was reached within {timeout:g} s: {self._hook_list()}")
         return reached
 
     def poll(self, timeout: float = 0.0) -> HookReached | None:
-        """As :meth:`wait`, but None after *timeout* s."""
+        """Return the next hook like :meth:`wait`, but None after *timeout* s."""
         deadline = time.monotonic() + timeout
         while self._notices.poll(max(0, round(1000 * (deadline - time.monotonic()))), zmq.POLLIN):
             with contextlib.suppress(ProtocolError):
@@ -231,13 +270,23 @@ class BreakpointClient(Closeable):
         return None
 
     def step(self, ticks: int = 1, timeout: float = DEFAULT_TIMEOUT) -> HookReached:
-        """Let the tree do *ticks* ticks of its root, then stand before the next one.
+        """Execute *ticks* ticks of the root, then stop before the next tick.
 
-        The first call lets the tree come to a stand. Returns where it stands then: before the root, or at
-        another breakpoint on the way. Raises if that takes longer than *timeout* s a tick.
+        The first call first sets a breakpoint at the root and waits for it.
+
+        Args:
+            ticks: The number of ticks.
+            timeout: Maximum time in s per tick.
+
+        Returns:
+            Where the tree stopped: before the root, or at an earlier breakpoint.
+
+        Raises:
+            BreakpointError: A tick takes longer than *timeout*.
         """
         root = self.tree.root
-        if not any(one.enabled for one in self._found(root.path, BREAKPOINT) if one.position == PRE):
+        breakpoints = self._matching_hooks(root.path, BREAKPOINT)
+        if not any(hook.enabled for hook in breakpoints if hook.position == PRE):
             self._set([RequestedHook(root.path, WireHook(root.uid))])
             self._stand(timeout)
         reached = HookReached(root.uid, root.path)
@@ -249,7 +298,7 @@ class BreakpointClient(Closeable):
         return reached
 
     def _stand(self, timeout: float) -> HookReached:
-        """Wait for a breakpoint, passing over injected statuses."""
+        """Wait for a breakpoint, and ignore injected statuses."""
         deadline = time.monotonic() + timeout
         while True:
             reached = self.poll(max(0.0, deadline - time.monotonic()))
@@ -257,10 +306,10 @@ class BreakpointClient(Closeable):
                 raise BreakpointError(
                     f"the tree came to no other tick within {timeout:g} s: it is done, not ticked, or slow"
                 )
-            if any(one.uid == reached.uid and one.mode == BREAKPOINT for one in self.hooks()):
+            if any(hook.uid == reached.uid and hook.mode == BREAKPOINT for hook in self.hooks()):
                 return reached
 
-    # --- asking
+    # --- requests
 
     def _set(self, requested: list[RequestedHook]) -> list[str]:
         paths: dict[str, None] = {}
@@ -273,14 +322,14 @@ class BreakpointClient(Closeable):
         self._requested += [request for request in requested if not request.hook.once]
         return list(paths)
 
-    def _found(self, pattern: str, *modes: int) -> list[WireHook]:
-        """The hooks of nodes that fit *pattern*, of these modes (none: all)."""
+    def _matching_hooks(self, pattern: str, *modes: int) -> list[WireHook]:
+        """Return the hooks of matching nodes, of these modes (default: all)."""
         uids = {node.uid for node in find_nodes(self.tree, pattern)}
-        return [one for one in self.hooks() if one.uid in uids and (not modes or one.mode in modes)]
+        return [hook for hook in self.hooks() if hook.uid in uids and (not modes or hook.mode in modes)]
 
-    def _told(self) -> str:
-        found = list(dict.fromkeys(self.path_of(one.uid) for one in self.hooks()))
-        return f"the robot's hooks are at {_listed(found)}" if found else "the robot has no hooks"
+    def _hook_list(self) -> str:
+        paths = list(dict.fromkeys(self.path_of(hook.uid) for hook in self.hooks()))
+        return f"the robot's hooks are at {_listed(paths)}" if paths else "the robot has no hooks"
 
     def _ask(self, kind: Request, body: bytes | None = None) -> Reply:
         with self._asking:
@@ -292,7 +341,7 @@ class BreakpointClient(Closeable):
             return reply
 
     def _set_again(self) -> None:
-        """The robot came back with another tree: its hooks are gone."""
+        """Set the requested hooks in a new tree of the robot, which has no hooks."""
         hooks: list[WireHook] = []
         for request in self._requested:
             with contextlib.suppress(BreakpointError):
@@ -311,14 +360,14 @@ class BreakpointClient(Closeable):
         except RobotRefusedError as refusal:
             if groot2.HOOKS_DISABLED in str(refusal):
                 raise BreakpointError(
-                    f"the robot at {self.address} doesn't let itself be controlled: start it with "
+                    f"the robot at {self.address} does not allow control: start it with "
                     "--allow-control, or serve(…, allow_control=True)"
                 ) from None
             if groot2.NO_SUCH_NODE in str(refusal):
                 raise _HookGoneError(f"the hook is no longer there ({refusal})") from None
             raise BreakpointError(str(refusal)) from None
-        except ProtocolError as fault:
-            raise BreakpointError(str(fault)) from None
+        except ProtocolError as error:
+            raise BreakpointError(str(error)) from None
 
     def _keep_alive(self) -> None:
         while not self._closed.wait(KEEP_ALIVE_EVERY):
@@ -326,14 +375,18 @@ class BreakpointClient(Closeable):
                 self._ask(Request.STATUS)
 
     def _subscribe(self, timeout: float) -> None:
-        """Connect to the notifications, and return when they would come."""
+        """Connect to the notifications, and return when the connection is ready.
+
+        A PUB socket drops messages while no subscriber is connected: without waiting, a notification of the
+        first hook could be lost.
+        """
         watching = self._notices.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
         try:
             self._notices.connect(self.address.at(1))
             if not watching.poll(max(1, round(1000 * timeout))):
                 raise BreakpointError(
-                    f"{self.address} answers, but its notifications at port {self.address.port + 1} can't be "
-                    "had: does a firewall let only one port through?"
+                    f"{self.address} answers, but port {self.address.port + 1} for notifications does "
+                    "not: does a firewall block this port?"
                 )
             recv_monitor_message(watching)
         finally:
@@ -341,7 +394,7 @@ class BreakpointClient(Closeable):
             watching.close(linger=0)
 
     def close(self) -> None:
-        """Leave the robot; hooks that are not cleared are disabled by the robot itself, after 5 s."""
+        """Close the connection. The robot disables hooks that are not cleared after 5 s."""
         if not self._closed.is_set():
             self._closed.set()
             self._thread.join()
@@ -355,7 +408,7 @@ class BreakpointClient(Closeable):
 
 
 class _HookGoneError(BreakpointError):
-    """A hook that somebody else took away meanwhile."""
+    """Another client removed the hook in the meantime."""
 
 
 def _overriding(status: str | int) -> str:

@@ -1,8 +1,8 @@
-"""What a running tree looks like, whoever runs it: its nodes, and what happened to them, in order.
+"""The nodes of a running tree, and the events of a robot, independent of the protocol.
 
-Everything between the wire and the screen is said in these words. Times: *t* is the tree's own
-clock in ns, *wall* is ns since the epoch. A C++ robot sends no clock of its own, so there *t*
-counts from the first thing seen.
+Feeds convert all protocols to these types, and screens and log writers read them. Times: *t* is the tree's
+clock in ns, *wall* is ns since the epoch. A C++ robot does not send the time of its tree, so for such a robot
+*t* counts from the first message.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,11 +15,11 @@ Kind = Literal["action", "condition", "control", "decorator", "subtree"]
 """The family of a node."""
 
 ConnectionState = Literal["waiting", "connected", "lost", "ended"]
-"""How it stands with the robot: not there yet · heard · silent since a while · has said goodbye."""
+"""The connection to the robot: not there yet · connected · no contact for some time · the run is over."""
 
 Topic = Literal["transitions", "ticks", "exceptions", "blackboard"]
-"""What a robot may tell of, beside its tree: changes of statuses · when the root was ticked, and what that
-cost · nodes that raised · the blackboards."""
+"""Data that a robot may send in addition to its tree: transitions of statuses · ticks of the root and their
+duration · exceptions of nodes · blackboards."""
 
 IDLE: Final = 0
 RUNNING: Final = 1
@@ -28,7 +28,7 @@ FAILURE: Final = 3
 SKIPPED: Final = 4
 
 STATUS_NAMES: Final = ("IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED")
-"""Names by number; the numbers are BehaviorTree.CPP's."""
+"""Names by number; the numbers are those of BehaviorTree.CPP's enum NodeStatus."""
 
 
 def kind_from_children(count: int) -> Kind:
@@ -40,13 +40,18 @@ def kind_from_children(count: int) -> Kind:
 
 @dataclass(frozen=True, slots=True)
 class ObservedNode:
-    """One node of a running tree.
+    """A node of a running tree.
 
-    *uid* counts from 1; *id* is the registration ID (for a SubTree node ``SubTree``) and *name*
-    what people call it; *path* is the full path by BehaviorTree.CPP's rule; *parent* is a uid (0
-    for the root); *ports* maps a port to its text in the XML (``{key}``, ``0.5``) and a condition
-    to its script; *subtree* is the path of the subtree instance that the node belongs to (``""``:
-    the main tree).
+    Attributes:
+        uid: A number from 1 on, unique in the tree.
+        name: The instance name.
+        id: The registration ID (``SubTree`` for a SubTree node).
+        kind: The family.
+        path: The full path by BehaviorTree.CPP's rule.
+        parent: The parent's uid (0 for the root).
+        children: The children's uids.
+        ports: The text in the XML by port (``{key}``, ``0.5``), and the script by condition.
+        subtree: The path of the subtree instance that contains the node (``""``: the main tree).
     """
 
     uid: int
@@ -62,11 +67,15 @@ class ObservedNode:
 
 @dataclass(frozen=True, slots=True)
 class ObservedTree:
-    """A whole tree: depth-first, parents first, a subtree's content right after its SubTree node.
+    """A whole tree.
 
-    *tree_id* is new for every start of a robot (32 hex digits); *name* is the main tree's ID;
-    *subtrees* maps an instance's path (``""``: main) to its tree ID, in order of creation; *xml* is the
-    full tree as the robot sent it (empty if it sent another form).
+    Attributes:
+        tree_id: 32 hexadecimal digits, new at every start of a robot.
+        name: The main tree's ID.
+        nodes: The nodes, depth-first, parents first, a subtree's content right after its SubTree node.
+        subtrees: The tree ID by an instance's path (``""``: main), in order of creation.
+        xml: The full tree as the robot sent it, or empty if the robot sent another format.
+        by_uid: The nodes by uid.
     """
 
     tree_id: str
@@ -81,11 +90,11 @@ class ObservedTree:
 
     @property
     def root(self) -> ObservedNode:
-        """The node that is ticked."""
+        """The root node."""
         return self.nodes[0]
 
     def ancestors(self, uid: int) -> Iterator[ObservedNode]:
-        """The parent of *uid*, its parent, and so on up to the root."""
+        """Yield the parent of *uid*, its parent, and so on up to the root."""
         above = self.by_uid[uid].parent
         while above:
             node = self.by_uid[above]
@@ -93,15 +102,15 @@ class ObservedTree:
             above = node.parent
 
     def depth(self, uid: int) -> int:
-        """How many nodes are above *uid*."""
+        """Return the number of ancestors of *uid*."""
         return sum(1 for _ in self.ancestors(uid))
 
 
 @dataclass(frozen=True, slots=True)
 class DataSource:
-    """How a robot tells of its tree. *name* is the protocol's; *unavailable* says, by topic, what isn't sent.
+    """The source of a tree's data. *name* is the protocol; *unavailable* has the reasons for missing topics.
 
-    A topic that isn't in *unavailable* is told of completely.
+    A topic that is not in *unavailable* is complete.
     """
 
     name: str
@@ -109,16 +118,16 @@ class DataSource:
 
 
 SCENE_CHANNEL: Final = DataSource("btcore's scene channel")
-"""The one that lacks nothing."""
+"""The only source that sends all topics completely."""
 
 
 @dataclass(frozen=True, slots=True)
 class TreeSeen:
-    """A tree was met: first of all, and again when the robot came back with another one.
+    """A tree: the first event of a robot, and another when it comes back with a new tree.
 
-    *statuses* maps every uid to its status at that moment. *numbered* is true if transitions
-    carry the robot's own numbers, so that a missing one shows; *source* says what else is not to be seen.
-    The same tree again means that transitions between are unknown.
+    *statuses* maps every uid to its status at that moment. *numbered* is true if the robot numbers the
+    transitions, so that gaps are visible. *source* describes unavailable data. A repeated event of the same
+    tree means that the transitions in between are unknown.
     """
 
     tree: ObservedTree
@@ -131,7 +140,7 @@ class TreeSeen:
 
 @dataclass(frozen=True, slots=True)
 class StatusChanged:
-    """One node went from *previous* to *status*; *number* counts from 1 within a tree, without holes."""
+    """A node went from *previous* to *status*. *number* counts from 1 within a tree, without gaps."""
 
     number: int
     t: int
@@ -155,7 +164,7 @@ class Ticked:
 
 @dataclass(frozen=True, slots=True)
 class BlackboardSeen:
-    """All blackboards: subtree path (``""``: main) → key → value (None: declared, not written)."""
+    """All blackboards: subtree path (``""``: main) → key → value (None: declared, but not written)."""
 
     t: int
     wall: int
@@ -164,14 +173,14 @@ class BlackboardSeen:
 
 @dataclass(frozen=True, slots=True)
 class SceneStatic:
-    """What does not change during a run."""
+    """The part of the scene that does not change during a run."""
 
     data: StaticScene
 
 
 @dataclass(frozen=True, slots=True)
 class SceneMoving:
-    """What moved or changed."""
+    """The part of the scene that moved or changed."""
 
     t: int
     wall: int
@@ -180,7 +189,7 @@ class SceneMoving:
 
 @dataclass(frozen=True, slots=True)
 class ExceptionRaised:
-    """The node at *path* raised; *message* is the whole sentence."""
+    """The node at *path* raised an exception. *message* is the whole error message."""
 
     t: int
     wall: int
@@ -198,10 +207,10 @@ class TransitionsLost:
 
 @dataclass(frozen=True, slots=True)
 class DataMissed:
-    """Something of *topic* went unseen between the tree's time *since* and *t*: how much, nobody knows.
+    """An unknown amount of data of *topic* was missed between the tree's times *since* and *t* (ns).
 
-    That is for robots whose transitions have no numbers; else it is a :class:`TransitionsLost`. *reason* is
-    a sentence.
+    This event is for robots without transition numbers; for others see :class:`TransitionsLost`. *reason* is
+    a phrase for users.
     """
 
     t: int
@@ -213,7 +222,7 @@ class DataMissed:
 
 @dataclass(frozen=True, slots=True)
 class ConnectionChanged:
-    """How it stands with the robot from now on; *detail* is a sentence for people."""
+    """A change of the connection to the robot. *detail* is a description for users."""
 
     state: ConnectionState
     detail: str = ""
@@ -231,4 +240,4 @@ Event = (
     | DataMissed
     | ConnectionChanged
 )
-"""Anything that a feed tells, in the order in which it happened."""
+"""An event of a feed. A feed returns events in the order in which they happened."""

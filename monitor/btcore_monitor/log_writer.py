@@ -1,8 +1,8 @@
-"""What a robot tells, written into log files: ``.btlog`` and SQLite, as BehaviorTree.CPP writes them.
+"""Write a robot's events to log files: ``.btlog`` and SQLite, in the formats of BehaviorTree.CPP.
 
-The tree's XML is the robot's own. Stamps are the wall time when the tree was met plus the tree clock's
-time since, as in the logs that btcore writes in a run. What is missing is marked (:class:`btcore.logs.Gap`),
-and how the nodes are found after it is written as changes at that moment.
+The log has the XML that the robot sent. A stamp is the wall time of the first event plus the time of the
+tree's clock since then, as in btcore's own logs. Missing transitions are marked (:class:`btcore.logs.Gap`),
+and the changed statuses after a gap are written as transitions at that moment.
 """
 
 import sqlite3
@@ -27,23 +27,24 @@ from btcore_monitor.events import (
 from btcore_monitor.wire.fulltree import write_fulltree
 
 LOGS: Final = (BTLOG, *SQLITE)
-"""The files that a log writer writes, by extension."""
+"""The extensions of files that a log writer can write."""
 
 
 class LogWriter:
-    """The log files at *paths* of one robot. Another tree gets files with the next number: ``run.2.btlog``.
+    """Writes the log files *paths* of one robot.
 
-    Raises LogError, OSError or sqlite3.Error if they can't be written.
+    A robot's second tree gets files with a number: ``run.2.btlog``. All methods raise LogError, OSError or
+    sqlite3.Error if a file cannot be written.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.paths = paths
         self.files: list[Path] = []
-        """What was written."""
+        """The files that were written."""
         self.transitions = 0
-        """How many changes were written of all trees."""
+        """The number of written transitions of all trees."""
         self.gaps = 0
-        """How often something was missing."""
+        """The number of gaps."""
         self._trees = 0
         self._tree_id = ""
         self._logs: list[_Log] = []
@@ -53,7 +54,7 @@ class LogWriter:
         self._lost = self._unseen = ""
 
     def show(self, event: Event) -> None:
-        """Take in one event; what belongs into a log is written by :meth:`flush`."""
+        """Process an event. Its transitions are written by :meth:`flush`."""
         if isinstance(event, TreeSeen):
             self._seen(event)
         elif isinstance(event, StatusChanged):
@@ -66,12 +67,12 @@ class LogWriter:
             self._lost = f"the robot was away: {event.detail}"
 
     def flush(self) -> None:
-        """Write what isn't written yet."""
+        """Write the remaining transitions to the files."""
         for log in self._logs:
             log.flush()
 
     def close(self) -> None:
-        """Write the rest, and let go of the files."""
+        """Write the remaining transitions and close the files."""
         logs, self._logs = self._logs, []
         for log in logs:
             log.close()
@@ -86,7 +87,7 @@ class LogWriter:
             if any(event.statuses.values()):
                 self._missing("the tree was running before the recording began")
         self._lost = self._unseen = ""
-        self._find(event.t, event.statuses)
+        self._update(event.t, event.statuses)
 
     def _open(self, event: TreeSeen) -> None:
         self.close()
@@ -97,25 +98,24 @@ class LogWriter:
         for path in self.paths:
             if self._trees > 1:
                 path = path.with_name(f"{path.stem}.{self._trees}{path.suffix}")
-            made = _BtLog(path, event) if path.suffix == BTLOG else _Sqlite(path, event)
-            self._logs.append(made)
+            self._logs.append(_BtLog(path, event) if path.suffix == BTLOG else _Sqlite(path, event))
             self.files.append(path)
 
     def _changed(self, event: StatusChanged) -> None:
         if event.uid not in self._statuses:
             return
         if self._next is not None and event.number > self._next:
-            # The robot's memory does not reach back to its first transition.
+            # The robot's history no longer holds its first transitions.
             self._missing(f"the transitions up to {event.number - 1} were before the recording")
         if self._unseen:
             self._missing(self._unseen)
             self._unseen = ""
         self._next = None
-        self._find(event.t, {event.uid: event.previous})
+        self._update(event.t, {event.uid: event.previous})
         self._write(event.t, event.uid, event.previous, event.status)
 
-    def _find(self, t: int, statuses: Mapping[int, int]) -> None:
-        """Write how nodes are found, where nothing told of the change."""
+    def _update(self, t: int, statuses: Mapping[int, int]) -> None:
+        """Write transitions to *statuses* for nodes whose change was not an event."""
         for uid, status in statuses.items():
             before = self._statuses.get(uid, status)
             if before != status:
@@ -128,18 +128,18 @@ class LogWriter:
         for log in self._logs:
             log.add(since, uid, Status(previous), Status(status))
 
-    def _missing(self, said: str, *, known: bool = False) -> None:
-        """Mark a gap; one that is *known* from the beginning isn't counted."""
+    def _missing(self, reason: str, *, known: bool = False) -> None:
+        """Mark a gap. A gap that is *known* from the beginning is not counted."""
         self.gaps += not known
         for log in self._logs:
-            log.gap(said)
+            log.gap(reason)
 
 
 class _Log(Protocol):
-    """One file of one tree."""
+    """A log file of one tree."""
 
     def add(self, since: int, uid: int, previous: Status, status: Status) -> None: ...
-    def gap(self, said: str) -> None: ...
+    def gap(self, reason: str) -> None: ...
     def flush(self) -> None: ...
     def close(self) -> None: ...
 
@@ -152,9 +152,9 @@ class _BtLog:
     def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
         self._rows.append((since, uid, status))
 
-    def gap(self, said: str) -> None:
+    def gap(self, reason: str) -> None:
         self.flush()
-        self._file.gap(said)
+        self._file.gap(reason)
 
     def flush(self) -> None:
         rows, self._rows = self._rows, []
@@ -174,15 +174,15 @@ class _Sqlite:
         xml = write_fulltree(tree).decode("utf-8", "replace")
         self._base = SqliteWriter(path, xml, [(node.path, node.uid) for node in tree.nodes])
         self._base.begin_at(event.wall // NS_PER_US)
-        self._said: list[str] = []
+        self._gaps: list[str] = []
 
     def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
-        extra = GAP_PREFIX + "; ".join(self._said) if self._said else ""
-        self._said.clear()
+        extra = GAP_PREFIX + "; ".join(self._gaps) if self._gaps else ""
+        self._gaps.clear()
         self._base.add(since, uid, previous, status, extra)
 
-    def gap(self, said: str) -> None:
-        self._said.append(said)
+    def gap(self, reason: str) -> None:
+        self._gaps.append(reason)
 
     def flush(self) -> None:
         self._base.flush()
@@ -195,4 +195,4 @@ class _Sqlite:
 
 
 WRITE_ERRORS: Final = (OSError, sqlite3.Error)
-"""What writing raises when a file can't be written any more."""
+"""The exceptions of writing when a file becomes unwritable, for example because the disk is full."""

@@ -75,7 +75,7 @@ class Groot2Client(Closeable):
         return decode_boards(self.request(Request.BLACKBOARD, groot2.encode_names(names)).body)
 
     def start_recording(self) -> int:
-        """Start recording transitions and clear the robot's buffer. Return the start in µs since the epoch."""
+        """Start a recording and clear the previous recording. Return its start in µs since the epoch."""
         return groot2.decode_recording_start(self.request(Request.TOGGLE_RECORDING, b"start").body)
 
     def stop_recording(self) -> None:

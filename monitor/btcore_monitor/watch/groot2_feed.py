@@ -329,9 +329,7 @@ class Groot2Feed:
             self._show(self._requested_at, self._validator.statuses, events)
         elif isinstance(hole, RecordingOverflowError):
             self._must_stop = True
-            self._leave(
-                self._validator.statuses, f"{hole}: it changes faster than requests can follow", events
-            )
+            self._leave(self._validator.statuses, f"{hole}: it changes faster than it can be polled", events)
         else:
             self._leave(self._validator.statuses, "another client reads this robot's recording too", events)
 

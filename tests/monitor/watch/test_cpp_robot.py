@@ -335,7 +335,7 @@ def test_several_robots_are_followed_at_once(cpp_robot, watch_cpp, until):
 # --- blackboards
 
 
-@pytest.mark.parametrize(("rate", "said"), [(20.0, "asked for 20 times a second"), (0, "not asked for")])
+@pytest.mark.parametrize(("rate", "said"), [(20.0, "requested 20 times a second"), (0, "not requested")])
 def test_blackboards_are_asked_for_as_often_as_told(cpp_robot, watch_cpp, until, capture, rate, said):
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]

@@ -406,5 +406,5 @@ def test_an_address_may_be_short(text, where):
 
 @pytest.mark.parametrize("text", ["http://robot", "a b", "robot:port", "robot:99999", "65534", "::1"])
 def test_what_is_no_address_is_named(text):
-    with pytest.raises(AddressError, match=r"is no address|out of range"):
+    with pytest.raises(AddressError, match=r"is not an address|out of range"):
         parse_address(text)

@@ -1,4 +1,4 @@
-"""Watching a robot that speaks Groot 1's protocol: BehaviorTree.CPP 3's as captured, and ours."""
+"""Watching a robot that uses Groot 1's protocol: BehaviorTree.CPP 3's as captured, and ours."""
 
 import threading
 import time
@@ -373,7 +373,7 @@ def test_a_robot_may_come_back_with_the_other_protocol(endless, watch, until):
 
 def test_a_client_of_groot2_tells_a_robot_of_version_3_and_does_not_hurt_it(until):
     with Robot(TREE) as robot, Groot2Client(parse_address(f":{robot.port}")) as client:
-        with pytest.raises(Groot1DetectedError, match="speaks Groot 1's protocol"):
+        with pytest.raises(Groot1DetectedError, match="uses Groot 1's protocol"):
             client.fulltree()
         with pytest.raises(Groot1DetectedError):
             client.statuses()
