@@ -224,7 +224,7 @@ def test_a_robot_may_come_later():
 def test_a_robot_that_is_not_there_is_an_error():
     with pytest.raises(BreakpointError, match=r"no robot answers at tcp://127\.0\.0\.1:1: is it running"):
         BreakpointClient("127.0.0.1:1", timeout=0.1)
-    with pytest.raises(BreakpointError, match="'no robot' is no address"):
+    with pytest.raises(BreakpointError, match="'no robot' is not an address"):
         BreakpointClient("no robot")
 
 
@@ -288,7 +288,7 @@ def test_from_the_terminal_breakpoints_are_watched_until_the_last_is_released(ro
     ("arguments", "said"),
     [
         (["127.0.0.1:1", "--wait", "0.1", "list"], "no robot answers at tcp://127.0.0.1:1"),
-        (["not an address", "list"], "'not an address' is no address"),
+        (["not an address", "list"], "'not an address' is not an address"),
         (["relaese"], "there is no command 'relaese'. Did you mean 'release'?"),
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],

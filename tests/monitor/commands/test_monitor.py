@@ -33,7 +33,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
     [
         (["--no-view"], "--no-view leaves nothing to do: add --save FILE.rrd"),
         (["tcp://host:99999", "--no-view", "--save", "x.rrd"], "port 99999 is out of range"),
-        (["not an address", "--no-view", "--save", "x.rrd"], "'not an address' is no address"),
+        (["not an address", "--no-view", "--save", "x.rrd"], "'not an address' is not an address"),
         (["--save", "/nowhere/at/all.rrd", "--no-view"], "there is no folder /nowhere/at"),
         (["--screenshot", "/nowhere/at/all.png"], "there is no folder /nowhere/at"),
         (["nowhere.rrd"], "there is no recording nowhere.rrd"),

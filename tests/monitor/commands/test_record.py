@@ -197,7 +197,7 @@ def _lines(path: Path) -> Iterator[str]:
         ),
         (["-o", "nowhere/run.btlog"], "there is no folder"),
         (["-o", "a.btlog", "-o", "./a.btlog"], "twice, and a file holds one log"),
-        (["not an address", "-o", "a.btlog"], "'not an address' is no address"),
+        (["not an address", "-o", "a.btlog"], "'not an address' is not an address"),
         (["127.0.0.1:9", "-o", "a.btlog", "--duration", "0.1"], "no tree was seen at 127.0.0.1:9"),
     ],
 )
