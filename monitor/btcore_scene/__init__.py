@@ -1,4 +1,4 @@
-"""What a robot's scene consists of: typed messages that any robot can send and the monitor draws.
+"""The scene of a robot: typed messages that any robot can send and that the monitor draws.
 
 Lengths are in metres, angles in radians, quaternions are (x, y, z, w), colours are red, green, blue and
 opacity of 0–255, and stamps are ns of the tree's clock. An entry without a `frame` is in the scene's frame.
@@ -26,7 +26,7 @@ Size = tuple[int, int]
 """Columns and rows of a grid, or width and height of a picture in pixels."""
 
 Float32 = Annotated[bytes, 4, "float32"]
-"""float32 values of shape (n,). The annotation names the bytes of a value, and the value."""
+"""float32 values of shape (n,). The annotation has the size of a value in bytes, and its name in errors."""
 Float32Rows = Annotated[bytes, 12, "rows of three float32"]
 """float32 values of shape (n, 3)."""
 
@@ -36,8 +36,8 @@ UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 def float32(values: Iterable[float]) -> bytes:
     """Return *values* as little-endian float32, for `Scan.ranges` and `Poses.rows`."""
-    found = tuple(values)
-    return struct.pack(f"<{len(found)}f", *found)
+    items = tuple(values)
+    return struct.pack(f"<{len(items)}f", *items)
 
 
 class Frame(NamedTuple):
@@ -221,7 +221,7 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StaticScene:
-    """What does not change during a run. *frame* is the root of all frames (by default ``map``).
+    """The part of a scene that does not change. *frame* is the root of all frames (by default ``map``).
 
     *battery* (percent) shows that the robot reports its battery. *extra* is sent as it is.
     """
@@ -240,9 +240,9 @@ class StaticScene:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MovingScene:
-    """What moved or changed. What is missing stays as it was.
+    """The part of a scene that moved or changed. Missing fields stay unchanged.
 
-    *arrows*, *boxes* and *detections* are complete: an object that is not among them is no longer drawn, and
+    *arrows*, *boxes* and *detections* are complete: the viewer removes objects that they do not contain, and
     None changes nothing. *velocity* is in m/s and rad/s, *battery* in percent, *notes* are Markdown by label.
     *extra* is sent as it is.
     """
@@ -269,14 +269,14 @@ class SceneSource(Protocol):
     """A resource that the monitor can draw.
 
     Both methods are called on the thread that ticks the tree, and must be fast. Their results are encoded on
-    another thread and must not be modified. A source that sends only changes sends everything again after
-    `scene_static`, with which a new publisher begins.
+    another thread and must not be modified. A new publisher first calls `scene_static`; a source that sends
+    only changes must then send everything again.
     """
 
     def scene_static(self) -> StaticScene:
-        """Return what does not change."""
+        """Return the part of the scene that does not change."""
         ...
 
     def scene_moving(self) -> MovingScene:
-        """Return what moved or changed."""
+        """Return the part of the scene that moved or changed."""
         ...
