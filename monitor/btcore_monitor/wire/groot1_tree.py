@@ -164,7 +164,7 @@ def _write_texts(builder: "Builder", pair: tuple[str, str]) -> int:
 
 
 def _write_model(builder: "Builder", model: WireModel) -> int:
-    ports = _tables(builder, [_write_port(builder, one) for one in model.ports])
+    ports = _tables(builder, [_write_port(builder, port) for port in model.ports])
     id = builder.CreateSharedString(model.id)
     builder.StartObject(3)
     builder.PrependUOffsetTRelativeSlot(_MODEL_ID, id, 0)
