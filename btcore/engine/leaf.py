@@ -1,4 +1,4 @@
-"""The leaf classes that users subclass: actions that end at once, actions that last, conditions."""
+"""The leaf classes that users subclass: conditions, synchronous actions and actions of several ticks."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -12,14 +12,14 @@ from btcore.status import IDLE, NO_RESULT, RUNNING, NodeType, PossibleResults
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LeafNode(TreeNode):
-    """A node without children. In a leaf, True stands for SUCCESS and False for FAILURE."""
+    """A node without children. A leaf may return True for SUCCESS and False for FAILURE."""
 
     node_type: ClassVar[NodeType] = NodeType.ACTION
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Condition(LeafNode):
-    """A question about the world: override :meth:`tick`, return True or False, change nothing."""
+    """A leaf that checks the world: override :meth:`tick` to return True or False without side effects."""
 
     node_type: ClassVar[NodeType] = NodeType.CONDITION
 
@@ -27,13 +27,13 @@ class Condition(LeafNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """What the class declares, within one tick."""
+        """Return the results that the class declares, all in the first tick."""
         return PossibleResults(cls.may_return)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SyncAction(LeafNode):
-    """An action that is done within one tick: override :meth:`tick`; it never returns RUNNING."""
+    """An action that completes within one tick: override :meth:`tick`, which must not return RUNNING."""
 
     _family: ClassVar[int] = SYNCHRONOUS
 
@@ -41,43 +41,45 @@ class SyncAction(LeafNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """What the class declares, within one tick."""
+        """Return the results that the class declares, all in the first tick."""
         return PossibleResults(cls.may_return)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class StatefulAction(LeafNode):
-    """An action that lasts several ticks.
+    """An action that may last several ticks.
 
-    Override :meth:`on_start`, :meth:`on_running` (which return a Status, True or False) and, to clean
-    up, :meth:`on_halted`. A tick must not block: start the work, return RUNNING, and look at it again
-    in the next tick. Set *may_complete_on_start* for one whose start may end it within the tick, so that
-    `btcore validate` doesn't count it as asynchronous.
+    Override :meth:`on_start`, :meth:`on_running` (both return a Status, True or False) and, to clean
+    up, :meth:`on_halted`. A tick must not block: start the work, return RUNNING, and check the work again
+    in the next tick.
     """
 
     may_complete_on_start: ClassVar[bool] = False
+    """Whether :meth:`on_start` may complete the action at once; if so, `btcore validate` does not treat the
+    action as asynchronous.
+    """
 
     @classmethod
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """What the class declares, after at least one RUNNING tick unless it may complete on start."""
+        """Return the declared results, in the first tick only if the action may complete on start."""
         at_once = cls.may_return if cls.may_complete_on_start else NO_RESULT
         return PossibleResults(at_once, cls.may_return, True)
 
     def on_start(self) -> object:
-        """Begin. Called by the tick that finds the node IDLE."""
+        """Start the action. Called by a tick while the node is IDLE."""
         raise NodeError(f"<{self.config.id}> has no on_start()")
 
     def on_running(self) -> object:
-        """Go on. Called by every tick while the node is RUNNING."""
+        """Continue the action. Called by every tick while the node is RUNNING."""
         raise NodeError(f"<{self.config.id}> has no on_running()")
 
     def on_halted(self) -> None:
         """Clean up. Called when the node is halted while it is RUNNING."""
 
     def tick(self) -> object:
-        """Start or go on; a completed node that nobody has reset keeps its result."""
+        """Start or continue the action. A completed node that was not reset returns its result again."""
         before = self._status
         if before is IDLE:
             return self.on_start()
@@ -86,7 +88,7 @@ class StatefulAction(LeafNode):
         return before
 
     def halt(self) -> None:
-        """Call :meth:`on_halted` if the node is RUNNING, and be IDLE afterwards."""
+        """Call :meth:`on_halted` if the node is RUNNING, then set the node to IDLE."""
         try:
             if self._status is RUNNING:
                 self.on_halted()

@@ -1,7 +1,7 @@
-"""What every node of a tree is: the tick wrapper, halting, and its ports.
+"""The base class of all nodes: ticking, halting and access to ports.
 
-``execute_tick`` is what a parent calls; ``tick`` is what a kind of node does. The order within a
-tick is BehaviorTree.CPP's (nodes.md §2.1): pre-conditions, tick, post-conditions, stored status.
+A parent calls ``execute_tick``. A class of nodes implements ``tick``. The order within a tick is that of
+BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,17 +28,17 @@ from btcore.status import (
     Status,
 )
 
-# What follows a tick, by family of nodes.
+# Bits of TreeNode._follows: what execute_tick() does after the tick.
 PLAIN: Final = 0
-SYNCHRONOUS: Final = 1  # RUNNING is an error
-DECORATING: Final = 2  # a child that has completed is reset
-OVERRIDDEN: Final = 4  # and the class has an execute_tick of its own
+SYNCHRONOUS: Final = 1  # raise if the node is RUNNING
+DECORATING: Final = 2  # reset a child that has completed
+OVERRIDDEN: Final = 4  # added if the class overrides execute_tick(); greater than all other bits together
 
 NO_CHILDREN: Final[list["TreeNode"]] = []
 _UNPLACED: Final = NodeConfig("", "")
 _STILL_RUNNING: Final = (
-    "a synchronous action ends within its tick, but it returned RUNNING; "
-    "use StatefulAction, a generator or async def for one that lasts"
+    "a synchronous action must complete within its tick, but it returned RUNNING; "
+    "for an action of several ticks use StatefulAction, a generator or async def"
 )
 
 
@@ -46,22 +46,22 @@ _STILL_RUNNING: Final = (
 class TreeNode:
     """A node of a behavior tree.
 
-    Subclass one of the leaf classes, :class:`ControlNode` or :class:`DecoratorNode` instead. The
-    engine's attributes are set before ``__init__`` runs, which needs no call of ``super()``.
+    Do not subclass this class, but one of the leaf classes, :class:`ControlNode` or :class:`DecoratorNode`.
+    The engine sets its attributes before ``__init__`` runs, so ``__init__`` need not call ``super()``.
     """
 
     node_type: ClassVar[NodeType] = NodeType.UNDEFINED
     _family: ClassVar[int] = PLAIN
 
-    # --- what a class declares about its nodes, beside its ports. No tick reads it.
+    # --- declarations of a class about its nodes, in addition to its ports; not read while ticking
 
     node_symbol: ClassVar[str] = ""
-    """The sign of the node in listings and pictures; "" = that of its type.
+    """The symbol of the node in listings and pictures; "" = the symbol of its node type.
 
-    Of two characters, listings show the first, and pictures draw the second in a ring.
+    Of a symbol of two characters, listings show the first, and pictures draw the second in a ring.
     """
     may_return: ClassVar[frozenset[Status]] = ANY_RESULT
-    """The results that a tick may give, apart from RUNNING. Static checks and tree coverage use it."""
+    """The results that a tick may return, apart from RUNNING. Static checks and tree coverage use it."""
     state_fields: ClassVar[tuple[str, ...] | None] = ()
     """The attributes that the node remembers between ticks, in addition to those of its base classes.
 
@@ -69,19 +69,22 @@ class TreeNode:
     the node cannot be saved while it is RUNNING.
     """
     skips_alone: ClassVar[bool] = True
-    """Whether a tick may give SKIPPED although no child did."""
+    """Whether a tick may return SKIPPED although no child was skipped."""
     child_count: ClassVar[tuple[int, int | None]] = (0, 0)
-    """The least and the greatest number of children that the node can be ticked with; None = no limit."""
+    """The minimum and maximum number of children with which the node can be ticked; None = no limit."""
     child_count_at_load: ClassVar[tuple[int, int | None]] = (0, 0)
-    """The same for loading a tree: BehaviorTree.CPP loads some trees whose ticks raise."""
+    """The minimum and maximum number of children with which a tree is loaded; None = no limit.
+
+    It differs from :attr:`child_count` because BehaviorTree.CPP loads some trees whose first tick raises.
+    """
     child_roles: ClassVar[str] = ""
-    """What the children are for, as messages about their number explain it."""
+    """The purpose of the children, for error messages about their number."""
     builtin_formats: ClassVar[tuple[int, ...]] = ()
-    """The XML formats that have this class built in; () = a base class. Not inherited."""
+    """The XML formats in which the class is a built-in node; () = a base class. Not inherited."""
     builtin_id: ClassVar[str] = ""
     """The ID of the built-in node; "" = the class's name. Not inherited."""
     batch_class: ClassVar[str] = ""
-    """``module:class`` of the counterpart in the batch engine; "" = there is none. Not inherited."""
+    """``module:class`` of the counterpart in the batch engine; "" = no counterpart. Not inherited."""
 
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
@@ -108,21 +111,25 @@ class TreeNode:
             self._guard = guard
 
     def prepare(self) -> None:
-        """Look once at what the tree says, after ``__init__`` and the children. Raises NodeError."""
+        """Read once what the tree declares, after ``__init__`` ran and the children are set.
+
+        Raises:
+            NodeError: The node cannot be used as declared, for example without a mandatory port.
+        """
 
     @classmethod
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return what a node of this class may result in, for static checks.
+        """Return the possible results of a node of this class, for static checks.
 
         Args:
-            children: What its children may result in, in order.
+            children: The possible results of its children, in order.
             literals: The values of the input ports that are given as literals, by name.
         """
         return UNKNOWN_RESULTS
 
-    # --- who it is
+    # --- identity
 
     @property
     def name(self) -> str:
@@ -136,17 +143,17 @@ class TreeNode:
 
     @property
     def uid(self) -> int:
-        """The number within the tree, from 1, in depth-first pre-order."""
+        """The number of the node within the tree, from 1, in depth-first pre-order."""
         return self.config.uid
 
     @property
     def path(self) -> str:
-        """The full path, as BehaviorTree.CPP 4 writes it."""
+        """The full path, in BehaviorTree.CPP 4's notation."""
         return self.config.path
 
     @property
     def type(self) -> NodeType:
-        """The family that the node belongs to."""
+        """The node type: ACTION, CONDITION, CONTROL, DECORATOR or SUBTREE."""
         return self.node_type
 
     @property
@@ -156,31 +163,34 @@ class TreeNode:
 
     @property
     def status(self) -> Status:
-        """The stored status: what the last tick left, or IDLE after a reset."""
+        """The stored status: the result of the last tick, or IDLE after a reset."""
         return self._status
 
     @property
     def blackboard(self) -> Blackboard:
-        """The scope that the node reads and writes."""
+        """The blackboard scope that the node reads and writes."""
         return self._blackboard
 
     @property
     def tick_counts(self) -> TickCounts | None:
-        """How often it was ticked, if its tree counts (:meth:`Tree.count_ticks`)."""
+        """The counters of its ticks, or None before :meth:`Tree.count_ticks` was called."""
         return None if self._guard is None else self._guard.tick_counts
 
     def count_ticks(self) -> TickCounts:
-        """Count the ticks of this node from now on."""
+        """Count the ticks of this node from now on. Return the counters."""
         with self._context.lock:
             self._guard = guard = self._guard or Instrumentation()
-            guard.tick_counts = tally = guard.tick_counts or TickCounts()
-        return tally
+            guard.tick_counts = counts = guard.tick_counts or TickCounts()
+        return counts
 
     def set_pre_tick_function(self, callback: "Callable[[Any], Status] | None") -> None:
-        """Ask *callback* (None: nobody) before each tick, with the node; any thread may set it.
+        """Set the function that is called before each tick, with the node as argument; thread-safe.
 
-        SUCCESS or FAILURE from it takes the place of the tick. It isn't asked where a pre-condition
-        decides, nor of a node that has completed and was not reset.
+        If it returns SUCCESS or FAILURE, the node is not ticked and has this result. It is not called when a
+        pre-condition determines the result, nor for a node that has completed and was not reset.
+
+        Args:
+            callback: The function; None removes it.
         """
         with self._context.lock:
             guard = self._guard or Instrumentation()
@@ -188,9 +198,13 @@ class TreeNode:
             self._guard = None if guard.is_empty else guard
 
     def set_post_tick_function(self, callback: "Callable[[Any, Status], Status] | None") -> None:
-        """Ask *callback* (None: nobody) after each tick and its post-conditions, with node and status.
+        """Set the function that is called after each tick and its post-conditions; thread-safe.
 
-        SUCCESS or FAILURE from it takes the place of that status, whoever decided it.
+        Its arguments are the node and the status. If it returns SUCCESS or FAILURE, the node has this result
+        instead, even if a pre-condition or the pre-tick function determined the status.
+
+        Args:
+            callback: The function; None removes it.
         """
         with self._context.lock:
             guard = self._guard or Instrumentation()
@@ -201,23 +215,23 @@ class TreeNode:
         return f"<{self.config.id} '{self.config.path}' {self._status.name}>"
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        raise TypeError("a node is part of its tree: load the tree again for another one")
+        raise TypeError("a node cannot be copied or pickled: load the tree again for another node")
 
     # --- ticking
 
     def tick(self) -> object:
-        """Do what the node is for, and return how it stands: a Status, or True or False. Override this."""
+        """Do the node's work. Return a Status, or True (SUCCESS) or False (FAILURE). Override this."""
         raise NodeError(f"<{self.config.id}> has no tick()")
 
     def execute_tick(self) -> Status:
-        """Tick the node as its parent does: with conditions, and with the result stored.
+        """Tick the node as its parent does: run its conditions and store the result.
 
-        A class that overrides it does so before a tree is made of it.
+        A class must define its override before a tree is loaded; later changes of the class have no effect.
         """
         return execute_tick(self, True)
 
     def set_status(self, status: Status) -> None:
-        """Store *status* and, if it is another, tell the observers."""
+        """Store *status*. Notify the observers if it differs from the previous status."""
         previous = self._status
         if previous is not status:
             self._status = status
@@ -226,81 +240,107 @@ class TreeNode:
                 observers.record_transition(observers.now(), self.config, previous, status)
 
     def reset_status(self) -> None:
-        """Go back to IDLE."""
+        """Set the status to IDLE."""
         reset_status(self)
 
     # --- halting
 
     def halt(self) -> None:
-        """Stop what runs, and be IDLE afterwards. Override it to clean up, and call ``super().halt()``."""
+        """Stop the node and set it to IDLE. To clean up, override it and call ``super().halt()``."""
         self.reset_status()
 
     def halt_node(self) -> None:
-        """Halt as a parent does: with ``_onHalted``, and named if it raises (being IDLE all the same)."""
+        """Halt the node as its parent does, and run its ``_onHalted`` script.
+
+        Raises:
+            NodeExecutionError: The node or the script raised; the node is IDLE nevertheless.
+        """
         halt_node(self)
 
-    def execution_error(self, fault: BaseException, doing: str) -> NodeExecutionError:
-        """*fault* as an error that names this node."""
-        error = NodeExecutionError(self.config.path, self.config.id, fault, doing, self.config.where)
-        # Compiled code does not set it by `raise … from`.
-        error.__cause__ = fault
+    def execution_error(self, cause: BaseException, doing: str) -> NodeExecutionError:
+        """Return an error that names this node.
+
+        Args:
+            cause: The exception that was raised.
+            doing: When it was raised: "ticking" or "being halted".
+        """
+        error = NodeExecutionError(self.config.path, self.config.id, cause, doing, self.config.where)
+        # Code compiled by mypyc does not set __cause__ by `raise … from`.
+        error.__cause__ = cause
         error.backtrace.append(self.config.path)
         return error
 
     def trace(self, error: NodeExecutionError) -> None:
-        """Put this node into the path down to the node that raised."""
+        """Prepend this node to the backtrace of *error*, unless it comes first already."""
         if error.backtrace[0] != self.config.path:
             error.backtrace.insert(0, self.config.path)
 
-    # --- what a node may ask of its tree
+    # --- ports, clock and wake-ups, for subclasses
 
     def get_input(self, name: str) -> object:
-        """The value of input port *name*.
+        """Return the value of input port *name*.
 
-        Raises NodeError when the tree doesn't give the port, BlackboardError or ConversionError when
-        it can't be read.
+        Raises:
+            NodeError: The XML does not give the port, and it has no default.
+            BlackboardError: The blackboard entry is missing or was never written.
+            ConversionError: The value does not convert to the type of the port.
         """
         return self.config.input(name).read()
 
     def set_output(self, name: str, value: object) -> None:
-        """Write *value* to output port *name*. Raises as :meth:`get_input`."""
+        """Write *value* to output port *name*.
+
+        Raises:
+            NodeError: The XML does not give the port, and it has no default.
+            BlackboardError: The port is not bound to an entry, or the entry has another type.
+            ConversionError: The value is not of the type of the port.
+        """
         self.config.output(name).write(value)
 
     def now(self) -> int:
-        """The time (ns) of the tree's clock."""
+        """Return the time (ns) of the tree's clock."""
         return self._context.clock.now()
 
     def wake_up(self) -> None:
-        """Ask for another tick of the tree as soon as possible."""
+        """Request another tick of the tree as soon as possible. Thread-safe."""
         self._context.wake_up()
 
     def wake_at(self, moment: int) -> None:
-        """Ask for a tick at *moment* (ns of the tree's clock); one such wish a node."""
+        """Request a tick at *moment* (ns of the tree's clock). It replaces the node's previous request."""
         self._context.deadlines[self.config.uid] = moment
 
     def cancel_wake_up(self) -> None:
-        """Take the wish of :meth:`wake_at` back."""
+        """Cancel the request of :meth:`wake_at`."""
         self._context.deadlines.pop(self.config.uid, None)
 
 
-# --- What the methods above do. Parents call these: a method that a class in Python may override is
-# looked up by name, in compiled code, where a function is not.
+# --- The implementations of the methods above. Parents call these functions and not the methods: mypyc looks
+# up a method that an interpreted class may override by name, which is slower than a call of a function.
 
 
 def execute_tick(node: TreeNode, itself: bool = False) -> Status:
-    """Tick *node* as its parent does, by an execute_tick of its own class unless it asks *itself*."""
+    """Tick *node* as its parent does, and return the result.
+
+    Args:
+        node: The node.
+        itself: Whether the node's own execute_tick() is the caller, so that an override is not called again.
+
+    Raises:
+        NodeExecutionError: The node or a node below it raised.
+    """
     follows = node._follows
     if follows >= OVERRIDDEN and not itself:
         return node.execute_tick()
     guard = node._guard
     status: Status
     try:
-        result = node.tick() if guard is None else _guarded(node, guard)
+        result = node.tick() if guard is None else _instrumented_tick(node, guard)
         previous = node._status
         if result is previous and previous is not IDLE:
             status = previous
         else:
-            status = SUCCESS if result is SUCCESS else _verdict(result)
+            status = SUCCESS if result is SUCCESS else _as_status(result)
+            # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
             if status is not previous and status is not SKIPPED:
                 node._status = status
                 observers = node._context.observers
@@ -316,8 +356,8 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
         raise
     except KeyboardInterrupt:
         raise
-    except BaseException as fault:
-        raise node.execution_error(fault, "ticking") from fault
+    except BaseException as error:
+        raise node.execution_error(error, "ticking") from error
     if follows & DECORATING:
         child = node._decorated
         if child is not None and (child._status is SUCCESS or child._status is FAILURE):
@@ -325,12 +365,12 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
     return status
 
 
-def _guarded(node: TreeNode, guard: Instrumentation) -> Status:
-    """A tick with what surrounds it."""
+def _instrumented_tick(node: TreeNode, guard: Instrumentation) -> Status:
+    """Tick *node* with its conditions, callbacks and counters."""
     conditions = guard.conditions
-    tally = guard.tick_counts
-    if tally is not None:
-        tally.ticks += 1
+    counts = guard.tick_counts
+    if counts is not None:
+        counts.ticks += 1
     status = IDLE
     if conditions is not None:
         status = conditions.check_preconditions(node._status)
@@ -339,18 +379,18 @@ def _guarded(node: TreeNode, guard: Instrumentation) -> Status:
     if status is IDLE and guard.pre_tick is not None:
         status = guard.call_pre_tick(node, node._status)
     if status is IDLE:
-        status = _verdict(node.tick())
+        status = _as_status(node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
         conditions.run_postconditions(status)
     if guard.post_tick is not None:
         status = guard.call_post_tick(node, status)
-    if tally is not None:
-        tally.add_result(status)
+    if counts is not None:
+        counts.add_result(status)
     return status
 
 
-def _verdict(result: object) -> Status:
-    """*result*, or what a bool stands for. Raises NodeError for anything else, IDLE too."""
+def _as_status(result: object) -> Status:
+    """Return *result* as a Status. Raise NodeError for IDLE and for anything but a Status or a bool."""
     if result is SUCCESS or result is True:
         return SUCCESS
     if result is FAILURE or result is False:
@@ -359,8 +399,8 @@ def _verdict(result: object) -> Status:
         return RUNNING
     if result is SKIPPED:
         return SKIPPED
-    said = "IDLE" if result is IDLE else repr(result)
-    raise NodeError(f"a tick ends RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {said}")
+    text = "IDLE" if result is IDLE else repr(result)
+    raise NodeError(f"a tick must return RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {text}")
 
 
 def reset_status(node: TreeNode) -> None:
@@ -388,6 +428,6 @@ def halt_node(node: TreeNode) -> None:
         raise
     except KeyboardInterrupt:
         raise
-    except BaseException as fault:
+    except BaseException as error:
         reset_status(node)
-        raise node.execution_error(fault, "being halted") from fault
+        raise node.execution_error(error, "being halted") from error

@@ -21,7 +21,7 @@ from btcore.values import (
 
 _OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
     (ThreadedAction, "work"),
-    (CoroutineAction, "begin"),
+    (CoroutineAction, "create_body"),
     (StatefulAction, "on_start"),
     (StatefulAction, "on_running"),
 )

@@ -519,7 +519,7 @@ def test_a_tick_that_returns_no_status_raises(result: Any, make_tree: Grow) -> N
         return result
 
     said = raised(make_tree("<Answer/>", answer))
-    assert "a tick ends RUNNING, SUCCESS" in said
+    assert "a tick must return RUNNING, SUCCESS" in said
     assert f"not {'IDLE' if result is Status.IDLE else repr(result)}" in said
 
 
@@ -529,7 +529,7 @@ def test_a_synchronous_action_never_returns_running(make_tree: Grow) -> None:
         return Status.RUNNING
 
     said = raised(make_tree("<Lasting/>", lasting))
-    assert "use StatefulAction, a generator or async def for one that lasts" in said
+    assert "for an action of several ticks use StatefulAction, a generator or async def" in said
 
 
 def test_a_condition_may_return_running(make_tree: Grow) -> None:
