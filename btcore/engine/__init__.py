@@ -1,1 +1,1 @@
-"""What ticks: nodes, leaves, and what surrounds a tick."""
+"""The engine: node and leaf classes, conditions, instrumentation and observers."""

@@ -1,7 +1,6 @@
-"""The scripts that any node may carry: ``_skipIf``, ``_while``, ``_onSuccess`` and their kin.
+"""Pre- and post-condition scripts of a node: ``_skipIf``, ``_while``, ``_onSuccess`` and the others.
 
-Evaluated on the blackboard of the node's own scope; for a SubTree element that is the scope
-around it.
+They run on the blackboard of the node's scope. The scope of a SubTree element is the outer tree's.
 """
 
 from collections.abc import Mapping
@@ -34,10 +33,10 @@ class ConditionScripts:
         self.post: Program | None = programs.get("_post")
 
     def check_preconditions(self, status: Status) -> Status:
-        """What decides instead of a tick, for a node that stands at *status*; IDLE = nothing does.
+        """Return the status that replaces the tick of a node at *status*, or IDLE to tick it.
 
-        ``_failureIf``, ``_successIf`` and ``_skipIf`` are asked of a node that does not run;
-        ``_while`` also of one that does, which is then to be halted.
+        ``_failureIf``, ``_successIf`` and ``_skipIf`` are evaluated before a node starts. ``_while`` is also
+        evaluated while the node is RUNNING; the caller then halts a node that is SKIPPED.
         """
         if status is IDLE or status is SKIPPED:
             if self.failure_if is not None and condition_result(self.failure_if.run(self.blackboard)):
@@ -57,7 +56,7 @@ class ConditionScripts:
         return IDLE
 
     def run_postconditions(self, status: Status) -> None:
-        """Run what follows a completed *status*."""
+        """Run ``_onSuccess`` or ``_onFailure``, by *status*, and ``_post``."""
         if status is SUCCESS:
             if self.on_success is not None:
                 self.on_success.run(self.blackboard)
@@ -67,6 +66,6 @@ class ConditionScripts:
             self.post.run(self.blackboard)
 
     def run_on_halted(self) -> None:
-        """Run what follows a halt."""
+        """Run ``_onHalted``."""
         if self.on_halted is not None:
             self.on_halted.run(self.blackboard)

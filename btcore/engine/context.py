@@ -1,4 +1,4 @@
-"""What the nodes of one tree share: its clock, its wake-up signal, its deadlines and observers."""
+"""State shared by the nodes of one tree: clock, wake-up signal, deadlines and observers."""
 
 import threading
 from collections.abc import Callable
@@ -11,25 +11,27 @@ from btcore.engine.observers import Observers
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class TreeState:
-    """What the leaves of one tree share: a leaf that asks for a subclass gets the tree's own instance.
+    """The base class of state that the leaves of one tree share.
 
-    The first leaf that asks makes it, without arguments; every tree has its own.
+    A leaf with a parameter of a subclass gets the tree's instance. It is created without arguments for the
+    first such leaf. Every tree has its own instance.
     """
 
 
 class TreeContext:
-    """One per tree.
+    """The shared state of one tree.
 
-    *observers* is None while nobody listens, so that telling nobody costs one comparison.
-    *deadlines* maps a node's uid to the time (ns) at which it wants the tree to be ticked.
-    *on_wake* is called by a wake-up, from any thread; an event loop that runs the tree needs it. *lock*
-    is held while something is put around a node's ticks, which any thread may do.
+    Attributes:
+        observers: None while nothing is subscribed, so that a transition costs one comparison.
+        deadlines: The time (ns) at which a node requested a tick, by the node's uid.
+        on_wake: Called by each wake-up, on any thread; set by an event loop that runs the tree.
+        lock: Held while the instrumentation of a node changes, which any thread may do.
     """
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.wake = threading.Event()
-        self._woken = False  # as the event is or is about to be, which takes far longer to ask
+        self._woken = False  # mirrors `wake`, because Event.is_set() takes much longer than an attribute
         self.lock = threading.Lock()
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
@@ -37,52 +39,52 @@ class TreeContext:
 
     @property
     def in_event_loop(self) -> bool:
-        """Whether an event loop runs the tree, so that leaves may await what asyncio offers."""
+        """Whether an event loop runs the tree, so that leaves may await asyncio's functions."""
         return self.on_wake is not None
 
     @property
     def is_woken(self) -> bool:
-        """Whether a wake-up has come that no tick has served."""
+        """Whether a wake-up is pending."""
         return self._woken
 
     def wake_up(self) -> None:
-        """Ask for a tick as soon as possible. Any thread may."""
+        """Request a tick as soon as possible. Thread-safe."""
         self._woken = True
         self.wake.set()
-        # Read once: the loop may end meanwhile.
+        # Read once: the event loop's thread may set it to None at any time.
         on_wake = self.on_wake
         if on_wake is not None:
             on_wake()
 
     def first_deadline(self, moment: int) -> int:
-        """The earlier of *moment* (ns) and the first deadline."""
+        """Return the earlier of *moment* (ns) and the first deadline."""
         return min(min(self.deadlines.values(), default=moment), moment)
 
     def take_wake_up(self) -> bool:
-        """Whether a wake-up is due, by signal or by a deadline that has passed; takes it."""
+        """Consume the pending wake-up. Return whether a signal or a passed deadline caused one."""
         if self.deadlines:
             self._expire()
         return self._woken and self._take()
 
     def wait_until(self, moment: int) -> bool:
-        """Wait until *moment* (ns), the first deadline, or a wake-up; returns whether woken."""
+        """Wait until *moment* (ns), the first deadline or a wake-up. Return whether a wake-up was pending."""
         if self.deadlines:
             self._expire()
             moment = self.first_deadline(moment)
         woken = self._woken or self.clock.wait_until(moment, self.wake)
         if not woken and self.deadlines:
             self._expire()
-        # One that comes only now is told, or left for the next time.
+        # A wake-up that arrives here is consumed now if `_woken` is set already, else by the next call.
         return (woken or self._woken) and self._take()
 
     def doze(self, seconds: float) -> None:
-        """Wait for a wake-up, for at most *seconds* (s) of real time, whatever the clock."""
+        """Wait for a wake-up for at most *seconds* (s) of real time, with any clock."""
         if not self._woken:
             self.wake.wait(seconds)
         self._take()
 
     def _take(self) -> bool:
-        # In this order, one that comes from another thread meanwhile may count twice, but is never lost.
+        # This order may count a wake-up twice that another thread sends in between, but never loses it.
         self._woken = False
         self.wake.clear()
         return True

@@ -1,4 +1,4 @@
-"""Inner nodes, which have children: control nodes and decorators."""
+"""The base classes of nodes with children: control nodes and decorators."""
 
 from collections.abc import Mapping
 from typing import ClassVar, Final
@@ -27,23 +27,23 @@ from btcore.status import (
 )
 
 MIN_CHILDREN_FOR_BATCH_RESET: Final = 6
-"""From so many children on, one note of all is made sooner than one for each."""
+"""From this number of children on, one record for all children is faster than one record for each."""
 
 
 def results_in_order(
     children: list[PossibleResults], continue_on: Status, yields: bool = False
 ) -> PossibleResults:
-    """What a node may result in that ticks its children in turn.
+    """Return the possible results of a node that ticks its children in order.
 
     Args:
-        children: What its children may result in.
-        continue_on: The result after which the next child is ticked, as after SKIPPED.
-        yields: Whether the node is RUNNING after each child but the last that gives *continue_on* at once.
+        children: The possible results of its children.
+        continue_on: The result of a child after which the next child is ticked. SKIPPED has the same effect.
+        yields: Whether the node returns RUNNING after a child, except the last, completed in its first tick.
     """
     stop = FAILURE if continue_on is SUCCESS else SUCCESS
     in_first_tick: set[Status] = set()
     after_running: set[Status] = set()
-    # Whether the child at hand may be reached in the first tick, and in a later one.
+    # at_once, later: whether the current child may be reached in the first tick, or in a later tick.
     at_once, later, all_skipped, may_run = True, False, True, False
     for index, child in enumerate(children):
         if not at_once and not later:
@@ -71,7 +71,12 @@ def results_in_order(
 
 
 def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> PossibleResults:
-    """What a node of *cls* may result in, if nothing but its declared results is known."""
+    """Return the possible results of a node of *cls*, if only its declared results are known.
+
+    Args:
+        cls: The class of the node.
+        children: The possible results of its children.
+    """
     may_run = any(child.may_run for child in children)
     ends = cls.may_return
     if not cls.skips_alone and not any(SKIPPED in child.results for child in children):
@@ -81,27 +86,36 @@ def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> Poss
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ControlNode(TreeNode):
-    """A node that decides which of its children is ticked, and when."""
+    """A node with children that decides which of them are ticked, and when.
+
+    Subclasses implement :meth:`tick` and, to forget their state when halted, override :meth:`halt`.
+    """
 
     node_type: ClassVar[NodeType] = NodeType.CONTROL
     child_count: ClassVar[tuple[int, int | None]] = (1, None)
     child_count_at_load: ClassVar[tuple[int, int | None]] = (1, None)
     continue_on: ClassVar[Status | None] = None
-    """The result of a child after which the next one is ticked, as after SKIPPED; None = no such order."""
+    """The result of a child after which the next child is ticked; SKIPPED has the same effect.
+
+    None = the children are not ticked in order.
+    """
     runs_one_child: ClassVar[bool] = False
-    """Whether a child that is RUNNING halts all others, and the next tick begins at the first again."""
+    """Whether a RUNNING child halts all other children, and the next tick starts again at the first child."""
     branch_results: ClassVar[tuple[Status, ...]] = ()
-    """The results of the first child that lead to the second one, the third one, and so on."""
+    """The results of the first child that select the second child, the third child, and so on."""
     handler_port: ClassVar[str | None] = None
-    """If not None, the last child is ticked only after another failed, or as the port of this name says."""
+    """If not None, the last child is a handler, ticked after another child failed.
+
+    The port of this name can enable further ticks of the handler.
+    """
 
     _children: list[TreeNode]
 
-    # Those of the children, once somebody observed a reset.
+    # The configs of the children; filled by the first reset that is observed.
     _configs: list[NodeConfig]
 
     def set_children(self, children: list[TreeNode]) -> None:
-        """Take *children*. Called by the builder, once."""
+        """Set the children. Called once, by the builder."""
         self._children = children
         self._configs = []
 
@@ -114,22 +128,26 @@ class ControlNode(TreeNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """What follows from the order of the children, if there is one."""
+        """Return the results that follow from the order of the children, if they are ticked in order."""
         if cls.continue_on is None or cls.handler_port is not None:
             return results_of_any(cls, children)
         return results_in_order(children, cls.continue_on)
 
     def halt_child(self, index: int) -> None:
-        """Halt child *index* if it runs, and reset it."""
+        """Halt the child at *index* if it is RUNNING, and reset it."""
         child = self._children[index]
         if child._status is RUNNING:
             halt_node(child)
         reset_status(child)
 
     def reset_children(self) -> None:
-        """Halt the children that run, and reset all. If one raises, the others are halted first."""
+        """Halt the children that are RUNNING, and reset all children.
+
+        Raises:
+            NodeExecutionError: A child raised. All other children are halted and reset before.
+        """
         observers = self._context.observers
-        if observers is not None and self._reset_done(observers):
+        if observers is not None and self._batch_reset(observers):
             return
         first: NodeExecutionError | None = None
         moment: object = None
@@ -149,14 +167,18 @@ class ControlNode(TreeNode):
                 child._status = IDLE
                 if observers is not None:
                     if moment is None:
-                        # All that are reset at once are so at the same moment.
+                        # Children that are reset together get the same time stamp.
                         moment = observers.now()
                     observers.record_transition(moment, child.config, status, IDLE)
         if first is not None:
             raise first
 
-    def _reset_done(self, observers: Observers) -> bool:
-        """Reset many children, up to one that runs, with one note of all. Returns whether that is all."""
+    def _batch_reset(self, observers: Observers) -> bool:
+        """Reset many children, up to the first that is RUNNING, with one record for all.
+
+        Returns:
+            Whether all children are reset.
+        """
         children = self._children
         if len(children) < MIN_CHILDREN_FOR_BATCH_RESET or observers.immediate_listeners:
             return False
@@ -179,18 +201,18 @@ class ControlNode(TreeNode):
         return none_runs
 
     def halt(self) -> None:
-        """Halt the children, and be IDLE afterwards."""
+        """Halt the children, then set the node to IDLE."""
         self.reset_children()
         self.reset_status()
 
     def idle_child(self, index: int) -> NodeError:
-        """The fault of a child that returned IDLE."""
+        """Return the error for a child that returned IDLE."""
         return NodeError(f"child {index + 1} returned IDLE")
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class DecoratorNode(TreeNode):
-    """A node with one child, whose result or whose ticks it changes."""
+    """A node with exactly one child: it changes the child's result, or decides when the child is ticked."""
 
     node_type: ClassVar[NodeType] = NodeType.DECORATOR
     _family: ClassVar[int] = DECORATING
@@ -199,23 +221,23 @@ class DecoratorNode(TreeNode):
     child: TreeNode
 
     def set_children(self, children: list[TreeNode]) -> None:
-        """Take the one child. Called by the builder, once."""
+        """Set the child, the only element of *children*. Called once, by the builder."""
         self.child = children[0]
 
     @property
     def children(self) -> list[TreeNode]:
-        """The child, as a list."""
+        """The child, in a list."""
         return [self.child]
 
     @classmethod
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """The declared results, whatever the child does."""
+        """Return the declared results; the child's results determine only SKIPPED and RUNNING."""
         return results_of_any(cls, children)
 
     def halt_child(self) -> None:
-        """Halt the child if it runs, and reset it."""
+        """Halt the child if it is RUNNING, and reset it."""
         child = self.child
         if child._status is RUNNING:
             try:
@@ -226,10 +248,10 @@ class DecoratorNode(TreeNode):
             reset_status(child)
 
     def reset_child(self) -> None:
-        """The same as :meth:`halt_child`, by BehaviorTree.CPP's other name."""
+        """Call :meth:`halt_child`: BehaviorTree.CPP has both names."""
         self.halt_child()
 
     def halt(self) -> None:
-        """Halt the child, and be IDLE afterwards."""
+        """Halt the child, then set the node to IDLE."""
         self.halt_child()
         self.reset_status()

@@ -1,7 +1,7 @@
-"""Runs a generator or an ``async def`` leaf tick by tick, and cancels it on halt.
+"""Leaves written as a generator or as ``async def``: resumed once per tick, cancelled on halt.
 
-No event loop is needed for :func:`running` and :func:`sleep`. Under ``await tree.run()`` a leaf may
-await what asyncio offers too: it is RUNNING until that is done, and the tree is woken then.
+:func:`running` and :func:`sleep` need no event loop. Under ``await tree.run()`` a leaf may also await
+asyncio's functions: it is RUNNING until the awaited future is done, which wakes the tree.
 """
 
 from collections.abc import Generator
@@ -16,7 +16,7 @@ from btcore.status import RUNNING
 
 
 class Pause:
-    """What a leaf waits for: *seconds* (s) of the tree's time; 0 is until the next tick."""
+    """A wait of *seconds* (s) on the tree's clock; 0 = until the next tick."""
 
     def __init__(self, seconds: float = 0.0) -> None:
         self.seconds = seconds
@@ -26,18 +26,18 @@ class Pause:
 
 
 def running() -> Pause:
-    """``await running()`` ends this tick; the leaf is RUNNING and goes on in the next one."""
+    """``await running()`` ends this tick with RUNNING; the leaf continues in the next tick."""
     return Pause()
 
 
 def sleep(seconds: float) -> Pause:
-    """``await sleep(s)``: RUNNING for *seconds* (s) of the tree's time; the tree is woken then."""
+    """``await sleep(s)`` keeps the leaf RUNNING for *seconds* (s) on the tree's clock, then wakes the tree."""
     return Pause(seconds)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class CoroutineAction(StatefulAction):
-    """A leaf whose body is a generator or a coroutine, resumed once a tick."""
+    """A leaf whose body is a generator or a coroutine, resumed once per tick."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = None
 
@@ -46,7 +46,7 @@ class CoroutineAction(StatefulAction):
     _future: Any = None
 
     def create_body(self) -> Any:
-        """The generator or coroutine of a new start."""
+        """Return a new generator or coroutine, for each start of the node."""
         raise NodeError(f"<{self.id}> has no body")
 
     def on_start(self) -> object:
@@ -56,7 +56,7 @@ class CoroutineAction(StatefulAction):
         return self._resume()
 
     def on_running(self) -> object:
-        """Resume the body, unless it sleeps or awaits something that isn't done."""
+        """Resume the body, unless it still sleeps or awaits a future that is not done."""
         if self._until and self.now() < self._until:
             return RUNNING
         if self._future is not None and not self._future.done():
@@ -67,48 +67,48 @@ class CoroutineAction(StatefulAction):
 
     def _resume(self) -> object:
         try:
-            waits = self._body.send(None)
+            yielded = self._body.send(None)
         except StopIteration as end:
             self._body = None
             return end.value
-        except RuntimeError as fault:
+        except RuntimeError as error:
             self._body = None
-            if str(fault) == "no running event loop":
-                raise self._foreign("asyncio") from fault
+            if str(error) == "no running event loop":
+                raise self._not_awaitable("asyncio") from error
             raise
         except BaseException:
             self._body = None
             raise
-        if isinstance(waits, Pause):
-            if waits.seconds > 0:
-                self._until = self.now() + round(waits.seconds * NS_PER_S)
+        if isinstance(yielded, Pause):
+            if yielded.seconds > 0:
+                self._until = self.now() + round(yielded.seconds * NS_PER_S)
                 self.wake_at(self._until)
-        elif waits is None:
-            # From a coroutine that is asyncio.sleep(0): on as soon as the event loop went round.
+        elif yielded is None:
+            # A coroutine yields None for asyncio.sleep(0): continue after one cycle of the event loop.
             if self._context.on_wake is not None and hasattr(self._body, "cr_await"):
                 self._context.on_wake()
-        elif waits is not RUNNING:
-            if not self._context.in_event_loop or not hasattr(waits, "_asyncio_future_blocking"):
+        elif yielded is not RUNNING:
+            if not self._context.in_event_loop or not hasattr(yielded, "_asyncio_future_blocking"):
                 body, self._body = self._body, None
                 body.close()
-                raise self._foreign(repr(waits))
-            # What a task of asyncio does with a future that its coroutine yields.
-            waits._asyncio_future_blocking = False
-            waits.add_done_callback(self._future_done)
-            self._future = waits
+                raise self._not_awaitable(repr(yielded))
+            # The protocol between asyncio.Task and a future that its coroutine yields (asyncio/tasks.py).
+            yielded._asyncio_future_blocking = False
+            yielded.add_done_callback(self._future_done)
+            self._future = yielded
         return RUNNING
 
     def _future_done(self, future: object) -> None:
         self.wake_up()
 
-    def _foreign(self, what: str) -> NodeError:
+    def _not_awaitable(self, awaited: str) -> NodeError:
         return NodeError(
-            f"a leaf awaits btcore.running() and btcore.sleep(), or yields nothing; for {what} "
-            "the tree has to be run by `await tree.run()`"
+            f"a leaf can await btcore.running() and btcore.sleep(), or yield without a value; to await {awaited}, "
+            "run the tree with `await tree.run()`"
         )
 
     def on_halted(self) -> None:
-        """Cancel the body: its ``finally`` blocks run now. Awaiting there is an error."""
+        """Cancel the body: its ``finally`` blocks run now, and must not await."""
         self.cancel_wake_up()
         body, self._body = self._body, None
         future, self._future = self._future, None
@@ -118,7 +118,7 @@ class CoroutineAction(StatefulAction):
             return
         try:
             body.close()
-        except RuntimeError as fault:
-            if "ignored GeneratorExit" in str(fault):
-                raise NodeError("a leaf that is being halted can't await or yield any more") from None
+        except RuntimeError as error:
+            if "ignored GeneratorExit" in str(error):
+                raise NodeError("a leaf cannot await or yield while it is being halted") from None
             raise

@@ -1,4 +1,4 @@
-"""A function becomes a leaf: its ports are read before each start, its resources once."""
+"""Functions as leaves: their input ports are read before each call, their resources once."""
 
 import inspect
 from collections.abc import Callable
@@ -14,7 +14,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 class LeafMark:
-    """What a decorator notes on a function: whether it asks or acts, and its ID if one was given."""
+    """The mark of a decorator on a function: condition or action, and the ID if given."""
 
     def __init__(self, is_condition: bool, ID: str | None) -> None:
         self.is_condition = is_condition
@@ -29,10 +29,14 @@ def action(function: F, /) -> F: ...
 @overload
 def action(*, ID: str | None = None) -> Callable[[F], F]: ...
 def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
-    """Make a function, a generator function or an ``async def`` an action.
+    """Mark a function, a generator function or an ``async def`` as an action.
 
-    Its tag is its name in CamelCase, or *ID*; parameters marked In or Put are its ports, the others
-    resources. It returns True, False or a Status.
+    Parameters annotated with In or Put are its ports, all others are resources. It returns True, False or a
+    Status.
+
+    Args:
+        function: The function.
+        ID: The tag in the XML; by default the function's name in CamelCase.
     """
     return _marked(function, LeafMark(False, ID))
 
@@ -42,20 +46,28 @@ def condition(function: F, /) -> F: ...
 @overload
 def condition(*, ID: str | None = None) -> Callable[[F], F]: ...
 def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
-    """Make a function a condition; see :func:`action`."""
+    """Mark a function as a condition.
+
+    Parameters annotated with In or Put are its ports, all others are resources. It returns True, False or a
+    Status.
+
+    Args:
+        function: The function.
+        ID: The tag in the XML; by default the function's name in CamelCase.
+    """
     return _marked(function, LeafMark(True, ID))
 
 
 def _marked(function: F | None, mark: LeafMark) -> F | Callable[[F], F]:
-    def note(marked: F) -> F:
+    def set_mark(marked: F) -> F:
         setattr(marked, MARK, mark)
         return marked
 
-    return note if function is None else note(function)
+    return set_mark if function is None else set_mark(function)
 
 
 class BoundFunction:
-    """A function with what fills its parameters: ports, read anew for each call, and resources."""
+    """A function with its arguments: resources, and input ports that are read before each call."""
 
     def __init__(
         self, function: Callable[..., Any], positional: list[object], keywords: dict[str, object]
@@ -66,24 +78,24 @@ class BoundFunction:
         self.is_bare = not positional and not keywords
 
     def run(self) -> Any:
-        """Call it with what the ports hold now."""
+        """Call the function with the current values of the ports."""
         positional = self.positional
         count = len(positional)
-        # Most functions have few parameters, and need no list to be made of them.
+        # Most functions have few parameters: save the list.
         if not self.keywords:
             if count == 1:
-                return self.function(_now(positional[0]))
+                return self.function(_value(positional[0]))
             if count == 2:
-                return self.function(_now(positional[0]), _now(positional[1]))
-        values = [_now(one) for one in positional]
+                return self.function(_value(positional[0]), _value(positional[1]))
+        values = [_value(argument) for argument in positional]
         if not self.keywords:
             return self.function(*values)
-        return self.function(*values, **{key: _now(one) for key, one in self.keywords.items()})
+        return self.function(*values, **{name: _value(argument) for name, argument in self.keywords.items()})
 
 
-def _now(filling: object) -> object:
-    """What fills a parameter now."""
-    return filling.read() if isinstance(filling, Input) else filling
+def _value(argument: object) -> object:
+    """Return the current value of *argument*: of the port, if it is an input port."""
+    return argument.read() if isinstance(argument, Input) else argument
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -93,7 +105,7 @@ class FunctionAction(SyncAction):
     call: BoundFunction
 
     def tick(self) -> object:
-        """Call it."""
+        """Call the function."""
         call = self.call
         return call.function() if call.is_bare else call.run()
 
@@ -105,24 +117,24 @@ class FunctionCondition(Condition):
     call: BoundFunction
 
     def tick(self) -> object:
-        """Call it."""
+        """Call the function."""
         call = self.call
         return call.function() if call.is_bare else call.run()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class FunctionCoroutineAction(CoroutineAction):
-    """A generator function or an ``async def`` as an action that lasts."""
+    """A generator function or an ``async def`` as an action of several ticks."""
 
     call: BoundFunction
 
     def create_body(self) -> Any:
-        """Call it, which starts nothing yet."""
+        """Call the function, which returns a generator or coroutine that has not started."""
         return self.call.run()
 
 
 def leaf_class(function: Callable[..., object]) -> type[LeafNode]:
-    """The class that runs *function*."""
+    """Return the leaf class that runs *function*."""
     if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
         return FunctionCoroutineAction
     mark = getattr(function, MARK, None)
@@ -130,5 +142,5 @@ def leaf_class(function: Callable[..., object]) -> type[LeafNode]:
 
 
 def camel_case(name: str) -> str:
-    """``battery_ok`` as ``BatteryOk``."""
+    """Return *name* in CamelCase: ``battery_ok`` becomes ``BatteryOk``."""
     return "".join(part[:1].upper() + part[1:] for part in name.split("_"))

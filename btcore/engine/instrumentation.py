@@ -1,4 +1,4 @@
-"""What surrounds the ticks of a node that has more to it than a tick: conditions, callbacks, a count."""
+"""Instrumentation of a node: condition scripts, callbacks before and after a tick, and counters."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,7 +14,7 @@ from btcore.status import (
 
 
 class TickCounts:
-    """How often one node was ticked, halted while it ran, and with which results."""
+    """The counters of one node: ticks, results, and halts while it was RUNNING."""
 
     def __init__(self) -> None:
         self.ticks = 0
@@ -34,7 +34,7 @@ class TickCounts:
 
 
 class Instrumentation:
-    """What surrounds the ticks of a node that has more than a tick: conditions, callbacks, a tally."""
+    """The condition scripts, callbacks and counters of one node; most nodes have none."""
 
     def __init__(self) -> None:
         self.conditions: ConditionScripts | None = None
@@ -44,7 +44,7 @@ class Instrumentation:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing more than a tick."""
+        """Whether the node has no condition scripts, callbacks or counters."""
         return (
             self.conditions is None
             and self.tick_counts is None
@@ -53,7 +53,7 @@ class Instrumentation:
         )
 
     def call_pre_tick(self, node: Any, status: Status) -> Status:
-        """What takes the place of a tick of *node*, which stands at *status*; IDLE = nothing does."""
+        """Return the status that replaces the tick of *node* at *status*, or IDLE to tick it."""
         callback = self.pre_tick
         if callback is not None and status is not SUCCESS and status is not FAILURE:
             forced = callback(node)
@@ -62,7 +62,7 @@ class Instrumentation:
         return IDLE
 
     def call_post_tick(self, node: Any, status: Status) -> Status:
-        """What *node* returns in the end, when *status* is what its tick came to."""
+        """Return the result of *node*: *status*, or the status that replaces it."""
         callback = self.post_tick
         if callback is not None:
             forced = callback(node, status)

@@ -1,4 +1,4 @@
-"""What the builder tells a node of itself."""
+"""The configuration that the builder gives to a node."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -8,19 +8,24 @@ from btcore.blackboard.ports import Input, Output
 from btcore.errors import NodeError
 
 EMPTY_MAPPING: Final[Mapping[str, str]] = MappingProxyType({})
-"""The scripts, or the attributes, of a node that has none: one for all, and unchangeable."""
-# Plain dicts, since every tick of a leaf looks into them; nobody writes to these.
+"""The scripts or attributes of a node that has none: one read-only mapping for all nodes."""
+# Plain dicts, because every tick of a leaf reads them, and a dict is the fastest. Shared, so never written.
 NO_INPUTS: Final[dict[str, Input]] = {}
 NO_OUTPUTS: Final[dict[str, Output]] = {}
 NO_ENUMS: Final[dict[str, int]] = {}
 
 
 class NodeConfig:
-    """What the builder knows of one node: its place in the tree and in the XML, and its ports.
+    """The configuration of one node: its position in the tree and in the XML, and its ports.
 
-    *inputs* and *outputs* map port names to what they are bound to; *scripts* maps ``_skipIf``
-    and the like to their texts; *attributes* keeps every other attribute as written. The element
-    begins in line *line* (from 1, 0 = none) of *file* ("" = a text).
+    Attributes:
+        inputs: The bindings of the input ports, by name.
+        outputs: The bindings of the output ports, by name.
+        scripts: The texts of the pre- and post-conditions, by attribute name, such as ``_skipIf``.
+        attributes: All other attributes, as written.
+        enums: The enum names that scripts may use.
+        file: The file of the element; "" = the XML was given as a text.
+        line: The line in which the element begins, from 1; 0 = the node is not from a document.
     """
 
     __slots__ = (
@@ -54,14 +59,14 @@ class NodeConfig:
         self.enums = enums
 
     def input(self, name: str) -> Input:
-        """The input port *name*. Raises NodeError when the tree doesn't give it."""
+        """Return the input port *name*. Raise NodeError if the XML does not give it."""
         port = self.inputs.get(name)
         if port is None:
             raise NodeError(f"<{self.id}> needs port [{name}], which the tree does not give")
         return port
 
     def output(self, name: str) -> Output:
-        """The output port *name*. Raises NodeError when the tree doesn't give it."""
+        """Return the output port *name*. Raise NodeError if the XML does not give it."""
         port = self.outputs.get(name)
         if port is None:
             raise NodeError(f"<{self.id}> writes port [{name}], which the tree does not give")
@@ -69,5 +74,5 @@ class NodeConfig:
 
     @property
     def where(self) -> str:
-        """``file:line`` of the element, "" if it comes from no document."""
+        """``file:line`` of the element, or "" if the node is not from a document."""
         return f"{self.file or '<text>'}:{self.line}" if self.line else ""
