@@ -31,7 +31,7 @@ def running() -> Pause:
 
 
 def sleep(seconds: float) -> Pause:
-    """``await sleep(s)`` keeps the leaf RUNNING for *seconds* (s) on the tree's clock, then wakes the tree."""
+    """``await sleep(s)`` keeps the leaf RUNNING for *seconds* (s, tree's clock), then wakes the tree."""
     return Pause(seconds)
 
 
@@ -103,8 +103,8 @@ class CoroutineAction(StatefulAction):
 
     def _not_awaitable(self, awaited: str) -> NodeError:
         return NodeError(
-            f"a leaf can await btcore.running() and btcore.sleep(), or yield without a value; to await {awaited}, "
-            "run the tree with `await tree.run()`"
+            f"a leaf can await btcore.running() and btcore.sleep(), or yield without a value; to await "
+            f"{awaited}, run the tree with `await tree.run()`"
         )
 
     def on_halted(self) -> None:

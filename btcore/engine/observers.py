@@ -1,7 +1,6 @@
-"""Subscribing to what happens in a tree: transitions, ticks and errors.
+"""Observers of a tree: they are notified of transitions, ticks and errors.
 
-Telemetry never ticks: an observer may be slow or wrong, the tree does not notice. One that
-raises is dropped, with a warning in the log.
+An observer cannot change a tick's result. An observer that raises is unsubscribed, and a warning is logged.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,35 +18,34 @@ from btcore.status import (
     Transition,
 )
 
-# What Transition(…) calls in the end, by way of a function in Python, which takes far longer.
+# The constructor of Transition calls it too, but by way of an interpreted function, which takes much longer.
 _new_tuple: Final[Any] = tuple.__new__
 
 
 class Transitions:
-    """Transitions in the order in which they came, all of one tick; made when they are looked at.
+    """The transitions of one tick in chronological order, a lazy sequence of :class:`Transition`.
 
-    So the thread that ticks notes little more than references, and who records them has the rest done
-    whenever it suits, on whatever thread.
+    The thread that ticks records references only. The Transition objects are created on first access, on any
+    thread.
     """
 
-    def __init__(self, first: int, tick: int, noted: list[object], count: int) -> None:
+    def __init__(self, first: int, tick: int, records: list[object], count: int) -> None:
         self.first = first
-        """The number of the first one."""
+        """The number of the first transition."""
         self.tick = tick
-        # For each: the moment (ns), the node's config, its previous and its new status; these two are left
-        # out where a node was IDLE and is SUCCESS. Of nodes that were reset together: the moment, a list of
-        # their configs, one of the previous statuses of the first of them, and IDLE.
-        self._noted = noted
+        # A flat list. A transition is: time (ns), config of the node, previous status, new status. The most
+        # frequent transition, from IDLE to SUCCESS, is: time, config. A reset of several nodes is: time, list
+        # of configs, list of previous statuses (IDLE there: the node was not reset), IDLE.
+        self._records = records
         self._count = count
-        self._made: list[Transition] | None = None
+        self._transitions: list[Transition] | None = None
 
     def to_list(self) -> list[Transition]:
-        """All of them."""
-        made = self._made
-        if made is None:
-            made = _made(self.first, self.tick, self._noted)
-            self._made = made
-        return made
+        """Return all transitions in a list."""
+        transitions = self._transitions
+        if transitions is None:
+            self._transitions = transitions = _transitions(self.first, self.tick, self._records)
+        return transitions
 
     def __len__(self) -> int:
         return self._count
@@ -59,189 +57,211 @@ class Transitions:
         return self.to_list()[index]
 
 
-def _made(number: int, tick: int, noted: list[object]) -> list[Transition]:
-    """What is *noted*, in full; the first has this *number*."""
-    made: list[Transition] = []
+def _transitions(number: int, tick: int, records: list[object]) -> list[Transition]:
+    """Return the transitions in *records*; *number* is the number of the first."""
+    transitions: list[Transition] = []
     at = 0
-    while at < len(noted):
-        moment, config = noted[at], noted[at + 1]
-        previous = noted[at + 2] if at + 2 < len(noted) else None
+    while at < len(records):
+        moment, config = records[at], records[at + 1]
+        previous = records[at + 2] if at + 2 < len(records) else None
+        following = number + len(transitions)
         if isinstance(previous, Status):
-            made.append(_transition(number + len(made), moment, tick, config, previous, noted[at + 3]))
+            transitions.append(_transition(following, moment, tick, config, previous, records[at + 3]))
             at += 4
         elif isinstance(previous, list):
-            for one, status in zip(cast(list[object], config), cast(list[object], previous), strict=False):
+            for node, status in zip(cast(list[object], config), cast(list[object], previous), strict=False):
                 if status is not IDLE:
-                    made.append(_transition(number + len(made), moment, tick, one, status, IDLE))
+                    transitions.append(_transition(following, moment, tick, node, status, IDLE))
+                    following += 1
             at += 4
         else:
-            made.append(_transition(number + len(made), moment, tick, config, IDLE, SUCCESS))
+            transitions.append(_transition(following, moment, tick, config, IDLE, SUCCESS))
             at += 2
-    return made
+    return transitions
 
 
 def _transition(
     number: int, moment: object, tick: int, config: object, previous: object, status: object
 ) -> Transition:
     values = (number, moment, tick, cast(NodeConfig, config).uid, previous, status)
-    made: Transition = _new_tuple(Transition, values)
-    return made
+    transition: Transition = _new_tuple(Transition, values)
+    return transition
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Observer:
-    """What an observer may hear. Subclass it and override what you need.
+    """The base class of observers of a tree. Override the methods for the events that you need.
 
-    Every method runs on the thread that ticks, between two steps of the tree: be brief, and hand
-    over to a thread of your own what takes time.
+    All methods are called on the thread that ticks and delay the tree until they return: hand over slow work
+    to another thread.
     """
 
     def transition(self, change: Transition) -> None:
-        """A node's stored status changed, this very moment."""
+        """Handle a change of a node's stored status, immediately when it happens.
 
-    def transitions(self, changes: Transitions) -> None:
-        """What changed, told after each tick, before an error, and after a halt.
-
-        For who keeps them: it costs a fraction of what :meth:`transition` does.
+        Override :meth:`transitions` instead unless you need each change at once: it is many times cheaper.
         """
 
-    def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
-        """Tick number *tick* of the root ended with *status*.
+    def transitions(self, changes: Transitions) -> None:
+        """Handle all changes since the last call, after each tick, before an error and after a halt."""
 
-        *stamp* is the tree clock's time (ns) at its end, *duration_ns* what it took in real time.
+    def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
+        """Handle the end of a tick of the root.
+
+        Args:
+            tick: The number of the tick, from 1.
+            stamp: The time (ns) of the tree's clock at the end of the tick.
+            duration_ns: The real time (ns) that the tick took.
+            status: The result of the root.
         """
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
-        """A node raised; the tree is still as it was at that moment, and is halted next."""
+        """Handle an error of a node. The tree still has the statuses of that moment, and is halted next.
+
+        Args:
+            error: The error, which names the node.
+            stamp: The time (ns) of the tree's clock.
+        """
 
 
 class Observers:
-    """The observers of one tree, and the numbers of what they were told."""
+    """The observers of one tree, and the transitions of which they are not notified yet."""
 
     def __init__(self, clock: Clock) -> None:
         self.now: Callable[[], Any] = now_function(clock)
         self.tick = 0
         self.listeners: list[Observer] = []
         self.immediate_listeners: list[Observer] = []
-        """Those who hear of each transition this very moment."""
-        self._later: list[Observer] = []
+        """The observers that override :meth:`Observer.transition`."""
+        self._batch_listeners: list[Observer] = []
         self._first = 1
-        self._noted: list[object] = []
-        # How many transitions these are more than one for every two places in the list.
-        self._more = 0
-        self._telling = False
+        self._records: list[object] = []
+        # The number of transitions in _records, minus half the length of _records.
+        self._surplus = 0
+        self._flushing = False
 
     def record_success(self, config: NodeConfig) -> None:
-        """Note that the node with *config* was IDLE and is SUCCESS, and tell it to who hears it at once."""
+        """Record the transition from IDLE to SUCCESS of the node with *config*."""
         moment = self.now()
-        noted = self._noted
-        noted.append(moment)
-        noted.append(config)
+        records = self._records
+        records.append(moment)
+        records.append(config)
         if self.immediate_listeners:
-            self._tell(moment, config, IDLE, SUCCESS)
+            self._notify_at_once(moment, config, IDLE, SUCCESS)
 
     def record_transition(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
-        """Note another transition at *moment* of the node with *config*, and tell it in the same way."""
-        noted = self._noted
-        noted.append(moment)
-        noted.append(config)
-        noted.append(previous)
-        noted.append(status)
-        self._more -= 1
+        """Record any other transition of the node with *config*, at *moment* (ns).
+
+        *moment* is typed as object because mypyc would unbox and box an int again.
+        """
+        records = self._records
+        records.append(moment)
+        records.append(config)
+        records.append(previous)
+        records.append(status)
+        self._surplus -= 1
         if self.immediate_listeners:
-            self._tell(moment, config, previous, status)
+            self._notify_at_once(moment, config, previous, status)
 
     def record_reset(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
-        """Note that nodes are IDLE, of which *count* were not *before*; nobody is to hear it at once."""
-        noted = self._noted
-        noted.append(self.now())
-        noted.append(configs)
-        noted.append(before)
-        noted.append(IDLE)
-        self._more += count - 2
+        """Record a reset of several nodes. Call it only if there are no immediate listeners.
 
-    def _tell(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
-        """Tell of the last one."""
-        number = self._first + len(self._noted) // 2 + self._more - 1
+        Args:
+            configs: The configs of the nodes.
+            before: Their previous statuses.
+            count: The number of nodes whose previous status was not IDLE.
+        """
+        records = self._records
+        records.append(self.now())
+        records.append(configs)
+        records.append(before)
+        records.append(IDLE)
+        self._surplus += count - 2
+
+    def _notify_at_once(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
+        """Notify the immediate listeners of the last record."""
+        number = self._first + len(self._records) // 2 + self._surplus - 1
         change = _transition(number, moment, self.tick, config, previous, status)
         for listener in self.immediate_listeners:
             try:
                 listener.transition(change)
-            except Exception as fault:
-                self._drop(listener, fault)
+            except Exception as error:
+                self._drop(listener, error)
 
     def flush(self) -> None:
-        """Tell what was noted and not told yet."""
-        if self._telling or not self._noted:
+        """Notify the observers of all recorded transitions."""
+        if self._flushing or not self._records:
             return
-        self._telling = True
+        self._flushing = True
         try:
-            # Again, if a listener made something change: everybody hears all in order.
-            while self._noted:
-                noted = self._noted
-                count = len(noted) // 2 + self._more
-                changes = Transitions(self._first, self.tick, noted, count)
+            # A listener may cause further transitions: all listeners get them afterwards, in order.
+            while self._records:
+                records = self._records
+                count = len(records) // 2 + self._surplus
+                changes = Transitions(self._first, self.tick, records, count)
                 self._first += count
-                self._noted = []
-                self._more = 0
-                for listener in self._later:
+                self._records = []
+                self._surplus = 0
+                for listener in self._batch_listeners:
                     try:
                         listener.transitions(changes)
-                    except Exception as fault:
-                        self._drop(listener, fault)
+                    except Exception as error:
+                        self._drop(listener, error)
         finally:
-            self._telling = False
+            self._flushing = False
 
     def begin(self, tick: int) -> None:
-        """Number *tick* of the root begins."""
+        """Start tick number *tick* of the root."""
         self.flush()
         self.tick = tick
 
     def notify_tick(self, duration_ns: int, status: Status) -> None:
-        """Tell everybody that the root's tick ended."""
+        """Notify the observers of the end of a tick, which took *duration_ns* (ns, real time)."""
         self.flush()
         stamp: int = self.now()
         for listener in self.listeners:
             try:
                 listener.ticked(self.tick, stamp, duration_ns, status)
-            except Exception as fault:
-                self._drop(listener, fault)
+            except Exception as error:
+                self._drop(listener, error)
 
     def notify_error(self, error: NodeExecutionError) -> None:
-        """Tell everybody that a node raised."""
+        """Notify the observers that a node raised *error*."""
         self.flush()
         stamp: int = self.now()
         for listener in self.listeners:
             try:
                 listener.raised(error, stamp)
-            except Exception as fault:
-                self._drop(listener, fault)
+            except Exception as problem:
+                self._drop(listener, problem)
 
     def add(self, listener: Observer) -> Callable[[], None]:
-        """Let *listener* hear; the callable returned ends that."""
+        """Subscribe *listener*. Return a function that unsubscribes it."""
         self.flush()
-        self._are([*self.listeners, listener])
+        self._set_listeners([*self.listeners, listener])
         return Unsubscribe(self, listener)
 
     def remove(self, listener: Observer) -> None:
-        """Let *listener* hear no more."""
-        if any(one is listener for one in self.listeners):
+        """Unsubscribe *listener*, after it was notified of all recorded transitions."""
+        if any(other is listener for other in self.listeners):
             self.flush()
-            self._are([other for other in self.listeners if other is not listener])
+            self._set_listeners([other for other in self.listeners if other is not listener])
 
-    def _are(self, listeners: list[Observer]) -> None:
-        # New lists, so that a telling under way goes on undisturbed.
+    def _set_listeners(self, listeners: list[Observer]) -> None:
+        # New lists, because a caller may be iterating over the old lists.
         self.listeners = listeners
         self.immediate_listeners = [
-            one for one in listeners if type(one).transition is not Observer.transition
+            listener for listener in listeners if type(listener).transition is not Observer.transition
         ]
-        self._later = [one for one in listeners if type(one).transitions is not Observer.transitions]
+        self._batch_listeners = [
+            listener for listener in listeners if type(listener).transitions is not Observer.transitions
+        ]
 
-    def _drop(self, listener: Observer, fault: Exception) -> None:
-        self._are([other for other in self.listeners if other is not listener])
+    def _drop(self, listener: Observer, error: Exception) -> None:
+        self._set_listeners([other for other in self.listeners if other is not listener])
         import logging
 
-        logging.getLogger("btcore").warning("observer %r raised and is dropped: %r", listener, fault)
+        logging.getLogger("btcore").warning("observer %r raised and is unsubscribed: %r", listener, error)
 
 
 class Unsubscribe:

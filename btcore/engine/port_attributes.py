@@ -1,4 +1,8 @@
-"""A port as an attribute of a leaf: what reading it and assigning it does."""
+"""Getters and setters of ports that are attributes of a leaf.
+
+They are functions of this compiled module: :class:`~btcore.engine.signature.PortAttribute` is a property, and
+mypyc drops the ``__set__`` of a compiled descriptor class.
+"""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -7,16 +11,16 @@ from btcore.blackboard.ports import Port
 from btcore.engine.node import TreeNode
 
 PORT_PLACEHOLDER: Final = object()
-"""What a generated ``__init__`` (a dataclass's) is given for a port, whose value the tree has."""
+"""The argument for a port in a generated ``__init__`` (of a dataclass): assigning it has no effect."""
 
 
 def port_getter(port: Port) -> Callable[[Any], object]:
-    """A function of a node that reads its *port*."""
+    """Return a function that reads the *port* of a node."""
     name = port.name
     if not port.reads:
 
         def refuse(node: TreeNode) -> object:
-            raise AttributeError(f"port [{name}] is written, not read")
+            raise AttributeError(f"port [{name}] is an output: it can be assigned, but not read")
 
         return refuse
 
@@ -27,14 +31,14 @@ def port_getter(port: Port) -> Callable[[Any], object]:
 
 
 def port_setter(port: Port) -> Callable[[Any, object], None]:
-    """A function of a node and a value that writes it to the node's *port*."""
+    """Return a function that writes a value to the *port* of a node."""
     name, writes = port.name, port.writes
 
     def write(node: TreeNode, value: object) -> None:
         if value is PORT_PLACEHOLDER:
             return
         if not writes:
-            raise AttributeError(f"port [{name}] is read, not written")
+            raise AttributeError(f"port [{name}] is an input: it can be read, but not assigned")
         node.config.output(name).write(value)
 
     return write

@@ -1,7 +1,7 @@
-"""Reads what a leaf declares in its annotations: ports and resources.
+"""The ports and resources that a leaf declares in its annotations.
 
-``In[T]`` is ``Annotated[T, …]`` and ``Put[T]`` is ``Annotated[Callable[[T], None], …]``, so that a
-type checker sees the true types.
+``In[T]`` is ``Annotated[T, …]`` and ``Put[T]`` is ``Annotated[Callable[[T], None], …]``, so that type
+checkers see the types of the values.
 """
 
 import inspect
@@ -29,7 +29,7 @@ class PortMark:
 
 
 class _Form:
-    """``In`` and the like at run time, with a sentence for what is no type."""
+    """``In``, ``Out``, ``InOut`` and ``Put`` at run time, with an error message for an invalid type."""
 
     def __init__(self, name: str, annotated: Any) -> None:
         self.name = name
@@ -42,20 +42,20 @@ class _Form:
             return self.annotated[of]
         except (TypeError, AttributeError):
             raise TypeError(
-                f"{self.name}[{of!r}] names no type: write {self.name}[float], say; a default stands behind "
-                f"it, = {of!r}"
+                f"{self.name}[{of!r}] is not a type: write for example {self.name}[float]; a default follows "
+                f"the annotation, = {of!r}"
             ) from None
 
 
 if TYPE_CHECKING:
     In = Annotated[T, PortMark(Direction.IN)]
-    """An input port: reading it reads the blackboard, or what the XML says."""
+    """An input port: reading it returns the blackboard entry or the literal in the XML."""
     Out = Annotated[T, PortMark(Direction.OUT)]
-    """An output port of a class: assigning it writes the blackboard."""
+    """An output port of a class: assigning it writes the blackboard entry."""
     InOut = Annotated[T, PortMark(Direction.INOUT)]
-    """A port that is read and written."""
+    """A port of a class that is both read and assigned."""
     Put = Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)]
-    """An output port of a function: a callable that writes the blackboard."""
+    """An output port of a function: a callable that writes the blackboard entry."""
 else:
     In = _Form("In", Annotated[T, PortMark(Direction.IN)])
     Out = _Form("Out", Annotated[T, PortMark(Direction.OUT)])
@@ -68,67 +68,82 @@ _ENGINE: Final = frozenset(
 
 
 class Parameter:
-    """One parameter of a leaf: a *port*, or a resource of type *wanted*; *default* may be UNSET."""
+    """One parameter of a leaf: a *port*, or a resource of type *resource_type*; *default* may be UNSET."""
 
-    def __init__(self, name: str, keyword: bool, port: Port | None, wanted: object, default: object) -> None:
+    def __init__(
+        self, name: str, keyword: bool, port: Port | None, resource_type: object, default: object
+    ) -> None:
         self.name = name
         self.keyword = keyword
         self.port = port
-        self.resource_type = wanted
+        self.resource_type = resource_type
         self.default = default
 
     @property
     def type_name(self) -> str:
-        """The type as people say it."""
+        """The name of the resource's type, for messages."""
         return getattr(self.resource_type, "__name__", str(self.resource_type))
 
     @property
     def looks_like_port(self) -> bool:
-        """Whether it is a resource of a type that values have, and was probably meant as a port."""
+        """Whether the resource has the type of a plain value, so that a port was probably meant."""
         return self.port is None and self.resource_type in (int, float, str, bool)
 
 
 def port_from_annotation(
     name: str, annotation: object, kind_of: Callable[[Any], ValueType], default: object = UNSET
 ) -> Port | None:
-    """The port that *annotation* declares, or None if it isn't one.
+    """Return the port that *annotation* declares, or None if it does not declare a port.
 
-    *kind_of* gives the type of values for what stands in In[…] and the like: a type, or a ValueType.
+    Args:
+        name: The name of the port.
+        annotation: The annotation of an attribute or a parameter.
+        kind_of: Returns the ValueType for the type in In[…], which may be a ValueType itself.
+        default: The default value; UNSET = the port is mandatory.
     """
-    inner, *marks = _taken_apart(annotation)
-    mark = _mark_in(marks)
+    inner, *marks = _type_and_marks(annotation)
+    mark = _port_mark(marks)
     if mark is None:
         return None
-    held = next((one for one in marks if isinstance(one, ValueType)), inner)
+    value_type = next((item for item in marks if isinstance(item, ValueType)), inner)
     if mark.put:
-        held = typing.get_args(inner)[0][0]
-    description = next((one for one in marks if isinstance(one, str)), "")
+        value_type = typing.get_args(inner)[0][0]
+    description = next((item for item in marks if isinstance(item, str)), "")
     text = None
     if default is not UNSET:
         text = _text_of(default)
     value = UNSET if isinstance(default, str) else default
-    return Port(name, mark.direction, kind_of(held), text, description, value)
+    return Port(name, mark.direction, kind_of(value_type), text, description, value)
 
 
-def check_parameter_writable(name: str, called: str, annotation: object) -> None:
-    """Raise RegistrationError for a port that the parameter *name* of the function *called* can't write."""
-    mark = _mark_in(_taken_apart(annotation))
+def check_parameter_writable(name: str, function_name: str, annotation: object) -> None:
+    """Check that a parameter is not annotated with Out or InOut, which work for attributes only.
+
+    Args:
+        name: The name of the parameter.
+        function_name: The name of the function.
+        annotation: The annotation of the parameter.
+
+    Raises:
+        RegistrationError: The annotation is Out or InOut.
+    """
+    mark = _port_mark(_type_and_marks(annotation))
     if mark is not None and mark.direction is not Direction.IN and not mark.put:
         raise RegistrationError(
-            f"parameter '{name}' of {called} can't be assigned: mark it Put[…], which is called with what it "
-            "writes, and what it reads In[…]"
+            f"parameter '{name}' of {function_name} can't be assigned: annotate an output with Put[…], which "
+            "is called with the value to write, and an input with In[…]"
         )
 
 
-def _taken_apart(annotation: object) -> tuple[Any, ...]:
-    """The type and the marks of *annotation*; In alone is In[Any]."""
+def _type_and_marks(annotation: object) -> tuple[Any, ...]:
+    """Return the type and the marks of *annotation*; In without a type means In[Any]."""
     if isinstance(annotation, _Form):
         annotation = annotation[Any]
     return typing.get_args(annotation) if typing.get_origin(annotation) is Annotated else (annotation,)
 
 
-def _mark_in(marks: Iterable[object]) -> PortMark | None:
-    return next((one for one in marks if isinstance(one, PortMark)), None)
+def _port_mark(marks: Iterable[object]) -> PortMark | None:
+    return next((mark for mark in marks if isinstance(mark, PortMark)), None)
 
 
 def _text_of(default: object) -> str:
@@ -143,35 +158,52 @@ def _text_of(default: object) -> str:
 def function_parameters(
     function: Callable[..., object], types: TypeRegistry, names: Mapping[str, Any], skip_first: bool = False
 ) -> list[Parameter]:
-    """The parameters of *function*, ports and resources, in order.
+    """Return the parameters of *function*, ports and resources, in order.
 
-    *names* helps to resolve annotations that are texts. Raises RegistrationError.
+    Args:
+        function: The function or ``__init__`` method.
+        types: The types that ports may have.
+        names: The local names with which annotations are resolved that are strings.
+        skip_first: Whether to leave out the first parameter, ``self``.
+
+    Raises:
+        RegistrationError: A parameter is variadic, or its annotation is missing or invalid.
     """
-    called = getattr(function, "__qualname__", repr(function))
-    hints = _resolve(function, called, names)
-    found = []
+    function_name = getattr(function, "__qualname__", repr(function))
+    hints = _resolve(function, function_name, names)
+    parameters = []
     for parameter in list(inspect.signature(function).parameters.values())[1 if skip_first else 0 :]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise RegistrationError(
-                f"{called} takes *{parameter.name}, which nothing in a tree can fill; name its parameters"
+                f"{function_name} has the variadic parameter *{parameter.name}, for which a tree has no "
+                "arguments; name its parameters"
             )
         if parameter.name not in hints:
             raise RegistrationError(
-                f"parameter '{parameter.name}' of {called} has no annotation: "
-                "mark a port with In[…] or Put[…], or name the type of the resource it wants"
+                f"parameter '{parameter.name}' of {function_name} has no annotation: "
+                "annotate a port with In[…] or Put[…], or a resource with its type"
             )
         annotation = hints[parameter.name]
         default = UNSET if parameter.default is parameter.empty else parameter.default
         port = port_from_annotation(parameter.name, annotation, types.of, default)
         if not skip_first:  # a dataclass sets its ports in __init__
-            check_parameter_writable(parameter.name, called, annotation)
+            check_parameter_writable(parameter.name, function_name, annotation)
         keyword = parameter.kind is parameter.KEYWORD_ONLY
-        found.append(Parameter(parameter.name, keyword, port, annotation, default))
-    return found
+        parameters.append(Parameter(parameter.name, keyword, port, annotation, default))
+    return parameters
 
 
 def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> list[Port]:
-    """The ports of a leaf class, inherited ones first. Raises RegistrationError."""
+    """Return the ports of a node class, inherited ports first.
+
+    Args:
+        cls: The class.
+        types: The types that ports may have.
+        names: The local names with which annotations are resolved that are strings.
+
+    Raises:
+        RegistrationError: An annotation is invalid, or a port hides an attribute of the engine.
+    """
     listed: dict[str, Port] = {}
     provided = getattr(cls, "provided_ports", None)
     if provided is not None:
@@ -180,27 +212,28 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
     for name, annotation in _resolve(cls, cls.__qualname__, names).items():
         port = port_from_annotation(name, annotation, types.of, _default_in(cls, name))
         if port is not None:
-            _refuse_hiding(cls, name)
+            _check_not_hidden(cls, name)
             listed[name] = port
     return list(listed.values())
 
 
 def _default_in(cls: type, name: str) -> object:
-    found = getattr(cls, name, UNSET)
-    if isinstance(found, PortAttribute):
-        return found.default
-    if isinstance(found, MemberDescriptorType):  # a slot; a dataclass keeps the default elsewhere
+    attribute = getattr(cls, name, UNSET)
+    if isinstance(attribute, PortAttribute):
+        return attribute.default
+    if isinstance(attribute, MemberDescriptorType):  # a slot: a dataclass keeps the default in its fields
         field = getattr(cls, "__dataclass_fields__", {}).get(name)
         return UNSET if field is None or field.default is MISSING else field.default
-    return found
+    return attribute
 
 
-def _refuse_hiding(cls: type, name: str) -> None:
+def _check_not_hidden(cls: type, name: str) -> None:
     for parent in cls.__mro__:
         if parent.__module__ in _ENGINE and (name in vars(parent) or name in inspect.get_annotations(parent)):
             raise RegistrationError(
-                f"port '{name}' of {cls.__qualname__} would hide what {parent.__name__} has under that name: "
-                f"list it in provided_ports(), and call get_input('{name}') or set_output('{name}', …)"
+                f"port '{name}' of {cls.__qualname__} would hide the attribute '{name}' of "
+                f"{parent.__name__}: list it in provided_ports(), and call get_input('{name}') or "
+                f"set_output('{name}', …)"
             )
 
 
@@ -216,7 +249,7 @@ def bind_class(cls: type, ports: list[Port]) -> None:
 
 
 class PortAttribute(property):
-    """A port as an attribute: reading reads the blackboard, assigning writes it."""
+    """A port as an attribute: reading it reads the blackboard, assigning it writes the blackboard."""
 
     def __init__(self, port: Port) -> None:
         self.default = UNSET if port.default is None else port.default
@@ -227,17 +260,17 @@ class PortAttribute(property):
         self.direction = port.direction
 
     def is_of(self, port: Port) -> bool:
-        """Whether it goes the way that *port* does, and so serves a subclass that declares that port."""
+        """Whether *port* has the same direction, so that a subclass with *port* can keep the attribute."""
         return self.direction is port.direction
 
 
-def _resolve(thing: Any, called: str, names: Mapping[str, Any]) -> dict[str, Any]:
+def _resolve(thing: Any, thing_name: str, names: Mapping[str, Any]) -> dict[str, Any]:
     try:
         return typing.get_type_hints(thing, localns=dict(names), include_extras=True)
     except NameError as unknown:
         raise RegistrationError(
-            f"{called} is annotated with '{unknown.name}', which can't be found: define or import it "
+            f"{thing_name} is annotated with '{unknown.name}', which can't be found: define or import it "
             "where the leaf is defined (not under TYPE_CHECKING)"
         ) from unknown
-    except TypeError as fault:
-        raise RegistrationError(f"the annotations of {called} can't be read: {fault}") from fault
+    except TypeError as error:
+        raise RegistrationError(f"the annotations of {thing_name} can't be read: {error}") from error

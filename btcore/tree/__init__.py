@@ -1,1 +1,1 @@
-"""The Tree, and breakpoints in it."""
+"""The Tree: ticking, halting, waiting, breakpoints and saved state."""

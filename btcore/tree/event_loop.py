@@ -8,7 +8,7 @@ from btcore.engine.context import TreeContext
 
 
 class EventLoopWait:
-    """Lets the event loop run until the next tick is due, or until a wake-up from any thread."""
+    """A wait that lets the event loop run until the next tick is due, or until a wake-up from any thread."""
 
     def __init__(self, context: TreeContext, period: float) -> None:
         self._context = context
@@ -29,11 +29,11 @@ class EventLoopWait:
         else:
             await asyncio.sleep(0)
         self._woken.clear()
-        # Takes what is due of wake-ups, and lets a simulated clock step.
+        # Consumes the pending wake-up, and lets a simulated clock advance to the due time.
         context.wait_until(due)
 
     def close(self) -> None:
-        """Let wake-ups no longer reach the event loop."""
+        """Stop forwarding wake-ups to the event loop."""
         self._context.on_wake = None
 
     def _wake(self) -> None:

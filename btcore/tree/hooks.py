@@ -1,8 +1,8 @@
 """Breakpoints and fault injection: at most one hook before and one after the tick of each node.
 
-Hooks do what BehaviorTree.CPP's ``Groot2Publisher`` lets a client do (groot2.md §7). As there, a
-status that is injected takes the place of the tick or of its result, and nothing more: a node that
-was RUNNING is not halted by it.
+Hooks do the same as those that clients of BehaviorTree.CPP's ``Groot2Publisher`` insert
+(src/loggers/groot2_publisher.cpp, docs/protocols.md). An injected status replaces the tick or its result and
+has no other effect: a node that was RUNNING is not halted.
 """
 
 import threading
@@ -16,21 +16,21 @@ from btcore.status import SKIPPED, Status
 from btcore.tree.tick_thread import TickThread
 
 LOOK_EVERY: Final = 0.1
-"""The longest time (s, wall clock) for which a tick at a breakpoint is deaf to signals."""
+"""The longest time (s, wall clock) for which a thread at a breakpoint ignores signals (Ctrl-C)."""
 
 
 class HookPosition(IntEnum):
-    """Where a hook sits. The numbers are those of Groot 2's protocol."""
+    """When a hook fires: before or after the tick. The numbers are those of Groot 2's protocol."""
 
     PRE = 0
     POST = 1
 
 
 class HookMode(IntEnum):
-    """What a hook does. The numbers are those of Groot 2's protocol.
+    """The effect of a hook. The numbers are those of Groot 2's protocol.
 
-    BREAKPOINT: the tick stands until it is let go, and then takes *desired_status*. REPLACE: it takes
-    *desired_status* at once.
+    BREAKPOINT: the tick stops until it is unlocked, then the node gets *desired_status*. REPLACE: the node
+    gets *desired_status* at once.
     """
 
     BREAKPOINT = 0
@@ -38,10 +38,15 @@ class HookMode(IntEnum):
 
 
 class Hook:
-    """What happens before or after the ticks of node *uid*.
+    """A breakpoint or an injected status, before or after the ticks of one node.
 
-    *desired_status* counts if it is SUCCESS or FAILURE; any other, SKIPPED for instance, leaves the node
-    to itself. *once*: the hook goes after it has fired. One that isn't *enabled* does nothing.
+    Attributes:
+        uid: The uid of the node.
+        position: Whether the hook fires before or after the tick.
+        mode: Whether it is a breakpoint, or replaces the status at once.
+        desired_status: SUCCESS or FAILURE replaces the status of the node; any other value has no effect.
+        once: Whether the hook is removed after it has fired.
+        enabled: False = the hook has no effect.
     """
 
     def __init__(
@@ -60,9 +65,9 @@ class Hook:
         self.once = once
         self.enabled = enabled
         self.waiting = False
-        """Whether a tick stands here now."""
+        """Whether a tick is stopped at this hook now."""
         self.ready = False
-        """Whether the next tick that comes here, or stands here, may go on."""
+        """Whether the tick that is stopped here, or the next tick that arrives here, may continue."""
 
     def __repr__(self) -> str:
         words = [self.mode.name, self.position.name, f"node {self.uid}", self.desired_status.name]
@@ -70,10 +75,10 @@ class Hook:
 
 
 class Hooks:
-    """The hooks of one tree (``tree.hooks``). Every method may be called from any thread.
+    """The hooks of one tree (``tree.hooks``). All methods are thread-safe.
 
-    A breakpoint stops the thread that ticks. Under ``await tree.run()`` it is awaited instead, and the
-    event loop goes on; there, one that is set while a tick is under way counts from the next tick on.
+    A breakpoint stops the thread that ticks. Under ``await tree.run()`` the event loop continues to run while
+    a tick is stopped; there, a breakpoint that is set during a tick takes effect from the next tick on.
     """
 
     def __init__(self, nodes: Sequence[TreeNode], context: TreeContext) -> None:
@@ -82,13 +87,17 @@ class Hooks:
         self._change = threading.Condition()
         self._tables: dict[HookPosition, dict[int, Hook]] = {HookPosition.PRE: {}, HookPosition.POST: {}}
         self._listeners: list[Callable[[Hook], object]] = []
-        self._letting_go = False
-        self._aside: TickThread | None = None
+        self._ignoring_breakpoints = False
+        self._tick_thread: TickThread | None = None
 
     # --- setting
 
     def insert(self, hook: Hook) -> bool:
-        """Set *hook*; one at the same place takes over what it says. False: there is no such node."""
+        """Insert a copy of *hook*, or update the existing hook of the same node and position.
+
+        Returns:
+            Whether the tree has a node with this uid.
+        """
         node = self._nodes.get(hook.uid)
         if node is None:
             return False
@@ -117,9 +126,16 @@ class Hooks:
         desired_status: Status = SKIPPED,
         remove_when_done: bool = False,
     ) -> bool:
-        """Let go the tick that stands at a breakpoint, or comes there next. False: there is no such hook.
+        """Release the tick that is stopped at a breakpoint, or the next tick that arrives there.
 
-        *desired_status* is the hook's from now on; with *remove_when_done* it goes when it has fired.
+        Args:
+            uid: The uid of the node.
+            position: The position of the hook.
+            desired_status: The new *desired_status* of the hook.
+            remove_when_done: Whether to remove the hook after it has fired.
+
+        Returns:
+            Whether there is such a hook.
         """
         with self._change:
             hook = self._tables[position].get(uid)
@@ -133,7 +149,15 @@ class Hooks:
         return True
 
     def remove(self, uid: int, position: HookPosition = HookPosition.PRE) -> bool:
-        """Take a hook away; a tick that stands there goes on. False: there is none."""
+        """Remove a hook. A tick that is stopped there continues.
+
+        Args:
+            uid: The uid of the node.
+            position: The position of the hook.
+
+        Returns:
+            Whether there was such a hook.
+        """
         with self._change:
             hook = self._tables[position].get(uid)
             if hook is None:
@@ -143,7 +167,7 @@ class Hooks:
         return True
 
     def remove_all(self) -> None:
-        """Take all hooks away; a tick that stands at one goes on."""
+        """Remove all hooks. A tick that is stopped at a hook continues."""
         with self._change:
             for table in self._tables.values():
                 for hook in list(table.values()):
@@ -151,7 +175,7 @@ class Hooks:
             self._change.notify_all()
 
     def enable_all(self, enabled: bool) -> None:
-        """Enable or disable all hooks; a tick that stands at a disabled one goes on."""
+        """Enable or disable all hooks. A tick that is stopped at a disabled hook continues."""
         with self._change:
             for table in self._tables.values():
                 for hook in table.values():
@@ -159,31 +183,32 @@ class Hooks:
             self._change.notify_all()
 
     def ignore_breakpoints(self, free: bool = True) -> None:
-        """No breakpoint holds the tree any more, as long as *free* is not taken back."""
+        """Ignore all breakpoints if *free*, and release a stopped tick; False = observe them again."""
         with self._change:
-            self._letting_go = free
+            self._ignoring_breakpoints = free
             self._change.notify_all()
 
-    # --- looking
+    # --- listing and subscribing
 
     def all(self) -> list[Hook]:
-        """The hooks as they are now, as copies: those before a tick, then those after one."""
+        """Return copies of all hooks: first those with position PRE, then those with position POST."""
         with self._change:
             return [_copy(hook) for table in self._tables.values() for hook in table.values()]
 
     def subscribe(self, listener: Callable[[Hook], object]) -> Callable[[], None]:
-        """Let *listener* be called when a hook fires; the callable returned ends that.
+        """Subscribe *listener*, which is called when a hook fires. Return a function that unsubscribes it.
 
-        It runs on the thread that ticks, before a breakpoint stops it; it is brief, and does not raise.
+        The listener runs on the thread that ticks, before a breakpoint stops it. It must return quickly and
+        must not raise.
         """
         with self._change:
             self._listeners = [*self._listeners, listener]
 
-        def leave() -> None:
+        def unsubscribe() -> None:
             with self._change:
-                self._listeners = [one for one in self._listeners if one is not listener]
+                self._listeners = [other for other in self._listeners if other is not listener]
 
-        return leave
+        return unsubscribe
 
     # --- ticking
 
@@ -191,23 +216,23 @@ class Hooks:
     def may_pause(self) -> bool:
         """Whether a breakpoint is set that could stop the next tick."""
         with self._change:
-            return not self._letting_go and any(
+            return not self._ignoring_breakpoints and any(
                 hook.enabled and hook.mode is HookMode.BREAKPOINT
                 for table in self._tables.values()
                 for hook in table.values()
             )
 
     async def tick_in_thread(self, tick: Callable[[], Status]) -> Status:
-        """What *tick* returns or raises; the event loop goes on while it stands at a breakpoint."""
-        if self._aside is None:
-            self._aside = TickThread()
-        return await self._aside.run(tick, self.ignore_breakpoints)
+        """Run *tick* on the tick thread, and return its result. The event loop runs while it is stopped."""
+        if self._tick_thread is None:
+            self._tick_thread = TickThread()
+        return await self._tick_thread.run(tick, self.ignore_breakpoints)
 
     def close_tick_thread(self) -> None:
-        """No event loop runs the tree any more."""
-        aside, self._aside = self._aside, None
-        if aside is not None:
-            aside.close()
+        """End the tick thread, when the event loop no longer runs the tree."""
+        tick_thread, self._tick_thread = self._tick_thread, None
+        if tick_thread is not None:
+            tick_thread.close()
 
     def _before(self, node: TreeNode) -> Status:
         return self._fire(self._tables[HookPosition.PRE].get(node.uid))
@@ -216,40 +241,42 @@ class Hooks:
         return self._fire(self._tables[HookPosition.POST].get(node.uid))
 
     def _fire(self, hook: Hook | None) -> Status:
-        """What the hook wants the status to be."""
+        """Return the status that *hook* injects, or SKIPPED, after the tick was unlocked."""
         if hook is None:
             return SKIPPED
-        aside = self._aside if self._context.in_event_loop else None
-        stood = False
+        tick_thread = self._tick_thread if self._context.in_event_loop else None
+        stops = False
         with self._change:
             if not hook.enabled:
                 return SKIPPED
             if hook.mode is HookMode.BREAKPOINT:
-                if self._letting_go or (
-                    self._context.in_event_loop and (aside is None or not aside.is_current)
+                # A tick on the event loop's own thread must not stop: the loop could never unlock it.
+                if self._ignoring_breakpoints or (
+                    self._context.in_event_loop and (tick_thread is None or not tick_thread.is_current)
                 ):
                     return SKIPPED
-                stood = True
+                stops = True
             for listener in self._listeners:
                 listener(hook)
-            if stood:
-                self._stand(hook, aside)
-        if stood and aside is not None:
-            aside.wait_for_turn()  # without the lock, which the event loop may want before it gives way
+            if stops:
+                self._stop_at(hook, tick_thread)
+        if stops and tick_thread is not None:
+            # Without the lock: the event loop may need it before it yields to this thread.
+            tick_thread.wait_for_turn()
         with self._change:
-            if not hook.enabled or (stood and self._letting_go):
+            if not hook.enabled or (stops and self._ignoring_breakpoints):
                 return SKIPPED
             if hook.once:
                 self._forget(hook)
             return hook.desired_status
 
-    def _stand(self, hook: Hook, aside: TickThread | None) -> None:
-        """Return when the tick may go on."""
+    def _stop_at(self, hook: Hook, tick_thread: TickThread | None) -> None:
+        """Return when the tick may continue. The lock is held by the caller, and free while waiting."""
         hook.waiting = True
-        if aside is not None:
-            aside.yield_to_loop()
+        if tick_thread is not None:
+            tick_thread.yield_to_loop()
         try:
-            while hook.enabled and not hook.ready and not self._letting_go:
+            while hook.enabled and not hook.ready and not self._ignoring_breakpoints:
                 self._change.wait(LOOK_EVERY)
         finally:
             hook.waiting = hook.ready = False

@@ -27,11 +27,10 @@ class SavedEntry(NamedTuple):
 
 
 class SavedState(NamedTuple):
-    """What :func:`save_state` has taken from a tree.
+    """The state of a tree, as returned by :func:`save_state`.
 
-    *nodes* are the paths and IDs. *values* holds the state fields of each node, then the value of each entry,
-    in one list, so that an object that several of them share is copied once. *boards* has the index of the
-    entry of each key.
+    *nodes* holds paths and IDs. *values* holds the state fields of each node, then the value of each entry,
+    in one list, so that a shared object is copied once. *boards* holds the index of the entry of each key.
     """
 
     nodes: list[tuple[str, str]]
@@ -46,11 +45,11 @@ class SavedState(NamedTuple):
 
 
 def state_fields_of(cls: type[TreeNode]) -> list[str]:
-    """The attributes that *cls* and its base classes declare as state, sorted."""
-    found: set[str] = set()
+    """Return the attributes that *cls* and its base classes declare as state, sorted."""
+    fields: set[str] = set()
     for base in cls.__mro__:
-        found.update(vars(base).get("state_fields") or ())
-    return sorted(found)
+        fields.update(vars(base).get("state_fields") or ())
+    return sorted(fields)
 
 
 def save_state(tree: Tree) -> SavedState:
@@ -92,9 +91,14 @@ def save_state(tree: Tree) -> SavedState:
 
 
 def restore_state(tree: Tree, saved: SavedState) -> None:
-    """Give *tree*, loaded from the same XML, the state *saved*. Observers are not notified.
+    """Restore a saved state. Observers are not notified.
 
-    Raises BtcoreError if *tree* has other nodes.
+    Args:
+        tree: A tree loaded from the same XML.
+        saved: The state.
+
+    Raises:
+        BtcoreError: *tree* has other nodes.
     """
     boards = _blackboards(tree)
     if _names(tree) != saved.nodes or len(boards) != len(saved.boards):
@@ -128,11 +132,11 @@ def _names(tree: Tree) -> list[tuple[str, str]]:
 
 
 def _blackboards(tree: Tree) -> list[Blackboard]:
-    """The scopes of *tree*, each once, and those around the main tree's."""
-    found: dict[int, Blackboard] = {}
+    """Return the scopes of *tree*, each once, including the parents of the main tree's scope."""
+    boards: dict[int, Blackboard] = {}
     for subtree in tree.subtrees:
         board: Blackboard | None = subtree.blackboard
         while board is not None:
-            found.setdefault(id(board), board)
+            boards.setdefault(id(board), board)
             board = board.parent
-    return list(found.values())
+    return list(boards.values())

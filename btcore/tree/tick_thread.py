@@ -1,9 +1,8 @@
-"""A tick that may stand still without holding up the event loop that runs the tree.
+"""A thread for ticks that may stop at a breakpoint without blocking the event loop that runs the tree.
 
-A tick is a nest of plain calls, which can't be left in the middle and resumed, so it gets a thread
-of its own. It and the loop's thread take turns: while one works the other stands still, as if
-there were one thread. Leaves use the loop as ever, and nothing of theirs runs beside them but
-what the loop does while the tick stands.
+A tick consists of nested function calls, which cannot be suspended and resumed, so it runs on a separate
+thread. This thread and the event loop's thread alternate: only one of them works at any time, as if there
+were one thread. So leaves may use the event loop as usual; it runs only while the tick is stopped.
 """
 
 import asyncio
@@ -17,17 +16,17 @@ from btcore.status import IDLE, Status
 
 
 class TickThread:
-    """The thread for one run's ticks. Made, used and closed by the task that runs the tree."""
+    """The thread for the ticks of one ``tree.run()``. The task that runs the tree creates and closes it."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._task: asyncio.Task[Any] | None = asyncio.current_task()
         self._tick: Callable[[], Status] | None = None
         self._status: Status = IDLE
-        self._fault: BaseException | None = None
+        self._error: BaseException | None = None
         self._done = False
-        self._given = False
-        self._freed = asyncio.Event()
+        self._has_turn = False
+        self._released = asyncio.Event()
         self._go = threading.Semaphore(0)
         self._back = threading.Semaphore(0)
         self._thread = threading.Thread(
@@ -35,76 +34,79 @@ class TickThread:
         )
         self._thread.start()
 
-    # what follows runs on the loop's thread
+    # --- the methods below run on the event loop's thread
 
     async def run(self, tick: Callable[[], Status], ignore_breakpoints: Callable[[bool], None]) -> Status:
-        """What *tick* returns or raises.
+        """Run *tick* on this thread. Return its result or raise its exception.
 
-        Cancelled while it stands, *ignore_breakpoints* frees it, and it goes on to its end before this
-        ends too.
+        Args:
+            tick: The function that ticks the tree.
+            ignore_breakpoints: Called with True when the task is cancelled while the tick is stopped, so that
+                the tick completes before the cancellation continues; then called with False.
         """
         self._tick = tick
         self._done = False
         try:
             self._give_turn()
             while not self._done:
-                await self._freed.wait()
-                self._freed.clear()
+                await self._released.wait()
+                self._released.clear()
                 self._give_turn()
         except BaseException:
             ignore_breakpoints(True)
             while not self._done:
                 self._give_turn()
             ignore_breakpoints(False)
-            self._fault = None
+            self._error = None
             raise
-        fault, self._fault = self._fault, None
-        if fault is not None:
-            raise fault
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
         return self._status
 
     def close(self) -> None:
         """End the thread."""
-        if not self._given:
+        if not self._has_turn:
             self._tick = None
             self._go.release()
             self._thread.join()
 
     def _give_turn(self) -> None:
-        # Debugging, a loop refuses calls from other threads; this one is its own for the moment.
+        # In debug mode an event loop rejects calls from other threads. The tick thread acts as the event
+        # loop's thread while it has its turn.
         debugs = self._loop.get_debug()
         if debugs:
             self._loop.set_debug(False)
         try:
-            if not self._given:  # by a call that Ctrl-C broke off
-                self._given = True
+            if not self._has_turn:  # True if Ctrl-C interrupted the last call in acquire()
+                self._has_turn = True
                 self._go.release()
             self._back.acquire()
-            self._given = False
+            self._has_turn = False
         finally:
             if debugs:
                 self._loop.set_debug(True)
 
-    # what follows runs on the tick's thread
+    # --- the methods below run on the tick thread
 
     @property
     def is_current(self) -> bool:
-        """Whether this is the tick's thread."""
+        """Whether the calling thread is the tick thread."""
         return threading.current_thread() is self._thread
 
     def yield_to_loop(self) -> None:
-        """Give the loop its turn: the tick stands."""
+        """Let the event loop run, because the tick is stopped."""
         self._back.release()
 
     def wait_for_turn(self) -> None:
-        """Wait for the turn: the tick may go on."""
-        self._loop.call_soon_threadsafe(self._freed.set)
+        """Wait until the event loop yields to the tick, which may continue."""
+        self._loop.call_soon_threadsafe(self._released.set)
         self._go.acquire()
 
     def _work(self) -> None:
         asyncio._set_running_loop(self._loop)
         if sys.version_info >= (3, 14) and self._task is not None:
-            # There, the current task is the thread's, not the loop's.
+            # From Python 3.14 on, the current task is stored per thread, and not per event loop.
             asyncio.tasks._enter_task(self._loop, self._task)
         while True:
             self._go.acquire()
@@ -113,7 +115,7 @@ class TickThread:
                 return
             try:
                 self._status = tick()
-            except BaseException as fault:
-                self._fault = fault
+            except BaseException as error:
+                self._error = error
             self._done = True
             self._back.release()

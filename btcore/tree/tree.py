@@ -42,10 +42,13 @@ MAX_NODES: Final = 65_535
 
 
 class Subtree:
-    """One instance of a tree within another: the main tree, and each SubTree's content.
+    """One instance of a tree definition: the main tree, or the content of a SubTree node.
 
-    *id* is the tree's ID, *path* the instance's ("" for the main tree); *nodes* are its own, in
-    pre-order, with its SubTree nodes but without what is in them.
+    Attributes:
+        id: The ID of the tree definition.
+        path: The path of the SubTree node; "" for the main tree.
+        blackboard: The scope of the instance.
+        nodes: The nodes of the instance in pre-order, with its SubTree nodes but without their content.
     """
 
     def __init__(self, id: str, path: str, blackboard: Blackboard) -> None:
@@ -56,17 +59,25 @@ class Subtree:
 
     @property
     def root(self) -> TreeNode:
-        """The node on top."""
+        """The root node of the instance."""
         return self.nodes[0]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Tree:
-    """A behavior tree with its blackboard and clock.
+    """A behavior tree that can be ticked, with its blackboards and clock.
 
-    *nodes* are all nodes in depth-first pre-order, a SubTree's content right after it; *subtrees* the
-    instances in order of creation, the main one first; *ticks* counts the ticks of the root; *registry*
-    is what it was made with.
+    :func:`btcore.load` creates it. All methods except :meth:`wake` must be called on the thread that ticks.
+
+    Attributes:
+        id: The ID of the main tree.
+        format: The XML format, 3 or 4.
+        subtrees: The instances of tree definitions in order of creation; the first is the main tree.
+        nodes: All nodes in depth-first pre-order; the content of a SubTree node follows it.
+        root: The root node.
+        registry: The registry with which the tree was loaded.
+        ticks: The number of ticks of the root.
+        status: The result of the last tick; IDLE before the first tick and after a halt.
     """
 
     def __init__(
@@ -102,13 +113,21 @@ class Tree:
     # --- ticking
 
     def tick_exactly_once(self) -> Status:
-        """Tick the root once. Raises NodeExecutionError, after halting the tree."""
+        """Tick the root exactly once. Return its result.
+
+        Raises:
+            NodeExecutionError: A node raised. The tree has been halted.
+        """
         status = self._tick_root()
         self.status = status
         return status
 
     def tick_once(self) -> Status:
-        """Tick the root, and again while it is RUNNING and a wake-up is due. Raises as above."""
+        """Tick the root, and again while it is RUNNING and a wake-up is pending. Return its result.
+
+        Raises:
+            NodeExecutionError: A node raised. The tree has been halted.
+        """
         status = self._tick_root()
         while status is RUNNING and self.context.take_wake_up():
             status = self._tick_root()
@@ -116,28 +135,43 @@ class Tree:
         return status
 
     def tick_while_running(self, period: float = 0.01) -> Status:
-        """Tick until the root isn't RUNNING, every *period* seconds, or earlier when woken.
+        """Tick until the root is no longer RUNNING, and wait between the ticks. Return its result.
 
-        Ticks are due at multiples of the period after the start; one that comes late moves the next
-        ones, and none is made up for. A period of 0 doesn't wait. Raises as above.
+        Ticks are due at multiples of the period after the start, or earlier when the tree is woken. A late
+        tick delays all following ticks; missed ticks are not made up for.
+
+        Args:
+            period: The time between ticks (s, tree's clock); 0 = do not wait.
+
+        Raises:
+            NodeExecutionError: A node raised. The tree has been halted.
         """
         clock = self.context.clock
-        metronome = TickSchedule(period, clock.now())
+        schedule = TickSchedule(period, clock.now())
         while True:
             status = self.tick_once()
             if status is not RUNNING:
                 return status
             if period > 0:
-                self.context.wait_until(metronome.next(clock.now()))
+                self.context.wait_until(schedule.next(clock.now()))
 
     async def run(self, period: float = 0.01) -> Status:
-        """As :meth:`tick_while_running`, in an event loop, which goes on while the tree waits.
+        """Tick until the root is no longer RUNNING, and let the event loop run between the ticks.
 
-        Leaves may then await whatever asyncio offers. Cancelling it halts the tree. A breakpoint is
-        awaited: where one is set, ticks run on a thread of their own, in turns with the loop's. Raises as
-        above.
+        Leaves may await asyncio's functions. Cancelling the task halts the tree. The event loop also runs
+        while a tick is stopped at a breakpoint: if a breakpoint is set, ticks run on a separate thread, which
+        alternates with the thread of the event loop.
+
+        Args:
+            period: The time between ticks (s, tree's clock), as in :meth:`tick_while_running`.
+
+        Returns:
+            The result of the root.
+
+        Raises:
+            NodeExecutionError: A node raised. The tree has been halted.
         """
-        # asyncio takes as long to import as the engine, and is needed here only.
+        # Imported here, because importing asyncio takes as long as importing the engine.
         from asyncio import CancelledError
 
         from btcore.tree.event_loop import EventLoopWait
@@ -179,7 +213,7 @@ class Tree:
                 observers.notify_tick(time.perf_counter_ns() - start, status)
         except NodeExecutionError as error:
             self.status = IDLE
-            self._tell_of(error)
+            self._notify_error(error)
             error.later_errors += self._halt_everything()
             raise
         return status
@@ -187,21 +221,22 @@ class Tree:
     # --- halting, waiting
 
     def halt(self) -> None:
-        """Halt every node, as BehaviorTree.CPP's haltTree: the root, then all in pre-order.
+        """Halt every node, as BehaviorTree.CPP's haltTree(): the root, then all nodes in pre-order.
 
-        All nodes are halted even if one raises; then NodeExecutionError says which was the first, and
-        which *also*.
+        Raises:
+            NodeExecutionError: A node raised. All nodes are halted before. It is the error of the first node;
+                *later_errors* holds the errors of others.
         """
         errors = self._halt_everything()
         self.status = IDLE
         if errors:
             first = errors[0]
             first.later_errors += errors[1:]
-            self._tell_of(first)
+            self._notify_error(first)
             raise first
 
-    def _tell_of(self, error: NodeExecutionError) -> None:
-        # Who came within the tick hears it too.
+    def _notify_error(self, error: NodeExecutionError) -> None:
+        # Not the `observers` of _tick_root(): a node may have subscribed the first observer within the tick.
         if self.context.observers is not None:
             self.context.observers.notify_error(error)
 
@@ -225,18 +260,18 @@ class Tree:
         self.halt()
 
     def sleep(self, seconds: float) -> bool:
-        """Let *seconds* (s) of the tree's clock pass, less if the tree is woken; returns whether it was."""
+        """Wait for *seconds* (s, tree's clock) or until a wake-up. Return whether a wake-up ended it."""
         return self.context.wait_until(self.context.clock.now() + round(seconds * NS_PER_S))
 
     def wake(self) -> None:
-        """End a sleep early, and tick. Any thread may call it."""
+        """End the wait between two ticks, so that the tree is ticked as soon as possible. Thread-safe."""
         self.context.wake_up()
 
-    # --- breakpoints, looking
+    # --- breakpoints, observers, nodes
 
     @property
     def hooks(self) -> "Hooks":
-        """Breakpoints and injected statuses; any thread may set them."""
+        """The breakpoints and injected statuses of the tree. Thread-safe."""
         from btcore.tree.hooks import Hooks
 
         with self.context.lock:
@@ -245,9 +280,9 @@ class Tree:
             return self._hooks
 
     def subscribe(self, observer: Observer) -> Callable[[], None]:
-        """Let *observer* hear what happens; the callable returned ends that.
+        """Subscribe *observer*. Return a function that unsubscribes it.
 
-        Call both on the thread that ticks, or while nothing ticks.
+        Call both on the thread that ticks, or while no tick is in progress.
         """
         observers = self.context.observers
         if observers is None:
@@ -257,16 +292,19 @@ class Tree:
         return observers.add(observer)
 
     def flush_observers(self) -> None:
-        """Tell observers now what they would hear at the end of the tick (:meth:`Observer.transitions`)."""
+        """Notify observers now of the transitions so far, and not at the end of the tick.
+
+        See :meth:`Observer.transitions`.
+        """
         if self.context.observers is not None:
             self.context.observers.flush()
 
     def count_ticks(self) -> dict[str, TickCounts]:
-        """Count the ticks of every node from now on, by path (see :meth:`nodes_by_path`)."""
+        """Count the ticks of every node from now on. Return the counters by path (:meth:`nodes_by_path`)."""
         return {key: node.count_ticks() for key, node in self.nodes_by_path().items()}
 
     def nodes_by_path(self) -> dict[str, TreeNode]:
-        """The nodes by full path, in pre-order; where paths are equal ``#<uid>`` is appended."""
+        """Return the nodes by full path, in pre-order. ``#<uid>`` is appended to equal paths."""
         times: dict[str, int] = {}
         for node in self.nodes:
             times[node.path] = times.get(node.path, 0) + 1
@@ -275,7 +313,11 @@ class Tree:
         }
 
     def node(self, path: str) -> TreeNode:
-        """The node of that full path or, if there is only one, of that name. Raises BtcoreError."""
+        """Return the node with the full path *path*, or the only node with the name *path*.
+
+        Raises:
+            BtcoreError: There is no such node, or several nodes have this name.
+        """
         keys = self.nodes_by_path()
         if path in keys:
             return keys[path]
@@ -291,7 +333,7 @@ class Tree:
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 
     def find(self, kind: type[N]) -> list[N]:
-        """The nodes of class *kind*, in pre-order."""
+        """Return the nodes of class *kind*, in pre-order."""
         return [node for node in self.nodes if isinstance(node, kind)]
 
     def __iter__(self) -> Iterator[TreeNode]:
@@ -299,7 +341,8 @@ class Tree:
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise TypeError(
-            "a tree is tied to its clock, its leaves and what they hold: load it again for another"
+            "a tree cannot be copied or pickled, because of its clock and the resources of its leaves: load it "
+            "again"
         )
 
     def __repr__(self) -> str:

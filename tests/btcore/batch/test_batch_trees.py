@@ -412,7 +412,7 @@ def assigning(n: InOut[Floats]) -> bool:
         (Registry.standard(), "a Registry is given as nodes=…"),
         ([above, above], "two leaves <Above>"),
         ([for_one], "for_one is a leaf for one agent"),
-        ([assigning], r"parameter 'n' of assigning can't be assigned: mark it Put\[…\]"),
+        ([assigning], r"parameter 'n' of assigning can't be assigned: annotate an output with Put\[…\]"),
     ],
 )
 def test_what_are_no_leaves(nodes: object, said: str) -> None:

@@ -283,7 +283,7 @@ def test_awaiting_while_being_halted_is_an_error_that_names_the_leaf(make_tree: 
 
     error = halting_raises(make_tree('<Sequence><Clings name="c"/></Sequence>', clings))
     assert "node 'c' <Clings> raised while being halted" in str(error)
-    assert "can't await or yield any more" in str(error)
+    assert "cannot await or yield while it is being halted" in str(error)
     assert "'Grips::1'" in str(halting_raises(make_tree("<Grips/>", grips)))
 
 
@@ -330,7 +330,7 @@ def test_a_foreign_awaitable_is_an_error_that_names_what_may_be_awaited(make_tre
         return True
 
     error = tick_raises(make_tree("<Waits/>", waits))
-    assert "a leaf awaits btcore.running() and btcore.sleep()" in str(error)
+    assert "a leaf can await btcore.running() and btcore.sleep()" in str(error)
     assert "'a promise'" in str(error)
     assert foreign.closed
 

@@ -404,9 +404,9 @@ def test_an_input_is_not_assigned_and_an_output_is_not_read(make_tree: Grow) -> 
         made: Out[int]
 
         def tick(self) -> Status:
-            with pytest.raises(AttributeError, match="is read, not written"):
+            with pytest.raises(AttributeError, match="is an input: it can be read, but not assigned"):
                 self.given = 1
-            with pytest.raises(AttributeError, match="is written, not read"):
+            with pytest.raises(AttributeError, match="is an output: it can be assigned, but not read"):
                 print(self.made)
             return Status.SUCCESS
 
@@ -601,7 +601,7 @@ def test_a_function_is_not_given_a_port_that_it_could_not_write(form: Any) -> No
         return True
 
     count.__annotations__["n"] = form[int]
-    assert "count can't be assigned: mark it Put[…]" in refused(count)
+    assert "count can't be assigned: annotate an output with Put[…]" in refused(count)
 
 
 def test_a_port_of_a_function_may_be_of_any_type(make_tree: Grow) -> None:
@@ -622,14 +622,14 @@ def test_what_takes_any_number_of_arguments_is_refused() -> None:
     def turn(**angles: float) -> bool:
         return True
 
-    assert "takes *speeds, which nothing in a tree can fill" in refused(drive)
-    assert "angles, which nothing in a tree can fill" in refused(turn)
+    assert "has the variadic parameter *speeds, for which a tree has no arguments" in refused(drive)
+    assert "angles, for which a tree has no arguments" in refused(turn)
 
 
 @pytest.mark.parametrize("name", ["path", "status", "type", "config", "tick"])
 def test_a_port_that_would_hide_an_attribute_of_every_node_is_refused(name: str) -> None:
     follow = type("Follow", (SyncAction,), {"__annotations__": {name: In[str]}, "__module__": __name__})
-    assert f"port '{name}' of Follow would hide what" in refused(follow)
+    assert f"port '{name}' of Follow would hide the attribute" in refused(follow)
 
 
 def test_such_a_port_is_listed_and_read_by_name(make_tree: Grow) -> None:

@@ -216,9 +216,8 @@ def test_a_built_in_decorator_may_be_derived_from(make_tree: Grow) -> None:
 )
 def test_no_port_hides_what_a_node_with_children_has(base: type[TreeNode], name: str) -> None:
     hiding = type("Hiding", (base,), {"__annotations__": {name: In[str]}})
-    with pytest.raises(
-        RegistrationError, match=f"port '{name}' of Hiding would hide what {base.__name__} has"
-    ):
+    message = f"port '{name}' of Hiding would hide the attribute '{name}' of {base.__name__}"
+    with pytest.raises(RegistrationError, match=message):
         Registry.standard().add(hiding)
 
 

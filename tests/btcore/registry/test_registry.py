@@ -209,7 +209,7 @@ def test_a_default_may_be_a_value_its_text_an_entry_or_nothing(kind: Any, defaul
 @pytest.mark.parametrize("form", ["In", "Out", "InOut", "Put"])
 @pytest.mark.parametrize("written", [3, 2.5, ("int", "str")])
 def test_a_port_of_what_is_no_type_is_refused_where_it_is_written(form: str, written: object) -> None:
-    with pytest.raises(TypeError, match=rf"{form}\[.*\] names no type: write {form}\[float\], say"):
+    with pytest.raises(TypeError, match=rf"{form}\[.*\] is not a type: write for example {form}\[float\]"):
         getattr(btcore, form)[written]
 
 
