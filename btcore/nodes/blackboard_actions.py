@@ -1,4 +1,4 @@
-"""Actions on the blackboard."""
+"""Actions that write or remove blackboard entries: SetBlackboard and UnsetBlackboard."""
 
 from typing import ClassVar
 
@@ -13,10 +13,11 @@ from btcore.values import STRING
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SetBlackboard(SyncAction):
-    """Writes `value` to the entry whose name `output_key` gives (the name itself, without braces).
+    """Writes `value` to the entry named by `output_key` (the name itself, without braces), and succeeds.
 
-    A text is converted where the entry already has a type. `value="{key}"` copies that entry, its
-    type too where the destination is new; FAILURE while it is empty.
+    A text is converted if the entry already has a type. `value="{key}"` copies the entry `key`; if
+    the destination does not exist, its type is copied too. FAILURE if the entry to copy is empty; an
+    error if it does not exist.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -25,7 +26,7 @@ class SetBlackboard(SyncAction):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [
             Port("value", description="what to write", role=PortRole.WRITTEN_VALUE),
             Port(
@@ -58,11 +59,11 @@ class SetBlackboard(SyncAction):
         return SUCCESS
 
     def nothing_to_copy(self, key: str) -> Status:
-        """The result when the entry to copy is empty."""
+        """Return the result for an empty entry to copy."""
         return FAILURE
 
     def write(self, key: str, value: object) -> None:
-        """Write *value*, converted from text where the entry's type asks for it."""
+        """Write *value*; a text is converted if the entry has a type."""
         board = self._blackboard
         entry = board.find(key)
         if isinstance(value, str) and entry is not None and entry.declared.strong:
@@ -72,14 +73,17 @@ class SetBlackboard(SyncAction):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class UnsetBlackboard(SyncAction):
-    """Removes the entry named by `key` from this scope's own blackboard; succeeds also without one."""
+    """Removes the entry named by `key` from the node's own scope, and succeeds.
+
+    It succeeds also if there is no such entry. An entry of an outer scope is not removed.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         about = "the name of the entry to remove"
         return [Port("key", type=STRING, description=about, role=PortRole.REMOVED_ENTRY)]
 

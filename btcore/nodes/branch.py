@@ -20,7 +20,7 @@ from btcore.status import (
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BranchNode(ControlNode):
-    """A node of two or three children: a condition, then, and else."""
+    """The base class of nodes with a condition, a branch for SUCCESS, and an optional branch for FAILURE."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
     node_symbol: ClassVar[str] = "⎇"
@@ -32,7 +32,7 @@ class BranchNode(ControlNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Those of the branches that the condition can lead to."""
+        """Return the results of the branches that the condition can select."""
         if not 2 <= len(children) <= 3:
             return results_of_any(cls, children)
         condition = children[0]
@@ -51,12 +51,12 @@ class BranchNode(ControlNode):
             if chosen in condition.after_running:
                 late |= branch.in_first_tick
         if len(children) == 2 and FAILURE in condition.results:
-            # The condition keeps its FAILURE, so that the next start gives it at once.
+            # The condition is not reset and keeps its FAILURE: the next start returns it in its first tick.
             first.add(FAILURE)
         return PossibleResults(frozenset(first), frozenset(late), may_run)
 
     def check_children(self) -> int:
-        """The number of children. Raises NodeError unless it is 2 or 3."""
+        """Return the number of children. Raise NodeError unless it is 2 or 3."""
         count = len(self._children)
         if count != 2 and count != 3:
             raise NodeError(f"<{self.id}> takes a condition and one or two branches, not {count} children")
@@ -65,10 +65,11 @@ class BranchNode(ControlNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class IfThenElse(BranchNode):
-    """Ticks the condition once, then the second child if it succeeded, the third if it failed.
+    """Ticks the first child, a condition; then the second child if it succeeded, or the third if it failed.
 
-    While the branch runs the condition isn't ticked again. Without a third child a failed
-    condition gives FAILURE, and the condition keeps its status. A skipped condition is an error.
+    The node returns the result of the selected child. While that child is RUNNING, the condition is
+    not ticked again. Without a third child, a failed condition makes the node fail, and the condition
+    keeps its status. A skipped condition is an error.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
@@ -78,7 +79,7 @@ class IfThenElse(BranchNode):
     _branch: int = 0
 
     def tick(self) -> Status:
-        """Choose a branch if none is chosen, and tick it."""
+        """Select a branch unless a branch is selected already, and tick it."""
         count = self.check_children()
         self.set_status(RUNNING)
         if self._branch == 0:
@@ -100,7 +101,7 @@ class IfThenElse(BranchNode):
         return status
 
     def halt(self) -> None:
-        """Halt the children; the condition decides anew next time."""
+        """Halt the children, and forget the selected branch."""
         self._branch = 0
         self.reset_children()
         self.reset_status()
@@ -108,17 +109,19 @@ class IfThenElse(BranchNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class WhileDoElse(BranchNode):
-    """Ticks the condition on every tick, and the second child while it succeeds, the third while it fails.
+    """Ticks the first child, a condition, in every tick, and the second or third child by its result.
 
-    When the condition changes its mind the branch that runs is halted. Without a third child a
-    failed condition gives FAILURE. A skipped condition is an error.
+    While the condition succeeds, the second child is ticked; while it fails, the third. The node returns
+    the result of the selected child. When the result of the condition changes, the child that was RUNNING
+    is halted. Without a third child, a failed condition makes the node fail. A skipped condition is an
+    error.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     batch_class: ClassVar[str] = "btcore.batch.branch:WhileDoElse"
 
     def tick(self) -> Status:
-        """Tick the condition, and the branch it asks for."""
+        """Tick the condition and the branch that it selects."""
         count = self.check_children()
         self.set_status(RUNNING)
         condition = execute_tick(self._children[0])

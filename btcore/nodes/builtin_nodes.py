@@ -1,4 +1,4 @@
-"""The built-in nodes, found in the modules of this package."""
+"""The table of built-in nodes, collected from the modules of this package."""
 
 import pkgutil
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from btcore.engine.node import TreeNode
 
 
 def node_classes() -> Iterator[type[TreeNode]]:
-    """The node classes that the modules of the package define, in alphabetical order of the modules."""
+    """Yield the node classes defined in the modules of the package, in alphabetical order of the modules."""
     for module in pkgutil.iter_modules(btcore.nodes.__path__, "btcore.nodes."):
         if module.name != __name__:
             for thing in vars(import_module(module.name)).values():
@@ -20,13 +20,13 @@ def node_classes() -> Iterator[type[TreeNode]]:
 
 
 def _by_id() -> dict[int, dict[str, type[TreeNode]]]:
-    found: dict[int, dict[str, type[TreeNode]]] = {3: {}, 4: {}}
+    classes: dict[int, dict[str, type[TreeNode]]] = {3: {}, 4: {}}
     for cls in node_classes():
-        # What a base class declares about itself does not hold for the classes derived from it.
+        # vars(), because these declarations are not inherited.
         own = vars(cls)
         for format in own.get("builtin_formats", ()):
-            found[format][own.get("builtin_id") or cls.__name__] = cls
-    return found
+            classes[format][own.get("builtin_id") or cls.__name__] = cls
+    return classes
 
 
 BUILTIN_NODES: Final = _by_id()

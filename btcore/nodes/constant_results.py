@@ -1,4 +1,4 @@
-"""Leaves whose result is fixed."""
+"""Leaves with a fixed result: AlwaysSuccess and AlwaysFailure."""
 
 from typing import ClassVar
 
@@ -10,7 +10,7 @@ from btcore.status import FAILURE, SUCCESS, Status
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class AlwaysSuccess(SyncAction):
-    """Succeeds."""
+    """Returns SUCCESS in every tick."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊤"
@@ -18,13 +18,13 @@ class AlwaysSuccess(SyncAction):
     batch_class: ClassVar[str] = "btcore.batch.script_nodes:AlwaysSuccess"
 
     def tick(self) -> Status:
-        """SUCCESS."""
+        """Return SUCCESS."""
         return SUCCESS
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class AlwaysFailure(SyncAction):
-    """Fails."""
+    """Returns FAILURE in every tick."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊥"
@@ -32,5 +32,5 @@ class AlwaysFailure(SyncAction):
     batch_class: ClassVar[str] = "btcore.batch.script_nodes:AlwaysFailure"
 
     def tick(self) -> Status:
-        """FAILURE."""
+        """Return FAILURE."""
         return FAILURE

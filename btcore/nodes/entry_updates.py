@@ -1,4 +1,4 @@
-"""Nodes that look whether a blackboard entry was written since they looked last."""
+"""Nodes that check whether a blackboard entry was written since their last check."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -23,27 +23,27 @@ from btcore.values import ANY_VALUE
 
 
 def entry_port() -> list[Port]:
-    """The port of all of them."""
-    return [Port("entry", type=ANY_VALUE, description="the entry to look at", role=PortRole.WATCHED_ENTRY)]
+    """Return the port that all these nodes have."""
+    return [Port("entry", type=ANY_VALUE, description="the entry to check", role=PortRole.WATCHED_ENTRY)]
 
 
 def entry_key(node: TreeNode) -> str:
-    """The key of the entry that *node* looks at. Raises NodeError without the port."""
+    """Return the key of the entry that *node* checks. Raise NodeError if the port is missing."""
     port = node.config.inputs.get("entry")
     if port is None or not port.text:
-        raise NodeError(f"<{node.id}> needs port [entry], the blackboard entry to look at")
+        raise NodeError(f"<{node.id}> needs port [entry], the blackboard entry to check")
     return port.text if port.key is None else port.key
 
 
 def write_count(node: TreeNode, key: str, seen: int) -> int:
-    """How often the entry *key* has been written, or *seen* if there is none."""
+    """Return how often the entry *key* has been written, or *seen* if there is no such entry."""
     entry = node._blackboard.find(key)
     return seen if entry is None else entry.sequence_id
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class EntryUpdatedDecorator(DecoratorNode):
-    """Ticks its child when the entry was written since the last look, else gives *otherwise*."""
+    """Ticks its child if the entry was written since the last check, else returns *status_if_unchanged*."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
     state_fields: ClassVar[tuple[str, ...] | None] = ("_seen", "_going")
@@ -54,15 +54,15 @@ class EntryUpdatedDecorator(DecoratorNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return entry_port()
 
     def prepare(self) -> None:
-        """Find the entry's name."""
+        """Store the key of the entry."""
         self._key = entry_key(self)
 
     def tick(self) -> Status:
-        """Look, unless the child runs; then tick it."""
+        """Check the entry, unless the child is RUNNING, and tick the child."""
         if not self._going:
             before = self._seen
             self._seen = write_count(self, self._key, before)
@@ -73,7 +73,7 @@ class EntryUpdatedDecorator(DecoratorNode):
         return status
 
     def halt(self) -> None:
-        """Halt the child; what was seen stays seen."""
+        """Halt the child. The last check is not forgotten."""
         self._going = False
         self.halt_child()
         self.reset_status()
@@ -81,10 +81,10 @@ class EntryUpdatedDecorator(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SkipUnlessUpdated(EntryUpdatedDecorator):
-    """Ticks its child when `entry` was written since the last look, else is SKIPPED.
+    """Ticks its child if `entry` was written since the last check, else returns SKIPPED.
 
-    The first look at an entry that has been written counts as an update; a child that runs is
-    ticked without a look.
+    In the first check, an entry that has ever been written counts as updated. A RUNNING child is
+    ticked without a check. The node returns the child's result.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -93,10 +93,10 @@ class SkipUnlessUpdated(EntryUpdatedDecorator):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class WaitValueUpdate(EntryUpdatedDecorator):
-    """Ticks its child when `entry` was written since the last look, else is RUNNING.
+    """Ticks its child if `entry` was written since the last check, else returns RUNNING.
 
-    The first look at an entry that has been written counts as an update; a child that runs is
-    ticked without a look.
+    In the first check, an entry that has ever been written counts as updated. A RUNNING child is
+    ticked without a check. The node returns the child's result.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -106,13 +106,16 @@ class WaitValueUpdate(EntryUpdatedDecorator):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Any result, and RUNNING."""
+        """Return all results and RUNNING."""
         return UNKNOWN_RESULTS
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class WasEntryUpdated(SyncAction):
-    """Succeeds if `entry` was written since the last look; fails if not, or if there is none."""
+    """Succeeds if `entry` was written since the last check; fails if not, or if there is no such entry.
+
+    In the first check, an entry that has ever been written counts as updated.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, FAILURE})
@@ -123,15 +126,15 @@ class WasEntryUpdated(SyncAction):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return entry_port()
 
     def prepare(self) -> None:
-        """Find the entry's name."""
+        """Store the key of the entry."""
         self._key = entry_key(self)
 
     def tick(self) -> Status:
-        """Look."""
+        """Check the entry."""
         before = self._seen
         self._seen = write_count(self, self._key, before)
         return FAILURE if self._seen == before else SUCCESS

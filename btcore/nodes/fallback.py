@@ -10,10 +10,11 @@ from btcore.status import FAILURE, Status
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Fallback(OrderedNode):
-    """Ticks its children in order until one succeeds.
+    """Ticks its children in order until a child succeeds.
 
-    RUNNING child: RUNNING, and the same child is ticked next time. SUCCESS: the children are
-    reset, SUCCESS. SKIPPED children are passed over. All failed: FAILURE; all skipped: SKIPPED.
+    If a child is RUNNING, the node is RUNNING, and the next tick continues with this child. If a child
+    succeeds, the children are reset and the node succeeds. After a child that fails or is SKIPPED, the
+    next child is ticked. After the last child the node fails, or is SKIPPED if all children were skipped.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
@@ -24,9 +25,10 @@ class Fallback(OrderedNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class AsyncFallback(Fallback):
-    """A Fallback that can be interrupted between children.
+    """A Fallback that returns RUNNING between its children, so that it can be halted there.
 
-    After a child that failed within one tick it returns RUNNING and asks to be ticked again.
+    After a child, except the last, that failed in its first tick, the node returns RUNNING and wakes the
+    tree; the next tick continues with the next child. Everything else is as in Fallback.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -36,10 +38,11 @@ class AsyncFallback(Fallback):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ReactiveFallback(ReactiveNode):
-    """Ticks its children from the first one on every tick, until one doesn't fail.
+    """Ticks its children in order, in every tick from the first child, until a child succeeds or is RUNNING.
 
-    RUNNING child: all others are halted, RUNNING. SUCCESS: all are reset, SUCCESS. All failed:
-    FAILURE; all skipped: SKIPPED.
+    If a child is RUNNING, all other children are halted and the node is RUNNING. If a child succeeds, all
+    children are reset and the node succeeds. After a child that fails or is SKIPPED, the next child is
+    ticked. After the last child the node fails, or is SKIPPED if all children were skipped.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)

@@ -1,4 +1,4 @@
-"""The nodes of format 3 that differ from those of format 4, or have no counterpart there."""
+"""The built-in nodes of format 3 that differ from those of format 4 or do not exist in format 4."""
 
 from typing import ClassVar, cast
 
@@ -35,7 +35,11 @@ from btcore.values import (
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SequenceStar(OrderedNode):
-    """A Sequence that goes on at the child that failed; a halt starts it anew."""
+    """A Sequence that starts again at the child that failed.
+
+    When a child fails, only this child and the following children are reset, and the next start begins
+    with this child. After a halt it begins with the first child.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     node_symbol: ClassVar[str] = "→"
@@ -43,17 +47,20 @@ class SequenceStar(OrderedNode):
     continue_on: ClassVar[Status] = SUCCESS
 
     def finish_early(self) -> None:
-        """Reset from the child that failed on, and remember it."""
+        """Reset the child that failed and the following children."""
         for index in range(self._next, len(self._children)):
             self.halt_child(index)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Parallel3(ControlNode):
-    """Ticks the children that haven't completed, in order, and counts results as it goes.
+    """Ticks in order the children that have not completed, until enough have succeeded or failed.
 
-    SUCCESS as soon as `success_threshold` succeeded; FAILURE as soon as `failure_threshold` failed, or
-    too many for a success. Negative thresholds are from the end: −1 = all.
+    The node succeeds as soon as `success_threshold` children have succeeded. It fails as soon as
+    `failure_threshold` children have failed, or so many that `success_threshold` can no longer be reached.
+    The following children are then not ticked, and RUNNING children are halted. Otherwise it is RUNNING. A
+    negative threshold −n means the number of children + 1 − n: −1 = all. A threshold above the number of
+    children is an error.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
@@ -66,7 +73,7 @@ class Parallel3(ControlNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [
             Port(
                 "success_threshold",
@@ -78,17 +85,17 @@ class Parallel3(ControlNode):
                 "failure_threshold",
                 type=INT,
                 default="1",
-                description="failures that end it",
+                description="failures that make the node fail, −1 = all",
                 role=PortRole.FAILURES,
             ),
         ]
 
     def prepare(self) -> None:
-        """Nothing is completed."""
+        """Forget the children that have completed."""
         self._completed = set()
 
     def tick(self) -> Status:
-        """Tick the children that haven't completed, until the result is known."""
+        """Tick the children that have not completed, until the result is known."""
         count = len(self._children)
         needed = threshold(cast(int, self.get_input("success_threshold")), count)
         allowed = threshold(cast(int, self.get_input("failure_threshold")), count)
@@ -121,7 +128,7 @@ class Parallel3(ControlNode):
         return status
 
     def halt(self) -> None:
-        """Halt the children; nothing is completed."""
+        """Halt the children, and forget which of them have completed."""
         self._completed = set()
         self.reset_children()
         self.reset_status()
@@ -129,9 +136,11 @@ class Parallel3(ControlNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class WhileDoElse3(BranchNode):
-    """Ticks the condition on every tick, and the second child while it succeeds, the third while it fails.
+    """Ticks the first child, a condition, in every tick, and the second or third child by its result.
 
-    It has exactly three children.
+    While the condition succeeds, the second child is ticked; while it fails, the third. The node returns
+    the result of the selected child. When the result of the condition changes, the child that was RUNNING
+    is halted. The node has exactly three children.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
@@ -140,7 +149,7 @@ class WhileDoElse3(BranchNode):
     child_roles: ClassVar[str] = "a condition, and two branches"
 
     def tick(self) -> Status:
-        """Tick the condition, and the branch it asks for."""
+        """Tick the condition and the branch that it selects."""
         if len(self._children) != 3:
             raise NodeError(
                 f"<WhileDoElse> takes a condition and two branches, not {len(self._children)} children"
@@ -159,7 +168,11 @@ class WhileDoElse3(BranchNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Repeat3(Repeat):
-    """Ticks its child until it succeeded `num_cycles` times (−1 = for ever), within one tick if it can."""
+    """Ticks its child until it has succeeded `num_cycles` times, and succeeds; −1 = forever.
+
+    The node fails as soon as the child fails. Unless the child is RUNNING, all cycles happen in one tick.
+    With 0 cycles it succeeds without ticking the child.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Repeat"
@@ -168,62 +181,75 @@ class Repeat3(Repeat):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RetryUntilSuccessful3(RetryUntilSuccessful):
-    """Ticks its child until it failed `num_attempts` times (−1 = for ever), all within one tick if it can."""
+    """Ticks its child until it has failed `num_attempts` times, and fails; −1 = forever.
+
+    The node succeeds as soon as the child succeeds. Unless the child is RUNNING, all attempts happen in one
+    tick. With 0 attempts it fails without ticking the child.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "RetryUntilSuccessful"
     yields: ClassVar[bool] = False
 
     def limit_after(self, limit: int) -> int:
-        """The limit; format 3 doesn't read it again within a tick."""
+        """Return *limit*: format 3 reads the port once per tick."""
         return limit
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Delay3(Delay):
-    """Ticks its child only when `delay_msec` milliseconds have passed since the start; RUNNING until then."""
+    """Waits for `delay_msec` milliseconds, RUNNING, then ticks its child and returns its result.
+
+    The tree is woken when the time has passed. A RUNNING child is ticked again without a delay.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Delay"
 
     def ends_with(self, status: Status) -> bool:
-        """Whether the next tick starts a new delay."""
+        """Return whether the next tick starts a new delay, after the child returned *status*."""
         return status is not RUNNING
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SetBlackboard3(SetBlackboard):
-    """Writes `value` to the entry whose name `output_key` gives; `value="{key}"` copies that entry."""
+    """Writes `value` to the entry named by `output_key` (without braces), and succeeds.
+
+    `value="{key}"` copies the entry `key`, also if it is empty.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "SetBlackboard"
 
     def nothing_to_copy(self, key: str) -> Status:
-        """An empty entry is copied too."""
+        """Clear the destination: an empty entry is copied too."""
         entry = self._blackboard.find(key)
         if entry is not None:
             entry.value = None
         return SUCCESS
 
     def write(self, key: str, value: object) -> None:
-        """Write *value* as it is."""
+        """Write *value* without conversion."""
         self._blackboard.set(key, value)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SwitchNode3(SwitchNode):
-    """Ticks the child whose `case_N` is the same text as `variable`, else the last child."""
+    """Ticks the child whose `case_N` is the same text as `variable`, else the last child.
+
+    The node returns the child's result. When another child is selected, the child that was RUNNING is halted.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
 
     def equal(self, variable: str, case: str) -> bool:
-        """Whether the texts are the same."""
+        """Return whether the texts are the same."""
         return variable == case
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch2v3(SwitchNode3):
-    """Ticks the child whose case (of two) equals `variable`, as a text, else the last child."""
+    """Ticks the child whose case (of two) is the same text as `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Switch2"
@@ -232,7 +258,7 @@ class Switch2v3(SwitchNode3):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch3v3(SwitchNode3):
-    """Ticks the child whose case (of three) equals `variable`, as a text, else the last child."""
+    """Ticks the child whose case (of three) is the same text as `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Switch3"
@@ -241,7 +267,7 @@ class Switch3v3(SwitchNode3):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch4v3(SwitchNode3):
-    """Ticks the child whose case (of four) equals `variable`, as a text, else the last child."""
+    """Ticks the child whose case (of four) is the same text as `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Switch4"
@@ -250,7 +276,7 @@ class Switch4v3(SwitchNode3):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch5v3(SwitchNode3):
-    """Ticks the child whose case (of five) equals `variable`, as a text, else the last child."""
+    """Ticks the child whose case (of five) is the same text as `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Switch5"
@@ -259,7 +285,7 @@ class Switch5v3(SwitchNode3):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch6v3(SwitchNode3):
-    """Ticks the child whose case (of six) equals `variable`, as a text, else the last child."""
+    """Ticks the child whose case (of six) is the same text as `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Switch6"
@@ -268,10 +294,11 @@ class Switch6v3(SwitchNode3):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheck(DecoratorNode):
-    """Ticks its child while `value_A` equals `value_B`, else gives `return_on_mismatch` (FAILURE if absent).
+    """Ticks its child while `value_A` equals `value_B`, else returns `return_on_mismatch` (FAILURE if absent).
 
-    Both are read as *element* on every tick, also while the child runs, which a mismatch halts. What
-    can't be read is a mismatch; reals are equal within the precision of a float.
+    Both are read as *element* in every tick. If they differ while the child is RUNNING, the child is
+    halted. A value that cannot be read or converted differs. Real numbers are equal if they differ by at
+    most C's FLT_EPSILON.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
@@ -279,14 +306,14 @@ class BlackboardCheck(DecoratorNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [
             Port("value_A", type=ANY, description="one value", optional=True),
-            Port("value_B", type=ANY, description="the other", optional=True),
+            Port("value_B", type=ANY, description="the other value", optional=True),
             Port(
                 "return_on_mismatch",
                 type=NODE_STATUS,
-                description="the result if they differ",
+                description="the result if the values differ",
                 optional=True,
             ),
         ]
@@ -354,10 +381,11 @@ class BlackboardCheckBool(BlackboardCheck):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SubTree3(SubTree):
-    """Ticks the root of the tree named by `ID`, which has a blackboard of its own.
+    """Ticks the root of the tree named by `ID`, and returns its result.
 
-    `inner="outer"` (without braces) is one entry under two names; with `__shared_blackboard` both
-    trees use one blackboard.
+    The inner tree has its own blackboard. `inner="outer"` (without braces) makes the key `inner` of the inner
+    tree the entry `outer` of the outer tree. With `__shared_blackboard` both trees use the outer tree's
+    blackboard.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
@@ -365,16 +393,17 @@ class SubTree3(SubTree):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """None; the attributes are names."""
+        """Return no ports: all attributes are remappings."""
         return []
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SubTreePlus(SubTree3):
-    """Ticks the root of the tree named by `ID`, with remapping as in format 4.
+    """Ticks the root of the tree named by `ID`, with remapping as in format 4, and returns its result.
 
-    `inner="{outer}"` is one entry under two names, anything else a constant; with `__autoremap` every
-    name that the inner tree uses is the outer one's.
+    `inner="{outer}"` makes the key `inner` of the inner tree the entry `outer` of the outer tree; any other
+    value is a constant. With `__autoremap` every key that the inner tree uses is the entry of the same name
+    in the outer tree.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)

@@ -1,4 +1,4 @@
-"""Loops: the child is ticked once for each element of a queue."""
+"""Loops: they tick the child for each element of a queue."""
 
 from collections import deque
 from typing import ClassVar, cast
@@ -29,11 +29,12 @@ from btcore.values import (
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopNode(DecoratorNode):
-    """Takes an element from `queue`, writes it to `value`, and ticks the child: one element a tick.
+    """Takes an element from `queue`, writes it to `value`, and ticks the child: at most one element per tick.
 
-    RUNNING until the queue is empty, then `if_empty` (default SUCCESS); FAILURE when the child
-    fails. `queue` is a list written out (`1;2;3`), which starts anew whenever the node starts, or an
-    entry that holds a deque (consumed in place), a list or such a text.
+    A RUNNING child is ticked again with the same element. The node is RUNNING until the queue is empty and
+    then returns `if_empty` (default SUCCESS); it fails as soon as the child fails. `queue` is a literal
+    list (`1;2;3`), which starts from the beginning whenever the node starts, or an entry that holds a deque
+    (its elements are removed), a list, or a text like the literal.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
@@ -47,7 +48,7 @@ class LoopNode(DecoratorNode):
 
     @classmethod
     def provided_ports(cls) -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [
             Port(
                 "queue",
@@ -56,19 +57,22 @@ class LoopNode(DecoratorNode):
                 role=PortRole.QUEUE,
             ),
             Port(
-                "if_empty", type=NODE_STATUS, default="SUCCESS", description="the result when nothing is left"
+                "if_empty",
+                type=NODE_STATUS,
+                default="SUCCESS",
+                description="the result when the queue is empty",
             ),
             Port(
                 "value",
                 Direction.OUT,
                 type=cls.element,
-                description="the element of this turn",
+                description="the current element",
                 optional=True,
             ),
         ]
 
     def prepare(self) -> None:
-        """Read a queue that is written out."""
+        """Convert a literal queue."""
         self._queue = self.config.inputs.get("queue")
         if self._queue is None:
             raise NodeError(f"<{self.id}> needs port [queue]")
@@ -76,14 +80,14 @@ class LoopNode(DecoratorNode):
             self._literal = self.elements(self._queue.text)
 
     def elements(self, text: str) -> list[object]:
-        """The elements of *text*, separated by semicolons. Raises ConversionError."""
+        """Return the elements of *text*, separated by semicolons. Raise ConversionError if one is invalid."""
         parts = text.split(";") if text else []
         if parts and not parts[-1]:
             parts.pop()
         return [self.element.from_text(part, self.config.format) for part in parts]
 
     def tick(self) -> Status:
-        """Take the next element, unless the child runs; tick the child."""
+        """Take the next element, unless the child is RUNNING, and tick the child."""
         if self._status is IDLE:
             self._going = False
             self._current = None if self._literal is None else deque(self._literal)
@@ -126,7 +130,10 @@ class LoopNode(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopInt(LoopNode):
-    """Ticks its child once for each of the integers in `queue`, one a tick, written to `value`."""
+    """Ticks its child for each integer in `queue`, which it writes to `value`; one integer per tick.
+
+    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = INT
@@ -134,7 +141,10 @@ class LoopInt(LoopNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopBool(LoopNode):
-    """Ticks its child once for each of the truth values in `queue`, one a tick, written to `value`."""
+    """Ticks its child for each bool in `queue`, which it writes to `value`; one bool per tick.
+
+    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = BOOL
@@ -142,7 +152,10 @@ class LoopBool(LoopNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopDouble(LoopNode):
-    """Ticks its child once for each of the real numbers in `queue`, one a tick, written to `value`."""
+    """Ticks its child for each real number in `queue`, which it writes to `value`; one number per tick.
+
+    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = DOUBLE
@@ -150,7 +163,10 @@ class LoopDouble(LoopNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LoopString(LoopNode):
-    """Ticks its child once for each of the texts in `queue`, one a tick, written to `value`."""
+    """Ticks its child for each string in `queue`, which it writes to `value`; one string per tick.
+
+    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     element: ClassVar[ValueType] = STRING

@@ -19,10 +19,21 @@ from btcore.values import BOOL
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Prompt:
-    """Asks at the terminal. Subclass it and hand it in as a resource, to ask in another way."""
+    """A prompt at the terminal. Subclass it and pass an instance as a resource to ask in another way."""
 
     def choose(self, question: str, options: list[str]) -> int:
-        """The index of the chosen one of *options*. Raises NodeError when nobody can answer."""
+        """Ask the user to choose one of several options.
+
+        Args:
+            question: The text of the question.
+            options: The texts of the options.
+
+        Returns:
+            The index of the chosen option.
+
+        Raises:
+            NodeError: The standard input has ended.
+        """
         print(question)
         for number, option in enumerate(options, start=1):
             print(f"  {number:2}  {option}")
@@ -30,17 +41,18 @@ class Prompt:
             try:
                 answer = input(f"1–{len(options)}? ").strip()
             except EOFError:
-                raise NodeError("nobody is there to choose: the input has ended") from None
+                raise NodeError("no option was chosen: the standard input has ended") from None
             if answer.isdigit() and 1 <= int(answer) <= len(options):
                 return int(answer) - 1
-            print(f"'{answer}' is none of 1–{len(options)}")
+            print(f"'{answer}' is not a number from 1 to {len(options)}")
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ManualSelector(ControlNode):
-    """Asks a person which child to tick, or which result to give at once.
+    """Asks the user which child to tick, or which result to return, in every tick.
 
-    With `repeat_last_selection` the first answer holds for all later ticks. The tick waits for the answer.
+    The tick blocks until the user answers. With `repeat_last_selection` the first answer is used for all
+    later ticks. The node returns the result of the selected child, or the selected result.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
@@ -54,18 +66,16 @@ class ManualSelector(ControlNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        return [
-            Port("repeat_last_selection", type=BOOL, default="false", description="don't ask a second time")
-        ]
+        """Return the ports."""
+        return [Port("repeat_last_selection", type=BOOL, default="false", description="ask only once")]
 
     def tick(self) -> Status:
-        """Ask, then tick the chosen child."""
+        """Ask the user, then tick the chosen child."""
         count = len(self._children)
         if self._last < 0 or not self._repeats():
             self.set_status(RUNNING)
             options = [child.name for child in self._children] + ["SUCCESS", "FAILURE", "RUNNING"]
-            self._last = self._prompt.choose(f"{self.path}: which child is to be ticked?", options)
+            self._last = self._prompt.choose(f"{self.path}: which child should be ticked?", options)
         if self._last >= count:
             return (SUCCESS, FAILURE, RUNNING)[self._last - count]
         return execute_tick(self._children[self._last])

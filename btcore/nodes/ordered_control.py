@@ -1,4 +1,4 @@
-"""What sequences and fallbacks share: children ticked in order, until one of them ends it."""
+"""The base classes of sequences and fallbacks, which tick their children in order."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -19,22 +19,23 @@ from btcore.status import (
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class OrderedNode(ControlNode):
-    """Ticks its children in order, and remembers where it was.
+    """Ticks its children in order; the next tick continues with the child that is RUNNING.
 
-    A child that completes with *go_on* is followed by the next, one that completes with the
-    opposite ends the node with that result. When all were skipped the node is skipped.
+    After a child that returns *continue_on* or SKIPPED the next child is ticked. A child that returns the
+    opposite result ends the node with this result. If all children were skipped, the node is SKIPPED.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
     state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped")
     continue_on: ClassVar[Status] = SUCCESS
     yields: ClassVar[bool] = False
-    """Whether the node is RUNNING after a child that completed within one tick."""
+    """Whether the node returns RUNNING after a child that completed in its first tick."""
     remembers: ClassVar[bool] = False
-    """Whether the next start begins at the child that ended the node."""
+    """Whether the next start begins with the child that ended the node."""
 
     _next: int = 0
     _skipped: int = 0
+    # Copies of the class variables: compiled code reads an instance attribute faster.
     _going: Status = SUCCESS
     _yields: bool = False
 
@@ -42,7 +43,7 @@ class OrderedNode(ControlNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """What follows from the order of the children, from each child on at which the node may begin."""
+        """Return the results that follow from the order of the children, for each child it may start with."""
         whole = results_in_order(children, cls.continue_on, cls.yields)
         first = whole.in_first_tick
         if cls.remembers:
@@ -51,12 +52,12 @@ class OrderedNode(ControlNode):
         return PossibleResults(first, whole.after_running, whole.may_run)
 
     def prepare(self) -> None:
-        """Know the result that goes on."""
+        """Copy the class variables."""
         self._going = self.continue_on
         self._yields = self.yields
 
     def tick(self) -> Status:
-        """Tick from the child that is due."""
+        """Tick the children, starting with the current child."""
         children = self._children
         count = len(children)
         before = self._status
@@ -97,7 +98,7 @@ class OrderedNode(ControlNode):
         self.reset_children()
 
     def halt(self) -> None:
-        """Halt the children, and begin at the first next time."""
+        """Halt the children. The next start begins with the first child."""
         self._next = 0
         self._skipped = 0
         self.reset_children()
@@ -106,7 +107,7 @@ class OrderedNode(ControlNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ReactiveNode(ControlNode):
-    """Ticks its children from the first one on every tick, and lets only one of them run."""
+    """Ticks its children in order, in every tick from the first child; at most one child is RUNNING."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
     runs_one_child: ClassVar[bool] = True
@@ -114,11 +115,11 @@ class ReactiveNode(ControlNode):
     _going: Status = SUCCESS
 
     def prepare(self) -> None:
-        """Know the result that goes on."""
+        """Copy the class variables."""
         self._going = self.continue_on
 
     def tick(self) -> Status:
-        """Tick from the first child."""
+        """Tick the children, starting with the first child."""
         going = self._going
         children = self._children
         all_skipped = len(children) > 0

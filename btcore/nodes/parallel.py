@@ -1,4 +1,4 @@
-"""Parallels: every child is ticked in each tick."""
+"""Parallels: in every tick they tick all children that have not completed."""
 
 from typing import ClassVar, cast
 
@@ -20,19 +20,20 @@ from btcore.values import INT
 
 
 def threshold(given: int, count: int) -> int:
-    """*given* as a number of *count* children: −1 is all, −2 all but one; never below 0."""
+    """Return *given* as a number of *count* children: −1 = all, −2 = all except one; never below 0."""
     return max(count + given + 1, 0) if given < 0 else given
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Parallel(ControlNode):
-    """Ticks all its children, and ends when enough of them succeeded or failed.
+    """Ticks all its children in every tick, and ends when enough of them have succeeded or failed.
 
-    A completed child isn't ticked again until the node ends; skipped ones are ticked anew. It
-    succeeds with `success_count` successes, and fails with `failure_count` failures or when the
-    successes can't be reached any more; then running children are halted. Negative counts are from
-    the end: −1 = all. With a negative `success_count` skipped children count as successes. More
-    than there are children is an error.
+    A completed child is not ticked again until the node ends; a SKIPPED child is ticked again. The node
+    succeeds after `success_count` successes. It fails after `failure_count` failures, or when `success_count`
+    can no longer be reached. RUNNING children are then halted. If all children are skipped in a tick, the
+    node is SKIPPED; otherwise it is RUNNING. A negative count −n means the number of children + 1 − n:
+    −1 = all, −2 = all except one. With a negative `success_count`, skipped children count as
+    successes. A count above the number of children is an error.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -47,7 +48,7 @@ class Parallel(ControlNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [
             Port(
                 "success_count",
@@ -60,23 +61,23 @@ class Parallel(ControlNode):
                 "failure_count",
                 type=INT,
                 default="1",
-                description="failures that end it",
+                description="failures that make the node fail, −1 = all",
                 role=PortRole.FAILURES,
             ),
         ]
 
     def prepare(self) -> None:
-        """Nothing is completed."""
+        """Forget the children that have completed."""
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is completed."""
+        """Forget the children that have completed."""
         self._completed = set()
         self._successes = 0
         self._failures = 0
 
     def tick(self) -> Status:
-        """Tick the children that haven't completed."""
+        """Tick the children that have not completed."""
         count = len(self._children)
         given = cast(int, self.get_input("success_count"))
         needed = threshold(given, count)
@@ -111,7 +112,7 @@ class Parallel(ControlNode):
         return SKIPPED if skipped == count else RUNNING
 
     def halt(self) -> None:
-        """Halt the children; nothing is completed."""
+        """Halt the children, and forget which of them have completed."""
         self.forget()
         self.reset_children()
         self.reset_status()
@@ -119,10 +120,12 @@ class Parallel(ControlNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ParallelAll(ControlNode):
-    """Ticks all its children until each has completed, and never halts one.
+    """Ticks all its children until every child has completed or is SKIPPED.
 
-    FAILURE with `max_failures` failures or more, else SUCCESS; all skipped: SKIPPED. A negative
-    `max_failures` is from the end: −1 = all. More than there are children is an error.
+    A completed child is not ticked again, and no RUNNING child is halted early. The node fails if at least
+    `max_failures` children failed, else it succeeds. If all children are skipped in a tick, the node is
+    SKIPPED. A negative `max_failures` −n means the number of children + 1 − n: −1 = all. A value
+    above the number of children is an error.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -136,17 +139,17 @@ class ParallelAll(ControlNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        about = "failures that make it fail"
+        """Return the ports."""
+        about = "failures that make the node fail, −1 = all"
         return [Port("max_failures", type=INT, default="1", description=about, role=PortRole.FAILURES)]
 
     def prepare(self) -> None:
-        """Nothing is completed."""
+        """Forget the children that have completed."""
         self._completed = set()
         self._failures = 0
 
     def tick(self) -> Status:
-        """Tick the children that haven't completed."""
+        """Tick the children that have not completed."""
         count = len(self._children)
         allowed = threshold(cast(int, self.get_input("max_failures")), count)
         if count < allowed:
@@ -177,7 +180,7 @@ class ParallelAll(ControlNode):
         return FAILURE if failed else SUCCESS
 
     def halt(self) -> None:
-        """Halt the children; nothing is completed."""
+        """Halt the children, and forget which of them have completed."""
         self._completed = set()
         self._failures = 0
         self.reset_children()

@@ -1,4 +1,4 @@
-"""Decorators that tick their child again after it completed."""
+"""Decorators that tick their child again after it has completed: Repeat and RetryUntilSuccessful."""
 
 from collections.abc import Mapping
 from typing import ClassVar, cast
@@ -24,11 +24,11 @@ from btcore.values import INT
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RepeatedNode(DecoratorNode):
-    """Ticks its child until it completed with *again* as often as the port *limit* says, −1 = for ever.
+    """Ticks its child until it has returned *repeat_on* as often as the port *limit* gives; −1 = forever.
 
-    The other result ends the node at once, as its own. A child that completed within one tick is
-    ticked anew in the next one, for which a wake-up is asked; a skipped child makes the node SKIPPED
-    and the count stays.
+    The opposite result of the child ends the node with this result. After a child that completed in its first
+    tick, the node wakes the tree and is RUNNING until the next tick. A skipped child makes the node SKIPPED
+    and does not change the count.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
@@ -44,7 +44,7 @@ class RepeatedNode(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """What the child's results lead to within the limit, as far as the limit is known."""
+        """Return the results that follow from the child's results and from the limit, if it is a literal."""
         child, again, limit = children[0], cls.repeat_on, literals.get(cls.limit)
         if not isinstance(limit, int):
             return PossibleResults(child.in_first_tick | {again}, child.results | {again}, True)
@@ -61,7 +61,7 @@ class RepeatedNode(DecoratorNode):
         return PossibleResults(first, results if may_run else NO_RESULT, may_run or limit < 0)
 
     def tick(self) -> Status:
-        """Tick the child, again and again."""
+        """Tick the child until it is RUNNING, the limit is reached, or the result is known."""
         limit = cast(int, self.get_input(self.limit))
         again = self.repeat_on
         self.set_status(RUNNING)
@@ -90,11 +90,11 @@ class RepeatedNode(DecoratorNode):
         return again
 
     def limit_after(self, limit: int) -> int:
-        """The limit after one more count."""
+        """Return the limit after one more repetition."""
         return limit
 
     def halt(self) -> None:
-        """Halt the child; nothing is counted."""
+        """Halt the child, and set the count to 0."""
         self._count = 0
         self.halt_child()
         self.reset_status()
@@ -102,10 +102,11 @@ class RepeatedNode(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Repeat(RepeatedNode):
-    """Ticks its child until it succeeded `num_cycles` times (−1 = for ever); FAILURE as soon as it fails.
+    """Ticks its child until it has succeeded `num_cycles` times, and succeeds; −1 = forever.
 
-    A child that succeeds within one tick is ticked anew in the next one. With 0 cycles it succeeds
-    without a tick of the child. A skipped child makes it SKIPPED, and the count stays.
+    The node fails as soon as the child fails. If the child succeeds in its first tick and cycles remain, the
+    node returns RUNNING and wakes the tree; the next tick starts the child again. With 0 cycles it succeeds
+    without ticking the child. A skipped child makes the node SKIPPED and does not change the count.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -115,18 +116,19 @@ class Repeat(RepeatedNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        about = "how often to repeat a success, −1 = for ever"
+        """Return the ports."""
+        about = "the number of successes after which the node succeeds, −1 = repeat forever"
         return [Port("num_cycles", type=INT, description=about, role=PortRole.REPETITIONS)]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RetryUntilSuccessful(RepeatedNode):
-    """Ticks its child until it failed `num_attempts` times (−1 = for ever); SUCCESS as soon as it succeeds.
+    """Ticks its child until it has failed `num_attempts` times, and fails; −1 = forever.
 
-    A child that fails within one tick is ticked anew in the next one. `num_attempts` is read again
-    after each failure. With 0 attempts it fails without a tick of the child. A skipped child makes
-    it SKIPPED, and the count stays.
+    The node succeeds as soon as the child succeeds. If the child fails in its first tick and attempts remain,
+    the node returns RUNNING and wakes the tree; the next tick starts the child again. `num_attempts` is read
+    again after each failure. With 0 attempts it fails without ticking the child. A skipped child makes the
+    node SKIPPED and does not change the count.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -136,12 +138,12 @@ class RetryUntilSuccessful(RepeatedNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        about = "how often to retry a failure, −1 = for ever"
+        """Return the ports."""
+        about = "the number of failures after which the node fails, −1 = retry forever"
         return [Port("num_attempts", type=INT, description=about, role=PortRole.REPETITIONS)]
 
     def limit_after(self, limit: int) -> int:
-        """The limit as it is now: a tick of the child may have changed it."""
+        """Return the current value of the port, which a tick of the child may have changed."""
         try:
             return cast(int, self.get_input("num_attempts"))
         except (NodeError, BlackboardError, ConversionError):

@@ -23,7 +23,10 @@ from btcore.values import BOOL
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Inverter(DecoratorNode):
-    """Turns SUCCESS into FAILURE and FAILURE into SUCCESS; RUNNING and SKIPPED pass."""
+    """Ticks its child, and returns FAILURE for SUCCESS and SUCCESS for FAILURE.
+
+    RUNNING and SKIPPED are returned unchanged.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "¬"
@@ -33,11 +36,11 @@ class Inverter(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """The child's, swapped."""
+        """Return the child's results, with SUCCESS and FAILURE swapped."""
         return children[0].mapped({SUCCESS: FAILURE, FAILURE: SUCCESS})
 
     def tick(self) -> Status:
-        """Tick the child, and swap its result."""
+        """Tick the child, and return the opposite result."""
         self.set_status(RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS:
@@ -51,7 +54,7 @@ class Inverter(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ForcedNode(DecoratorNode):
-    """Gives *forced* when its child completes; RUNNING and SKIPPED pass."""
+    """Ticks its child, and returns *forced* when the child completes."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
     forced: ClassVar[Status] = SUCCESS
@@ -60,7 +63,7 @@ class ForcedNode(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """The child's, with the forced result for those that complete."""
+        """Return the child's results, with *forced* for SUCCESS and FAILURE."""
         return children[0].mapped({SUCCESS: cls.forced, FAILURE: cls.forced})
 
     def tick(self) -> Status:
@@ -75,7 +78,10 @@ class ForcedNode(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ForceSuccess(ForcedNode):
-    """Succeeds when its child completes, either way; RUNNING and SKIPPED pass."""
+    """Ticks its child, and returns SUCCESS when the child succeeds or fails.
+
+    RUNNING and SKIPPED are returned unchanged.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊤"
@@ -86,7 +92,10 @@ class ForceSuccess(ForcedNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ForceFailure(ForcedNode):
-    """Fails when its child completes, either way; RUNNING and SKIPPED pass."""
+    """Ticks its child, and returns FAILURE when the child succeeds or fails.
+
+    RUNNING and SKIPPED are returned unchanged.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊥"
@@ -97,7 +106,10 @@ class ForceFailure(ForcedNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class KeepRunningUntilFailure(DecoratorNode):
-    """Keeps RUNNING, and ticks its child anew after each SUCCESS; FAILURE when the child fails."""
+    """Ticks its child in every tick until it fails, and then fails; RUNNING until then.
+
+    A child that succeeds is started again by the next tick.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "↺"
@@ -108,7 +120,7 @@ class KeepRunningUntilFailure(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """FAILURE, if the child can fail."""
+        """Return FAILURE, if the child can fail."""
         child = children[0]
         return PossibleResults(child.in_first_tick & cls.may_return, child.results & cls.may_return, True)
 
@@ -126,10 +138,10 @@ class KeepRunningUntilFailure(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RunOnce(DecoratorNode):
-    """Ticks its child until it completes once in the life of the tree.
+    """Ticks its child until it completes for the first time, and returns its result.
 
-    Later it is SKIPPED, or with `then_skip` false gives the same result again. A halt doesn't
-    change what is remembered.
+    Later ticks do not tick the child: they return SKIPPED, or the first result again if `then_skip` is
+    false. A halt does not reset this: the child completes at most once in the life of the tree.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -142,18 +154,19 @@ class RunOnce(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """The child's, or SKIPPED unless the result is repeated."""
+        """Return the child's results, and SKIPPED unless the result is repeated."""
         child = children[0]
         later = frozenset() if literals.get("then_skip") is False else frozenset({SKIPPED})
         return PossibleResults(child.results | later, child.after_running, child.may_run)
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        return [Port("then_skip", type=BOOL, default="true", description="skip later, or repeat the result")]
+        """Return the ports."""
+        about = "later ticks: true = SKIPPED, false = the first result"
+        return [Port("then_skip", type=BOOL, default="true", description=about)]
 
     def tick(self) -> Status:
-        """Tick the child, or give what is remembered."""
+        """Tick the child, unless it has completed before."""
         if self._result is not IDLE:
             return SKIPPED if self._skips() else self._result
         self.set_status(RUNNING)

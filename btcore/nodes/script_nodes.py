@@ -15,7 +15,7 @@ from btcore.values import ANY, NODE_STATUS, STRING
 
 
 class PortScript:
-    """The script in an input port: compiled at load, and anew only when its text changes."""
+    """The script in an input port: compiled when the tree is loaded, and again when its text changes."""
 
     def __init__(self, node: TreeNode, port: str) -> None:
         self.node = node
@@ -25,7 +25,13 @@ class PortScript:
         self.load()
 
     def load(self) -> Program:
-        """The program as the port says now. Raises NodeError, BlackboardError or ScriptError."""
+        """Return the program of the port's current text, compiled if the text has changed.
+
+        Raises:
+            NodeError: The port is missing.
+            BlackboardError: The port cannot be read.
+            ScriptError: The text is not a valid script.
+        """
         text = str(self.node.get_input(self.port))
         program = self.program
         if program is None or text != self.text:
@@ -35,13 +41,13 @@ class PortScript:
         return program
 
     def run(self) -> object:
-        """Run it on the node's blackboard, and return its value."""
+        """Run the script on the node's blackboard, and return its value."""
         return self.load().run(self.node._blackboard)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Script(SyncAction):
-    """Runs the script `code`, and succeeds."""
+    """Runs the script `code` on the node's blackboard, and succeeds."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "§"
@@ -52,7 +58,7 @@ class Script(SyncAction):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [Port("code", type=STRING, description="the script", role=PortRole.SCRIPT)]
 
     def prepare(self) -> None:
@@ -67,7 +73,7 @@ class Script(SyncAction):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ScriptCondition(Condition):
-    """Succeeds if the script `code` is true, and fails if it is false."""
+    """Runs the script `code` on the node's blackboard; succeeds if its value is true, else fails."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "§"
@@ -78,7 +84,7 @@ class ScriptCondition(Condition):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         about = "the script, whose value is true or false"
         return [Port("code", type=ANY, description=about, role=PortRole.CONDITION)]
 
@@ -93,10 +99,10 @@ class ScriptCondition(Condition):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Precondition(DecoratorNode):
-    """Ticks its child if the script `if` is true, and gives `else` (default FAILURE) if not.
+    """Ticks its child if the value of the script `if` is true, else returns `else` (default FAILURE).
 
-    Once the child was ticked the script isn't asked again until the child completes; a halt or a
-    skipped child doesn't change that, as in BehaviorTree.CPP 4.10.
+    Once the child has been ticked, the script is not run again until the child completes, even after a halt
+    or a skipped child, as in BehaviorTree.CPP 4.10.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -110,7 +116,7 @@ class Precondition(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """The child's, or the result of the port `else`."""
+        """Return the child's results and the status in the port `else`."""
         child, otherwise = children[0], literals.get("else")
         refused = frozenset({otherwise}) & ANY_RESULT if isinstance(otherwise, Status) else ANY_RESULT
         may_run = child.may_run or not isinstance(otherwise, Status) or otherwise is RUNNING
@@ -118,7 +124,7 @@ class Precondition(DecoratorNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [
             Port("if", type=STRING, description="the script that decides", role=PortRole.CONDITION),
             Port("else", type=NODE_STATUS, default="FAILURE", description="the result if it is false"),
@@ -129,7 +135,7 @@ class Precondition(DecoratorNode):
         self._script = PortScript(self, "if")
 
     def tick(self) -> Status:
-        """Ask the script, then tick the child."""
+        """Run the script, then tick the child."""
         program = self._script.load()
         otherwise = cast(Status, self.get_input("else"))
         if not self._going:

@@ -1,4 +1,4 @@
-"""Sequences: every child has to succeed."""
+"""Sequences: they succeed if all their children succeed."""
 
 from typing import ClassVar
 
@@ -12,8 +12,9 @@ from btcore.status import SUCCESS, Status
 class Sequence(OrderedNode):
     """Ticks its children in order while they succeed.
 
-    RUNNING child: RUNNING, and the same child is ticked next time. FAILURE: the children are
-    reset, FAILURE. SKIPPED children are passed over. All succeeded: SUCCESS; all skipped: SKIPPED.
+    If a child is RUNNING, the node is RUNNING, and the next tick continues with this child. If a child
+    fails, the children are reset and the node fails. After a child that succeeds or is SKIPPED, the next
+    child is ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
@@ -24,9 +25,10 @@ class Sequence(OrderedNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class AsyncSequence(Sequence):
-    """A Sequence that can be interrupted between children.
+    """A Sequence that returns RUNNING between its children, so that it can be halted there.
 
-    After a child that succeeded within one tick it returns RUNNING and asks to be ticked again.
+    After a child, except the last, that succeeded in its first tick, the node returns RUNNING and wakes
+    the tree; the next tick continues with the next child. Everything else is as in Sequence.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -36,10 +38,11 @@ class AsyncSequence(Sequence):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SequenceWithMemory(Sequence):
-    """A Sequence that goes on at the child that failed.
+    """A Sequence that starts again at the child that failed.
 
-    On FAILURE only the children from that one on are reset, and the next start begins there; a
-    halt doesn't forget it. As AsyncSequence it yields after a child that succeeded within one tick.
+    When a child fails, only this child and the following children are reset, and the next start begins
+    with this child, even after a halt. Like AsyncSequence, the node returns RUNNING after a child, except
+    the last, that succeeded in its first tick.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -48,22 +51,23 @@ class SequenceWithMemory(Sequence):
     yields: ClassVar[bool] = True
 
     def finish_early(self) -> None:
-        """Reset from the child that failed on, and remember it."""
+        """Reset the child that failed and the following children."""
         for index in range(self._next, len(self._children)):
             self.halt_child(index)
 
     def halt(self) -> None:
-        """Halt the children; where it was is remembered."""
+        """Halt the children. The next start begins with the current child."""
         self.reset_children()
         self.reset_status()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ReactiveSequence(ReactiveNode):
-    """Ticks its children from the first one on every tick, while they succeed.
+    """Ticks its children in order, in every tick from the first child, while they succeed.
 
-    RUNNING child: all others are halted, RUNNING. FAILURE: all are reset, FAILURE. All succeeded:
-    SUCCESS; all skipped: SKIPPED.
+    If a child is RUNNING, all other children are halted and the node is RUNNING. If a child fails, all
+    children are reset and the node fails. After a child that succeeds or is SKIPPED, the next child is
+    ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)

@@ -1,4 +1,4 @@
-"""SubTree: another tree in this one's place, with a blackboard of its own."""
+"""SubTree: a node that stands for another tree, which has its own blackboard."""
 
 from typing import ClassVar
 
@@ -20,11 +20,12 @@ from btcore.values import BOOL
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SubTree(DecoratorNode):
-    """Ticks the root of the tree named by `ID`.
+    """Ticks the root of the tree named by `ID`, and returns its result.
 
-    Its attributes connect the two blackboards: `inner="{outer}"` is one entry under two names,
-    anything else a constant written into the inner one. With `_autoremap` every name that the inner
-    tree uses is the outer one's, but for names that begin with an underscore.
+    The inner tree has its own blackboard, and the other attributes connect it with the outer tree's.
+    `inner="{outer}"` makes the key `inner` of the inner tree the entry `outer` of the outer tree. Any other
+    value is a constant that is written to the key `inner`. With `_autoremap` every key that the inner tree
+    uses is the entry of the same name in the outer tree, except keys that begin with an underscore.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -34,8 +35,8 @@ class SubTree(DecoratorNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        return [Port("_autoremap", type=BOOL, default="false", description="names are the outer tree's")]
+        """Return the ports."""
+        return [Port("_autoremap", type=BOOL, default="false", description="use the outer tree's entries")]
 
     def tick(self) -> Status:
         """Tick the root of the inner tree."""

@@ -1,4 +1,4 @@
-"""Switches: a value chooses the child."""
+"""Switches: the value of an entry selects the child."""
 
 import math
 import re
@@ -13,11 +13,11 @@ from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.status import RUNNING, SKIPPED, Status
 from btcore.values import STRING
 
-# std::from_chars: no leading space, no plus sign, and nothing left over.
+# The syntax of std::from_chars, applied to the whole text: no leading space and no plus sign.
 _INTEGER: Final = re.compile(r"-?[0-9]+\Z")
 _REAL: Final = re.compile(r"-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|inf(?:inity)?|nan)\Z", re.I)
 FLOAT_EPSILON: Final = 1.1920928955078125e-07
-"""Reals that differ by no more are equal: C's FLT_EPSILON."""
+"""Real numbers that differ by no more than this are equal: C's FLT_EPSILON."""
 
 
 def _integer(text: str, enums: dict[str, int]) -> int | None:
@@ -37,9 +37,15 @@ def _real(text: str, enums: dict[str, int]) -> float | None:
 
 
 def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:
-    """Whether two texts mean the same: as texts, as integers or enum names, or as reals.
+    """Return whether two texts are equal as texts, as integers, or as real numbers.
 
-    Reals are the same within the precision of a float (nodes.md §4, SwitchN).
+    Real numbers are equal if they differ by at most FLOAT_EPSILON (BehaviorTree.CPP,
+    include/behaviortree_cpp/controls/switch_node.h).
+
+    Args:
+        left: A text.
+        right: Another text.
+        enums: The integers that names stand for.
     """
     if left == right:
         return True
@@ -57,8 +63,8 @@ def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:
 class SwitchNode(ControlNode):
     """Ticks the child whose `case_N` equals `variable`, else the last child.
 
-    Equal as texts, as integers (names of enums count), or as reals. When the choice changes the
-    child that ran is halted. A skipped child makes the node SKIPPED.
+    Two values are equal if they are the same text, the same integer (or enum name), or the same real number.
+    The node returns the child's result. When another child is selected, the child that was RUNNING is halted.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = ()
@@ -73,20 +79,20 @@ class SwitchNode(ControlNode):
 
     @classmethod
     def provided_ports(cls) -> list[Port]:
-        """`variable`, and a case for each child but the last."""
+        """Return the ports: `variable`, and a case for each child except the last."""
         count = cls.child_count[0]
         cases = [Port(f"case_{number}", type=STRING, optional=True) for number in range(1, count)]
         return [Port("variable", type=STRING), *cases]
 
     def prepare(self) -> None:
-        """Find the ports; nothing runs."""
+        """Look up the ports."""
         self._running = -1
         inputs = self.config.inputs
         self._variable = inputs.get("variable")
         self._cases = [inputs.get(f"case_{number}") for number in range(1, self.child_count[0])]
 
     def choose(self) -> int:
-        """The index of the child that is due."""
+        """Return the index of the selected child."""
         variable = self.text(self._variable)
         if variable is not None:
             for index in range(len(self._cases)):
@@ -96,11 +102,11 @@ class SwitchNode(ControlNode):
         return len(self._cases)
 
     def equal(self, variable: str, case: str) -> bool:
-        """Whether *variable* means *case*."""
+        """Return whether *variable* equals *case*."""
         return values_equal(variable, case, self.config.enums)
 
     def text(self, port: Input | None) -> str | None:
-        """The text of *port*, or None if it can't be read."""
+        """Return the text of *port*, or None if it cannot be read."""
         if port is None:
             return None
         try:
@@ -109,7 +115,7 @@ class SwitchNode(ControlNode):
             return None
 
     def tick(self) -> Status:
-        """Tick the child that is due."""
+        """Tick the selected child."""
         count, cases = len(self._children), len(self._cases)
         if count != cases + 1:
             raise NodeError(f"<{self.id}> takes {cases} cases and a default, not {count} children")
@@ -127,7 +133,7 @@ class SwitchNode(ControlNode):
         return status
 
     def halt(self) -> None:
-        """Halt the children; nothing runs."""
+        """Halt the children."""
         self._running = -1
         self.reset_children()
         self.reset_status()

@@ -1,4 +1,4 @@
-"""Nodes that wait: on the tree's clock, and looked at when the tree is ticked."""
+"""Nodes that wait on the tree's clock. They check the time when they are ticked, and wake the tree."""
 
 from collections.abc import Mapping
 from typing import ClassVar, cast
@@ -23,9 +23,10 @@ from btcore.values import UINT
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Timeout(DecoratorNode):
-    """Halts its child and fails when it still runs `msec` milliseconds after the start; 0 = no limit.
+    """Halts its child and fails if the child is still RUNNING `msec` milliseconds after the start.
 
-    The tree is woken at that moment. A child that completes in time gives its own result.
+    0 = no limit. The tree is woken when the time has passed. If the child completes before, the node returns
+    its result.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
@@ -39,19 +40,19 @@ class Timeout(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """The child's, and FAILURE if the child may run."""
+        """Return the child's results, and FAILURE if the child may be RUNNING."""
         child = children[0]
         late = child.after_running | {FAILURE} if child.may_run else child.after_running
         return PossibleResults(child.in_first_tick, late, child.may_run)
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        about = "time that the child has (ms), 0 = no limit"
+        """Return the ports."""
+        about = "the time limit of the child (ms), 0 = no limit"
         return [Port("msec", type=UINT, description=about, role=PortRole.DURATION)]
 
     def tick(self) -> Status:
-        """Tick the child while there is time."""
+        """Tick the child, unless the time has passed."""
         allowed = cast(int, self.get_input("msec"))
         if self._deadline < 0:
             self.set_status(RUNNING)
@@ -63,7 +64,7 @@ class Timeout(DecoratorNode):
                 self._stop()
                 self.halt_child()
                 return FAILURE
-            # The original's timer fires once, and finds nothing to halt.
+            # BehaviorTree.CPP's timer fires once, and has no effect if the child is not RUNNING then.
             self._deadline = 0
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
@@ -76,7 +77,7 @@ class Timeout(DecoratorNode):
         self.cancel_wake_up()
 
     def halt(self) -> None:
-        """Halt the child and stop the clock, which goes on in format 3, as it did there."""
+        """Halt the child and cancel the timeout; in format 3 it continues, as in BehaviorTree.CPP 3."""
         if self.config.format != 3:
             self._stop()
         self.halt_child()
@@ -85,9 +86,10 @@ class Timeout(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Delay(DecoratorNode):
-    """Ticks its child only when `delay_msec` milliseconds have passed since the start; RUNNING until then.
+    """Waits for `delay_msec` milliseconds, RUNNING, then ticks its child and returns its result.
 
-    The tree is woken at that moment. While the child runs it isn't delayed again.
+    The tree is woken when the time has passed. A RUNNING child is ticked again without a delay. After the
+    child has completed, the next start waits again.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -101,17 +103,17 @@ class Delay(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """The child's, after RUNNING."""
+        """Return the child's results, none of them in the first tick."""
         return PossibleResults(NO_RESULT, children[0].results, True)
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        about = "time before the child's first tick (ms)"
+        """Return the ports."""
+        about = "the time before the first tick of the child (ms)"
         return [Port("delay_msec", type=UINT, description=about, role=PortRole.DURATION)]
 
     def tick(self) -> Status:
-        """Wait, then tick the child."""
+        """Return RUNNING until the time has passed, then tick the child."""
         delay = cast(int, self.get_input("delay_msec"))
         if self._deadline < 0:
             self.set_status(RUNNING)
@@ -127,11 +129,11 @@ class Delay(DecoratorNode):
         return status
 
     def ends_with(self, status: Status) -> bool:
-        """Whether the next tick starts a new delay, after the child's *status*."""
+        """Return whether the next tick starts a new delay, after the child returned *status*."""
         return status is SUCCESS or status is FAILURE
 
     def halt(self) -> None:
-        """Halt the child and stop the clock."""
+        """Halt the child and cancel the delay."""
         self._deadline = -1
         self.cancel_wake_up()
         self.halt_child()
@@ -140,7 +142,10 @@ class Delay(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Sleep(StatefulAction):
-    """Runs for `msec` milliseconds, then succeeds; the tree is woken at that moment. 0 = at once."""
+    """Is RUNNING for `msec` milliseconds, then succeeds; 0 = succeed at once.
+
+    The tree is woken when the time has passed.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "◷"
@@ -154,18 +159,18 @@ class Sleep(StatefulAction):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """SUCCESS, at once if the time is 0."""
+        """Return SUCCESS, in the first tick only if the time is 0."""
         if literals.get("msec") == 0:
             return PossibleResults(cls.may_return)
         return PossibleResults(NO_RESULT, cls.may_return, True)
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
-        return [Port("msec", type=UINT, description="how long to sleep (ms)", role=PortRole.DURATION)]
+        """Return the ports."""
+        return [Port("msec", type=UINT, description="the time to sleep (ms)", role=PortRole.DURATION)]
 
     def on_start(self) -> Status:
-        """Start the clock."""
+        """Start the sleep."""
         duration = cast(int, self.get_input("msec"))
         if duration <= 0:
             return SUCCESS
@@ -174,9 +179,9 @@ class Sleep(StatefulAction):
         return RUNNING
 
     def on_running(self) -> Status:
-        """Look at the clock."""
+        """Return SUCCESS when the time has passed."""
         return SUCCESS if self.now() >= self._deadline else RUNNING
 
     def on_halted(self) -> None:
-        """Stop the clock."""
+        """Cancel the wake-up."""
         self.cancel_wake_up()

@@ -1,4 +1,4 @@
-"""TryCatch: a sequence with a handler for its failure."""
+"""TryCatch: a sequence whose last child handles a failure."""
 
 from typing import ClassVar
 
@@ -21,10 +21,11 @@ from btcore.values import BOOL
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class TryCatch(ControlNode):
-    """Ticks all children but the last as a Sequence; if one fails, the last one is ticked as handler.
+    """Ticks all children except the last as a Sequence; if a child fails, ticks the last child, the handler.
 
-    The node fails after its handler ends, whatever the handler's result. With `catch_on_halt` the
-    handler is ticked once also when the node is halted before a failure.
+    The node fails when the handler has completed, with any result of the handler. Without a failure the
+    node succeeds, or is SKIPPED if all children except the handler were skipped. With `catch_on_halt` the
+    handler is also ticked once when the node is halted before a child failed.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -44,9 +45,9 @@ class TryCatch(ControlNode):
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [
-            Port("catch_on_halt", type=BOOL, default="false", description="tick the handler on a halt too")
+            Port("catch_on_halt", type=BOOL, default="false", description="also tick the handler on a halt")
         ]
 
     def _begin(self) -> None:
@@ -55,9 +56,9 @@ class TryCatch(ControlNode):
         self._catching = False
 
     def tick(self) -> Status:
-        """Tick the child that is due, or the handler."""
+        """Tick the children, starting with the current child, or the handler."""
         if len(self._children) < 2:
-            raise NodeError("<TryCatch> takes at least one child to try and a handler")
+            raise NodeError("<TryCatch> needs at least one child and a handler")
         if self._status is IDLE or self._status is SKIPPED:
             self._skipped = 0
             self._catching = False
@@ -91,10 +92,10 @@ class TryCatch(ControlNode):
         return SKIPPED if all_skipped else SUCCESS
 
     def halt(self) -> None:
-        """Halt the children, after the handler's one tick where `catch_on_halt` asks for it."""
+        """Halt the children, after one tick of the handler if `catch_on_halt` is true."""
         try:
-            wanted = self._status is not IDLE and not self._catching and self._catch_on_halt()
-            if wanted and len(self._children) >= 2:
+            catches = self._status is not IDLE and not self._catching and self._catch_on_halt()
+            if catches and len(self._children) >= 2:
                 last = len(self._children) - 1
                 for index in range(last):
                     self.halt_child(index)

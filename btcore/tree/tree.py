@@ -341,8 +341,7 @@ class Tree:
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise TypeError(
-            "a tree cannot be copied or pickled, because of its clock and the resources of its leaves: load it "
-            "again"
+            "a tree cannot be copied or pickled, because of its clock and resources: load it again"
         )
 
     def __repr__(self) -> str:

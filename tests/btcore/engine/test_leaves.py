@@ -592,7 +592,7 @@ def test_a_parameter_without_an_annotation_is_refused() -> None:
         return True
 
     assert "parameter 'speed' of" in refused(drive)
-    assert "mark a port with In[…] or Put[…]" in refused(drive)
+    assert "annotate a port with In[…] or Put[…]" in refused(drive)
 
 
 @pytest.mark.parametrize("form", [Out, InOut])

@@ -54,11 +54,11 @@ def test_at_the_terminal_a_wrong_answer_is_asked_for_again(
     monkeypatch.setattr(sys, "stdin", io.StringIO("7\nno\n2\n"))
     assert tree_of().tick_once() is Status.FAILURE
     said = capsys.readouterr().out
-    assert "'7' is none of 1–5" in said
+    assert "'7' is not a number from 1 to 5" in said
     assert "  2  no\n" in said
 
 
 def test_without_anybody_there_it_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    with pytest.raises(NodeExecutionError, match="nobody is there to choose"):
+    with pytest.raises(NodeExecutionError, match="no option was chosen"):
         tree_of().tick_once()
