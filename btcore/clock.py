@@ -1,8 +1,8 @@
-"""Time as the engine sees it: integer nanoseconds, and a way to wait for a moment.
+"""Clocks: the time in integer nanoseconds, and a way to wait.
 
-A clock is handed in. :class:`SystemClock` waits on the wall clock; :class:`SimClock` jumps
-straight to the moment asked for, so that a tree of minutes is tested in milliseconds. A
-simulated world brings a clock of its own, whose waiting is stepping the physics.
+A tree gets its clock as an argument. :class:`SystemClock` is real time. :class:`SimClock` advances at once to
+the time that is waited for, so that a test of minutes takes milliseconds. A simulated world has its own
+clock: waiting on it steps the physics.
 """
 
 import threading
@@ -18,30 +18,35 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class Clock(Protocol):
-    """What the engine asks of a clock."""
+    """The interface of a clock."""
 
     def now(self) -> int:
-        """The time (ns) since an origin that never moves; never decreasing."""
+        """Return the time (ns) since a fixed origin. It never decreases."""
         ...
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Return at *deadline* (ns), or earlier, as soon as *wake* is set.
+        """Wait until *deadline*, or until *wake* is set. The caller clears *wake*.
 
-        Returns whether *wake* was set. The caller clears it.
+        Args:
+            deadline: The time (ns).
+            wake: An event that any thread may set.
+
+        Returns:
+            Whether *wake* was set.
         """
         ...
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SystemClock:
-    """Real time, by the monotonic clock."""
+    """Real time: the system's monotonic clock."""
 
     def now(self) -> int:
-        """The monotonic time (ns)."""
+        """Return the monotonic time (ns)."""
         return time.monotonic_ns()
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Sleep until *deadline* (ns) or until *wake* is set, from any thread."""
+        """Sleep until *deadline* (ns), or until a thread sets *wake*. Return whether *wake* was set."""
         left = deadline - time.monotonic_ns()
         if left <= 0:
             return wake.is_set()
@@ -50,36 +55,36 @@ class SystemClock:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SimClock:
-    """Simulated time, which stands still until somebody waits."""
+    """Simulated time, which advances only by waiting and by :meth:`advance`. *start* is in ns."""
 
     def __init__(self, start: int = 0) -> None:
         self._now = start
 
     def now(self) -> int:
-        """The simulated time (ns)."""
+        """Return the simulated time (ns)."""
         return self._now
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Jump to *deadline* (ns), unless *wake* is set already."""
+        """Advance to *deadline* (ns), unless *wake* is set. Return whether *wake* was set."""
         if wake.is_set():
             return True
         self._now = max(self._now, deadline)
         return False
 
     def advance(self, seconds: float) -> None:
-        """Let *seconds* (s) pass."""
+        """Advance the time by *seconds* (s)."""
         self._now += round(seconds * NS_PER_S)
 
 
 def now_function(clock: Clock) -> Callable[[], int]:
-    """The shortest way to the time (ns) of *clock*: Python's own function, where it does nothing else."""
+    """Return the fastest function for the time (ns) of *clock*: for SystemClock, that of Python itself."""
     return time.monotonic_ns if type(clock) is SystemClock else clock.now
 
 
 class TickSchedule:
-    """Ticks are due at multiples of *period* seconds after *now* (ns).
+    """The due times of periodic ticks: multiples of *period* (s) after *now* (ns).
 
-    One that comes late moves the next ones, and none is made up for.
+    A late tick delays all following ticks. Missed ticks are not made up for.
     """
 
     def __init__(self, period: float, now: int) -> None:
@@ -87,7 +92,7 @@ class TickSchedule:
         self.due = now
 
     def next(self, now: int) -> int:
-        """The time (ns) of the next tick, it being *now*; an early tick doesn't move it."""
+        """Return the due time (ns) of the next tick at the time *now* (ns); early ticks do not change it."""
         if now >= self.due:
             self.due = max(self.due + self.step, now)
         return self.due

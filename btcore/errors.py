@@ -1,4 +1,4 @@
-"""Mistakes as sentences with an address: where, what, what you may do."""
+"""The exceptions of the engine, and diagnostics: messages with a position and a hint."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,11 +9,17 @@ from btcore.diagnostic_codes import DiagnosticCode
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One fault in what a user wrote.
+    """One error or warning about a document.
 
-    *code* is stable (btcore/diagnostic_codes.py is the table, docs/errors.md explains each), *line*
-    and *column* count from 1 (0 = unknown), columns in characters; *source* is the text of
-    that line and *width* how many characters of it are meant.
+    Attributes:
+        code: The stable code (btcore/diagnostic_codes.py; docs/errors.md explains each code).
+        message: What is wrong.
+        file: The file; "" = the document was given as a text.
+        line: The line, from 1; 0 = unknown.
+        column: The column in characters, from 1; 0 = unknown.
+        hint: How to correct it, or "".
+        source: The text of the line.
+        width: The number of characters to mark.
     """
 
     code: DiagnosticCode
@@ -27,12 +33,12 @@ class Diagnostic:
 
     @property
     def is_error(self) -> bool:
-        """Whether the tree is refused for it, or raises as soon as it is ticked."""
+        """Whether it prevents loading the tree, or makes every tick raise."""
         return self.code.severity == "error"
 
     @property
     def where(self) -> str:
-        """``file:line:column``, as far as known."""
+        """``file:line:column``, without the unknown parts."""
         parts = [self.file or "<text>"]
         if self.line:
             parts.append(str(self.line))
@@ -50,7 +56,15 @@ class Diagnostic:
 
 
 def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100) -> str:
-    """*source*, one line of text, with carets under what is meant; long lines are cut to *room*."""
+    """Return a line of text with carets below the marked characters.
+
+    Args:
+        source: The line.
+        line: Its number, from 1.
+        column: The column of the first marked character, from 1; 0 = no marks.
+        width: The number of marked characters.
+        room: The maximum number of characters shown; a longer line is cut.
+    """
     start = max(0, min(column - 1 - room // 3, len(source) - room))
     shown = source[start : start + room].replace("\t", " ")
     text = f"   {line} |  {shown}"
@@ -62,43 +76,48 @@ def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100
 
 
 class BtcoreError(Exception):
-    """Everything that the engine raises on purpose."""
+    """The base class of the errors that the engine raises."""
 
 
 class TreeError(BtcoreError):
-    """A tree can't be made as written. *diagnostics* holds every fault found, not only the first."""
+    """A document from which no tree can be loaded. *diagnostics* holds all errors found in it."""
 
     def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
         self.diagnostics: tuple[Diagnostic, ...] = tuple(diagnostics)
-        super().__init__("\n".join(str(one) for one in self.diagnostics))
+        super().__init__("\n".join(str(diagnostic) for diagnostic in self.diagnostics))
 
 
 class XmlSyntaxError(TreeError):
-    """The document is not XML, or not XML that a tree can be read from."""
+    """The document is not XML, or not a document of behavior trees."""
 
 
 class UnknownNodeError(TreeError):
-    """A tag that no registered node answers to. Common causes: a typing mistake, or a plugin not loaded."""
+    """The document uses a node that is not registered, because of a typo or a missing plugin."""
 
 
 class PortError(TreeError):
-    """A port that the node doesn't have, or a value that doesn't fit its type."""
+    """The document uses a port that the node does not have, or a value that does not fit the port's type."""
 
 
 class RegistrationError(BtcoreError):
-    """A node, type or enum can't be registered as it is."""
+    """A node, type or enum cannot be registered."""
 
 
 MOST_SHOWN: Final = 9
-"""How many errors a sentence tells of that came after the first."""
+"""The maximum number of later errors in the message of a NodeExecutionError."""
 
 
 class NodeExecutionError(BtcoreError):
-    """A node raised while it was ticked or halted; the original is the ``__cause__``.
+    """A node raised while it was ticked or halted; ``__cause__`` is the original exception.
 
-    *path* is the failing node's full path, *node_id* its registration ID, *where* its place in
-    the XML, and *backtrace* the paths from the root to it. *also* are those that raised after it,
-    while the tree was halted.
+    Attributes:
+        path: The full path of the node.
+        node_id: The registration ID of the node.
+        cause: The original exception.
+        doing: "ticking" or "being halted".
+        where: The position of the node in the XML.
+        backtrace: The paths of the nodes from the root to the node.
+        later_errors: The errors of other nodes, raised while the tree was halted afterwards.
     """
 
     def __init__(
@@ -115,10 +134,10 @@ class NodeExecutionError(BtcoreError):
 
     def __str__(self) -> str:
         kind = type(self.cause).__name__
-        said = str(self.cause)
+        message = str(self.cause)
         text = f"node '{self.path}' <{self.node_id}> raised while {self.doing}: {kind}"
-        if said:
-            text += f": {said}"
+        if message:
+            text += f": {message}"
         if self.where:
             text = f"{self.where}: {text}"
         for depth, step in enumerate(self.backtrace):
@@ -132,19 +151,19 @@ class NodeExecutionError(BtcoreError):
 
 
 class NodeError(BtcoreError):
-    """A node was used in a way that its rules forbid (say, too few children, a missing port)."""
+    """A node is used in an invalid way, for example with too few children or without a mandatory port."""
 
 
 class BlackboardError(BtcoreError):
-    """An entry is missing, empty, or of another type than asked for."""
+    """A blackboard entry is missing, was never written, or has another type."""
 
 
 class ConversionError(BtcoreError, ValueError):
-    """A text, or a value, can't become the type that is wanted."""
+    """A text or a value cannot be converted to a type."""
 
 
 class ScriptError(BtcoreError):
-    """A script can't be parsed or run; *column* counts from 1 in *text* (0 = the whole)."""
+    """A script cannot be parsed or run; *column* counts characters in *text* from 1 (0 = unknown)."""
 
     def __init__(self, message: str, text: str = "", column: int = 0, width: int = 1) -> None:
         self.message = message

@@ -1,11 +1,11 @@
-"""The words that every other file uses: what a node is, and how it stands."""
+"""Statuses, node types and transitions: the basic types that all other modules use."""
 
 from enum import IntEnum
 from typing import Final, NamedTuple
 
 
 class Status(IntEnum):
-    """How a node stands. The numbers are BehaviorTree.CPP's, on the wire and in logs."""
+    """The status of a node. The numbers are those of BehaviorTree.CPP's protocols and logs."""
 
     IDLE = 0
     RUNNING = 1
@@ -15,7 +15,7 @@ class Status(IntEnum):
 
 
 class NodeType(IntEnum):
-    """What family a node belongs to. The numbers are BehaviorTree.CPP's."""
+    """The type of a node. The numbers are those of BehaviorTree.CPP."""
 
     UNDEFINED = 0
     ACTION = 1
@@ -25,7 +25,7 @@ class NodeType(IntEnum):
     SUBTREE = 5
 
 
-# An Enum look-up costs more than a tick's comparison does, so the engine uses these.
+# The engine uses these constants, because the look-up of an Enum member takes longer than a comparison.
 IDLE: Final = Status.IDLE
 RUNNING: Final = Status.RUNNING
 SUCCESS: Final = Status.SUCCESS
@@ -38,10 +38,12 @@ NO_RESULT: Final[frozenset[Status]] = frozenset()
 
 
 class PossibleResults(NamedTuple):
-    """The results that a node may give, for static checks. Any other result is certain not to happen.
+    """The results that a node may return, for static checks. All other results are impossible.
 
-    *in_first_tick* are the results of the tick that starts the node, *after_running* those of later ticks;
-    *may_run* says whether the node can be RUNNING at all.
+    Attributes:
+        in_first_tick: The possible results of the tick that starts the node.
+        after_running: The possible results of later ticks.
+        may_run: Whether the node can be RUNNING.
     """
 
     in_first_tick: frozenset[Status]
@@ -50,15 +52,15 @@ class PossibleResults(NamedTuple):
 
     @property
     def results(self) -> frozenset[Status]:
-        """All results that may be."""
+        """All possible results."""
         return self.in_first_tick | self.after_running
 
     def passes(self, continue_on: Status) -> bool:
-        """Whether the next child may follow, in a node that continues after *continue_on* and SKIPPED."""
+        """Return whether the next child may be ticked by a node that continues after *continue_on*."""
         return continue_on in self.results or SKIPPED in self.results
 
     def mapped(self, changes: dict[Status, Status]) -> "PossibleResults":
-        """The results after the replacements in *changes*."""
+        """Return the results with the replacements in *changes*."""
         return PossibleResults(
             frozenset([changes.get(status, status) for status in self.in_first_tick]),
             frozenset([changes.get(status, status) for status in self.after_running]),
@@ -70,10 +72,15 @@ UNKNOWN_RESULTS: Final = PossibleResults(ANY_RESULT, ANY_RESULT, True)
 
 
 class Transition(NamedTuple):
-    """One change of one node's stored status.
+    """One change of the stored status of one node.
 
-    *number* counts from 1 within a tree and has no holes; *stamp* is the tree clock's time
-    in ns; *tick* is the number of the tick that caused it (0 before the first).
+    Attributes:
+        number: The number of the transition within its tree, from 1 without gaps.
+        stamp: The time (ns) of the tree's clock.
+        tick: The number of the tick that caused it; 0 before the first tick.
+        uid: The uid of the node.
+        previous: The previous status.
+        status: The new status.
     """
 
     number: int

@@ -1,8 +1,8 @@
-"""The blackboard: entries with a type, in scopes that lead to their parents.
+"""The blackboard: typed entries in scopes, which may have a parent.
 
-There is one blackboard for every subtree. A key is looked up in the scope itself, then where a
-remapping or the automatic remapping leads, up to the root; ``@key`` means the root's at once, and a
-key that begins with ``_`` never leaves its scope by itself (nodes.md §9).
+Every subtree has its own scope. A key is looked up in the scope itself, then in the parent if the key is
+remapped or the scope has automatic remapping, and so on up to the root. ``@key`` is looked up in the root
+scope. A key that begins with ``_`` is not remapped automatically (BehaviorTree.CPP, src/blackboard.cpp).
 """
 
 from collections.abc import Callable, Iterator
@@ -27,10 +27,14 @@ from btcore.values import (
 
 
 class Entry:
-    """One value, with its type, the number of writes so far, and the time (ns) of the last.
+    """One value with its type.
 
-    *value* is None until the first write. *inferred* tells that *declared* was taken from a
-    value that user code gave, and not from a port or a C++ type.
+    Attributes:
+        value: The value; None before the first write.
+        declared: The type of the entry.
+        inferred: Whether *declared* was inferred from a value written by user code, and not from a port.
+        sequence_id: The number of writes.
+        stamp: The time (ns) of the last write.
     """
 
     __slots__ = ("declared", "inferred", "sequence_id", "stamp", "value")
@@ -55,7 +59,7 @@ class Entry:
         self.stamp = stamp
 
 
-# What a Python literal may have meant: 3 is also a float, and an integer of any width.
+# To which types an inferred type may change: the Python literal 3 may also mean a float or a wider integer.
 _WIDER: Final[dict[str, tuple[ValueType, ...]]] = {
     INT.name: (INT64, DOUBLE, FLOAT),
     INT64.name: (DOUBLE, FLOAT),
@@ -64,11 +68,15 @@ _WIDER: Final[dict[str, tuple[ValueType, ...]]] = {
 
 
 class Blackboard:
-    """The entries of one scope. User code reads and writes it like a dict.
+    """One scope of entries. User code reads and writes it like a dict.
 
-    ``blackboard["key"] = value`` types the entry at its first write; from then on values of
-    another type are refused, but for numbers that fit exactly and texts that convert. A text leaves
-    a new entry untyped, since it may stand for anything.
+    The first write, ``blackboard["key"] = value``, determines the type of the entry. Later writes of another
+    type raise BlackboardError, except numbers that fit exactly and texts that convert. An entry that is first
+    written with a text stays untyped, because the text may stand for a value of any type.
+
+    Args:
+        parent: The scope around it; None = a root scope.
+        clock: The clock of the time stamps; by default the parent's clock, else the system's.
     """
 
     parent: "Blackboard | None"
@@ -97,15 +105,15 @@ class Blackboard:
         return board
 
     def remap(self, internal: str, external: str) -> None:
-        """Let the key *internal* mean the parent's *external*; the first remapping of a key stays."""
+        """Remap the key *internal* to the parent's key *external*, unless it is already remapped."""
         self._outside.setdefault(internal, external)
 
     def local_entries(self) -> dict[str, Entry]:
-        """The entries that are stored in this very scope."""
+        """Return the entries that are stored in this scope itself."""
         return self._entries
 
     def find(self, key: str) -> Entry | None:
-        """The entry that *key* leads to, or None. It may hold no value yet."""
+        """Return the entry of *key* after remapping, or None. The entry may never have been written."""
         entry = self._entries.get(key)
         if entry is not None and not key.startswith("@"):
             return entry
@@ -127,13 +135,18 @@ class Blackboard:
             board = parent
 
     def create(self, key: str, declared: ValueType = ANY) -> Entry:
-        """The entry that *key* leads to, made where the route ends if there is none.
+        """Return the entry of *key* after remapping; create it in the last scope if it does not exist.
 
-        Raises BlackboardError when it was declared with another type. That is no fault when either
-        type is untyped, nor when the first is a text, which the reader converts.
+        Args:
+            key: The key.
+            declared: The type.
+
+        Raises:
+            BlackboardError: The entry has another type, neither type is ANY, and the entry does not hold a
+                text, which would be converted when it is read.
         """
         if self.parent is None and not self._outside and not self.autoremap and key[:1] != "@":
-            # The most frequent case by far: no route to follow.
+            # By far the most frequent case: no remapping to follow.
             entry = self._entries.get(key)
             if entry is None:
                 self._entries[key] = entry = Entry(declared)
@@ -156,10 +169,15 @@ class Blackboard:
         raise self._clash(key, previous, declared)
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
-        """Write *value* to the entry of *key*, made where the route ends if there is none.
+        """Write *value* to the entry of *key* after remapping; create it in the last scope if needed.
 
-        *declared* is the value's C++ type, where Python's can't tell it. Raises BlackboardError
-        when the entry has another type that the value doesn't fit.
+        Args:
+            key: The key.
+            value: The value, not None.
+            declared: The C++ type of the value, if it does not follow from the Python type.
+
+        Raises:
+            BlackboardError: The value does not fit the type of the entry, or is None.
         """
         if key.startswith("@"):
             self.root.set(key[1:], value, declared)
@@ -180,7 +198,7 @@ class Blackboard:
         entry.put(value, self.now())
 
     def get(self, key: str) -> object:
-        """The value of *key*. Raises BlackboardError where there is no such entry, or no value yet."""
+        """Return the value of *key*. Raise BlackboardError if there is no entry or it was never written."""
         entry = self.find(key)
         if entry is None:
             raise BlackboardError(f"there is no entry '{key}' on the blackboard{self.hint(key)}")
@@ -189,11 +207,11 @@ class Blackboard:
         return entry.value
 
     def unset(self, key: str) -> None:
-        """Forget the entry *key* of this very scope, type and all; nothing happens if there is none."""
+        """Remove the entry *key*, with its type, from this scope itself, if there is such an entry."""
         self._entries.pop(key, None)
 
     def clone_into(self, other: "Blackboard") -> None:
-        """Make *other*'s entries those of this scope; its remappings stay as they are."""
+        """Copy the entries of this scope to *other*, and remove its other entries; keep its remappings."""
         for key in [key for key in other._entries if key not in self._entries]:
             del other._entries[key]
         now = other.now()
@@ -209,10 +227,10 @@ class Blackboard:
                 known.put(entry.value, now)
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        raise TypeError("a blackboard is part of its tree: clone_into() copies its entries into another one")
+        raise TypeError("a blackboard cannot be copied or pickled: copy its entries with clone_into()")
 
     def visible_keys(self) -> list[str]:
-        """Every key that :meth:`find` finds from here without an ``@``, sorted."""
+        """Return all keys without ``@`` for which :meth:`find` returns an entry, sorted."""
         keys = set(self._entries)
         if self.parent is not None:
             seen = self.parent.visible_keys()
@@ -222,9 +240,9 @@ class Blackboard:
         return sorted(keys)
 
     def hint(self, key: str) -> str:
-        """The end of a sentence that misses *key*: the nearest key that there is."""
-        found = nearest_name(key, self.visible_keys())
-        return f"; did you mean '{found}'?" if found else ""
+        """Return the hint of an error message about the unknown *key*: the nearest visible key."""
+        nearest = nearest_name(key, self.visible_keys())
+        return f"; did you mean '{nearest}'?" if nearest else ""
 
     def __getitem__(self, key: str) -> object:
         return self.get(key)
@@ -247,20 +265,20 @@ class Blackboard:
         return iter([key for key, entry in self._entries.items() if entry.value is not None])
 
     def _known(self, key: str) -> Entry | None:
-        """The entry whose type a declaration of *key* must agree with."""
+        """Return the entry with whose type a declaration of *key* must agree."""
         return self.find(key)
 
     def _created(self, key: str, declared: ValueType) -> Entry:
-        """A new entry where the route of *key* ends."""
+        """Create and return the entry of *key* in the last scope of its remappings."""
         if not key.startswith("@"):
             return self._route(key, declared, False)
         bare = key[1:]
         if "@" in bare:
-            raise BlackboardError(f"the key '{key}' has more than one '@'; the first means the root's")
+            raise BlackboardError(f"the key '{key}' has more than one '@'; only the first means the root")
         return self.root._route(bare, declared, False)
 
     def _set_new(self, key: str, value: object, declared: ValueType | None) -> None:
-        """Write a key that isn't stored here: where the route ends, the value must be of the type."""
+        """Write a key that is not stored in this scope itself."""
         kind = declared or type_of(value)
         if kind is STRING and declared is None:
             kind = ANY
@@ -268,9 +286,9 @@ class Blackboard:
         entry.put(value, self.now())
 
     def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
-        """The entry where the remappings of *key* end, made there if there is none.
+        """Return the entry at the end of the remappings of *key*; create it if it does not exist.
 
-        Unlike :meth:`find`, an ``@`` that a remapping brings in is taken for a part of the key.
+        Unlike in :meth:`find`, an ``@`` in a remapped key is a part of the key.
         """
         board = self
         while True:
@@ -297,15 +315,15 @@ class Blackboard:
             board = board.parent
 
     def _fitted(self, key: str, kind: ValueType, value: object) -> object:
-        """*value* as the entry's type *kind* has it."""
+        """Return *value* converted to the entry's type *kind*."""
         try:
             if isinstance(value, str) and kind.converts:
                 return kind.from_text(value)
             return kind.adapt(value)
-        except ConversionError as fault:
+        except ConversionError as error:
             raise BlackboardError(
-                f"the entry '{key}' is of type {kind.name}, and once declared its type stays: {fault}"
-            ) from fault
+                f"the entry '{key}' is of type {kind.name}, and once declared its type stays: {error}"
+            ) from error
 
     def _clash(self, key: str, previous: ValueType, declared: ValueType) -> BlackboardError:
         return BlackboardError(

@@ -1,4 +1,4 @@
-"""The blackboard by the rules of format 3 (BehaviorTree.CPP 3.8)."""
+"""The blackboard with the rules of format 3 (BehaviorTree.CPP 3.8)."""
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.errors import BlackboardError, ConversionError
@@ -11,16 +11,15 @@ from btcore.values import (
 
 
 class LegacyBlackboard(Blackboard):
-    """A scope of a format-3 tree.
+    """A scope of a tree of format 3.
 
-    It differs from :class:`Blackboard` in that ``@`` and ``_`` mean nothing at the start of a key,
-    an entry found through a remapping is known to every scope on the way, an untyped entry never
-    becomes typed, and a typed one takes values of its very type alone, and texts if a port
-    declared it.
+    It differs from :class:`Blackboard`: ``@`` and ``_`` have no meaning at the start of a key. An entry
+    that is created through remappings is stored in every scope on the way. An untyped entry never becomes
+    typed. A typed entry only accepts values of exactly its type, and texts if a port declared it.
     """
 
     def find(self, key: str) -> Entry | None:
-        """The entry that *key* leads to, or None. It may hold no value yet."""
+        """Return the entry of *key* after remapping, or None. The entry may never have been written."""
         board: Blackboard = self
         while True:
             entry = board._entries.get(key)
@@ -34,9 +33,10 @@ class LegacyBlackboard(Blackboard):
             board = board.parent
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
-        """Write *value* to the entry of *key*, made where the route ends if there is none.
+        """Write *value* to the entry of *key* after remapping; create it in the last scope if needed.
 
-        Raises BlackboardError when the entry is of another type.
+        Raises:
+            BlackboardError: The value does not fit the type of the entry, or is None.
         """
         if value is None:
             raise BlackboardError(f"None can't be written to '{key}'")
@@ -51,8 +51,8 @@ class LegacyBlackboard(Blackboard):
                 raise self._clash(key, kind, STRING if isinstance(value, str) else declared or type_of(value))
             try:
                 value = kind.from_text(value, 3)
-            except ConversionError as fault:
-                raise BlackboardError(f"the entry '{key}' is of type {kind.name}: {fault}") from fault
+            except ConversionError as error:
+                raise BlackboardError(f"the entry '{key}' is of type {kind.name}: {error}") from error
         entry.put(value, self.now())
 
     def _known(self, key: str) -> Entry | None:
@@ -62,7 +62,7 @@ class LegacyBlackboard(Blackboard):
         return self._route(key, declared, False)
 
     def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
-        """The entry where the remappings of *key* end; every scope on the way keeps it."""
+        """Return the entry at the end of the remappings of *key*, and store it in every scope on the way."""
         way: list[tuple[Blackboard, str]] = []
         board: Blackboard = self
         while True:

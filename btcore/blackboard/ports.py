@@ -1,8 +1,8 @@
-"""Ports: what a node declares, and what is bound to it in one tree.
+"""Ports: their declarations, and their bindings to literals and blackboard entries.
 
-A :class:`Port` is the declaration, and a :class:`Binding` what one text makes of it, looked at once, at
-load, for all nodes that say the same. An :class:`Input` is the binding of a port that is read, on a
-blackboard; an :class:`Output` belongs to one node. A tick only reads or writes.
+A :class:`Port` is the declaration. A :class:`Binding` is the result of parsing the text of a port; it is
+created once, at load, for all nodes with the same text. An :class:`Input` is the binding of an input port to
+a blackboard. An :class:`Output` belongs to one node. So a tick only reads and writes.
 """
 
 import enum
@@ -16,14 +16,14 @@ from btcore.errors import BlackboardError, ConversionError
 from btcore.values import ANY, STRING, ValueType
 
 UNSET: Final = object()
-"""Stands for "no default", where None is a value."""
+"""The marker for "no default", because None is a possible default."""
 UNBOUND_BLACKBOARD: Final = Blackboard()
-"""Where the ports of a plan are."""
+"""The blackboard of ports that are not bound to a blackboard yet."""
 _CONSTANTS: Final = (str, int, float, enum.Enum, NoneType)
 
 
 class Direction(enum.Enum):
-    """Which way a port's value goes."""
+    """The direction of a port: the node reads it (IN), writes it (OUT), or both (INOUT)."""
 
     IN = "input"
     OUT = "output"
@@ -31,20 +31,20 @@ class Direction(enum.Enum):
 
 
 class PortRole(enum.Enum):
-    """What a node does with a port, for checks that look at a tree without ticking it.
+    """The purpose of a port, for static checks.
 
-    The node cannot be made without a SCRIPT, CONDITION, QUEUE or WATCHED_ENTRY.
+    A node cannot be created without its SCRIPT, CONDITION, QUEUE or WATCHED_ENTRY.
     """
 
     VALUE = enum.auto()
-    SCRIPT = enum.auto()  # it is run
-    CONDITION = enum.auto()  # a script whose result decides
+    SCRIPT = enum.auto()  # a script
+    CONDITION = enum.auto()  # a script whose result determines the node's result
     DURATION = enum.auto()  # milliseconds
-    REPETITIONS = enum.auto()  # −1 = for ever
+    REPETITIONS = enum.auto()  # −1 = forever
     SUCCESSES = enum.auto()  # of the children; −1 = all
     FAILURES = enum.auto()  # of the children; −1 = all
-    QUEUE = enum.auto()  # values for the node's output port: a list, or the entry of one
-    WATCHED_ENTRY = enum.auto()  # without braces too, the entry that is looked at
+    QUEUE = enum.auto()  # values for the node's output port: a literal list, or an entry
+    WATCHED_ENTRY = enum.auto()  # the entry that is checked for updates; braces are optional
     REMOVED_ENTRY = enum.auto()  # the text names the entry that is removed
     WRITTEN_ENTRY = enum.auto()  # the text names the entry that is written …
     WRITTEN_VALUE = enum.auto()  # … with this text
@@ -52,17 +52,23 @@ class PortRole(enum.Enum):
 
 SCRIPT_ROLES: Final = (PortRole.SCRIPT, PortRole.CONDITION)
 KEY_ROLES: Final = (PortRole.WATCHED_ENTRY, PortRole.REMOVED_ENTRY, PortRole.WRITTEN_ENTRY)
-"""The roles in which a text without braces is a key of the blackboard."""
+"""The roles of ports whose text is a blackboard key even without braces."""
 LOAD_TIME_ROLES: Final = (PortRole.SCRIPT, PortRole.CONDITION, PortRole.QUEUE, PortRole.WATCHED_ENTRY)
-"""The roles of ports that a node looks at when it is made."""
+"""The roles of ports that a node reads when it is created."""
 
 
 class Port:
-    """One declared port: name, direction, type, default and description.
+    """The declaration of one port.
 
-    *default* is the text that stands for an absent attribute (None = the port is mandatory),
-    *value* the same as a Python value where the text can't tell it (UNSET = the text tells). *reads*
-    and *writes* tell what the node does with it. An *optional* port may be absent though it has no default.
+    Args:
+        name: The name of the attribute in the XML.
+        direction: Whether the node reads the port, writes it, or both.
+        type: The type of the value.
+        default: The text that is used if the attribute is absent; None = the port is mandatory.
+        description: The description for listings and models.
+        value: The default as a Python value, if *default* does not determine it; else UNSET.
+        role: The purpose of the port, for static checks.
+        optional: Whether the attribute may be absent although there is no default.
     """
 
     def __init__(
@@ -89,11 +95,16 @@ class Port:
 
 
 def remapped_key(text: str, name: str, format: int = 4) -> str | None:
-    """The blackboard key that the port text *text* points to, or None for a literal.
+    """Return the blackboard key to which the text of a port points, or None for a literal.
 
-    ``{key}`` points to *key* (spaces around the braces don't count, those inside do), ``=`` and
-    ``{=}`` to the key called as the port itself. Format 3 also knows ``${key}``, and no spaces
-    around (nodes.md §7, §9.1).
+    ``{key}`` points to *key*; spaces around the braces are ignored, spaces inside belong to the key. ``=``
+    and ``{=}`` point to the key with the name of the port. In format 3 ``${key}`` has the same meaning as
+    ``{key}``, and spaces around the braces make the text a literal.
+
+    Args:
+        text: The text of the port.
+        name: The name of the port.
+        format: The XML format, 3 or 4.
     """
     if text == "=":
         return name
@@ -111,10 +122,14 @@ def remapped_key(text: str, name: str, format: int = 4) -> str | None:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Binding:
-    """What the text of a port means: a blackboard *key*, or else a literal, converted at once.
+    """The parsed text of a port: a blackboard *key*, or a converted *literal*.
 
-    *written* tells that the document says it, and not the port's default. *fault* is why a literal
-    doesn't convert, and *shared* whether several nodes may have it.
+    Attributes:
+        is_explicit: Whether the text is from the document, and not the port's default.
+        key: The blackboard key; None for a literal.
+        literal: The value of a literal; None if it does not convert.
+        fault: Why the literal does not convert, or "".
+        shared: Whether several nodes may use the same binding: False for a literal that a leaf could modify.
     """
 
     __slots__ = ("blackboard", "fault", "format", "is_explicit", "key", "literal", "port", "shared", "text")
@@ -126,7 +141,7 @@ class Binding:
         self.is_explicit: bool = written
         self.blackboard: Blackboard = UNBOUND_BLACKBOARD
         if text[:1] == "{" and text[-1:] == "}" and len(text) > 3:
-            key: str | None = text[1:-1]  # what pointer() says of most
+            key: str | None = text[1:-1]  # the result of remapped_key() for most texts, without the call
         else:
             key = remapped_key(text, port.name, format) if "}" in text or text == "=" else None
         self.key = key
@@ -139,8 +154,8 @@ class Binding:
             else:
                 try:
                     self.literal = port.type.from_text(text, format)
-                except ConversionError as fault:
-                    self.fault = str(fault)
+                except ConversionError as error:
+                    self.fault = str(error)
                 self.shared = isinstance(self.literal, _CONSTANTS)
 
     @property
@@ -153,15 +168,14 @@ class Binding:
 class Input(Binding):
     """An input port, bound to a literal or to a key of its *blackboard*.
 
-    One of a plan is on no blackboard yet. Nodes of one scope that say the same have the same one, but
-    for a literal that a leaf could alter. *key* is None for a literal; if that doesn't convert, reading
-    raises, as the original does.
+    Nodes of one scope with the same text share one Input, except for a literal that a leaf could modify. If a
+    literal does not convert, reading it raises, as in BehaviorTree.CPP.
     """
 
     __slots__ = ()
 
     def bind_to(self, blackboard: Blackboard) -> "Input":
-        """The same on *blackboard*: this very one, if no other blackboard was first."""
+        """Return this input bound to *blackboard*: itself the first time, else a copy."""
         if self.shared and self.blackboard is UNBOUND_BLACKBOARD:
             self.blackboard = blackboard
             return self
@@ -180,10 +194,11 @@ class Input(Binding):
         return own
 
     def read(self) -> object:
-        """The value, of the port's type.
+        """Return the value, converted to the port's type.
 
-        Raises BlackboardError when the entry is missing or empty, ConversionError when the value
-        is of another type.
+        Raises:
+            BlackboardError: The entry is missing or was never written.
+            ConversionError: The value does not convert to the port's type.
         """
         key = self.key
         if key is None:
@@ -195,21 +210,21 @@ class Input(Binding):
         if entry is None or entry.value is None:
             raise self._unreadable(entry)
         value = entry.value
-        wanted = self.port.type
-        if not wanted.strong:
+        kind = self.port.type
+        if not kind.strong:
             return value
         try:
-            if isinstance(value, str) and wanted is not STRING:
-                return wanted.from_text(value, self.format)
-            return wanted.cast(value)
-        except ConversionError as fault:
+            if isinstance(value, str) and kind is not STRING:
+                return kind.from_text(value, self.format)
+            return kind.cast(value)
+        except ConversionError as error:
             raise ConversionError(
-                f"port [{self.name}] reads {{{key}}} as {wanted.name}, but it holds {value!r}: {fault}"
+                f"port [{self.name}] reads {{{key}}} as {kind.name}, but it holds {value!r}: {error}"
             ) from None
 
     def _unreadable(self, entry: Entry | None) -> BlackboardError:
-        what = "is not on the blackboard" if entry is None else "has never been written"
-        return BlackboardError(f"port [{self.name}] reads {{{self.key}}}, which {what}")
+        problem = "is not on the blackboard" if entry is None else "has never been written"
+        return BlackboardError(f"port [{self.name}] reads {{{self.key}}}, which {problem}")
 
 
 class Output:
@@ -233,29 +248,30 @@ class Output:
 
     @property
     def text(self) -> str:
-        """What it is bound to, as written."""
+        """The text of the port, as written."""
         return self.binding.text
 
     def write(self, value: object) -> None:
         """Write *value* to the entry.
 
-        Raises BlackboardError when the port isn't bound to a key, or the entry's type refuses, and
-        ConversionError when the value isn't of the port's own type.
+        Raises:
+            BlackboardError: The port is not bound to a key, or the value does not fit the entry's type.
+            ConversionError: The value is not of the port's type.
         """
         key = self.key
         if key is None:
             raise BlackboardError(
-                f"port [{self.name}] is to be written, but '{self.text}' is no blackboard entry: "
-                "name one in braces, {like_this}"
+                f"port [{self.name}] is an output, but '{self.text}' is not a blackboard entry: "
+                "write the key in braces, {like_this}"
             )
-        wanted = self.type
-        if wanted.strong and not isinstance(value, str):
+        kind = self.type
+        if kind.strong and not isinstance(value, str):
             try:
-                value = wanted.cast(value)
-            except ConversionError as fault:
-                raise ConversionError(f"port [{self.name}] takes {wanted.name}: {fault}") from None
+                value = kind.cast(value)
+            except ConversionError as error:
+                raise ConversionError(f"port [{self.name}] takes {kind.name}: {error}") from None
         self.blackboard.set(key, value)
 
     def __call__(self, value: object) -> None:
-        """The same as :meth:`write`, for a leaf that takes the port as a callable."""
+        """Call :meth:`write`: a function leaf gets the port as a callable."""
         self.write(value)

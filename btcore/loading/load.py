@@ -1,4 +1,4 @@
-"""From a file or a text to a tree, in one call."""
+"""Load a tree from a file or a text in one call."""
 
 import reprlib
 from collections.abc import Iterable, Sequence
@@ -25,18 +25,21 @@ def load(
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
 ) -> Tree:
-    """The tree in the XML file *path*, ready to be ticked.
+    """Return the tree in an XML file, ready to be ticked.
 
-    - *nodes*: what tags it may use; default :meth:`Registry.standard`.
-    - *resources*: what leaves ask for by type, say, a robot.
-    - *tree*: the ID of the tree to make; default the document's main one.
-    - *blackboard*: the main tree's, perhaps filled, perhaps shared with other trees.
-    - *format*: 3 or 4; default what the document says (``BTCPP_format``; none = 3).
-    - *clock*: default the first clock among *resources*, else the system's.
-    - *packages*: finds the folder of a ROS package that an ``<include>`` names.
+    Args:
+        path: The XML file.
+        nodes: The nodes that the tree may use; default :meth:`Registry.standard`.
+        resources: Objects that leaves get by the types of their parameters, for example a robot.
+        tree: The ID of the tree to load; default the main tree of the document.
+        blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
+        format: The XML format, 3 or 4; default the document's ``BTCPP_format``, or 3 if it has none.
+        clock: The clock; default the first clock among *resources*, else the system's clock.
+        packages: Returns the folder of a ROS package that an ``<include>`` names.
 
-    Raises TreeError with every fault found, each with file, line and column, and TypeError for *nodes* or
-    *resources* that are no such thing.
+    Raises:
+        TreeError: The document has errors. It holds all of them, with file, line and column.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list.
     """
     return build(
         parse_file(path),
@@ -61,7 +64,22 @@ def loads(
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
 ) -> Tree:
-    """The tree in the XML *text*; as :func:`load`. Includes are sought from the working directory."""
+    """Return the tree in an XML text, ready to be ticked.
+
+    Args:
+        text: The XML. Paths of includes are relative to the working directory.
+        nodes: As in :func:`load`, like all following arguments.
+        resources: As in :func:`load`.
+        tree: As in :func:`load`.
+        blackboard: As in :func:`load`.
+        format: As in :func:`load`.
+        clock: As in :func:`load`.
+        packages: As in :func:`load`.
+
+    Raises:
+        TreeError: The document has errors. It holds all of them, with line and column.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list.
+    """
     return build(
         parse_text(text),
         _registry(nodes),
@@ -82,25 +100,37 @@ def required_resources(
     format: int | None = None,
     packages: PackageResolver | None = None,
 ) -> list[Any]:
-    """The types of the resources that the leaves of the tree in *path* ask for. Raises as :func:`load`."""
+    """Return the types of the resources that the leaves of a tree need.
+
+    Args:
+        path: The XML file.
+        nodes: The nodes that the tree may use; default :meth:`Registry.standard`.
+        tree: The ID of the tree; default the main tree of the document.
+        format: The XML format, 3 or 4; default the document's ``BTCPP_format``, or 3 if it has none.
+        packages: Returns the folder of a ROS package that an ``<include>`` names.
+
+    Raises:
+        TreeError: The document has errors.
+        TypeError: *nodes* is not a Registry.
+    """
     return required_resources_of(
         parse_file(path), _registry(nodes), tree=tree, format=format, packages=packages
     )
 
 
 def _registry(nodes: object) -> Registry:
-    """*nodes*, or by default the standard ones. Raises TypeError for what is no registry."""
+    """Return *nodes*, or the standard registry for None. Raise TypeError if *nodes* is not a registry."""
     if nodes is None:
         return Registry.standard()
     if not isinstance(nodes, Registry):
         raise TypeError(
-            f"nodes={reprlib.repr(nodes)} is no Registry: nodes = Registry.standard(); nodes.add(…)"
+            f"nodes={reprlib.repr(nodes)} is not a Registry: nodes = Registry.standard(); nodes.add(…)"
         )
     return nodes
 
 
 def _listed(resources: object) -> Sequence[object]:
-    """*resources* as a list. Raises TypeError for a single thing."""
+    """Return *resources* as a list. Raise TypeError for a single object."""
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
-        raise TypeError(f"resources={reprlib.repr(resources)} is no list: write resources=[…]")
+        raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return list(resources)

@@ -294,7 +294,7 @@ class Switch6v3(SwitchNode3):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheck(DecoratorNode):
-    """Ticks its child while `value_A` equals `value_B`, else returns `return_on_mismatch` (FAILURE if absent).
+    """Ticks its child while `value_A` equals `value_B`, else returns `return_on_mismatch` (default FAILURE).
 
     Both are read as *element* in every tick. If they differ while the child is RUNNING, the child is
     halted. A value that cannot be read or converted differs. Real numbers are equal if they differ by at

@@ -1,1 +1,1 @@
-"""Which nodes a tree may use, and how each of them is made."""
+"""The registry: which nodes a tree may use, and how each of them is created."""

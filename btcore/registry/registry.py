@@ -1,4 +1,4 @@
-"""What tags a tree may use: built-in nodes, your own, and those of node libraries."""
+"""The registry of the nodes that a tree may use: built-in nodes, user's nodes and node libraries."""
 
 import importlib
 import inspect
@@ -24,70 +24,70 @@ _OF_FILE = "btcore_plugin_"
 
 
 class Registry:
-    """The nodes, types and enums that trees are made with.
+    """The nodes, types and enums that the XML of a tree may use.
 
-    A registry is a value: make one for each use, and hand it to :func:`btcore.load`.
+    There is no global registry: create a registry and pass it to :func:`btcore.load`.
     """
 
     def __init__(self) -> None:
         self.types = TypeRegistry()
-        # A built-in node that nothing has used yet is kept as its class: making its manifest takes time.
+        # A built-in node is stored as its class until it is used, because creating a manifest takes time.
         self._shared: dict[str, Manifest | type[TreeNode]] = {}
         self._of_format: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
         self.substitutions: dict[str, SubstitutionRule] = {}
         self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
-        """Nodes of installed libraries that gave way, each with what took its place."""
+        """Pairs of manifests: a node of an installed library, and the user's node that replaced it."""
         self._installing = False
 
     @classmethod
     def standard(cls) -> "Registry":
-        """A registry of everything that BehaviorTree.CPP 4.10 has built in, and 3.8 for format 3."""
-        made = cls()
+        """Return a new registry of the built-in nodes of BehaviorTree.CPP 4.10, and 3.8 for format 3."""
+        registry = cls()
         for format, nodes in BUILTIN_NODES.items():
             for ID, node in nodes.items():
                 common = BUILTIN_NODES[7 - format].get(ID) is node
-                table = made._shared if common else made._of_format[format]
+                table = registry._shared if common else registry._of_format[format]
                 table[ID] = node
-        made._libraries.append("btcore")
-        return made
+        registry._libraries.append("btcore")
+        return registry
 
     def copy(self) -> "Registry":
-        """Another registry of the same nodes and rules; types and enums are shared."""
-        made = Registry()
-        made.types = self.types
-        made._shared = dict(self._shared)
-        made._of_format = {format: dict(table) for format, table in self._of_format.items()}
-        made._libraries = list(self._libraries)
-        made.substitutions = dict(self.substitutions)
-        return made
+        """Return a new registry with the same nodes and substitution rules; types and enums are shared."""
+        registry = Registry()
+        registry.types = self.types
+        registry._shared = dict(self._shared)
+        registry._of_format = {format: dict(table) for format, table in self._of_format.items()}
+        registry._libraries = list(self._libraries)
+        registry.substitutions = dict(self.substitutions)
+        return registry
 
-    # --- looking up
+    # --- lookup
 
     def manifests_of(self, format: int = 4) -> Mapping[str, Manifest]:
-        """Every node that a tree of *format* (3 or 4) may use, by ID, sorted."""
+        """Return the nodes that a tree of *format* (3 or 4) may use, by ID, sorted."""
         ids = sorted({*self._shared, *self._of_format[format]})
         return {ID: manifest for ID in ids if (manifest := self.get(ID, format)) is not None}
 
     @property
     def manifests(self) -> Mapping[str, Manifest]:
-        """Every node that a tree of format 4 may use, by ID, sorted."""
+        """The nodes that a tree of format 4 may use, by ID, sorted."""
         return self.manifests_of(4)
 
     def get(self, ID: str, format: int = 4) -> Manifest | None:
-        """The node *ID* as a tree of *format* knows it."""
+        """Return the manifest of the node *ID* in trees of *format* (3 or 4), or None if it is unknown."""
         for table in (self._of_format[format], self._shared):
             entry = table.get(ID)
             if isinstance(entry, Manifest):
                 return entry
             if entry is not None:
-                made = table[ID] = class_manifest(ID, entry, self.types, {}, "btcore")
-                return made
+                manifest = table[ID] = class_manifest(ID, entry, self.types, {}, "btcore")
+                return manifest
         return None
 
     @property
     def libraries(self) -> list[str]:
-        """Who brought nodes, in order: "btcore" and the plugins."""
+        """The libraries that registered nodes, in order: "btcore" and the plugins."""
         return list(self._libraries)
 
     def __contains__(self, ID: object) -> bool:
@@ -99,11 +99,16 @@ class Registry:
     # --- adding and removing
 
     def add(self, *things: Any, ID: str | None = None, format: int | None = None) -> None:
-        """Register leaves, control nodes and decorators: functions, or classes.
+        """Register nodes: functions as leaves, and node classes.
 
-        The tag is *ID*, else the one given to the decorator, else the class's name or the function's
-        in CamelCase. With *format* (3 or 4) trees of that format alone know it; the ports of format 3
-        may have names that format 4 doesn't take. Raises RegistrationError, for an ID that is taken too.
+        Args:
+            things: The functions and classes.
+            ID: The tag in the XML, for a single thing. By default the ID given to the decorator, else the
+                name of the class, or the name of the function in CamelCase.
+            format: 3 or 4 = register for trees of this format only; port names in format 3 have fewer rules.
+
+        Raises:
+            RegistrationError: A thing cannot be registered, or its ID is registered already.
         """
         names = _names_of_caller()
         if ID is not None and len(things) != 1:
@@ -114,7 +119,12 @@ class Registry:
             self._add(thing, ID, names, _distribution_of(thing), format)
 
     def replace(self, **nodes: Any) -> None:
-        """Register ``ID=thing`` in place of what is registered as *ID* now."""
+        """Register ``ID=thing`` in place of the node that is registered as *ID*.
+
+        Raises:
+            RegistrationError: *ID* is not registered, or the thing cannot be registered; the registry is then
+                unchanged for this ID.
+        """
         names = _names_of_caller()
         for ID, thing in nodes.items():
             tables = [table for table in (self._shared, *self._of_format.values()) if ID in table]
@@ -128,30 +138,40 @@ class Registry:
                 raise
 
     def remove(self, ID: str) -> None:
-        """Unregister *ID* from both formats. Raises RegistrationError if there is none."""
-        found = [table.pop(ID, None) for table in (self._shared, *self._of_format.values())]
-        if not any(found):
+        """Unregister *ID* for both formats. Raise RegistrationError if it is not registered."""
+        removed = [table.pop(ID, None) for table in (self._shared, *self._of_format.values())]
+        if not any(removed):
             guess = nearest_name(ID, self.manifests)
             hint = f"; did you mean '{guess}'?" if guess else ""
             raise RegistrationError(f"no node is registered as '{ID}'{hint}")
 
     def add_type(self, python_type: type, from_text: Callable[[str], Any] | None = None, **more: Any) -> None:
-        """Let ports be of *python_type*; *from_text* makes one from what the XML says."""
+        """Register a type of ports.
+
+        Args:
+            python_type: The class of the values.
+            from_text: Converts the text in the XML to a value.
+            more: Further arguments of TypeRegistry.add().
+        """
         self.types.add(python_type, from_text, **more)
 
     def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
-        """Let scripts and ports use the names of *enum*."""
+        """Register an enum, whose names scripts and ports may then use."""
         self.types.add_enum(enum)
 
     # --- substitution
 
     def substitute(self, filter: str, by: Any) -> None:
-        """Let trees made from now on have *by* in the place of every node that *filter* meets.
+        """Replace nodes in trees that are loaded from now on.
 
-        *filter* is a registration ID, an instance name, or a full path with ``*`` and ``?``. *by* is the
-        ID of a registered node, a function or a node class, or a ``TestNodeConfig`` of btcore.testing.
-        The node keeps its ID, name, ports and conditions; what was below a node that a leaf replaces is
-        not made. Of several rules the first applies; a filter given again gets another rule in its place.
+        A replaced node keeps its ID, name, ports and conditions. If a leaf replaces a node with children, the
+        children are not created. If several rules match a node, the first rule applies. A rule with the
+        filter of an earlier rule replaces that rule.
+
+        Args:
+            filter: A registration ID, an instance name, or a full path with the wildcards ``*`` and ``?``.
+            by: The ID of a registered node, a function, a node class, or a ``TestNodeConfig`` of
+                btcore.testing.
         """
         offered = None if inspect.isclass(by) else getattr(by, "manifest", None)
         if callable(offered):
@@ -161,9 +181,15 @@ class Registry:
         self.substitutions[filter] = SubstitutionRule(filter, by)
 
     def apply_substitutions(self, config: NodeConfig, manifest: Manifest, children: int) -> Manifest:
-        """What makes the node of *config*: *manifest*, or another by the substitution rules.
+        """Return the manifest for a node, after the substitution rules.
 
-        Raises NodeError where a rule names a node that isn't registered, or wants other *children*.
+        Args:
+            config: The configuration of the node.
+            manifest: The manifest of the node's ID.
+            children: The number of children.
+
+        Raises:
+            NodeError: A rule names a node that is not registered, or cannot have this number of children.
         """
         rule = first_matching_rule(self.substitutions, config)
         return (
@@ -226,26 +252,37 @@ class Registry:
     def add_plugins(self) -> list[RegistrationError]:
         """Register the node libraries of all installed packages (entry points "btcore.nodes").
 
-        One that needs a module which isn't installed (an extra, say) is left out, and told of in the
-        result. Raises RegistrationError for any other fault.
+        Returns:
+            The errors of libraries that were ignored, because they import a module that is not installed,
+            such as an optional dependency.
+
+        Raises:
+            RegistrationError: A library cannot be registered for another reason.
         """
-        # It takes longer to import than the rest of the engine, and most programs do without.
+        # Imported here: it takes longer to import than the engine, and most programs do not need it.
         from importlib.metadata import entry_points
 
-        left_out = []
-        for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
+        ignored = []
+        for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
             try:
                 self.add_installed(point.value, point.dist.name if point.dist else point.name)
-            except RegistrationError as fault:
-                if not isinstance(fault.__cause__, ModuleNotFoundError):
+            except RegistrationError as error:
+                if not isinstance(error.__cause__, ModuleNotFoundError):
                     raise
-                left_out.append(fault)
-        return left_out
+                ignored.append(error)
+        return ignored
 
     def add_installed(self, library: str, name: str) -> None:
-        """Register a library that comes with the installed package *name*, as :meth:`add_plugin` does.
+        """Register a library of an installed package like :meth:`add_plugin`, but as overridable.
 
-        Its nodes give way to those that are registered under the same IDs later on.
+        A node that is registered later under the same ID replaces the library's node.
+
+        Args:
+            library: ``module`` or ``module:function``.
+            name: The name of the package.
+
+        Raises:
+            RegistrationError: The library cannot be imported or registered.
         """
         self._installing = True
         try:
@@ -254,23 +291,30 @@ class Registry:
             self._installing = False
 
     def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
-        """Register a node library: a module, its name, or the path of its file.
+        """Register a node library.
 
-        A library with a function ``register(nodes)``, or the one that ``module:function`` names, is asked
-        to register its nodes; of any other the node classes and the functions marked as leaves that it
-        defines are taken. *name* is who brings it, by default the module's name. Raises
-        RegistrationError, which names the library and the line, also when importing it raises.
+        If the module has a function ``register(nodes)``, or ``module:function`` names another function,
+        this function is called to register the nodes. Otherwise the node classes and the functions marked
+        as leaves that the module defines are registered.
+
+        Args:
+            library: A module, its name, ``module:function``, or the path of a Python file.
+            name: The name of the library; by default the module's name.
+
+        Raises:
+            RegistrationError: The library cannot be imported or registered; the message names the library and
+                the line.
         """
-        asked = "register"
+        function = "register"
         if isinstance(library, str) and not library.strip():
-            raise RegistrationError("a plugin has no name: give that of a module, or the path of a file")
+            raise RegistrationError("a plugin has no name: give the name of a module, or the path of a file")
         if isinstance(library, str) and not library.endswith(".py") and ":" in library:
-            library, asked = library.split(":", 1)
+            library, function = library.split(":", 1)
         module = library if isinstance(library, ModuleType) else _import(str(library), name)
-        called = name or module.__name__.removeprefix(_OF_FILE)
-        register = getattr(module, asked, None)
-        if asked != "register" and not callable(register):
-            raise RegistrationError(f"plugin '{called}': {module.__name__} has no function '{asked}'")
+        name = name or module.__name__.removeprefix(_OF_FILE)
+        register = getattr(module, function, None)
+        if function != "register" and not callable(register):
+            raise RegistrationError(f"plugin '{name}': {module.__name__} has no function '{function}'")
         try:
             if callable(register):
                 register(self)
@@ -278,17 +322,17 @@ class Registry:
                 leaves = list(_leaves_in(module))
                 if not leaves:
                     raise RegistrationError(
-                        "it brings no nodes: it has no register(nodes), no node class of its own, and no "
+                        "it has no nodes: no function register(nodes), no node class of its own, and no "
                         "function marked as @action or @condition"
                     )
                 for thing in leaves:
-                    self._add(thing, None, vars(module), called)
-        except RegistrationError as fault:
-            raise RegistrationError(f"plugin '{called}': {fault}") from fault
-        except Exception as fault:
-            raise _broken(called, fault, f"its {asked}() was called") from fault
-        if called not in self._libraries:
-            self._libraries.append(called)
+                    self._add(thing, None, vars(module), name)
+        except RegistrationError as error:
+            raise RegistrationError(f"plugin '{name}': {error}") from error
+        except Exception as error:
+            raise _plugin_error(name, error, f"its {function}() was called") from error
+        if name not in self._libraries:
+            self._libraries.append(name)
 
 
 def _leaves_in(module: ModuleType) -> Iterable[Any]:
@@ -307,22 +351,23 @@ def _leaves_in(module: ModuleType) -> Iterable[Any]:
 
 
 def _import(library: str, name: str | None) -> ModuleType:
-    called = library if name in (None, library) else f"{library}' of '{name}"
+    title = library if name in (None, library) else f"{library}' of '{name}"
     try:
         if library.endswith(".py") or "/" in library:
             return _import_file(Path(library))
         return importlib.import_module(library)
     except RegistrationError:
         raise
-    except ModuleNotFoundError as fault:
-        if fault.name is not None and (library == fault.name or library.startswith(fault.name + ".")):
+    except ModuleNotFoundError as error:
+        # Is the plugin itself missing, or a module that it imports?
+        if error.name is not None and (library == error.name or library.startswith(error.name + ".")):
             raise RegistrationError(
-                f"plugin '{called}' is not found: give the name of a module that can be imported, "
+                f"plugin '{title}' is not found: give the name of a module that can be imported, "
                 "or a file ending in .py"
-            ) from fault
-        raise _broken(called, fault) from fault
-    except (Exception, SystemExit) as fault:
-        raise _broken(called, fault) from fault
+            ) from error
+        raise _plugin_error(title, error) from error
+    except (Exception, SystemExit) as error:
+        raise _plugin_error(title, error) from error
 
 
 def _import_file(path: Path) -> ModuleType:
@@ -333,7 +378,7 @@ def _import_file(path: Path) -> ModuleType:
     name = f"{_OF_FILE}{path.stem}"
     spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise RegistrationError(f"plugin '{path}' is no Python file")
+        raise RegistrationError(f"plugin '{path}' is not a Python file")
     module = module_from_spec(spec)
     sys.modules[name] = module
     try:
@@ -344,16 +389,16 @@ def _import_file(path: Path) -> ModuleType:
     return module
 
 
-def _broken(library: str, fault: BaseException, doing: str = "it was imported") -> RegistrationError:
-    if isinstance(fault, SyntaxError):
-        where = f"{fault.filename}:{fault.lineno}"
+def _plugin_error(library: str, error: BaseException, doing: str = "it was imported") -> RegistrationError:
+    if isinstance(error, SyntaxError):
+        where = f"{error.filename}:{error.lineno}"
     else:
         import traceback
 
-        last = traceback.extract_tb(fault.__traceback__)[-1]
+        last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{last.filename}:{last.lineno}"
     return RegistrationError(
-        f"plugin '{library}' raised while {doing}: {where}: {type(fault).__name__}: {fault}"
+        f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
     )
 
 
@@ -363,7 +408,7 @@ def _distribution_of(thing: Any) -> str:
 
 
 def _names_of_caller() -> dict[str, Any]:
-    """The local names around the call of the registry's method, for annotations that are texts."""
+    """Return the local names of the registry method's caller, to resolve annotations that are strings."""
     frame = inspect.currentframe()
     for _ in range(2):
         frame = frame.f_back if frame is not None else None

@@ -178,7 +178,7 @@ def test_an_observer_that_raises_is_dropped_with_one_warning(
     assert len(before.changes) == len(after.changes) == 8
     assert [record.levelname for record in caplog.records] == ["WARNING"]
     assert "Broken" in caplog.text
-    assert "is dropped" in caplog.text
+    assert "is unsubscribed" in caplog.text
     assert "the wire is cut" in caplog.text
 
 

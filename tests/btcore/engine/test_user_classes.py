@@ -451,7 +451,7 @@ def test_help_tells_what_the_source_says(name: str) -> None:
 
 def test_help_tells_of_methods_with_their_parameters() -> None:
     assert str(inspect.getdoc(Tree.tick_while_running)).startswith(
-        "Tick until the root isn't RUNNING, every *per"
+        "Tick until the root is no longer RUNNING, and wait"
     )
     assert list(inspect.signature(Tree.tick_while_running).parameters) == ["self", "period"]
     assert list(inspect.signature(btcore.load).parameters)[:2] == ["path", "nodes"]

@@ -257,7 +257,7 @@ def test_a_library_without_a_name_is_refused() -> None:
 
 @pytest.mark.parametrize("nodes", [[bow], Registry, "standard"])
 def test_only_a_registry_is_one(nodes: Any) -> None:
-    with pytest.raises(TypeError, match=r"is no Registry: nodes = Registry\.standard\(\); nodes\.add\(…\)"):
+    with pytest.raises(TypeError, match=r"is not a Registry: nodes = Registry\.standard\(\); nodes\.add\(…\)"):
         btcore.loads('<root BTCPP_format="4"/>', nodes=nodes)
 
 
@@ -268,7 +268,7 @@ def test_an_empty_registry_does_not_know_the_built_in_nodes() -> None:
 
 @pytest.mark.parametrize("resources", [Wave, 7, "robot"])
 def test_resources_are_a_list(resources: Any) -> None:
-    with pytest.raises(TypeError, match=r"is no list: write resources=\[…\]"):
+    with pytest.raises(TypeError, match=r"is not a list: write resources=\[…\]"):
         btcore.loads('<root BTCPP_format="4"/>', resources=resources)
 
 
@@ -443,7 +443,7 @@ def test_what_a_library_imports_is_not_what_it_brings(library: Path) -> None:
         "from gestures import *\nfrom gestures import flag_raised\n", encoding="utf-8"
     )
     nodes = Registry.standard()
-    assert "plugin 'gestures_more': it brings no nodes" in refused(nodes.add_plugin, "gestures_more")
+    assert "plugin 'gestures_more': it has no nodes" in refused(nodes.add_plugin, "gestures_more")
     assert mine(nodes) == set()
 
 

@@ -77,7 +77,7 @@ def test_without_an_event_loop_awaiting_asyncio_is_an_error_that_says_what_to_do
         return True
 
     tree = tree_of('<Fetch name="page"/>', fetch)
-    with pytest.raises(NodeExecutionError, match=r"node 'page' <Fetch> .* by `await tree.run\(\)`"):
+    with pytest.raises(NodeExecutionError, match=r"node 'page' <Fetch> .* with `await tree.run\(\)`"):
         tree.tick_once()
     assert tree.root.status is Status.IDLE
 
