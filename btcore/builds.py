@@ -1,9 +1,9 @@
 """Which of the engine's two builds runs: compiled with mypyc, or the pure source beside it.
 
-Python prefers a compiled file beside its source. That is left so where the compiled build is there as a
-whole; everywhere else the source alone is seen: in a checkout, whose source may be newer than what
-somebody compiled there; in an install that lacks a part, which would crash; and where ``BTCORE_PURE=1``
-is in the environment, so that a debugger can step through the engine of any install.
+Python prefers a compiled file to the source beside it. This module makes Python ignore the compiled files
+in three cases: in a checkout, whose source may be newer than the compiled files; in an install in which a
+compiled file is missing, which would crash; and if ``BTCORE_PURE=1`` is set, so that a debugger can step
+through the engine.
 """
 
 import os
@@ -17,12 +17,12 @@ from pathlib import Path
 from types import ModuleType
 
 LIBRARY = "btcore__mypyc"
-"""The extension that holds all compiled code; those beside the sources only lead to it."""
+"""The extension module with all compiled code; the extension modules beside the sources only refer to it."""
 HERE = Path(__file__).parent
 
 
 class SourceOnly:
-    """A finder for ``sys.meta_path`` that sees of btcore the source files alone, for a *reason*."""
+    """A finder for ``sys.meta_path`` that finds only the source files of btcore, for a *reason*."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
@@ -31,32 +31,32 @@ class SourceOnly:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The source file of the module *fullname* below btcore, or None for the other finders."""
+        """Return the spec of the source file of a module below btcore, or None for the other finders."""
         if not fullname.startswith("btcore."):
             return None
         for folder in path or ():
             finder = self._folders.get(folder)
             if finder is None:
                 finder = self._folders[folder] = FileFinder(folder, (SourceFileLoader, SOURCE_SUFFIXES))
-            found = finder.find_spec(fullname)
-            if found is not None and found.loader is not None:
-                return found
+            spec = finder.find_spec(fullname)
+            if spec is not None and spec.loader is not None:
+                return spec
         return None
 
     def invalidate_caches(self) -> None:
-        """Look at the folders anew."""
+        """Forget the cached contents of folders."""
         self._folders.clear()
 
 
 def select_build() -> None:
-    """Put :class:`SourceOnly` first, unless the compiled build is to run."""
+    """Install :class:`SourceOnly` as the first finder, unless the compiled build can run."""
     reason = why_pure()
     if reason and _source_only() is None:
         sys.meta_path.insert(0, SourceOnly(reason))
 
 
 def why_pure() -> str:
-    """Why the source runs, or "" for the compiled build."""
+    """Return why the pure build runs, or "" for the compiled build."""
     if env_flag("BTCORE_PURE"):
         return "BTCORE_PURE is set"
     checkout = all((HERE.parent / file).is_file() for file in ("setup.py", "pyproject.toml"))
@@ -77,7 +77,7 @@ def why_pure() -> str:
 
 
 def _load_library(file: Path) -> None:
-    # By place, since an editable install tells Python of packages alone. Raises ImportError.
+    # By its path, because an editable install makes only packages importable. Raises ImportError.
     spec = spec_from_file_location(LIBRARY, file)
     if LIBRARY in sys.modules or spec is None or spec.loader is None:
         return
@@ -87,13 +87,13 @@ def _load_library(file: Path) -> None:
 
 
 def compiled_modules() -> list[str]:
-    """The names of the modules whose compiled code :data:`LIBRARY` holds. Raises ImportError without it."""
+    """Return the names of the modules compiled into :data:`LIBRARY`. Raise ImportError if it is missing."""
     marks = [name for name in dir(import_module(LIBRARY)) if name.startswith("init_")]
     return [mark.removeprefix("init_").replace("___", ".") for mark in marks]
 
 
 def active_build() -> str:
-    """``"compiled"`` or ``"pure"``, by the file that the engine's status words came from."""
+    """Return ``"compiled"`` or ``"pure"``, by the file from which btcore.status was imported."""
     from btcore import status
 
     source = status.__file__ or ""
@@ -101,7 +101,7 @@ def active_build() -> str:
 
 
 def unused_build_message() -> str:
-    """What to tell of compiled files that are there and not used, or ""."""
+    """Return a message about compiled files that exist but are not used, or ""."""
     finder = _source_only()
     if finder is None:
         return ""
@@ -110,7 +110,7 @@ def unused_build_message() -> str:
 
 
 def env_flag(variable: str) -> bool:
-    """Whether the environment's *variable* is set, and not to 0."""
+    """Return whether the environment *variable* is set, but not to 0."""
     return os.environ.get(variable, "0") not in ("", "0")
 
 
@@ -122,7 +122,7 @@ def _source_only() -> SourceOnly | None:
 
 
 def written_docstring(cls: type) -> str:
-    """The docstring of a class of the engine, which its compiled form has not: from the source beside it."""
+    """Return the docstring of an engine class from its source: mypyc drops the docstrings of classes."""
     module = sys.modules[cls.__module__]
     file = Path(module.__file__ or "")
     if not cls.__module__.startswith("btcore.") or file.suffix == ".py":
@@ -132,7 +132,7 @@ def written_docstring(cls: type) -> str:
 
 @cache
 def _docstrings(source: Path) -> dict[str, str]:
-    """The docstrings of the classes in the file *source*."""
+    """Return the docstrings of the classes in the file *source*."""
     import ast
 
     classes = [node for node in ast.parse(source.read_text("utf-8")).body if isinstance(node, ast.ClassDef)]

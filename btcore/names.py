@@ -1,11 +1,11 @@
-"""Which names nodes, trees and ports may have: one rule for what is registered and what is written in XML."""
+"""The rules for names of nodes, trees and ports, both in registrations and in XML."""
 
 from typing import Final
 
-# Spaces, what XML, paths and patterns mean something by, and control characters (nodes.md §9.1, §10.2).
+# Spaces, characters with a meaning in XML, paths or patterns, and control characters, as in BehaviorTree.CPP.
 _FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (*range(32), 127)}
 _RESERVED_IN_3: Final = frozenset({"ID", "name", "_description"})
-# Without "_autoremap", which the models that C++ writes have for the SubTree itself.
+# Without "_autoremap": the models that BehaviorTree.CPP writes list it as a port of SubTree.
 _RESERVED_ATTRIBUTES: Final = frozenset(
     {"ID", "name", "_failureIf", "_successIf", "_skipIf", "_while"}
     | {"_onHalted", "_onFailure", "_onSuccess", "_post"}
@@ -14,19 +14,21 @@ _RESERVED_IDS: Final = frozenset({"Root", "root"})
 
 
 def forbidden_in(name: str) -> str:
-    """The first character of *name* that no ID may hold, or "" (UTF-8 letters are allowed)."""
+    """Return the first character of *name* that is not allowed in an ID, or "" (UTF-8 letters are)."""
     return next((char for char in name if char in _FORBIDDEN), "")
 
 
 def is_reserved(ID: str) -> bool:
-    """Whether neither a node nor a tree may be called *ID*."""
+    """Return whether *ID* is reserved, so that no node or tree may have it."""
     return ID in _RESERVED_IDS
 
 
 def port_name_error(name: str, format: int = 4) -> str:
-    """Why no port of a node may be called *name*, or "" if one may.
+    """Return why *name* is not a valid port name, or "" if it is valid.
 
-    Format 3 takes any name that doesn't say something else in the XML.
+    Args:
+        name: The name.
+        format: The XML format. Format 3 allows every name that has no other meaning in the XML.
     """
     if not name:
         return "it has no name"
@@ -37,14 +39,14 @@ def port_name_error(name: str, format: int = 4) -> str:
     bad = forbidden_in(name)
     if bad:
         return f"it holds {bad!r}"
-    # Bytes over 127 are allowed, but a name begins with a letter.
+    # Non-ASCII characters are allowed, but not at the start.
     if not (name[0].isascii() and name[0].isalpha()):
         return "the name of a port begins with a letter"
     return ""
 
 
 def model_port_name_error(name: str) -> str:
-    """Why format 4 takes no port *name* in the model of a subtree, or "" if it does."""
+    """Return why *name* is not a valid port name in a subtree model of format 4, or "" if it is valid."""
     if not name:
         return "it has no name"
     if name in _RESERVED_ATTRIBUTES:
@@ -56,5 +58,5 @@ def model_port_name_error(name: str) -> str:
 
 
 def is_port_name(name: str) -> bool:
-    """Whether format 4 takes the attribute *name* as a port (nodes.md §9.1)."""
+    """Return whether the attribute *name* is a port in format 4."""
     return not port_name_error(name)

@@ -1,23 +1,34 @@
-"""The nearest name to a mistyped one, and lists that read as sentences."""
+"""Parts of messages: the name nearest to a mistyped name, and enumerations of names."""
 
 from collections.abc import Iterable
 
 
 def nearest_name(word: str, names: Iterable[str]) -> str | None:
-    """The one of *names* that *word* most probably meant, or None."""
+    """Return the name that *word* most probably means, or None.
+
+    Args:
+        word: The mistyped name.
+        names: The known names.
+    """
     known = list(names)
     folded = {name.casefold(): name for name in reversed(known)}
     if word.casefold() in folded:
         return folded[word.casefold()]
-    # Imported for a mistake only: start-up does without it.
+    # Imported here, because it is needed for error messages only and would slow down the start.
     from difflib import get_close_matches
 
-    found = get_close_matches(word, known, n=1, cutoff=0.6)
-    return found[0] if found else None
+    matches = get_close_matches(word, known, n=1, cutoff=0.6)
+    return matches[0] if matches else None
 
 
 def join_names(names: Iterable[str], conjunction: str = "and", most: int = 8) -> str:
-    """*names* as people write a list: ``a, b and c``; what is over *most* is counted."""
+    """Return an enumeration of *names*, such as ``a, b and c``.
+
+    Args:
+        names: The names.
+        conjunction: The word before the last name.
+        most: The maximum number of names; the others are counted ("3 more").
+    """
     words = list(names)
     if len(words) > most:
         words = [*words[:most], f"{len(words) - most} more"]

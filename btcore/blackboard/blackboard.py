@@ -227,7 +227,7 @@ class Blackboard:
                 known.put(entry.value, now)
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        raise TypeError("a blackboard cannot be copied or pickled: copy its entries with clone_into()")
+        raise TypeError("a blackboard cannot be copied or pickled; clone_into() copies its entries")
 
     def visible_keys(self) -> list[str]:
         """Return all keys without ``@`` for which :meth:`find` returns an entry, sorted."""

@@ -1,4 +1,4 @@
-"""Watches the XML, and swaps the tree between two ticks. The blackboard stays."""
+"""Hot reload: replace a tree between two ticks when its XML file changes, and keep its blackboard."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from btcore.xml.read.includes import PackageResolver, resolve_includes
 
 
 class FileWatcher:
-    """Tells whether the file *path*, or one that it includes, was saved since the last look."""
+    """A check whether the file *path* or a file that it includes was changed since the last check."""
 
     def __init__(self, path: Path, packages: PackageResolver | None = None) -> None:
         self.path = path
@@ -23,11 +23,11 @@ class FileWatcher:
         self._stamps = _stamps(self._files)
 
     def has_changed(self) -> bool:
-        """Whether one of the files is another than at the last look. While one is gone, none is."""
+        """Return whether a file changed since the last check; False while a file is missing."""
         now = _stamps(self._files)
         if now is None or now == self._stamps:
             return False
-        # What is included may have changed with it.
+        # The list of included files may have changed too.
         self._files = self._all_files()
         self._stamps = _stamps(self._files)
         return True
@@ -37,25 +37,33 @@ class FileWatcher:
             documents = resolve_includes(parse_file(self.path), DiagnosticCollector(), self.packages)
         except BtcoreError:
             return {self.path}
-        return {self.path, *(Path(one.file) for one in documents if one.file)}
+        return {self.path, *(Path(document.file) for document in documents if document.file)}
 
 
 def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
-    """When each file was written, and its size; None while one is gone."""
+    """Return the modification time (ns) and size of each file; None while a file is missing."""
     try:
-        found = {path: path.stat() for path in files}
+        stats = {path: path.stat() for path in files}
     except OSError:
         return None
-    return {path: (one.st_mtime_ns, one.st_size) for path, one in found.items()}
+    return {path: (stat.st_mtime_ns, stat.st_size) for path, stat in stats.items()}
 
 
 def rebuild_tree(
     tree: Tree, examined: DocumentAnalysis, resources: Sequence[object] = (), nodes: Registry | None = None
 ) -> Tree:
-    """The tree of an *examined* document, on the blackboard and the clock of *tree*, which isn't touched.
+    """Return the tree of a document, with the blackboard and the clock of *tree*, which is not changed.
 
-    *nodes* are what the document was examined with; default those of *tree*. Halt *tree* before the new
-    one is ticked. Raises TreeError when the document is broken; the blackboard is then as it was.
+    The caller must halt *tree* before the new tree is ticked.
+
+    Args:
+        tree: The tree to replace.
+        examined: The analysed document.
+        resources: The resources of the new tree.
+        nodes: The registry with which the document was analysed; default the registry of *tree*.
+
+    Raises:
+        TreeError: The document has errors. The blackboard is unchanged.
     """
     board = tree.blackboard
     before = set(board.local_entries())
@@ -71,11 +79,18 @@ def rebuild_tree(
 def reload_tree(
     tree: Tree, path: Path, resources: Sequence[object] = (), packages: PackageResolver | None = None
 ) -> Tree:
-    """A new tree from *path* in place of *tree*, which is halted: same blackboard, clock and nodes.
+    """Halt *tree*, and return the tree in the file *path* with the same blackboard, clock and registry.
 
-    Raises TreeError when the file is broken; then *tree* was not touched and goes on.
+    Args:
+        tree: The tree to replace.
+        path: The XML file.
+        resources: The resources of the new tree.
+        packages: Returns the folder of a ROS package that an ``<include>`` names.
+
+    Raises:
+        TreeError: The file has errors. *tree* is unchanged and can be ticked further.
     """
     examined = analyse_document(parse_file(path), tree.registry, tree.id, packages=packages)
-    made = rebuild_tree(tree, examined, resources)
+    new_tree = rebuild_tree(tree, examined, resources)
     tree.halt()
-    return made
+    return new_tree

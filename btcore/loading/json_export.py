@@ -1,8 +1,8 @@
-"""Blackboards as JSON, in the shape of BehaviorTree.CPP's ExportTreeToJSON (nodes.md §10.7).
+"""Blackboards as JSON, in the form of BehaviorTree.CPP's ExportTreeToJSON() (src/json_export.cpp).
 
-A tree is ``{subtree path: {key: value}}``, the main one under its ID. Integers, bools and enums are
-numbers, lists arrays; a dataclass is an object with ``__type``. What has no such form, and an entry
-that was never written, is null.
+A tree is ``{subtree path: {key: value}}``, with the ID of the main tree for its path. Integers, bools and
+enums become numbers, lists become arrays, and a dataclass becomes an object with ``__type``. Other values,
+and entries that were never written, become null.
 """
 
 import json
@@ -21,17 +21,23 @@ TYPE = "__type"
 
 
 def export_tree(tree: Tree) -> dict[str, dict[str, Any]]:
-    """What every blackboard of *tree* holds, ready for ``json.dump``."""
-    return {_name(tree, one): export_blackboard(one.blackboard) for one in tree.subtrees}
+    """Return the entries of all blackboards of *tree*, ready for ``json.dump``."""
+    return {_name(tree, subtree): export_blackboard(subtree.blackboard) for subtree in tree.subtrees}
 
 
 def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write *data*, as :func:`export_tree` gave it, into the blackboards of *tree*.
+    """Write the entries in *data* into the blackboards of *tree*.
 
-    Raises BlackboardError when the subtrees are others than those of *data*, before anything is
-    written, or when an entry's type refuses a value.
+    Args:
+        tree: The tree.
+        data: Entries in the form of :func:`export_tree`.
+
+    Raises:
+        BlackboardError: The subtrees of *tree* are not those of *data*, in which case nothing is written,
+        or a
+            value does not fit the type of its entry.
     """
-    boards = {_name(tree, one): one.blackboard for one in tree.subtrees}
+    boards = {_name(tree, subtree): subtree.blackboard for subtree in tree.subtrees}
     for name in data:
         if name not in boards:
             guess = nearest_name(name, boards)
@@ -45,19 +51,28 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def export_blackboard(board: Blackboard) -> dict[str, Any]:
-    """What *board* itself holds, by key; remapped entries are their owner's."""
+    """Return the entries of the scope *board* itself, by key, without remapped entries."""
     return {key: _exported(entry.value) for key, entry in board.local_entries().items()}
 
 
 def import_blackboard(board: Blackboard, data: Mapping[str, Any], types: TypeRegistry) -> None:
-    """Write *data* into *board*; null is left out. Raises BlackboardError, which names the key."""
+    """Write *data* into *board*; null is ignored.
+
+    Args:
+        board: The scope.
+        data: Values by key.
+        types: The types of objects with ``__type``.
+
+    Raises:
+        BlackboardError: A value does not fit the type of its entry; the message names the key.
+    """
     for key, value in data.items():
         if value is None:
             continue
         try:
             board.set(key, _imported(value, types))
-        except (BlackboardError, ConversionError) as fault:
-            raise BlackboardError(f"[{key}] can't be imported: {fault}") from fault
+        except (BlackboardError, ConversionError) as error:
+            raise BlackboardError(f"[{key}] can't be imported: {error}") from error
 
 
 def _name(tree: Tree, subtree: Subtree) -> str:
@@ -72,9 +87,9 @@ def _exported(value: object) -> Any:
     if isinstance(value, Enum):
         return value.value if isinstance(value.value, (int, str)) else value.name
     if isinstance(value, (list, tuple)):
-        return [_exported(one) for one in value]
+        return [_exported(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
-        named = {one.name: _exported(getattr(value, one.name)) for one in fields(value)}
+        named = {field.name: _exported(getattr(value, field.name)) for field in fields(value)}
         return {TYPE: type(value).__qualname__, **named}
     return None
 

@@ -1,4 +1,4 @@
-"""What is registered under one ID: what it is, its ports, and how to make one."""
+"""The manifest of a registered node: its class or function, its ports, and how to create a node."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -38,14 +38,19 @@ from btcore.values import TypeRegistry
 
 
 class Manifest:
-    """One entry of a registry.
+    """The registration of one node.
 
-    *ports* are in the order of declaration; *wanted* are the types of the resources that it asks for;
-    *distribution* is the package that brought it, and *origin* the class or function and its place. One that
-    *yields* came along with an installed package, and gives way to what a user registers under its ID.
+    Attributes:
+        id: The registration ID.
+        cls: The class of the nodes.
+        ports: The ports by name, in the order of their declaration.
+        parameters: The parameters of the function or of ``__init__``.
+        distribution: The package that registered it.
+        function: The function that the nodes call; None for a node class.
     """
 
     is_overridable = False
+    """Whether a node that a user registers under the same ID replaces it: True for installed libraries."""
 
     def __init__(
         self,
@@ -68,36 +73,36 @@ class Manifest:
 
     @property
     def type(self) -> NodeType:
-        """The family of the node."""
+        """The node type."""
         return self.cls.node_type
 
     @property
     def description(self) -> str:
-        """What the node does: the docstring of what is registered."""
+        """The description of the node: the docstring of its class or function."""
         if self.function is not None:
             return inspect.cleandoc(self.function.__doc__ or "")
         return inspect.cleandoc(self.cls.__doc__ or builds.written_docstring(self.cls))
 
     @property
     def required_resources(self) -> list[Any]:
-        """The types of the resources that must be handed in."""
+        """The types of the resources that the caller of load() must pass."""
         return [
-            one.resource_type
-            for one in self.parameters
-            if one.port is None
-            and one.default is UNSET
-            and one.resource_type not in (Clock, Blackboard)
-            and not is_tree_state(one.resource_type)
+            parameter.resource_type
+            for parameter in self.parameters
+            if parameter.port is None
+            and parameter.default is UNSET
+            and parameter.resource_type not in (Clock, Blackboard)
+            and not is_tree_state(parameter.resource_type)
         ]
 
     def same_thing(self, other: "Manifest") -> bool:
-        """Whether both are of one class or function, perhaps imported twice."""
+        """Return whether both have the same class or function, which may have been imported twice."""
         mine, its = self.function or self.cls, other.function or other.cls
         return mine is its or self.origin == other.origin
 
     @property
     def origin(self) -> str:
-        """``name (file:line)`` of what is registered."""
+        """``name (file:line)`` of the class or function."""
         thing: Any = self.function or self.cls
         try:
             line = inspect.getsourcelines(thing)[1]
@@ -113,7 +118,18 @@ class Manifest:
         resources: "Resources",
         children: list[TreeNode],
     ) -> TreeNode:
-        """A node of a tree. Raises NodeError when a resource that it wants wasn't handed in."""
+        """Create a node.
+
+        Args:
+            config: The configuration of the node.
+            context: The shared state of the tree.
+            blackboard: The scope of the node.
+            resources: The resources of the tree.
+            children: The children, created before.
+
+        Raises:
+            NodeError: A resource is missing, or the node cannot be used as declared.
+        """
         cls = self.cls
         node: TreeNode = cls.__new__(cls)
         node.attach_to_tree(config, context, blackboard)
@@ -128,7 +144,7 @@ class Manifest:
             positional, keywords = self._arguments(node, context, resources)
             _initialiser(cls)(node, *positional, **keywords)
         if isinstance(node, DecoratorNode):
-            # Only now, since adopt() and __init__ may be a user's.
+            # Only now, because set_children() and __init__() may be overridden and change the child.
             node._decorated = node.child
         if self._prepares:
             node.prepare()
@@ -137,13 +153,13 @@ class Manifest:
     def _arguments(
         self, node: TreeNode, context: TreeContext, resources: "Resources"
     ) -> tuple[list[object], dict[str, object]]:
-        """What fills the parameters: by position, and by name."""
+        """Return the arguments for the parameters, by position and by name."""
         positional: list[object] = []
         keywords: dict[str, object] = {}
         inputs = node.config.inputs if self.function is not None else NO_INPUTS
         for parameter in self.parameters:
             port = parameter.port
-            # The most frequent case by far.
+            # By far the most frequent case: an input port that the tree gives.
             value: object = inputs.get(port.name) if port is not None and port.reads else None
             if value is None:
                 value = self._fill(parameter, node, context, resources)
@@ -180,25 +196,25 @@ class Manifest:
                 "nothing can be found: use a class, or a Protocol marked @runtime_checkable"
             ) from None
         if value is UNSET:
-            said = (
+            message = (
                 f"<{self.id}> wants a {parameter.type_name} (its parameter '{parameter.name}'), "
                 "and none was handed in: pass one in resources=[…]"
             )
             if parameter.looks_like_port:
-                said += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
-            raise NodeError(said)
+                message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
+            raise NodeError(message)
         return value
 
 
 class Resources(list[object]):
-    """What was handed in for the leaves of one tree; what a parameter takes of it is looked for once."""
+    """The resources of one tree. The resource for each parameter is searched once."""
 
     def __init__(self, given: Sequence[object]) -> None:
         super().__init__(given)
         self._found: dict[Parameter, object] = {}
 
     def of(self, parameter: Parameter) -> object:
-        """The first resource that fits *parameter*, else its default, which may be UNSET."""
+        """Return the first resource of the parameter's type, else its default, which may be UNSET."""
         if parameter not in self._found:
             self._found[parameter] = self._look_for(parameter)
         return self._found[parameter]
@@ -208,24 +224,24 @@ class Resources(list[object]):
             if fits(resource, parameter.resource_type):
                 return resource
         if is_tree_state(parameter.resource_type):
-            made = parameter.resource_type()
-            self.append(made)
-            return made
+            state = parameter.resource_type()
+            self.append(state)
+            return state
         return parameter.default
 
 
 def is_tree_state(wanted: object) -> TypeGuard[type[TreeState]]:
-    """Whether a leaf that asks for *wanted* gets what its tree makes, and nobody hands in."""
+    """Return whether *wanted* is a subclass of TreeState, of which every tree creates its own instance."""
     return isinstance(wanted, type) and issubclass(wanted, TreeState)
 
 
 def takes_children(manifest: Manifest | None) -> bool:
-    """Whether a node of *manifest* is no leaf; so is taken a node that nobody knows."""
+    """Return whether a node of *manifest* is not a leaf; True for an unknown node (None)."""
     return manifest is None or manifest.type not in (NodeType.ACTION, NodeType.CONDITION)
 
 
 class _Unconnected:
-    """An output port that the tree doesn't give; writing it raises."""
+    """An output port that the XML does not give; writing it raises NodeError."""
 
     def __init__(self, node: TreeNode, name: str) -> None:
         self.node = node
@@ -236,21 +252,22 @@ class _Unconnected:
 
 
 class _MissingInput(Input):
-    """A mandatory input port that the tree doesn't give; reading it raises."""
+    """A mandatory input port that the XML does not give; reading it raises NodeError."""
 
     def __init__(self, port: Port, node: TreeNode) -> None:
         super().__init__(port, "")
         self.node = node
 
     def read(self) -> object:
-        """Raises NodeError."""
+        """Raise NodeError."""
         return self.node.get_input(self.name)
 
 
 def fits(resource: object, wanted: Any) -> bool:
-    """Whether *resource* is what a parameter of type *wanted* asks for.
+    """Return whether *resource* is of the type *wanted*.
 
-    Raises TypeError for a type that nothing can be told to be of, such as a Protocol that isn't marked.
+    Raises:
+        TypeError: isinstance() does not support the type, such as a Protocol that is not runtime-checkable.
     """
     return isinstance(resource, wanted)
 
@@ -263,7 +280,19 @@ def class_manifest(
     distribution: str,
     format: int = 4,
 ) -> Manifest:
-    """The manifest of a node class, in trees of *format* at least. Raises RegistrationError."""
+    """Return the manifest of a node class.
+
+    Args:
+        ID: The registration ID.
+        cls: The class.
+        types: The types that ports may have.
+        names: The local names with which annotations are resolved that are strings.
+        distribution: The package that registers it.
+        format: The XML format whose rules for port names apply.
+
+    Raises:
+        RegistrationError: The class cannot be registered.
+    """
     check_id(ID)
     ports = class_ports(cls, types, names)
     check_ports(ID, ports, format)
@@ -284,7 +313,19 @@ def function_manifest(
     distribution: str,
     format: int = 4,
 ) -> Manifest:
-    """The manifest of a function as a leaf, in trees of *format* at least. Raises RegistrationError."""
+    """Return the manifest of a leaf that is a function.
+
+    Args:
+        ID: The registration ID.
+        function: The function.
+        types: The types that ports may have.
+        names: The local names with which annotations are resolved that are strings.
+        distribution: The package that registers it.
+        format: The XML format whose rules for port names apply.
+
+    Raises:
+        RegistrationError: The function cannot be registered.
+    """
     check_id(ID)
     if inspect.isasyncgenfunction(function):
         raise RegistrationError(
@@ -292,19 +333,20 @@ def function_manifest(
             "or make it a plain generator"
         )
     parameters = function_parameters(function, types, names)
-    ports = [one.port for one in parameters if one.port is not None]
+    ports = [parameter.port for parameter in parameters if parameter.port is not None]
     check_ports(ID, ports, format)
     return Manifest(ID, leaf_class(function), ports, parameters, distribution, function)
 
 
 def _initialiser(cls: type) -> Callable[..., None]:
-    found: Callable[..., None] = type.__getattribute__(cls, "__init__")
-    return found
+    # type.__getattribute__, because mypy rejects cls.__init__ as unsound.
+    initialiser: Callable[..., None] = type.__getattribute__(cls, "__init__")
+    return initialiser
 
 
 def _has_own_init(cls: type) -> bool:
-    found = _initialiser(cls)
-    # A Protocol among the bases brings an __init__ of typing's, which does nothing for a node.
-    return found not in (_initialiser(object), _initialiser(TreeNode)) and (
-        getattr(found, "__module__", "") != "typing"
+    initialiser = _initialiser(cls)
+    # A Protocol among the base classes adds an __init__ of typing, which has no effect on a node.
+    return initialiser not in (_initialiser(object), _initialiser(TreeNode)) and (
+        getattr(initialiser, "__module__", "") != "typing"
     )

@@ -1,4 +1,4 @@
-"""What can't be registered: names, methods and defaults of leaves that no tree could work with."""
+"""Checks at registration: names, ports, defaults and methods with which no tree could work."""
 
 from collections.abc import Sequence
 from inspect import isabstract
@@ -25,11 +25,11 @@ _OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
     (StatefulAction, "on_start"),
     (StatefulAction, "on_running"),
 )
-"""What each class of actions that last leaves to those that are derived from it."""
+"""The methods that subclasses of these action classes must override."""
 
 
 def check_id(ID: str) -> None:
-    """Refuse an *ID* that no tag may have."""
+    """Raise RegistrationError if *ID* cannot be a tag."""
     if not ID:
         raise RegistrationError("a node needs an ID that isn't empty")
     if is_reserved(ID):
@@ -40,25 +40,25 @@ def check_id(ID: str) -> None:
 
 
 def check_ports(ID: str, ports: Sequence[Port], format: int = 4) -> None:
-    """Refuse *ports* whose names can't be written in a tree of *format*, or whose defaults don't fit."""
+    """Raise RegistrationError if a port has an invalid name, or a default that does not fit its type."""
     for port in ports:
-        fault = "" if port.name == "_autoremap" else port_name_error(port.name, format)
-        if fault:
-            said = f"<{ID}> can't have a port called '{port.name}': {fault}"
+        error = "" if port.name == "_autoremap" else port_name_error(port.name, format)
+        if error:
+            message = f"<{ID}> can't have a port called '{port.name}': {error}"
             if format == 4 and port.name and not port_name_error(port.name, 3):
-                said += "; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)"
-            raise RegistrationError(said)
-        fault = default_value_error(port)
-        if fault:
+                message += "; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)"
+            raise RegistrationError(message)
+        error = default_value_error(port)
+        if error:
             default = port.default if port.value is UNSET else port.value
             takes = f"the port '{port.name}' of <{ID}> takes {port.type.name}"
-            raise RegistrationError(f"{takes}, but its default is {default!r}: {fault}")
+            raise RegistrationError(f"{takes}, but its default is {default!r}: {error}")
 
 
 def default_value_error(port: Port) -> str:
-    """Why the default of *port* is no value of its type, or ""."""
+    """Return why the default of *port* is not a value of its type, or ""."""
     kind, text, value = port.type, port.default, port.value
-    # None says that there is nothing; what an output has before it is written is no value of its own.
+    # None means "no value". The default of an output is not checked: it is never read as a value.
     if text is None or value is None or not port.reads or not kind.strong or not _is_known(kind):
         return ""
     try:
@@ -73,17 +73,17 @@ def default_value_error(port: Port) -> str:
 
 
 def _is_known(kind: ValueType) -> bool:
-    """Whether texts of *kind* can be read now: a user's type may get its converter later."""
+    """Return whether texts of *kind* convert already: a user's type may get its converter later."""
     if isinstance(kind, VectorType):
         return _is_known(kind.item)
     return kind.converts and not isinstance(kind, UserType)
 
 
 def check_class(ID: str, cls: type[TreeNode]) -> None:
-    """Refuse a class that no node can be made of, or whose nodes couldn't change."""
+    """Raise RegistrationError if *cls* is abstract or a frozen dataclass."""
     name = cls.__qualname__
     if isabstract(cls):
-        lacking = join_names(f"{one}()" for one in sorted(getattr(cls, "__abstractmethods__", ())))
+        lacking = join_names(f"{method}()" for method in sorted(getattr(cls, "__abstractmethods__", ())))
         raise RegistrationError(f"<{ID}>: {name} is abstract: derive from it a class that has {lacking}")
     dataclass = getattr(cls, "__dataclass_params__", None)
     if dataclass is not None and dataclass.frozen:
@@ -91,7 +91,7 @@ def check_class(ID: str, cls: type[TreeNode]) -> None:
 
 
 def check_methods(ID: str, cls: type[TreeNode]) -> None:
-    """Refuse an action that lasts, and lacks a method that its second tick would call."""
+    """Raise RegistrationError if a StatefulAction lacks a method that a tick would call."""
     if cls.tick is not StatefulAction.tick:
         return
     for base, method in _OVERRIDDEN:

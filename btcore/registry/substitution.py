@@ -1,4 +1,4 @@
-"""Substitution rules: another node in the place of some of a tree's, as BehaviorTree.CPP has them."""
+"""Substitution rules: they replace nodes of a tree by other nodes, as in BehaviorTree.CPP."""
 
 import re
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from btcore.suggestions import nearest_name
 
 
 class SubstitutionRule:
-    """One rule: nodes that *filter* meets are made by *by*, a manifest or the ID of a registered node.
+    """One rule: nodes that match *filter* are created from *by*, a manifest or the ID of a registered node.
 
     *filter* is a registration ID, an instance name, or a full path in which ``*`` stands for any text
     and ``?`` for any character.
@@ -24,7 +24,7 @@ class SubstitutionRule:
         self._path = re.compile("".join(parts), re.DOTALL)
 
     def matches(self, config: NodeConfig) -> bool:
-        """Whether the rule is for the node of *config*."""
+        """Return whether the rule applies to the node of *config*."""
         return (
             self.filter == config.name
             or self.filter == config.id
@@ -34,9 +34,15 @@ class SubstitutionRule:
     def replacement_manifest(
         self, config: NodeConfig, children: int, known: Mapping[str, Manifest]
     ) -> Manifest:
-        """What makes the node of *config*, which has *children*; *known* are the registered nodes by ID.
+        """Return the manifest that replaces the manifest of a node.
 
-        Raises NodeError where there is none of that ID, or one that wants other children.
+        Args:
+            config: The configuration of the node.
+            children: The number of children.
+            known: The registered nodes by ID.
+
+        Raises:
+            NodeError: The replacement is not registered, or cannot have this number of children.
         """
         found = self.by if isinstance(self.by, Manifest) else known.get(self.by)
         if found is None:
@@ -63,7 +69,7 @@ class SubstitutionRule:
 
 
 def first_matching_rule(rules: dict[str, SubstitutionRule], config: NodeConfig) -> SubstitutionRule | None:
-    """The first of *rules*, in the order in which they were given, that is for the node of *config*."""
+    """Return the first of *rules*, in the order of their addition, that applies to the node of *config*."""
     for rule in rules.values():
         if rule.matches(config):
             return rule

@@ -257,7 +257,8 @@ def test_a_library_without_a_name_is_refused() -> None:
 
 @pytest.mark.parametrize("nodes", [[bow], Registry, "standard"])
 def test_only_a_registry_is_one(nodes: Any) -> None:
-    with pytest.raises(TypeError, match=r"is not a Registry: nodes = Registry\.standard\(\); nodes\.add\(…\)"):
+    pattern = r"is not a Registry: nodes = Registry\.standard\(\); nodes\.add\(…\)"
+    with pytest.raises(TypeError, match=pattern):
         btcore.loads('<root BTCPP_format="4"/>', nodes=nodes)
 
 
