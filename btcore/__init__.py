@@ -29,15 +29,9 @@ if TYPE_CHECKING:
     from btcore.engine.coroutine import sleep as sleep
     from btcore.engine.functions import action as action
     from btcore.engine.functions import condition as condition
-    from btcore.engine.leaf import (
-        Condition as Condition,
-    )
-    from btcore.engine.leaf import (
-        StatefulAction as StatefulAction,
-    )
-    from btcore.engine.leaf import (
-        SyncAction as SyncAction,
-    )
+    from btcore.engine.leaf import Condition as Condition
+    from btcore.engine.leaf import StatefulAction as StatefulAction
+    from btcore.engine.leaf import SyncAction as SyncAction
     from btcore.engine.node import TreeNode as TreeNode
     from btcore.engine.observers import Observer as Observer
     from btcore.engine.observers import Transitions as Transitions
@@ -46,42 +40,18 @@ if TYPE_CHECKING:
     from btcore.engine.signature import Out as Out
     from btcore.engine.signature import Put as Put
     from btcore.engine.threaded import ThreadedAction as ThreadedAction
-    from btcore.errors import (
-        BlackboardError as BlackboardError,
-    )
-    from btcore.errors import (
-        BtcoreError as BtcoreError,
-    )
-    from btcore.errors import (
-        ConversionError as ConversionError,
-    )
-    from btcore.errors import (
-        Diagnostic as Diagnostic,
-    )
-    from btcore.errors import (
-        NodeError as NodeError,
-    )
-    from btcore.errors import (
-        NodeExecutionError as NodeExecutionError,
-    )
-    from btcore.errors import (
-        PortError as PortError,
-    )
-    from btcore.errors import (
-        RegistrationError as RegistrationError,
-    )
-    from btcore.errors import (
-        ScriptError as ScriptError,
-    )
-    from btcore.errors import (
-        TreeError as TreeError,
-    )
-    from btcore.errors import (
-        UnknownNodeError as UnknownNodeError,
-    )
-    from btcore.errors import (
-        XmlSyntaxError as XmlSyntaxError,
-    )
+    from btcore.errors import BlackboardError as BlackboardError
+    from btcore.errors import BtcoreError as BtcoreError
+    from btcore.errors import ConversionError as ConversionError
+    from btcore.errors import Diagnostic as Diagnostic
+    from btcore.errors import NodeError as NodeError
+    from btcore.errors import NodeExecutionError as NodeExecutionError
+    from btcore.errors import PortError as PortError
+    from btcore.errors import RegistrationError as RegistrationError
+    from btcore.errors import ScriptError as ScriptError
+    from btcore.errors import TreeError as TreeError
+    from btcore.errors import UnknownNodeError as UnknownNodeError
+    from btcore.errors import XmlSyntaxError as XmlSyntaxError
     from btcore.loading.load import load as load
     from btcore.loading.load import loads as loads
     from btcore.loading.load import required_resources as required_resources

@@ -1,20 +1,13 @@
 """Assignments of a script for a batch: what becomes of the value, and of the entry.
 
-The kind of number that an entry holds stays: an entry with an integer takes integers only, by nodes.md §8.5.
+The kind of number that an entry holds stays: an entry with an integer accepts integers only, as in a script.
 """
 
 from typing import Any
 
 import numpy as np
 
-from btcore.batch.column import (
-    NUMBER,
-    OBJECT,
-    TEXT,
-    TRUTH,
-    Column,
-    to_objects,
-)
+from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, Column, to_objects
 from btcore.batch.column_table import Slot
 from btcore.batch.script import (
     NO_VALUE,

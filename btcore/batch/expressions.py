@@ -5,13 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from btcore.batch.assignment import BatchAssignment
-from btcore.batch.column import (
-    NUMBER,
-    OBJECT,
-    TEXT,
-    TRUTH,
-    to_objects,
-)
+from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, to_objects
 from btcore.batch.column_table import Slot
 from btcore.batch.context import BatchContext, Located
 from btcore.batch.script import (
@@ -38,13 +32,7 @@ from btcore.script.expressions import (
     OperatorChain,
     UnaryOperation,
 )
-from btcore.script.operators import (
-    EPSILON,
-    OPERATORS,
-    compare,
-    negated,
-    operate,
-)
+from btcore.script.operators import EPSILON, OPERATORS, compare, negated, operate
 from btcore.script.parser import Parser
 from btcore.values.numbers import leading_float
 from btcore.values.types import as_double, number_of

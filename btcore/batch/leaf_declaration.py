@@ -22,16 +22,7 @@ from btcore.engine.signature import check_parameter_writable, port_from_annotati
 from btcore.errors import NodeError, RegistrationError
 from btcore.registry.registry import Registry
 from btcore.status import Status
-from btcore.values import (
-    ANY,
-    BOOL,
-    DOUBLE,
-    FLOAT,
-    INT,
-    INT64,
-    TypeRegistry,
-    ValueType,
-)
+from btcore.values import ANY, BOOL, DOUBLE, FLOAT, INT, INT64, TypeRegistry, ValueType
 
 F = TypeVar("F", bound=Callable[..., object])
 

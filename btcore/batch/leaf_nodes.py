@@ -8,18 +8,8 @@ import numpy as np
 
 from btcore.batch.agent_sets import Indices, Mask
 from btcore.batch.context import BatchContext
-from btcore.batch.leaf_declaration import (
-    LeafDeclaration,
-    LeafParameter,
-    NodeName,
-    StatefulAction,
-)
-from btcore.batch.node import (
-    NO_RESULTS,
-    BatchNode,
-    Results,
-    merge_results,
-)
+from btcore.batch.leaf_declaration import LeafDeclaration, LeafParameter, NodeName, StatefulAction
+from btcore.batch.node import NO_RESULTS, BatchNode, Results, merge_results
 from btcore.batch.ports import BatchInput, BatchOutput
 from btcore.blackboard.ports import UNSET
 from btcore.clock import Clock

@@ -4,12 +4,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from btcore.batch.context import BatchContext
-from btcore.batch.node import (
-    NO_RESULTS,
-    BatchNode,
-    Results,
-    merge_results,
-)
+from btcore.batch.node import NO_RESULTS, BatchNode, Results, merge_results
 from btcore.batch.ports import BatchInput
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError

@@ -19,29 +19,11 @@ from btcore.batch.column import (
 )
 from btcore.batch.column_table import ColumnTable, Slot
 from btcore.batch.context import BatchContext, Located
-from btcore.batch.conversion import (
-    FailureCallback,
-    cast,
-    normalise_values,
-    read_column,
-)
+from btcore.batch.conversion import FailureCallback, cast, normalise_values, read_column
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import Input, Output, Port
-from btcore.errors import (
-    BlackboardError,
-    BtcoreError,
-    ConversionError,
-    NodeError,
-)
-from btcore.values import (
-    ANY,
-    DOUBLE,
-    INT64,
-    STRING,
-    UINT64,
-    ValueType,
-    type_of,
-)
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
+from btcore.values import ANY, DOUBLE, INT64, STRING, UINT64, ValueType, type_of
 from btcore.values.types import BoolType, IntegerType, RealType
 
 

@@ -2,7 +2,7 @@
 
 A value is an array with one number an agent, or one value for all. Of numbers a set tells which count as
 integers: arithmetic gives reals, literals, copies and entries may be integers, and which it is matters to
-``&&``, to conditions and to new entries (nodes.md §8.4, §8.5). Where texts and other objects take part, the
+``&&``, to conditions and to new entries. Where texts and other objects take part, the
 ordinary engine's operators are asked agent by agent.
 """
 
@@ -11,16 +11,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from btcore.batch.column import (
-    NUMBER,
-    OBJECT,
-    TEXT,
-    TRUTH,
-    Column,
-    Form,
-    Values,
-    to_objects,
-)
+from btcore.batch.column import NUMBER, OBJECT, TEXT, TRUTH, Column, Form, Values, to_objects
 from btcore.batch.column_table import ColumnTable, Slot
 from btcore.batch.context import BatchContext, Located
 from btcore.blackboard.blackboard import Blackboard

@@ -14,19 +14,8 @@ from btcore.batch.ports import BatchInput, store
 from btcore.batch.script import BatchProgram
 from btcore.blackboard.blackboard import Blackboard
 from btcore.engine.node import TreeNode
-from btcore.errors import (
-    BlackboardError,
-    BtcoreError,
-    ConversionError,
-    NodeError,
-)
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-)
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 
 
 class AlwaysSuccess(BatchNode):

@@ -2,12 +2,7 @@
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.errors import BlackboardError, ConversionError
-from btcore.values import (
-    STRING,
-    ValueType,
-    to_builtin_number,
-    type_of,
-)
+from btcore.values import STRING, ValueType, to_builtin_number, type_of
 
 
 class LegacyBlackboard(Blackboard):

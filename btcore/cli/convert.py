@@ -6,13 +6,7 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from btcore.cli import (
-    files,
-    node_libraries,
-    node_models,
-    terminal,
-    trees,
-)
+from btcore.cli import files, node_libraries, node_models, terminal, trees
 from btcore.cli.exit_codes import ExitCode
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic

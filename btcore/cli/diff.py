@@ -8,14 +8,7 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode
 from btcore.clock import NS_PER_S
-from btcore.logs import (
-    Divergence,
-    Recording,
-    Step,
-    find_divergence,
-    read_log,
-    steps,
-)
+from btcore.logs import Divergence, Recording, Step, find_divergence, read_log, steps
 from btcore.logs.console import format_transition
 from btcore.suggestions import join_names
 

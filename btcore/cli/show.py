@@ -8,13 +8,7 @@ import click
 from rich.text import Text
 from rich.tree import Tree as Drawing
 
-from btcore.cli import (
-    files,
-    node_libraries,
-    node_models,
-    terminal,
-    trees,
-)
+from btcore.cli import files, node_libraries, node_models, terminal, trees
 from btcore.cli.dataflow_table import print_data
 from btcore.status import NodeType
 from btcore.xml.lint.data_flow import dataflow_to_dicts, trace_dataflow

@@ -11,12 +11,7 @@ from rich.text import Text
 
 from btcore.cli import terminal
 from btcore.clock import NS_PER_S
-from btcore.logs import (
-    RecordedStatistics,
-    Recording,
-    read_log,
-    recorded_statistics,
-)
+from btcore.logs import RecordedStatistics, Recording, read_log, recorded_statistics
 from btcore.status import FAILURE, SUCCESS
 
 SLOWEST: Final = 3

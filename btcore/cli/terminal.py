@@ -8,12 +8,7 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from btcore.errors import (
-    BtcoreError,
-    Diagnostic,
-    TreeError,
-    excerpt,
-)
+from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
 

@@ -9,12 +9,7 @@ import click
 from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
-from btcore.cli import (
-    node_libraries,
-    node_models,
-    terminal,
-    trees,
-)
+from btcore.cli import node_libraries, node_models, terminal, trees
 from btcore.cli.exit_codes import ExitCode
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry.registry import Registry

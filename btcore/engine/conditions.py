@@ -7,14 +7,7 @@ from collections.abc import Mapping
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.script.program import Program, compile_script, condition_result
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 
 
 class ConditionScripts:

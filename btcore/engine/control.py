@@ -5,12 +5,7 @@ from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.node import (
-    DECORATING,
-    TreeNode,
-    halt_node,
-    reset_status,
-)
+from btcore.engine.node import DECORATING, TreeNode, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 from btcore.errors import NodeError, NodeExecutionError

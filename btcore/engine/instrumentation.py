@@ -4,13 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from btcore.engine.conditions import ConditionScripts
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    SKIPPED,
-    SUCCESS,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 
 
 class TickCounts:

@@ -11,12 +11,7 @@ from mypy_extensions import mypyc_attr
 from btcore.clock import Clock, now_function
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import NodeExecutionError
-from btcore.status import (
-    IDLE,
-    SUCCESS,
-    Status,
-    Transition,
-)
+from btcore.status import IDLE, SUCCESS, Status, Transition
 
 # The constructor of Transition calls it too, but by way of an interpreted function, which takes much longer.
 _new_tuple: Final[Any] = tuple.__new__

@@ -5,22 +5,12 @@
 
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
-from btcore.logs.divergence import (
-    Divergence,
-    Step,
-    find_divergence,
-    steps,
-)
+from btcore.logs.divergence import Divergence, Step, find_divergence, steps
 from btcore.logs.fbl import read_fbl
 from btcore.logs.files import LogError
 from btcore.logs.formats import open_log, read_log
 from btcore.logs.log import Log
-from btcore.logs.recording import (
-    Gap,
-    LoggedTransition,
-    RecordedNode,
-    Recording,
-)
+from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording
 from btcore.logs.sqlite import Session, SqliteLog, read_sqlite, sessions
 from btcore.logs.statistics import NodeStatistics, RecordedStatistics, TreeObserver, recorded_statistics
 from btcore.logs.trace import TraceLog

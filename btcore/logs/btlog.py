@@ -16,13 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from btcore.clock import NS_PER_US
-from btcore.logs.files import (
-    LogError,
-    create,
-    expect_extension,
-    read_bytes,
-    write_whole,
-)
+from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
 from btcore.logs.log import Log
 from btcore.logs.recording import (
     STATUSES,

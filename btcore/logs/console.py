@@ -9,15 +9,7 @@ from typing import ClassVar, Final, TextIO
 
 from btcore.clock import NS_PER_S
 from btcore.logs.log import Log
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Status,
-    Transition,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.tree.tree import Tree
 
 _COLOURS: Final = {SUCCESS: 32, FAILURE: 31, RUNNING: 33, SKIPPED: 34, IDLE: 36}

@@ -13,13 +13,7 @@ from typing import Final
 
 from btcore.flatbuffer import FlatbufferError, Table
 from btcore.logs.files import LogError, read_bytes
-from btcore.logs.recording import (
-    STATUSES,
-    LoggedTransition,
-    RecordedNode,
-    Recording,
-    truncation_message,
-)
+from btcore.logs.recording import STATUSES, LoggedTransition, RecordedNode, Recording, truncation_message
 from btcore.status import NodeType
 
 EXTENSION: Final = ".fbl"

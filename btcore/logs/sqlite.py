@@ -18,14 +18,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.logs.files import LogError, ensure_writable, expect_extension, read_bytes
 from btcore.logs.log import Log
-from btcore.logs.recording import (
-    STATUSES,
-    Gap,
-    RecordedNode,
-    Recording,
-    TransitionCollector,
-    parse_nodes,
-)
+from btcore.logs.recording import STATUSES, Gap, RecordedNode, Recording, TransitionCollector, parse_nodes
 from btcore.status import IDLE, RUNNING, Status, Transition
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree

@@ -5,15 +5,7 @@ from dataclasses import dataclass, replace
 from btcore.errors import BtcoreError
 from btcore.logs.log import AttachedObserver
 from btcore.logs.recording import RecordedNode, Recording
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Status,
-    Transition,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.suggestions import join_names, nearest_name
 from btcore.tree.tree import Tree
 

@@ -12,14 +12,7 @@ from typing import Final
 from btcore.clock import NS_PER_US
 from btcore.logs.files import create, write_whole
 from btcore.logs.log import Log
-from btcore.status import (
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    NodeType,
-    Status,
-    Transition,
-)
+from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status, Transition
 from btcore.tree.tree import Tree
 
 _HEAD: Final = b'{"traceEvents":[\n'

@@ -8,14 +8,7 @@ from mypy_extensions import mypyc_attr
 from btcore.engine.control import ControlNode, results_of_any
 from btcore.engine.node import execute_tick
 from btcore.errors import NodeError
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SUCCESS,
-    PossibleResults,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, PossibleResults, Status
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -10,15 +10,7 @@ from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode, execute_tick
 from btcore.errors import NodeError
-from btcore.status import (
-    FAILURE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    UNKNOWN_RESULTS,
-    PossibleResults,
-    Status,
-)
+from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults, Status
 from btcore.values import ANY_VALUE
 
 

@@ -16,21 +16,8 @@ from btcore.nodes.repeat import Repeat, RetryUntilSuccessful
 from btcore.nodes.subtree import SubTree
 from btcore.nodes.switch import FLOAT_EPSILON, SwitchNode
 from btcore.nodes.timing import Delay
-from btcore.status import (
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    Status,
-)
-from btcore.values import (
-    ANY,
-    BOOL,
-    DOUBLE,
-    INT,
-    NODE_STATUS,
-    STRING,
-    ValueType,
-)
+from btcore.status import FAILURE, RUNNING, SUCCESS, Status
+from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -9,22 +9,8 @@ from btcore.blackboard.ports import Direction, Input, Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
 from btcore.errors import NodeError
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SUCCESS,
-    Status,
-)
-from btcore.values import (
-    ANY,
-    BOOL,
-    DOUBLE,
-    INT,
-    NODE_STATUS,
-    STRING,
-    ValueType,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
+from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -8,12 +8,7 @@ from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick
 from btcore.errors import BlackboardError, ConversionError, NodeError
-from btcore.status import (
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    Status,
-)
+from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.values import BOOL
 
 

@@ -7,14 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.engine.control import ControlNode, results_in_order
 from btcore.engine.node import execute_tick, halt_node, reset_status
-from btcore.status import (
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    PossibleResults,
-    Status,
-)
+from btcore.status import IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -9,16 +9,7 @@ from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
 from btcore.errors import BlackboardError, ConversionError, NodeError
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    NO_RESULT,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    PossibleResults,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import INT
 
 

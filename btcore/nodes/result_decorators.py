@@ -9,15 +9,7 @@ from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick, reset_status
 from btcore.errors import BlackboardError, ConversionError, NodeError
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    PossibleResults,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import BOOL
 
 

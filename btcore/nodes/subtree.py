@@ -7,14 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SUCCESS,
-    NodeType,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
 from btcore.values import BOOL
 
 

@@ -10,14 +10,7 @@ from btcore.clock import NS_PER_MS
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import execute_tick
-from btcore.status import (
-    FAILURE,
-    NO_RESULT,
-    RUNNING,
-    SUCCESS,
-    PossibleResults,
-    Status,
-)
+from btcore.status import FAILURE, NO_RESULT, RUNNING, SUCCESS, PossibleResults, Status
 from btcore.values import UINT
 
 

@@ -8,14 +8,7 @@ from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick
 from btcore.errors import ConversionError, NodeError
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import BOOL
 
 

@@ -20,19 +20,9 @@ from btcore.engine.functions import (
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NO_INPUTS, NodeConfig
 from btcore.engine.port_attributes import PORT_PLACEHOLDER
-from btcore.engine.signature import (
-    Parameter,
-    bind_class,
-    class_ports,
-    function_parameters,
-)
+from btcore.engine.signature import Parameter, bind_class, class_ports, function_parameters
 from btcore.errors import NodeError, RegistrationError
-from btcore.registry.registration_checks import (
-    check_class,
-    check_id,
-    check_methods,
-    check_ports,
-)
+from btcore.registry.registration_checks import check_class, check_id, check_methods, check_ports
 from btcore.status import NodeType
 from btcore.values import TypeRegistry
 

@@ -12,12 +12,7 @@ from btcore.engine.threaded import ThreadedAction
 from btcore.errors import ConversionError, RegistrationError
 from btcore.names import forbidden_in, is_reserved, port_name_error
 from btcore.suggestions import join_names
-from btcore.values import (
-    STRING,
-    UserType,
-    ValueType,
-    VectorType,
-)
+from btcore.values import STRING, UserType, ValueType, VectorType
 
 _OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
     (ThreadedAction, "work"),

@@ -1,6 +1,6 @@
 """What a script is made of, once parsed: small nodes that are evaluated on a blackboard.
 
-The typing rules are BehaviorTree.CPP 4.10's (nodes.md §8.4, §8.5). A value is an int, a float, a
+The typing rules are BehaviorTree.CPP 4.10's. A value is an int, a float, a
 text, any other object of the blackboard, or None for an entry that was never written. Arithmetic,
 comparison and logic give floats; only literals, copies and entries are integers.
 """

@@ -1,4 +1,4 @@
-"""The words of a script: text → tokens (nodes.md §8.1)."""
+"""The words of a script: text → tokens."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""What the operators of a script do to two values (nodes.md §8.4, §8.5).
+"""What the operators of a script do to two values.
 
 All of them raise ConversionError, whose sentence the caller puts at its place in the script.
 """
@@ -9,21 +9,8 @@ from enum import Enum
 from typing import Final
 
 from btcore.errors import ConversionError
-from btcore.values import (
-    UINT64,
-    ValueType,
-    as_bool,
-    as_double,
-    as_int,
-    number_of,
-    number_text,
-)
-from btcore.values.numbers import (
-    MAX_INT64,
-    MAX_UINT64,
-    MIN_INT64,
-    leading_float,
-)
+from btcore.values import UINT64, ValueType, as_bool, as_double, as_int, number_of, number_text
+from btcore.values.numbers import MAX_INT64, MAX_UINT64, MIN_INT64, leading_float
 
 # Ordered so that one comparison finds what two floats may do without a check.
 OPERATORS: Final[dict[str, int]] = {

@@ -1,4 +1,4 @@
-"""Tokens → syntax tree, by the precedences of nodes.md §8.3."""
+"""Tokens → syntax tree, by the precedences of BehaviorTree.CPP's operators.hpp."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -14,17 +14,7 @@ from btcore.script.expressions import (
     OperatorChain,
     UnaryOperation,
 )
-from btcore.script.lexer import (
-    BOOLEAN,
-    END,
-    INTEGER,
-    MALFORMED,
-    NAME,
-    REAL,
-    STRING,
-    Token,
-    tokenize,
-)
+from btcore.script.lexer import BOOLEAN, END, INTEGER, MALFORMED, NAME, REAL, STRING, Token, tokenize
 from btcore.values.numbers import MAX_INT64, leading_float
 
 # How tightly an operator binds what stands to its left. The right side of one that goes from left

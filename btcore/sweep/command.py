@@ -10,11 +10,7 @@ import click
 
 from btcore.cli.run import FiniteRange
 from btcore.script.program import Program
-from btcore.sweep import (
-    episode_runner,
-    options,
-    success,
-)
+from btcore.sweep import episode_runner, options, success
 from btcore.sweep import seeds as seed_texts
 from btcore.sweep.definition import create_definition
 from btcore.sweep.journal import Journal

@@ -9,12 +9,7 @@ from statistics import NormalDist, fmean, median
 from typing import Any, Final
 
 from btcore.sweep.definition import SweepDefinition
-from btcore.sweep.table import (
-    LEADING_COLUMNS,
-    RESULT_COLUMNS,
-    TRAILING_COLUMNS,
-    Row,
-)
+from btcore.sweep.table import LEADING_COLUMNS, RESULT_COLUMNS, TRAILING_COLUMNS, Row
 
 CONFIDENCE: Final = 0.95
 LEVEL: Final = f"{100 * CONFIDENCE:g} %"

@@ -17,19 +17,8 @@ from btcore.testing.assertions import (
 )
 from btcore.testing.coverage import Coverage
 from btcore.testing.harness import Harness
-from btcore.testing.mock_leaves import (
-    MockAction,
-    MockCondition,
-    Outcomes,
-    with_mock_leaves,
-)
-from btcore.testing.plan_leaves import (
-    CallLog,
-    LeafPlanError,
-    PlanAction,
-    PlanCondition,
-    PlanSync,
-)
+from btcore.testing.mock_leaves import MockAction, MockCondition, Outcomes, with_mock_leaves
+from btcore.testing.plan_leaves import CallLog, LeafPlanError, PlanAction, PlanCondition, PlanSync
 from btcore.testing.substitution_rules import (
     SubstitutionError,
     TestNode,

@@ -6,19 +6,9 @@ Nodes are named by path or, where it is the only one, by name.
 from collections.abc import Iterable, Sequence
 from typing import NoReturn
 
-from btcore.status import (
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    Status,
-)
+from btcore.status import IDLE, RUNNING, SKIPPED, Status
 from btcore.testing.harness import Harness
-from btcore.testing.trace import (
-    Trace,
-    TraceStep,
-    format_trace,
-    format_tree,
-)
+from btcore.testing.trace import Trace, TraceStep, format_trace, format_tree
 
 
 def assert_ran(trace: Trace | Harness, *nodes: str) -> None:

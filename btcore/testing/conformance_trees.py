@@ -12,13 +12,7 @@ from btcore.loading.load import loads
 from btcore.registry.registry import Registry
 from btcore.status import Status, Transition
 from btcore.testing.conformance_values import recorded_blackboard
-from btcore.testing.plan_leaves import (
-    CallLog,
-    Inc,
-    PlanAction,
-    PlanCondition,
-    PlanSync,
-)
+from btcore.testing.plan_leaves import CallLog, Inc, PlanAction, PlanCondition, PlanSync
 from btcore.tree.tree import Tree
 
 

@@ -11,14 +11,7 @@ from dataclasses import dataclass, field
 
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
-from btcore.status import (
-    FAILURE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    NodeType,
-    Status,
-)
+from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
 from btcore.testing.trace import ResultTracker
 from btcore.tree.tree import Tree
 from btcore.xml.lint.possible_results import behaviour_of

@@ -13,12 +13,7 @@ from os import PathLike
 from typing import Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.clock import (
-    NS_PER_S,
-    SimClock,
-    SystemClock,
-    TickSchedule,
-)
+from btcore.clock import NS_PER_S, SimClock, SystemClock, TickSchedule
 from btcore.loading.load import load, loads
 from btcore.status import IDLE, RUNNING, Status
 from btcore.testing.trace import Trace, TraceStep, format_trace

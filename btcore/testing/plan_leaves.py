@@ -10,13 +10,7 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.engine.leaf import Condition, StatefulAction, SyncAction
 from btcore.engine.signature import In
 from btcore.errors import BlackboardError, ConversionError, NodeError
-from btcore.status import (
-    FAILURE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Status,
-)
+from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import INT
 
 LETTERS = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}

@@ -19,13 +19,7 @@ from btcore.errors import BtcoreError, NodeError, ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import Program, compile_script
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SUCCESS,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import number_of
 

@@ -8,15 +8,7 @@ from btcore.clock import NS_PER_S
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Status,
-    Transition,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.tree.tree import Tree
 
 

@@ -18,17 +18,7 @@ from btcore.engine.control import ControlNode
 from btcore.registry.manifest import Manifest, takes_children
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, PossibleResults
-from btcore.values import (
-    BOOL,
-    DOUBLE,
-    FLOAT,
-    INT,
-    INT64,
-    NODE_STATUS,
-    STRING,
-    UINT,
-    ValueType,
-)
+from btcore.values import BOOL, DOUBLE, FLOAT, INT, INT64, NODE_STATUS, STRING, UINT, ValueType
 
 INSTANT: Final = ("PlanCondition", "Ask")
 """Planned leaves that are done within a tick, and so may decide in a branch."""

@@ -7,29 +7,14 @@ from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TypeVar
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.clock import (
-    NS_PER_S,
-    Clock,
-    TickSchedule,
-)
+from btcore.clock import NS_PER_S, Clock, TickSchedule
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import TickCounts
-from btcore.engine.node import (
-    TreeNode,
-    execute_tick,
-    halt_node,
-    reset_status,
-)
+from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
 from btcore.engine.observers import Observer, Observers
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.registry import Registry
-from btcore.status import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SUCCESS,
-    Status,
-)
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
 
 if TYPE_CHECKING:

@@ -1,11 +1,6 @@
 """Text ⇄ values by BehaviorTree.CPP's rules, and the types of ports and entries."""
 
-from btcore.values.enums import (
-    NODE_STATUS,
-    PORT_DIRECTION,
-    EnumType,
-    PortDirection,
-)
+from btcore.values.enums import NODE_STATUS, PORT_DIRECTION, EnumType, PortDirection
 from btcore.values.known_types import (
     Float32,
     Int64,
@@ -43,13 +38,7 @@ from btcore.values.types import (
     number_text,
     real_text,
 )
-from btcore.values.vectors import (
-    VECTOR_BOOL,
-    VECTOR_DOUBLE,
-    VECTOR_INT,
-    VECTOR_STRING,
-    VectorType,
-)
+from btcore.values.vectors import VECTOR_BOOL, VECTOR_DOUBLE, VECTOR_INT, VECTOR_STRING, VectorType
 
 __all__ = [
     "ANY",

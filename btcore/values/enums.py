@@ -7,12 +7,7 @@ from typing import Any, Final
 from btcore.errors import ConversionError
 from btcore.status import Status
 from btcore.values.numbers import MAX_INT64, MIN_INT64, leading_int
-from btcore.values.types import (
-    ValueType,
-    as_int,
-    mismatch,
-    number_of,
-)
+from btcore.values.types import ValueType, as_int, mismatch, number_of
 
 
 class PortDirection(IntEnum):
@@ -27,7 +22,7 @@ class EnumType(ValueType):
     """A Python Enum: by a name that the registry knows (*names*), by the member's own, or by its number.
 
     A *converter* of the user's, and its way back *to_text*, take the place of the members' own names; it is
-    asked for what is neither a registered name nor a member's number (nodes.md §8.6).
+    asked for what is neither a registered name nor a member's number.
     """
 
     def __init__(

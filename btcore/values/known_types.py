@@ -18,19 +18,8 @@ from typing import Annotated, Any, Final, Union, get_args, get_origin
 
 from btcore.errors import BlackboardError, ConversionError, RegistrationError
 from btcore.status import Status
-from btcore.values.enums import (
-    NODE_STATUS,
-    PORT_DIRECTION,
-    EnumType,
-    PortDirection,
-)
-from btcore.values.numbers import (
-    MAX_UINT64,
-    MIN_INT64,
-    read_json,
-    whole_float,
-    whole_int,
-)
+from btcore.values.enums import NODE_STATUS, PORT_DIRECTION, EnumType, PortDirection
+from btcore.values.numbers import MAX_UINT64, MIN_INT64, read_json, whole_float, whole_int
 from btcore.values.types import (
     ANY,
     ANY_VALUE,
@@ -48,13 +37,7 @@ from btcore.values.types import (
     UINT64,
     ValueType,
 )
-from btcore.values.vectors import (
-    VECTOR_BOOL,
-    VECTOR_DOUBLE,
-    VECTOR_INT,
-    VECTOR_STRING,
-    VectorType,
-)
+from btcore.values.vectors import VECTOR_BOOL, VECTOR_DOUBLE, VECTOR_INT, VECTOR_STRING, VectorType
 
 Int64 = Annotated[int, INT64]
 """An annotation for integers of 64 bits."""

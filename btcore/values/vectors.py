@@ -3,23 +3,8 @@
 from typing import Final
 
 from btcore.errors import ConversionError
-from btcore.values.numbers import (
-    json_items,
-    lenient_float,
-    lenient_int,
-    to_single_precision,
-    wrap_signed,
-)
-from btcore.values.types import (
-    BOOL,
-    DOUBLE,
-    INT,
-    STRING,
-    IntegerType,
-    RealType,
-    ValueType,
-    mismatch,
-)
+from btcore.values.numbers import json_items, lenient_float, lenient_int, to_single_precision, wrap_signed
+from btcore.values.types import BOOL, DOUBLE, INT, STRING, IntegerType, RealType, ValueType, mismatch
 
 
 class VectorType(ValueType):

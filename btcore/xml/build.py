@@ -9,13 +9,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.format3 import LegacyBlackboard
-from btcore.blackboard.ports import (
-    Binding,
-    Input,
-    Output,
-    Port,
-    remapped_key,
-)
+from btcore.blackboard.ports import Binding, Input, Output, Port, remapped_key
 from btcore.clock import Clock, SystemClock
 from btcore.diagnostic_codes import (
     CONFLICTING_ENTRY_TYPES,
@@ -30,14 +24,7 @@ from btcore.diagnostic_codes import (
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import (
-    BlackboardError,
-    BtcoreError,
-    ConversionError,
-    Diagnostic,
-    NodeError,
-    ScriptError,
-)
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, Diagnostic, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Subtree, Tree

@@ -24,14 +24,7 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.errors import (
-    ConversionError,
-    Diagnostic,
-    PortError,
-    TreeError,
-    UnknownNodeError,
-    XmlSyntaxError,
-)
+from btcore.errors import ConversionError, Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name

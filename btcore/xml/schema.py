@@ -11,23 +11,9 @@ from btcore.blackboard.ports import Port
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
-from btcore.values import (
-    BOOL,
-    DOUBLE,
-    INT,
-    INT64,
-    NODE_STATUS,
-    UINT,
-    UINT64,
-    ValueType,
-)
+from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, ValueType
 from btcore.values.enums import EnumType
-from btcore.xml.read.dialect import (
-    DIALECTS,
-    EXPLICIT_TAGS,
-    POSTCONDITION_ATTRIBUTES,
-    PRECONDITION_ATTRIBUTES,
-)
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 
 _XS: Final = "http://www.w3.org/2001/XMLSchema"
 _MODELS: Final = ("Action", "Condition", "Control", "Decorator", "SubTree")

@@ -11,13 +11,7 @@ from typing import Any
 
 import pytest
 
-from btcore import (
-    In,
-    Registry,
-    SimClock,
-    Status,
-    TreeError,
-)
+from btcore import In, Registry, SimClock, Status, TreeError
 from btcore.testing.conformance import read_cases
 from btcore.testing.conformance_values import recorded_value
 

@@ -13,15 +13,7 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import (
-    In,
-    Observer,
-    Out,
-    Registry,
-    SimClock,
-    StatefulAction,
-    Status,
-)
+from btcore import In, Observer, Out, Registry, SimClock, StatefulAction, Status
 from btcore.engine.observers import Transitions
 
 ROOT = Path(__file__).parents[2]

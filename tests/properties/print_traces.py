@@ -7,13 +7,7 @@ import json
 import sys
 
 import btcore
-from btcore import (
-    Blackboard,
-    NodeExecutionError,
-    Registry,
-    SimClock,
-    builds,
-)
+from btcore import Blackboard, NodeExecutionError, Registry, SimClock, builds
 from btcore.testing import Harness, Outcomes, with_mock_leaves
 from btcore.testing.tree_generator import SCRIPT_KEYS
 

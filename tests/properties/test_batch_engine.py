@@ -8,13 +8,7 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 import btcore
-from btcore import (
-    Blackboard,
-    NodeExecutionError,
-    Registry,
-    SimClock,
-    Status,
-)
+from btcore import Blackboard, NodeExecutionError, Registry, SimClock, Status
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.testing import Outcomes, outcomes, xml_documents
 from btcore.testing.mock_leaves import MockAction, MockCondition

@@ -10,16 +10,7 @@ from hypothesis import assume, event, given, reject
 from hypothesis import strategies as st
 
 import btcore
-from btcore import (
-    NodeExecutionError,
-    Observer,
-    SimClock,
-    Status,
-    Transition,
-    Transitions,
-    Tree,
-    TreeNode,
-)
+from btcore import NodeExecutionError, Observer, SimClock, Status, Transition, Transitions, Tree, TreeNode
 from btcore.engine.control import MIN_CHILDREN_FOR_BATCH_RESET
 from btcore.testing import xml_documents
 from btcore.testing.conformance_trees import conformance_registry

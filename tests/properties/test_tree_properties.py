@@ -4,22 +4,10 @@ from hypothesis import assume, event, given
 from hypothesis import strategies as st
 
 import btcore
-from btcore import (
-    ControlNode,
-    NodeType,
-    SimClock,
-    Status,
-    Tree,
-)
+from btcore import ControlNode, NodeType, SimClock, Status, Tree
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import LegacyBlackboard
-from btcore.testing import (
-    Harness,
-    Outcomes,
-    TraceStep,
-    outcomes,
-    trees,
-)
+from btcore.testing import Harness, Outcomes, TraceStep, outcomes, trees
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS
 from btcore.xml.render.tree_xml import tree_to_xml
 

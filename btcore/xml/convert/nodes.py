@@ -17,13 +17,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import ConversionError
 from btcore.script.lexer import NAME, tokenize
-from btcore.values import (
-    BOOL,
-    DOUBLE,
-    INT,
-    STRING,
-    ValueType,
-)
+from btcore.values import BOOL, DOUBLE, INT, STRING, ValueType
 from btcore.xml.convert.changes import ConversionContext
 from btcore.xml.plan.structure_checks import element_children
 from btcore.xml.read.dialect import NODE_REPLACEMENTS

@@ -5,12 +5,7 @@ from typing import Final
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.registry.manifest import Manifest
-from btcore.xml.models.stand_ins import (
-    StubAction,
-    StubCondition,
-    StubControl,
-    StubDecorator,
-)
+from btcore.xml.models.stand_ins import StubAction, StubCondition, StubControl, StubDecorator
 from btcore.xml.plan.plan import NodePlan
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document

@@ -8,12 +8,7 @@ from btcore.blackboard.ports import SCRIPT_ROLES, Direction, Port, PortRole, rem
 from btcore.diagnostic_codes import INCOMPLETE_POINTER, INCONVERTIBLE_TEXT, PARTIAL_NUMBER, UNCONNECTED_OUTPUT
 from btcore.errors import ConversionError
 from btcore.names import is_port_name
-from btcore.values import (
-    IntegerType,
-    RealType,
-    ValueType,
-    VectorType,
-)
+from btcore.values import IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
 from btcore.xml.lint.advice import LintReporter, is_stub, node_label
 from btcore.xml.plan.document_checks import nodes_of

@@ -8,12 +8,7 @@ from btcore.errors import ScriptError
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.lint.advice import LintReporter, node_label
-from btcore.xml.lint.script_analysis import (
-    constant_value,
-    find_certain_error,
-    is_constant,
-    parse_statements,
-)
+from btcore.xml.lint.script_analysis import constant_value, find_certain_error, is_constant, parse_statements
 from btcore.xml.plan.document_checks import nodes_of
 from btcore.xml.plan.plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES

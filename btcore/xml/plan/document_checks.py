@@ -12,12 +12,7 @@ from btcore.script.program import compile_script
 from btcore.tree.tree import MAX_NODES
 from btcore.xml.models.tree_nodes_model import subtree_models
 from btcore.xml.plan.palette import NodePalette
-from btcore.xml.plan.plan import (
-    NodePlan,
-    TreePlan,
-    TreePlanner,
-    topological_order,
-)
+from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner, topological_order
 from btcore.xml.plan.structure_checks import StructureChecker
 from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions, select_dialect
 from btcore.xml.read.diagnostics import DiagnosticCollector

@@ -3,12 +3,7 @@
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
 
-from btcore.blackboard.ports import (
-    Binding,
-    Input,
-    Port,
-    remapped_key,
-)
+from btcore.blackboard.ports import Binding, Input, Port, remapped_key
 from btcore.diagnostic_codes import (
     CONTROL_CHARACTER_IN_NAME,
     INCONVERTIBLE_TEXT,

@@ -1,13 +1,7 @@
 """Collect the diagnostics of a document, so that all errors are reported at once."""
 
 from btcore.diagnostic_codes import UNKNOWN_NODE
-from btcore.errors import (
-    Diagnostic,
-    PortError,
-    TreeError,
-    UnknownNodeError,
-    XmlSyntaxError,
-)
+from btcore.errors import Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 
 
 class DiagnosticCollector:

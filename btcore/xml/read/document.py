@@ -20,18 +20,8 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Diagnostic, XmlSyntaxError
 from btcore.suggestions import nearest_name
-from btcore.xml.read.element import (
-    Element,
-    parse_lxml_tree,
-    parse_with_expat,
-    parse_with_libxml2,
-)
-from btcore.xml.read.positions import (
-    ElementPart,
-    SourceMap,
-    SourceSpan,
-    span_at,
-)
+from btcore.xml.read.element import Element, parse_lxml_tree, parse_with_expat, parse_with_libxml2
+from btcore.xml.read.positions import ElementPart, SourceMap, SourceSpan, span_at
 from btcore.xml.read.syntax_errors import EXAMPLE, diagnose_xml_error
 from btcore.xml.read.tinyxml2_compat import (
     EscapedText,

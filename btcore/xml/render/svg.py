@@ -5,12 +5,7 @@ from xml.sax.saxutils import escape
 
 from btcore.status import NodeType
 from btcore.tree.tree import Tree
-from btcore.xml.render.node_card import (
-    FAMILY_COLOURS,
-    Card,
-    card_of,
-    text_width,
-)
+from btcore.xml.render.node_card import FAMILY_COLOURS, Card, card_of, text_width
 from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_tree
 

@@ -131,12 +131,7 @@ def _screens(recordings: Sequence[Path], display: DisplayOptions) -> "list[Robot
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
-    from btcore_monitor.events import (
-        ConnectionChanged,
-        DataMissed,
-        TransitionsLost,
-        TreeSeen,
-    )
+    from btcore_monitor.events import ConnectionChanged, DataMissed, TransitionsLost, TreeSeen
 
     stop = threading.Event()
     deadline = None if duration is None else time.monotonic() + duration

@@ -14,13 +14,7 @@ import click
 from btcore.clock import NS_PER_S
 from btcore.logs import Recording, read_log
 from btcore.logs.console import format_transition
-from btcore.status import (
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    NodeType,
-    Status,
-)
+from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
 from btcore.suggestions import nearest_name
 from btcore_monitor.display_options import DisplayOptions
 from btcore_monitor.events import (

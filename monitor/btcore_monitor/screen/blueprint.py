@@ -8,13 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from btcore_monitor.screen import (
-    camera_view,
-    now,
-    panels,
-    scene,
-    statistics_table,
-)
+from btcore_monitor.screen import camera_view, now, panels, scene, statistics_table
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.levels import LEVELS
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME

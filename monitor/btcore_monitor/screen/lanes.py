@@ -7,13 +7,7 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from btcore_monitor.events import (
-    IDLE,
-    RUNNING,
-    STATUS_NAMES,
-    ObservedNode,
-    ObservedTree,
-)
+from btcore_monitor.events import IDLE, RUNNING, STATUS_NAMES, ObservedNode, ObservedTree
 from btcore_monitor.screen.captions import distinct_names
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.style import Palette

@@ -5,13 +5,7 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from btcore_monitor.events import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-)
+from btcore_monitor.events import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 from btcore_monitor.screen.font import Stroke, strokes_of, width_of
 from btcore_monitor.screen.style import Palette
 

@@ -3,13 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from btcore_monitor.events import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-)
+from btcore_monitor.events import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 
 LEVELS: Final = ("TRACE", "DEBUG", "INFO", "WARN", "ERROR")
 """From all that is told to what went wrong; the names are rerun's."""

@@ -25,24 +25,14 @@ from btcore_monitor.screen.blueprint import Eye, Pane, tree_room
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.levels import LEVELS
 from btcore_monitor.screen.now import NowPanel
-from btcore_monitor.screen.panels import (
-    UNSENT,
-    BlackboardTable,
-    TickCost,
-    TransitionLog,
-)
+from btcore_monitor.screen.panels import UNSENT, BlackboardTable, TickCost, TransitionLog
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.scene import SceneView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.statistics_table import StatisticsTable
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
-from btcore_monitor.screen.tree import (
-    BIG,
-    TreeView,
-    fold_subtrees,
-    matching,
-)
+from btcore_monitor.screen.tree import BIG, TreeView, fold_subtrees, matching
 from btcore_monitor.screen.viewer_windows import ROOM, RobotWindow, SingleRobotWindow
 
 SEND_EVERY: Final = 0.2

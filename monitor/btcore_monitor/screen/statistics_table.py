@@ -3,13 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from btcore_monitor.events import (
-    IDLE,
-    RUNNING,
-    SUCCESS,
-    ObservedTree,
-    StatusChanged,
-)
+from btcore_monitor.events import IDLE, RUNNING, SUCCESS, ObservedTree, StatusChanged
 from btcore_monitor.screen.font import elide
 from btcore_monitor.screen.markdown_text import escape_markdown
 from btcore_monitor.screen.now import markdown_columns

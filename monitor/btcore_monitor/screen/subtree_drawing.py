@@ -14,15 +14,7 @@ from numpy.typing import NDArray
 
 from btcore_monitor.events import ObservedTree
 from btcore_monitor.screen.row_buffer import RowBuffer, Series, strip_colours
-from btcore_monitor.screen.style import (
-    EDGE_STROKE,
-    PATH_STROKE,
-    PILL_HEIGHT,
-    RIM,
-    RING,
-    Colours,
-    Palette,
-)
+from btcore_monitor.screen.style import EDGE_STROKE, PATH_STROKE, PILL_HEIGHT, RIM, RING, Colours, Palette
 
 PARTS: Final = ("frames", "edges", "path", "raised", "found", "rims", "pills", "badges", "ink")
 """Names of the parts, the lowest first; only pills can be hovered and clicked."""

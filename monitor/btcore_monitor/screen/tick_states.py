@@ -11,13 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_monitor.events import (
-    IDLE,
-    RUNNING,
-    STATUS_NAMES,
-    ObservedTree,
-    StatusChanged,
-)
+from btcore_monitor.events import IDLE, RUNNING, STATUS_NAMES, ObservedTree, StatusChanged
 
 RESET_OFFSET: Final = 3
 """Added to a result (SUCCESS 2, FAILURE 3, SKIPPED 4): said in this tick, and reset since."""

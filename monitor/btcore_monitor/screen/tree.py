@@ -9,21 +9,11 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from btcore_monitor.events import (
-    IDLE,
-    RUNNING,
-    ObservedNode,
-    ObservedTree,
-)
+from btcore_monitor.events import IDLE, RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.captions import Caption, captions, ports
 from btcore_monitor.screen.font import Stroke, strokes_of
-from btcore_monitor.screen.layout import (
-    Box,
-    Layout,
-    Place,
-    lay_out,
-)
+from btcore_monitor.screen.layout import Box, Layout, Place, lay_out
 from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
 from btcore_monitor.screen.legend import legend
 from btcore_monitor.screen.row_buffer import RowBuffer

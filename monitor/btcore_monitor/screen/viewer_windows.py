@@ -15,16 +15,7 @@ from typing import Final, Protocol
 import rerun as rr
 import rerun.blueprint as rrb
 
-from btcore_monitor.screen.blueprint import (
-    Pane,
-    blueprint,
-    lanes,
-    layout,
-    log,
-    running,
-    trees,
-    windowed,
-)
+from btcore_monitor.screen.blueprint import Pane, blueprint, lanes, layout, log, running, trees, windowed
 from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 

@@ -14,24 +14,12 @@ from typing import Final
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from btcore_monitor.events import (
-    IDLE,
-    DataMissed,
-    DataSource,
-    Event,
-    StatusChanged,
-    TreeSeen,
-)
+from btcore_monitor.events import IDLE, DataMissed, DataSource, Event, StatusChanged, TreeSeen
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.protocol_detection import groot1_tree_in
 from btcore_monitor.watch.request_client import NoReplyError, RequestClient, Socket
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
-from btcore_monitor.wire.groot1 import (
-    QUESTION,
-    Update,
-    WireChange,
-    decode_update,
-)
+from btcore_monitor.wire.groot1 import QUESTION, Update, WireChange, decode_update
 from btcore_monitor.wire.groot1_conversion import Groot1ObservedTree, read_groot1
 from btcore_monitor.wire.groot1_tree import WireTree
 

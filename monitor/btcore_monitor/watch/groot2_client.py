@@ -9,21 +9,11 @@ from btcore_monitor.closeable import Closeable
 from btcore_monitor.events import ObservedTree
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.protocol_detection import check_speaks_groot2
-from btcore_monitor.watch.request_client import (
-    TIMEOUT,
-    NoReplyError,
-    RequestClient,
-    Socket,
-)
+from btcore_monitor.watch.request_client import TIMEOUT, NoReplyError, RequestClient, Socket
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
-from btcore_monitor.wire.groot2 import (
-    RecordedTransition,
-    Reply,
-    Request,
-    StatusRecord,
-)
+from btcore_monitor.wire.groot2 import RecordedTransition, Reply, Request, StatusRecord
 from btcore_monitor.wire.msgpack_values import decode_boards
 
 __all__ = ["TIMEOUT", "Groot2Client", "NoReplyError", "Socket"]

@@ -10,15 +10,7 @@ from typing import Final
 
 from btcore_monitor.events import Kind, ObservedNode, ObservedTree, kind_from_children
 from btcore_monitor.wire.errors import ProtocolError
-from btcore_monitor.wire.groot1_tree import (
-    ACTION,
-    CONDITION,
-    CONTROL,
-    DECORATOR,
-    SUBTREE,
-    WireNode,
-    WireTree,
-)
+from btcore_monitor.wire.groot1_tree import ACTION, CONDITION, CONTROL, DECORATOR, SUBTREE, WireNode, WireTree
 
 _KINDS: Final[dict[int, Kind]] = {
     ACTION: "action",

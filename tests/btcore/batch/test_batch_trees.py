@@ -5,18 +5,7 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import (
-    BlackboardError,
-    BtcoreError,
-    In,
-    InOut,
-    Out,
-    Put,
-    Registry,
-    SimClock,
-    Status,
-    TreeError,
-)
+from btcore import BlackboardError, BtcoreError, In, InOut, Out, Put, Registry, SimClock, Status, TreeError
 
 np = pytest.importorskip("numpy")
 from btcore import batch  # noqa: E402

@@ -1,4 +1,4 @@
-"""The blackboard: entries, types, scopes (nodes.md §9)."""
+"""The blackboard: entries, types, scopes."""
 
 import enum
 from fractions import Fraction

@@ -1,4 +1,4 @@
-"""Conditions and scripts of leaves that last: coroutines, generators, threads (nodes.md §2.4, §3).
+"""Conditions and scripts of leaves that last: coroutines, generators, threads.
 
 In BehaviorTree.CPP a threaded action has none, and a coroutine asks them once; here all leaves are alike.
 """
@@ -8,15 +8,7 @@ from typing import Any
 
 import pytest
 
-from btcore import (
-    NodeExecutionError,
-    StatefulAction,
-    Status,
-    ThreadedAction,
-    Tree,
-    action,
-    running,
-)
+from btcore import NodeExecutionError, StatefulAction, Status, ThreadedAction, Tree, action, running
 
 Grow = Callable[..., Tree]
 

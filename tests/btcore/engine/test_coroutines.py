@@ -7,17 +7,7 @@ from typing import Any
 
 import pytest
 
-from btcore import (
-    In,
-    NodeExecutionError,
-    Put,
-    SimClock,
-    Status,
-    Tree,
-    action,
-    running,
-    sleep,
-)
+from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]

@@ -6,16 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import (
-    NodeExecutionError,
-    Observer,
-    SimClock,
-    Status,
-    SyncAction,
-    Transition,
-    Transitions,
-    Tree,
-)
+from btcore import NodeExecutionError, Observer, SimClock, Status, SyncAction, Transition, Transitions, Tree
 from btcore.tree.hooks import Hook
 
 Grow = Callable[..., Tree]

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from btcore import (
-    In,
-    Out,
-    Put,
-    RegistrationError,
-    Registry,
-    Status,
-    SyncAction,
-    Tree,
-    action,
-)
+from btcore import In, Out, Put, RegistrationError, Registry, Status, SyncAction, Tree, action
 
 if TYPE_CHECKING:
     from fractions import Fraction

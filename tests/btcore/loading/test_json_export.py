@@ -7,18 +7,8 @@ from enum import Enum
 import pytest
 
 import btcore
-from btcore import (
-    BlackboardError,
-    In,
-    Registry,
-    action,
-)
-from btcore.loading.json_export import (
-    export_blackboard,
-    export_tree,
-    import_blackboard,
-    import_tree,
-)
+from btcore import BlackboardError, In, Registry, action
+from btcore.loading.json_export import export_blackboard, export_tree, import_blackboard, import_tree
 
 
 @dataclass

@@ -6,15 +6,7 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import (
-    Observer,
-    Registry,
-    SimClock,
-    StatefulAction,
-    Status,
-    Transition,
-    Tree,
-)
+from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, Tree
 from btcore.blackboard.ports import Direction, Port
 from btcore.testing.plan_leaves import LETTERS
 from btcore.values import DOUBLE, INT

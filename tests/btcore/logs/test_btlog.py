@@ -7,12 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from btcore import (
-    SimClock,
-    Status,
-    Transition,
-    Tree,
-)
+from btcore import SimClock, Status, Transition, Tree
 from btcore.logs import BtLog, LogError, read_btlog
 from btcore.xml.render.tree_xml import tree_to_xml
 

@@ -8,15 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from btcore import SimClock, Status, Tree
-from btcore.logs import (
-    BtLog,
-    LogError,
-    LoggedTransition,
-    SqliteLog,
-    read_btlog,
-    read_log,
-    read_sqlite,
-)
+from btcore.logs import BtLog, LogError, LoggedTransition, SqliteLog, read_btlog, read_log, read_sqlite
 from btcore.logs.btlog import BtLogWriter
 from btcore.logs.sqlite import SqliteWriter
 

@@ -14,22 +14,8 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import (
-    NodeExecutionError,
-    Registry,
-    Status,
-    Tree,
-)
-from btcore.logs import (
-    BtLog,
-    ConsoleLog,
-    Log,
-    LogError,
-    SqliteLog,
-    TraceLog,
-    open_log,
-    read_log,
-)
+from btcore import NodeExecutionError, Registry, Status, Tree
+from btcore.logs import BtLog, ConsoleLog, Log, LogError, SqliteLog, TraceLog, open_log, read_log
 
 PROGRAM = """
 import sys

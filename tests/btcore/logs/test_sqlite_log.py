@@ -8,20 +8,8 @@ from typing import Any
 
 import pytest
 
-from btcore import (
-    SimClock,
-    Status,
-    Transition,
-    Tree,
-)
-from btcore.logs import (
-    LogError,
-    Session,
-    SqliteLog,
-    read_btlog,
-    read_sqlite,
-    sessions,
-)
+from btcore import SimClock, Status, Transition, Tree
+from btcore.logs import LogError, Session, SqliteLog, read_btlog, read_sqlite, sessions
 from btcore.xml.render.tree_xml import tree_to_xml
 
 

@@ -4,14 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import (
-    BtcoreError,
-    Registry,
-    SimClock,
-    Status,
-    SyncAction,
-    Tree,
-)
+from btcore import BtcoreError, Registry, SimClock, Status, SyncAction, Tree
 from btcore.logs import TreeObserver
 from btcore.logs.statistics import NodeStatistics
 

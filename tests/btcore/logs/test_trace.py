@@ -9,14 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import btcore
-from btcore import (
-    NodeExecutionError,
-    Registry,
-    SimClock,
-    Status,
-    Transition,
-    Tree,
-)
+from btcore import NodeExecutionError, Registry, SimClock, Status, Transition, Tree
 from btcore.logs import TraceLog
 from btcore.testing.conformance_trees import conformance_registry
 from btcore.testing.plan_leaves import CallLog

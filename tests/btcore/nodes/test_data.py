@@ -1,19 +1,11 @@
-"""UnsetBlackboard and SetBlackboard, and ports of enums (nodes.md §6, §8.6)."""
+"""UnsetBlackboard and SetBlackboard, and ports of enums."""
 
 import enum
 from collections.abc import Callable
 
 import pytest
 
-from btcore import (
-    In,
-    NodeExecutionError,
-    Registry,
-    Status,
-    Tree,
-    TreeError,
-    condition,
-)
+from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError, condition
 from btcore.testing.conformance_trees import conformance_registry
 
 Grow = Callable[..., Tree]

@@ -1,15 +1,10 @@
-"""Nodes that only format 3 has, BlackboardCheck… and SubTreePlus, and its own ways (nodes.md §7, §11)."""
+"""Nodes that only format 3 has, BlackboardCheck… and SubTreePlus, and its own ways."""
 
 from collections.abc import Callable
 
 import pytest
 
-from btcore import (
-    NodeExecutionError,
-    Status,
-    Tree,
-    TreeError,
-)
+from btcore import NodeExecutionError, Status, Tree, TreeError
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]

@@ -1,4 +1,4 @@
-"""LoopInt, LoopBool, LoopDouble and LoopString: one element a tick (nodes.md §5)."""
+"""LoopInt, LoopBool, LoopDouble and LoopString: one element a tick."""
 
 from collections import deque
 from collections.abc import Callable
@@ -6,13 +6,7 @@ from typing import Any
 
 import pytest
 
-from btcore import (
-    In,
-    Status,
-    Tree,
-    TreeError,
-    action,
-)
+from btcore import In, Status, Tree, TreeError, action
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]

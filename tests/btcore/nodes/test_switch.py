@@ -1,17 +1,11 @@
-"""Switch2 to Switch6, in both formats (nodes.md §4, §7)."""
+"""Switch2 to Switch6, in both formats."""
 
 import enum
 from collections.abc import Callable
 
 import pytest
 
-from btcore import (
-    Blackboard,
-    NodeExecutionError,
-    Status,
-    Tree,
-    TreeError,
-)
+from btcore import Blackboard, NodeExecutionError, Status, Tree, TreeError
 from btcore.testing.conformance_trees import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 

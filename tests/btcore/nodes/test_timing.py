@@ -1,16 +1,10 @@
-"""Sleep, Delay and Timeout: by the tree's clock, looked at when the tree is ticked (nodes.md §5, §6)."""
+"""Sleep, Delay and Timeout: by the tree's clock, looked at when the tree is ticked."""
 
 from collections.abc import Callable
 
 import pytest
 
-from btcore import (
-    NodeExecutionError,
-    SimClock,
-    Status,
-    Tree,
-    TreeError,
-)
+from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]

@@ -1,4 +1,4 @@
-"""SkipUnlessUpdated, WaitValueUpdate and WasEntryUpdated (nodes.md §5, §6)."""
+"""SkipUnlessUpdated, WaitValueUpdate and WasEntryUpdated."""
 
 from collections.abc import Callable
 

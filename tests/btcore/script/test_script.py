@@ -1,4 +1,4 @@
-"""The scripting language: the rules that the recorded scripts don't cover (nodes.md §3.1, §8)."""
+"""The scripting language: the rules that the recorded scripts don't cover."""
 
 import enum
 import math
@@ -9,14 +9,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import SimClock
 from btcore.errors import ScriptError
 from btcore.script.program import compile_script, condition_result
-from btcore.values import (
-    BOOL,
-    INT,
-    STRING,
-    UINT8,
-    UINT64,
-    VECTOR_INT,
-)
+from btcore.values import BOOL, INT, STRING, UINT8, UINT64, VECTOR_INT
 
 ENUMS = {"RED": 1, "BLUE": 3}
 

@@ -8,12 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore import (
-    Blackboard,
-    ConversionError,
-    ScriptError,
-    Status,
-)
+from btcore import Blackboard, ConversionError, ScriptError, Status
 from btcore.script.operators import OPERATORS, operate
 from btcore.script.program import compile_script
 from btcore.values.numbers import MAX_INT64, MIN_INT64

@@ -2,12 +2,7 @@
 
 import pytest
 
-from btcore import (
-    Registry,
-    SimClock,
-    Status,
-    loads,
-)
+from btcore import Registry, SimClock, Status, loads
 from btcore.sweep.failure_cause import FailureCause
 
 

@@ -4,12 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import (
-    Out,
-    Registry,
-    SyncAction,
-    condition,
-)
+from btcore import Out, Registry, SyncAction, condition
 from btcore.testing import Harness, Outcomes, with_mock_leaves
 
 PATROL = """

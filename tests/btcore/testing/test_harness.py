@@ -6,20 +6,8 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import (
-    Blackboard,
-    NodeExecutionError,
-    Registry,
-    Status,
-    action,
-    sleep,
-)
-from btcore.testing import (
-    Harness,
-    LeafPlanError,
-    StatusChange,
-    Trace,
-)
+from btcore import Blackboard, NodeExecutionError, Registry, Status, action, sleep
+from btcore.testing import Harness, LeafPlanError, StatusChange, Trace
 
 Patrol = Callable[..., Harness]
 

@@ -5,24 +5,8 @@ from collections.abc import Callable
 import pytest
 
 import btcore
-from btcore import (
-    In,
-    NodeExecutionError,
-    Registry,
-    SimClock,
-    Status,
-    Tree,
-    action,
-    condition,
-)
-from btcore.testing import (
-    Harness,
-    LeafPlanError,
-    MockAction,
-    MockCondition,
-    Outcomes,
-    with_mock_leaves,
-)
+from btcore import In, NodeExecutionError, Registry, SimClock, Status, Tree, action, condition
+from btcore.testing import Harness, LeafPlanError, MockAction, MockCondition, Outcomes, with_mock_leaves
 
 Patrol = Callable[..., Harness]
 

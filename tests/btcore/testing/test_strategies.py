@@ -25,14 +25,7 @@ from btcore import (
     Tree,
     condition,
 )
-from btcore.testing import (
-    CallLog,
-    Outcomes,
-    blackboards,
-    outcomes,
-    trees,
-    xml_documents,
-)
+from btcore.testing import CallLog, Outcomes, blackboards, outcomes, trees, xml_documents
 from btcore.testing.conformance_trees import conformance_registry
 
 RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])

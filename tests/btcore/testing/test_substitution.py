@@ -22,12 +22,7 @@ from btcore import (
     action,
     condition,
 )
-from btcore.testing import (
-    SubstitutionError,
-    TestNode,
-    TestNodeConfig,
-    load_substitution_rules,
-)
+from btcore.testing import SubstitutionError, TestNode, TestNodeConfig, load_substitution_rules
 
 XML = """
 <root BTCPP_format="4" main_tree_to_execute="Main">

@@ -6,16 +6,7 @@ import threading
 import pytest
 
 import btcore
-from btcore import (
-    NodeExecutionError,
-    Registry,
-    SimClock,
-    Status,
-    ThreadedAction,
-    action,
-    running,
-    sleep,
-)
+from btcore import NodeExecutionError, Registry, SimClock, Status, ThreadedAction, action, running, sleep
 
 
 def tree_of(xml: str, *leaves: object, clock: btcore.Clock | None = None) -> btcore.Tree:

@@ -8,16 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 import btcore
-from btcore import (
-    Observer,
-    Registry,
-    SimClock,
-    StatefulAction,
-    Status,
-    Transition,
-    action,
-    running,
-)
+from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, action, running
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 
 TREE = """

@@ -8,12 +8,7 @@ from collections.abc import Callable
 import pytest
 
 import btcore
-from btcore import (
-    SimClock,
-    StatefulAction,
-    Status,
-    Tree,
-)
+from btcore import SimClock, StatefulAction, Status, Tree
 from btcore.clock import NS_PER_S
 from btcore.engine.context import TreeContext
 

@@ -1,4 +1,4 @@
-"""Values written as `json:…` in ports and on the blackboard (nodes.md §9.2)."""
+"""Values written as `json:…` in ports and on the blackboard."""
 
 import json
 from collections.abc import Callable
@@ -6,13 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from btcore import (
-    In,
-    NodeExecutionError,
-    Tree,
-    TreeError,
-    action,
-)
+from btcore import In, NodeExecutionError, Tree, TreeError, action
 
 Grow = Callable[..., Tree]
 

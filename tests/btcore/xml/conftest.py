@@ -5,17 +5,7 @@ from typing import Protocol
 
 import pytest
 
-from btcore import (
-    Blackboard,
-    In,
-    Put,
-    Registry,
-    StatefulAction,
-    Status,
-    SyncAction,
-    action,
-    condition,
-)
+from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, SyncAction, action, condition
 from btcore.errors import Diagnostic, TreeError
 from btcore.xml.build import build
 from btcore.xml.lint.validate import validate_document

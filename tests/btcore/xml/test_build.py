@@ -4,15 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from btcore import (
-    In,
-    Registry,
-    Status,
-    action,
-    load,
-    loads,
-    required_resources,
-)
+from btcore import In, Registry, Status, action, load, loads, required_resources
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import SimClock
 from btcore.errors import TreeError
@@ -43,7 +35,7 @@ def sub(body: str, ID: str = "Sub") -> str:
     return f'<BehaviorTree ID="{ID}">{body}</BehaviorTree>'
 
 
-# --- numbers, names and paths (nodes.md §10.3)
+# --- numbers, names and paths
 
 NESTED = (
     '<Sequence><AlwaysSuccess name="a/b c.d"/><SubTree ID="Sub" name="inst"/><SubTree ID="Sub"/>'
@@ -155,7 +147,7 @@ def test_a_bare_less_than_reaches_the_script() -> None:
     assert tree.blackboard["a"] == 1
 
 
-# --- SubTree (nodes.md §10.4, §11)
+# --- SubTree
 
 
 def inner(tree: Tree) -> Blackboard:

@@ -1,11 +1,6 @@
 """Who writes and who reads each entry: across subtrees, remappings, constants and scripts."""
 
-from btcore import (
-    In,
-    Put,
-    Registry,
-    action,
-)
+from btcore import In, Put, Registry, action
 from btcore.xml.lint.data_flow import DataflowRow, dataflow_to_dicts, trace_dataflow
 from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text

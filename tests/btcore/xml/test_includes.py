@@ -1,16 +1,10 @@
-"""Documents that include others (nodes.md §10.1)."""
+"""Documents that include others."""
 
 from pathlib import Path
 
 import pytest
 
-from btcore import (
-    Registry,
-    Status,
-    TreeError,
-    load,
-    loads,
-)
+from btcore import Registry, Status, TreeError, load, loads
 from btcore.xml.lint.validate import validate
 
 

@@ -5,14 +5,7 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import (
-    Direction,
-    NodeType,
-    Registry,
-    SimClock,
-    Status,
-    TreeError,
-)
+from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
 from btcore.xml.lint.validate import validate
 from btcore.xml.models.model_file import add_explicit_nodes, add_models, read_project
 from btcore.xml.models.stand_ins import StubPlans

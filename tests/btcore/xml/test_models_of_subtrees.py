@@ -1,4 +1,4 @@
-"""What a TreeNodesModel says of a SubTree's ports (nodes.md §10.4, §10.5)."""
+"""What a TreeNodesModel says of a SubTree's ports."""
 
 from collections.abc import Callable
 

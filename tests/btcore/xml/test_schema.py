@@ -9,12 +9,7 @@ import pytest
 from lxml import etree
 
 import btcore
-from btcore import (
-    In,
-    Put,
-    Registry,
-    action,
-)
+from btcore import In, Put, Registry, action
 from btcore.testing.conformance_trees import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 from btcore.xml.render.tree_xml import tree_to_xml

@@ -7,12 +7,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import (
-    Registry,
-    StatefulAction,
-    Status,
-    SyncAction,
-)
+from btcore import Registry, StatefulAction, Status, SyncAction
 
 Check = Callable[..., str]
 

@@ -5,12 +5,7 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from btcore import (
-    Registry,
-    StatefulAction,
-    Status,
-    loads,
-)
+from btcore import Registry, StatefulAction, Status, loads
 from btcore.blackboard.ports import Direction, Port
 from btcore.values import DOUBLE, INT
 from btcore.xml.models.tree_nodes_model import write_models

@@ -2,14 +2,7 @@
 
 import pytest
 
-from btcore_monitor.events import (
-    ObservedNode,
-    ObservedTree,
-    SceneMoving,
-    StatusChanged,
-    Ticked,
-    TreeSeen,
-)
+from btcore_monitor.events import ObservedNode, ObservedTree, SceneMoving, StatusChanged, Ticked, TreeSeen
 from btcore_scene import MovingScene
 
 SECOND = 10**9

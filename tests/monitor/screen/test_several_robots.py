@@ -4,12 +4,7 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
-from btcore_monitor.events import (
-    ObservedNode,
-    ObservedTree,
-    StatusChanged,
-    TreeSeen,
-)
+from btcore_monitor.events import ObservedNode, ObservedTree, StatusChanged, TreeSeen
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.viewer_windows import SharedWindow

@@ -6,12 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.screen.font import (
-    elide,
-    glyph,
-    strokes_of,
-    width_of,
-)
+from btcore_monitor.screen.font import elide, glyph, strokes_of, width_of
 from btcore_monitor.screen.symbols import placed, symbol
 
 BOX = glyph("漢")

@@ -10,12 +10,7 @@ from btcore_monitor.screen.lanes import distinct_names
 from btcore_monitor.screen.markdown_text import brief
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.style import GROOT, NAME_ROOM, NOTE_ROOM
-from btcore_monitor.screen.subtree_drawing import (
-    BRANCHES_AT_MOST,
-    PARTS,
-    node_entities,
-    split_by_subtree,
-)
+from btcore_monitor.screen.subtree_drawing import BRANCHES_AT_MOST, PARTS, node_entities, split_by_subtree
 from btcore_monitor.screen.tree import BIG, TreeView
 
 ROOM = (1000.0, 500.0)

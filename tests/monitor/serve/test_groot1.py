@@ -16,12 +16,7 @@ from hypothesis import strategies as st
 import btcore
 from btcore import Registry, SimClock, Status
 from btcore.status import Transition
-from btcore_monitor.serve import (
-    PortInUseError,
-    Publisher,
-    ServeError,
-    serve,
-)
+from btcore_monitor.serve import PortInUseError, Publisher, ServeError, serve
 from btcore_monitor.serve.groot1 import Groot1Server
 from btcore_monitor.serve.queueing_observer import StampedTransition
 

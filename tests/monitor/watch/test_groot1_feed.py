@@ -8,26 +8,14 @@ from pathlib import Path
 import pytest
 import zmq
 
-from btcore_monitor.events import (
-    ConnectionChanged,
-    DataMissed,
-    Event,
-    StatusChanged,
-    Ticked,
-    TreeSeen,
-)
+from btcore_monitor.events import ConnectionChanged, DataMissed, Event, StatusChanged, Ticked, TreeSeen
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.watch.protocol_detection import Groot1DetectedError
 from btcore_monitor.wire.groot1 import WireChange, encode_update
-from btcore_monitor.wire.groot1_tree import (
-    WireModel,
-    WireNode,
-    WireTree,
-    encode_tree,
-)
+from btcore_monitor.wire.groot1_tree import WireModel, WireNode, WireTree, encode_tree
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parents[1] / "captures"

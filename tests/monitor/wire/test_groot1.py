@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 
 from btcore_monitor.wire import groot1
 from btcore_monitor.wire.errors import ProtocolError
-from btcore_monitor.wire.groot1 import (
-    Update,
-    WireChange,
-    decode_update,
-    encode_update,
-)
+from btcore_monitor.wire.groot1 import Update, WireChange, decode_update, encode_update
 from btcore_monitor.wire.groot1_conversion import read_groot1
 from btcore_monitor.wire.groot1_tree import (
     SUBTREE,

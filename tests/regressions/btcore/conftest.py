@@ -5,12 +5,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import (
-    Blackboard,
-    Registry,
-    SimClock,
-    Tree,
-)
+from btcore import Blackboard, Registry, SimClock, Tree
 from btcore.testing.conformance_trees import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 

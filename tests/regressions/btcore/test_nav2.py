@@ -5,13 +5,7 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import (
-    In,
-    PortError,
-    Put,
-    Registry,
-    action,
-)
+from btcore import In, PortError, Put, Registry, action
 from btcore.xml.lint.validate import validate
 from btcore.xml.models.model_file import add_models
 

@@ -8,16 +8,7 @@ import pytest
 import zmq
 
 import btcore
-from btcore import (
-    Blackboard,
-    Direction,
-    Port,
-    Registry,
-    SimClock,
-    Status,
-    SyncAction,
-    values,
-)
+from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, SyncAction, values
 from btcore.errors import RegistrationError
 from btcore.xml.lint.validate import validate, validate_document
 from btcore.xml.models.model_file import add_models
