@@ -1,1 +1,1 @@
-"""The robot's body: a simulated world, and a Tiago of primitive shapes in it."""
+"""A simulated world with physics, and a Tiago robot made of primitive shapes in it."""

@@ -1,4 +1,4 @@
-"""The battery in the body: what driving takes from it, and when it is empty."""
+"""A model of the robot's battery: how much charge driving uses, and when the battery is empty."""
 
 import math
 
@@ -8,37 +8,45 @@ FULL = 100.0
 """The level (percent) of a full battery."""
 
 PER_SPEED = 0.5
-"""What a second at 1 m/s or 1 rad/s takes (percent); the book's BatteryChecker has the same figure."""
+"""Charge used by one second of driving at 1 m/s or 1 rad/s (percent).
+
+The BatteryChecker node of *A Concise Introduction to Robot Programming with ROS2* uses the same value.
+"""
 
 PER_SECOND = 0.01
-"""What a second takes that is spent standing (percent)."""
+"""Charge used by every second, standing or driving (percent)."""
 
 
 class BatteryModel:
-    """A level from 100 down to 0, the lowest that there was, and how often it was filled."""
+    """The battery's level (percent), its lowest level so far, and the number of recharges."""
 
     def __init__(self, level: float = FULL) -> None:
         self.level = level
-        """How full it is now (percent)."""
+        """The present level (percent)."""
         self.lowest = level
-        """How full it was when it was emptiest (percent)."""
+        """The lowest level so far (percent)."""
         self.recharges = 0
-        """How often it has been filled."""
+        """The number of recharges."""
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is left."""
+        """Whether the level is 0."""
         return self.level <= 0.0
 
-    def drain(self, asked: Twist2D, seconds: float) -> None:
-        """Take ``0.5 * sqrt(v² + w²) + 0.01`` a second for *seconds* (s) of the velocity *asked* for."""
-        self.level -= (PER_SPEED * math.hypot(asked.v, asked.w) + PER_SECOND) * seconds
+    def drain(self, command: Twist2D, seconds: float) -> None:
+        """Lower the level by ``0.5 * sqrt(v² + w²) + 0.01`` percent per second.
+
+        Args:
+            command: The commanded velocity (v in m/s, w in rad/s).
+            seconds: How long the command was in effect (s).
+        """
+        self.level -= (PER_SPEED * math.hypot(command.v, command.w) + PER_SECOND) * seconds
         if self.level < 0.0:
             self.level = 0.0
         if self.level < self.lowest:
             self.lowest = self.level
 
     def fill(self) -> None:
-        """Fill it at once."""
+        """Set the level to 100 % at once."""
         self.level = FULL
         self.recharges += 1

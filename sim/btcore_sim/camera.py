@@ -1,4 +1,4 @@
-"""A robot's camera: a picture is drawn when somebody asks for it, and not otherwise."""
+"""A robot's camera. Pictures are rendered on request only, because rendering is slow."""
 
 import math
 import re
@@ -20,7 +20,7 @@ _FORM = re.compile(r"(\d+)x(\d+)(?:@(\d+(?:\.\d+)?))?")
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
-    """How large (pixels) and how often (Hz) pictures are."""
+    """The size (pixels) and the rate (Hz) of a camera's pictures."""
 
     width: int
     height: int
@@ -28,18 +28,28 @@ class CameraSettings:
 
 
 def parse_camera(text: str) -> CameraSettings | None:
-    """``off``, or ``WxH@HZ`` (10 Hz unless said); raises `SimError`."""
+    """Parse the option ``--camera``.
+
+    Args:
+        text: ``off``, ``WxH`` (10 Hz) or ``WxH@HZ``.
+
+    Returns:
+        The settings, or None for ``off``.
+
+    Raises:
+        SimError: *text* has another form, or a size above 4096 pixels.
+    """
     if text == "off":
         return None
-    found = _FORM.fullmatch(text)
-    size = CameraSettings(int(found[1]), int(found[2]), float(found[3] or 10.0)) if found else None
+    match = _FORM.fullmatch(text)
+    size = CameraSettings(int(match[1]), int(match[2]), float(match[3] or 10.0)) if match else None
     if size is None or not (0 < size.width <= 4096 and 0 < size.height <= 4096 and size.rate > 0.0):
-        raise SimError(f"camera '{text}': it is off, or WxH@HZ like 320x240@10 (at most 4096x4096)")
+        raise SimError(f"invalid camera '{text}': use off, or WxH@HZ like 320x240@10 (at most 4096x4096)")
     return size
 
 
 class Camera:
-    """Draws a picture, with depth, when it is asked for one and it is time for a new one."""
+    """A pinhole camera with depth that renders a picture on request, at most at its rate."""
 
     def __init__(self, visible: RenderScene, mount: CameraMount, size: CameraSettings) -> None:
         self._visible = visible
@@ -57,32 +67,51 @@ class Camera:
             rate=size.rate,
             frame=mount.frame,
         )
-        """The pinhole. Columns and rows count from 0, and a whole number is the middle of a pixel."""
-        self._painter = Renderer(self.facts)
+        """The pinhole model. Columns and rows count from 0; integer coordinates are the middles of pixels."""
+        self._renderer = Renderer(self.facts)
         self.newest: CameraImage | None = None
-        """The last picture that was drawn."""
+        """The picture that was rendered last."""
 
     def picture(self, model: PhysicsBody, link: int, now: int, dead: bool) -> CameraImage | None:
-        """The newest picture; drawn now if the camera's rate allows a newer one, and it is not *dead*."""
+        """Return the newest picture, and render a new one first if the camera's rate allows it.
+
+        Args:
+            model: The robot's body.
+            link: The engine's index of the link that carries the camera.
+            now: The simulated time (ns).
+            dead: Whether the camera has failed; then no new picture is rendered.
+
+        Returns:
+            The picture, or None if there is none yet.
+        """
         last = self.newest
         if not dead and (last is None or self._count(now) > self._count(last.stamp)):
             self.newest = self._draw(model, link, now)
         return self.newest
 
     def _count(self, now: int) -> int:
+        # The number of the frame period that contains *now*: pictures follow a fixed grid of time.
         return int(now * self.facts.rate / 1e9)
 
     def _draw(self, model: PhysicsBody, link: int, now: int) -> CameraImage:
         eye, turned = self.pose(model, link)
         ahead, left, up = Transform(quaternion=turned).rotation.T
-        rgb, depth = self._painter.draw(
+        rgb, depth = self._renderer.draw(
             self._visible.now(), self._visible.colors, np.array(eye), np.stack((-left, -up, ahead), axis=1)
         )
         rgb.flags.writeable = depth.flags.writeable = False
         return CameraImage(rgb, now, self._mount.frame, depth)
 
     def pose(self, model: PhysicsBody, link: int) -> Pose3D:
-        """Where the camera is in the world, and how it is turned (x forward, z up), as a quaternion."""
+        """Return the camera's pose in the world frame.
+
+        Args:
+            model: The robot's body.
+            link: The engine's index of the link that carries the camera.
+
+        Returns:
+            The position (m) and the orientation (quaternion; x forward, z up).
+        """
         place, turned = model.link_place(link)
         mounted = pybullet.getQuaternionFromEuler([self._mount.roll, 0.0, 0.0])
         eye, turned = pybullet.multiplyTransforms(place, turned, self._mount.position, mounted)

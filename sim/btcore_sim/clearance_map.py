@@ -1,4 +1,4 @@
-"""The floor of a world as whoever walks on it sees it: how much room there is, where, and along a line."""
+"""Distances to the nearest obstacle on a world's floor, at a point and along a line."""
 
 import math
 
@@ -12,11 +12,14 @@ from btcore_sim.scene import Scene, SceneObject
 
 Point = tuple[float, float]
 
-_DRAWS = 400
+_DRAWS = 400  # attempts of a random search before it gives up
 
 
 class ClearanceMap:
-    """The room (m) around every cell of a map: how far it is to what is occupied, unknown or kept out of."""
+    """The clearance of every cell of a map: its distance (m) to the nearest cell that is not free.
+
+    Occupied cells, unknown cells and keep-out areas are not free.
+    """
 
     def __init__(self, map: OccupancyMap) -> None:
         self.map = map
@@ -25,28 +28,32 @@ class ClearanceMap:
 
     @classmethod
     def of(cls, scene: Scene) -> "ClearanceMap":
-        """The floor of *scene*, where all things are where they begin and kinematic ones are not there."""
+        """Return the clearance map of *scene* with all objects at their initial poses.
+
+        Kinematic objects (people, dropped boxes) are left out.
+        """
         return cls(rasterise(scene, movable=True))
 
     def add_obstacle(self, thing: SceneObject) -> None:
-        """From now on *thing* stands there."""
+        """Add *thing* to the map as an obstacle."""
         draw(thing, self._taken, self.map.origin, self.map.resolution)
         self._measure()
 
     def with_obstacle(self, thing: SceneObject) -> "ClearanceMap":
-        """This floor with *thing* on it; itself it stays as it is."""
+        """Return a copy of the map with *thing* added as an obstacle."""
         other = object.__new__(ClearanceMap)
         other.map, other._taken = self.map, self._taken.copy()
         other.add_obstacle(thing)
         return other
 
     def clearance_at(self, x: float, y: float) -> float:
-        """How far (m) the cell at the point is from what is not free; 0 outside."""
+        """Return the clearance (m) of the cell at the point (m); 0 outside the map."""
         row, col = self.map.cell(x, y)
         return float(self.clearances[row, col]) if self.map.inside(x, y) else 0.0
 
     def clearance_along(self, start: Point, end: Point) -> float:
-        """The least room (m) along the straight line."""
+        """Return the smallest clearance (m) along the straight line from *start* to *end* (m)."""
+        # Two samples per cell, so that the line skips no cell.
         count = max(2, math.ceil(2 * math.dist(start, end) / self.map.resolution))
         part = np.linspace(0.0, 1.0, count)[:, None]
         places = self.map.indices(np.asarray(start) * (1.0 - part) + np.asarray(end) * part)
@@ -56,13 +63,21 @@ class ClearanceMap:
         return float(self.clearances[places[:, 0], places[:, 1]].min())
 
     def connected(self, points: list[Point], room: float) -> bool:
-        """Whether who needs *room* (m) to every side can go between all *points*; each has to have it too."""
+        """Check that a body that needs *room* can go from each point to every other point.
+
+        Args:
+            points: Positions (m).
+            room: The clearance that the body needs everywhere, at the points too (m).
+
+        Returns:
+            Whether all points are in one connected region of cells with that clearance.
+        """
         _, regions = cv2.connectedComponents((self.clearances >= room).astype(np.uint8), connectivity=4)
-        found = {int(regions[self.map.cell(*point)]) for point in points}
-        return len(found) <= 1 and 0 not in found
+        labels = {int(regions[self.map.cell(*point)]) for point in points}
+        return len(labels) <= 1 and 0 not in labels  # 0 is the label of cells without enough clearance
 
     def random_point(self, random: np.random.Generator, room: float) -> Point | None:
-        """The middle of a random cell with *room* (m); None when there is none."""
+        """Return the middle of a random cell with a clearance of at least *room* (m), or None if none has."""
         cells = np.flatnonzero(self.clearances >= room)
         if not len(cells):
             return None
@@ -72,7 +87,18 @@ class ClearanceMap:
     def random_visible_point(
         self, random: np.random.Generator, start: Point, room: float, nearest: float, farthest: float
     ) -> Point | None:
-        """A random place between *nearest* and *farthest* (m), the straight way to which has *room* (m)."""
+        """Return a random point that can be reached from *start* on a straight line.
+
+        Args:
+            random: The random generator.
+            start: Where the line begins (m).
+            room: The clearance that the whole line needs (m).
+            nearest: The smallest distance of the point (m).
+            farthest: The greatest distance of the point (m).
+
+        Returns:
+            The point (m), or None if 400 attempts found none.
+        """
         for _ in range(_DRAWS):
             away, angle = random.uniform(nearest, farthest), random.uniform(-math.pi, math.pi)
             end = (start[0] + away * math.cos(angle), start[1] + away * math.sin(angle))
@@ -83,6 +109,6 @@ class ClearanceMap:
     def _measure(self) -> None:
         open_floor = (~self._taken).astype(np.uint8)
         middles = cv2.distanceTransform(open_floor, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
-        # To the nearest taken cell's edge, half a cell before its middle.
+        # OpenCV measures to the middle of the nearest taken cell; its edge is half a cell nearer.
         self.clearances: NDArray[np.float64] = np.maximum(middles - 0.5, 0.0) * self.map.resolution
-        """The room (m) of every cell, of the map's shape."""
+        """The clearance (m) of every cell, shape ``(rows, columns)`` like the map's."""

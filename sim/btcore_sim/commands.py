@@ -1,4 +1,4 @@
-"""``btcore map``: the map of a world, in the files that map servers read."""
+"""The command ``btcore map``, which writes a world's map in the file formats of nav2's map_server."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import click
     type=click.Path(file_okay=False, path_type=Path),
     default=Path(),
     metavar="DIR",
-    help="Where the files go.  [default: here]",
+    help="The output directory.  [default: the current directory]",
 )
 @click.option(
     "--resolution",
@@ -21,13 +21,13 @@ import click
     default=0.05,
     show_default=True,
     metavar="METRES",
-    help="The side of a cell.",
+    help="The side length of a cell.",
 )
 def map_command(world: str, output: Path, resolution: float) -> None:
-    """Write the map of WORLD, a name or a JSON file, as map_server's YAML and PGM.
+    """Write the map of WORLD, a name or a JSON file, as YAML and PGM files for map_server.
 
-    On it is what a laser at the height of Tiago's sees and never moves. Tables, which it sees only the legs
-    of, are rectangles in a file of keep-outs beside it.
+    The map shows the static objects that a laser at the height of Tiago's laser detects. The laser detects
+    only the legs of a table, so the outlines of tables are written to a keep-out file beside the map.
     """
     try:
         from btcore_robot.navigation.occupancy_map import MapError, save_map
@@ -36,7 +36,7 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         from btcore_sim.scene import load_scene
     except ModuleNotFoundError as missing:
         raise click.UsageError(
-            f"maps need the module '{missing.name}'; you can have it: pip install 'btcore[sim]'"
+            f"maps need the module '{missing.name}', which is not installed: pip install 'btcore[sim]'"
         ) from missing
     try:
         scene = load_scene(world)
@@ -44,16 +44,14 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         output.mkdir(parents=True, exist_ok=True)
         path = output / f"{scene.name}.yaml"
         save_map(map, path)
-    except (SimError, MapError) as mistake:
-        raise click.UsageError(str(mistake)) from mistake
-    except OSError as fault:
-        raise click.UsageError(
-            f"{fault.filename}: the map can't be written there: {fault.strerror}"
-        ) from fault
+    except (SimError, MapError) as error:
+        raise click.UsageError(str(error)) from error
+    except OSError as error:
+        raise click.UsageError(f"{error.filename}: cannot write the map: {error.strerror}") from error
     x, y = map.origin
     click.echo(
         f"{path} and {path.with_suffix('.pgm').name}: {map.width} x {map.height} cells of {resolution:g} m, "
-        f"from ({x:g}, {y:g}) m on"
+        f"origin ({x:g}, {y:g}) m"
     )
     if map.keepout:
-        click.echo(f"{path.with_name(f'{path.stem}.keepout.yaml')}: {len(map.keepout)} places to keep out of")
+        click.echo(f"{path.with_name(f'{path.stem}.keepout.yaml')}: {len(map.keepout)} keep-out areas")

@@ -1,4 +1,4 @@
-"""What the robot bumps into, counted as events: collisions and grazes."""
+"""The robot's contacts with other bodies, counted as events: collisions and grazes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,17 +7,17 @@ from typing import Any
 from btcore_sim.quiet_pybullet import pybullet
 
 COLLISION_SPEED = 0.1
-"""A contact is a collision when it closes faster than this (m/s) along its normal; else it is a graze."""
+"""Closing speed (m/s) along the contact's normal above which a contact is a collision, not a graze."""
 
 MIN_SEPARATION_TIME = 500_000_000
-"""Two bodies have to be apart this long (ns) for their next touch to be another event."""
+"""How long (ns) two bodies have to be apart before their next touch counts as a new event."""
 
-_TOUCH = 0.001  # m: the engine stops bodies a hair before they overlap
+_TOUCH = 0.001  # m: the engine stops bodies slightly before they overlap
 
 
 @dataclass(slots=True)
 class Contact:
-    """The robot against one other body: from when to when (ns), and the greatest speed (m/s) of closing."""
+    """A contact of the robot with *body*: *first* and *last* time (ns), greatest closing *speed* (m/s)."""
 
     body: int
     first: int
@@ -26,17 +26,18 @@ class Contact:
 
     @property
     def hard(self) -> bool:
-        """Whether it is a collision."""
+        """Whether the contact is a collision."""
         return self.speed > COLLISION_SPEED
 
 
-Velocity = tuple[Sequence[float], Sequence[float], Sequence[float]]  # of a point: linear; angular; the point
+Velocity = tuple[Sequence[float], Sequence[float], Sequence[float]]  # linear; angular; reference point
 
 
 class ContactCounter:
-    """Watches every step of the physics. What the robot stands on (*floor*) does not count.
+    """A counter of the robot's contacts. Contacts with the *floor* do not count.
 
-    The speed is taken from before the step that meets the contact: the step itself takes it away.
+    A contact's speed is measured before the physics step that resolves it, because that step removes the
+    speed.
     """
 
     def __init__(self, client: int, robot: int, floor: int) -> None:
@@ -51,16 +52,16 @@ class ContactCounter:
 
     @property
     def collisions(self) -> int:
-        """How many contacts were hard."""
+        """The number of collisions."""
         return sum(event.hard for event in self.events)
 
     @property
     def grazes(self) -> int:
-        """How many were not."""
+        """The number of grazes."""
         return len(self.events) - self.collisions
 
     def before_step(self, now: int) -> None:
-        """Note how everything moves that may touch in the coming step."""
+        """Record the velocities of all bodies that may touch in the coming step."""
         self._moving.clear()
         self._note(self._robot)
         if self._near:
@@ -71,7 +72,7 @@ class ContactCounter:
                 self._note(body)
 
     def after_step(self, now: int) -> None:
-        """Take up what touched in the step that ended at *now* (ns)."""
+        """Register the contacts of the step that ended at *now* (ns)."""
         self._near.clear()
         for point in pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client):
             body: int = point[2]
@@ -91,22 +92,25 @@ class ContactCounter:
         contact.speed = max(contact.speed, speed)
 
     def _closing(self, point: Any) -> float:
-        """How fast (m/s) the two bodies closed at a contact point; its normal points at the robot."""
-        ours, theirs, normal = point[5], point[6], point[7]
-        one = self._velocity(self._robot, point[3], ours)
-        other = self._velocity(point[2], point[4], theirs)
-        speed: float = sum((b - a) * n for a, b, n in zip(one, other, normal, strict=True))
+        """Return the closing speed (m/s) of two bodies at a contact point."""
+        # PyBullet's getContactPoints: positions on robot and body, and the normal, which points at the robot.
+        on_robot, on_body, normal = point[5], point[6], point[7]
+        robot = self._velocity(self._robot, point[3], on_robot)
+        body = self._velocity(point[2], point[4], on_body)
+        speed: float = sum((b - a) * n for a, b, n in zip(robot, body, normal, strict=True))
         return speed
 
     def _velocity(self, body: int, link: int, at: Sequence[float]) -> tuple[float, float, float]:
         moving = self._moving.get((body, link)) or self._moving.get((body, -1))
         if moving is None:
-            # Not near before: what stands still, or a kinematic body, whose velocity no contact changes.
+            # The body was not near before the step. Either it stands still, or it is kinematic (mass 0 and
+            # a velocity), and no contact changes its velocity.
             if pybullet.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0.0:
                 return 0.0, 0.0, 0.0
             self._note(body)
             moving = self._moving[body, -1]
         (vx, vy, vz), (wx, wy, wz), middle = moving
+        # Velocity of a point of a rigid body: v + w × r.
         x, y, z = (a - m for a, m in zip(at, middle, strict=True))
         return vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
 

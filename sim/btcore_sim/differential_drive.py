@@ -1,4 +1,4 @@
-"""The differential base: who may command it, how fast it may go, and what the wheels say it did."""
+"""A differential drive: priorities of velocity commands, speed limits, and odometry from the wheels."""
 
 import math
 from collections.abc import Sequence
@@ -11,32 +11,34 @@ from btcore_robot.robot import NS_PER_S, BaseInfo, Odometry, Pose2D, Twist2D
 from btcore_sim.robot_description import OdometryFacts
 
 SOURCE_TIMEOUT = NS_PER_S // 2
-"""How long (ns) a source's last word keeps lower priorities out (twist_mux's time-out in Tiago's files)."""
+"""How long (ns) a command blocks commands of lower priority (twist_mux's timeout in Tiago's files)."""
 
 STANDING = Twist2D(0.0, 0.0)
 
 
 class CommandMultiplexer:
-    """Several sources of velocity, one base: the highest priority wins, for 0.5 s after its last word."""
+    """Select among velocity sources: the highest priority wins, for 0.5 s after its last command."""
 
     def __init__(self) -> None:
-        self._heard: dict[int, int] = {}
+        self._last_commands: dict[int, int] = {}
 
     def admits(self, priority: int, now: int) -> bool:
-        """Whether a command of *priority*, given at *now* (ns), gets through."""
-        self._heard[priority] = now
-        return not any(p > priority and now - stamp <= SOURCE_TIMEOUT for p, stamp in self._heard.items())
+        """Record a command of *priority* at *now* (ns), and return whether it is passed on to the base."""
+        self._last_commands[priority] = now
+        return not any(
+            p > priority and now - stamp <= SOURCE_TIMEOUT for p, stamp in self._last_commands.items()
+        )
 
     def clear(self) -> None:
-        """Forget who spoke."""
-        self._heard.clear()
+        """Forget all earlier commands."""
+        self._last_commands.clear()
 
 
 class DifferentialDrive:
-    """Turns velocity commands into wheel speeds within the base's limits.
+    """The conversion of velocity commands to wheel speeds within the base's limits.
 
-    A command over a limit is scaled down as a whole, and speed changes along the straight line between two
-    commands in (v, w): both keep the turning radius, as Tiago's controller does.
+    A command above a limit is scaled down as a whole, and the speed changes along the straight line between
+    two commands in (v, w). Both keep the turning radius, as Tiago's controller does.
     """
 
     def __init__(self, facts: BaseInfo, wheel_radius: float, separation: float) -> None:
@@ -44,24 +46,30 @@ class DifferentialDrive:
         self._wheel_radius = wheel_radius
         self._separation = separation
         self._timeout = round(facts.command_timeout * NS_PER_S)
-        self._asked = STANDING
+        self._command = STANDING
         self._goal = STANDING
         self._stamp = 0
         self.twist = STANDING
-        """The velocity that the wheels are asked for now."""
+        """The velocity that is commanded to the wheels now, after limits and ramps."""
 
     def command(self, v: float, w: float, now: int) -> None:
-        """Take a command (m/s, rad/s) given at *now* (ns)."""
-        self._asked = Twist2D(v, w)
+        """Accept a velocity command.
+
+        Args:
+            v: Linear velocity (m/s).
+            w: Angular velocity (rad/s).
+            now: The simulated time (ns).
+        """
+        self._command = Twist2D(v, w)
         self._goal = self.limited(v, w)
         self._stamp = now
 
     def commanded_twist(self, now: int) -> Twist2D:
-        """The last command as it was given, while it holds at *now* (ns); standing once it has lapsed."""
-        return self._asked if now - self._stamp <= self._timeout else STANDING
+        """Return the last command without limits, or zero if it has timed out at *now* (ns)."""
+        return self._command if now - self._stamp <= self._timeout else STANDING
 
     def limited(self, v: float, w: float) -> Twist2D:
-        """The command scaled to the base's speed limits."""
+        """Return the command (m/s, rad/s) scaled to the base's speed limits."""
         facts = self.facts
         scale = 1.0
         if v > facts.v_max:
@@ -73,27 +81,38 @@ class DifferentialDrive:
         return Twist2D(v * scale, w * scale)
 
     def step(self, now: int, seconds: float, *, obeys: bool = True) -> Twist2D:
-        """Ramp for *seconds* (s) towards what is asked for, or towards standing.
+        """Ramp the velocity towards the last command, or towards standing if the command has timed out.
 
-        The latter when that is too old, or when the base no longer *obeys*.
+        Args:
+            now: The simulated time (ns).
+            seconds: The duration of the step (s).
+            obeys: False to ramp towards standing whatever the command is (empty battery).
+
+        Returns:
+            The new velocity (m/s, rad/s).
         """
         twist = self.twist
         goal = self._goal if obeys and now - self._stamp <= self._timeout else STANDING
         if goal == twist:
             return twist
         dv, dw = goal.v - twist.v, goal.w - twist.w
+        # The number of steps like this that the change needs, by the slower of both accelerations.
         needed = max(abs(dv) / (self.facts.v_rate * seconds), abs(dw) / (self.facts.w_rate * seconds))
         self.twist = goal if needed <= 1.0 else Twist2D(twist.v + dv / needed, twist.w + dw / needed)
         return self.twist
 
     def wheel_rates(self) -> tuple[float, float]:
-        """How fast (rad/s) the left and the right wheel turn for the present twist."""
+        """Return the speeds (rad/s) of the left and the right wheel for the present velocity."""
         half = self.twist.w * self._separation / 2
         return (self.twist.v - half) / self._wheel_radius, (self.twist.v + half) / self._wheel_radius
 
 
 class WheelErrorModel:
-    """How wrong one run's wheels are: what *left* and *right* tell of a metre, and the slip in turns."""
+    """The odometry errors of one run: the scale of each wheel, and the slip in turns.
+
+    *left* and *right* are the distances (m) that the wheels measure for one metre. They are drawn once from a
+    normal distribution, because a wrong wheel radius is a systematic error.
+    """
 
     def __init__(self, facts: OdometryFacts, random: np.random.Generator) -> None:
         self._random = random
@@ -101,16 +120,16 @@ class WheelErrorModel:
         self.left, self.right = (float(scale) for scale in random.normal(1.0, facts.scale_sigma, 2))
 
     def turning(self) -> float:
-        """What the wheels tell of a radian that the base turns, drawn anew for every reading."""
+        """Return the angle (rad) that the wheels measure for one radian, drawn anew for every reading."""
         return 1.0 + self._facts.slip + self._facts.slip_sigma * float(self._random.standard_normal())
 
 
 @dataclass(slots=True)
 class WheelOdometry:
-    """Dead reckoning: the pose since the start, from how far each wheel has turned.
+    """Dead reckoning: the pose since the start, from the angles of the wheels.
 
-    Between two readings the base is taken to have driven along the arc's chord, whose direction is the
-    heading half-way. With *errors* it is as wrong as real wheels are.
+    Between two readings the base is assumed to drive along the chord of the arc, whose direction is the
+    heading half-way (second-order Runge-Kutta). *errors* adds the errors of real wheels.
     """
 
     wheel_radius: float
@@ -123,7 +142,15 @@ class WheelOdometry:
     stamp: int = 0
 
     def update(self, angles: Sequence[float], stamp: int) -> Odometry:
-        """The odometry after the left and the right wheel have reached *angles* (rad) at *stamp* (ns)."""
+        """Integrate one reading of the wheels.
+
+        Args:
+            angles: The angles of the left and the right wheel (rad).
+            stamp: The time of the reading (ns).
+
+        Returns:
+            The new odometry.
+        """
         moved_left = (angles[0] - self.angles[0]) * self.wheel_radius
         moved_right = (angles[1] - self.angles[1]) * self.wheel_radius
         if self.errors is not None:

@@ -1,5 +1,5 @@
-"""What a user can get wrong about worlds and robots, said as sentences."""
+"""The error of invalid worlds, robots and scenarios."""
 
 
 class SimError(Exception):
-    """A world, a robot or a fault can't be had as asked for; the text says why and what to do."""
+    """A world, a robot, a fault or an event is invalid; the message gives the reason and what to do."""

@@ -1,7 +1,8 @@
-"""What happens to a robot in the middle of a run: a box drops before it, or somebody carries it away.
+"""Events during a run: a box drops in front of the robot, or the robot is carried to another place.
 
-``box:30`` drops a box of 0.5 m at 30 s or as soon as the robot drives straight from then on and there is a
-place; ``box:30@2,0.3`` drops it 2 m ahead and 0.3 m to the left. ``kidnap:60`` carries the robot off.
+``box:30`` drops a box of 0.5 m at 30 s, or later, as soon as the robot drives straight and there is a
+suitable place; ``box:30@2,0.3`` drops it 2 m ahead and 0.3 m to the left. ``kidnap:60`` carries the robot to
+another place at 60 s, or later, as soon as the robot moves.
 """
 
 import math
@@ -19,22 +20,22 @@ from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.world import World
 
 KINDS = {
-    "box": "a box drops before the robot, where it can be passed",
+    "box": "a box drops in front of the robot, where the robot can pass it",
     "kidnap": "the robot is carried to another place",
 }
-"""What can happen."""
+"""The kinds of events, with their descriptions."""
 
 AHEAD = 1.5
-"""m between the robot's hull and the near side of a box that drops, at least and unless said."""
+"""Smallest and default distance (m) between the robot's hull and the near side of a dropped box."""
 
 SIDE = 0.5
-"""m, of a box that drops."""
+"""Side length (m) of a dropped box."""
 
 CLEAR = 0.5
-"""m around the hull at the place that a robot is carried to."""
+"""Clearance (m) around the hull at the place to which the robot is carried."""
 
 FAR = 2.0
-"""m, at least, that a robot is carried."""
+"""Smallest distance (m) over which the robot is carried."""
 
 _FORM = re.compile(
     r"(?P<kind>[^:@]*):(?P<time>\d+(?:\.\d+)?)"
@@ -42,16 +43,16 @@ _FORM = re.compile(
 )
 _NAME = "dropped_box_"
 _COLOR = (204, 120, 178, 255)
-_RATE = 10.0
+_RATE = 10.0  # Hz at which the conditions of pending events are checked
 _TRIES = 500
 _STRAIGHT = 0.15  # rad/s: slower turns count as driving straight
-_DRIVING = 0.1  # m/s
-_PARKED = -2.0  # m under the floor, where a box waits
+_DRIVING = 0.1  # m/s: slower motion counts as standing
+_PARKED = -2.0  # m: the height, below the floor, of a box that has not dropped yet
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """*kind* from *time* (ns) on; a box *distance* (m) ahead and *offset* (m) to the left."""
+    """An event at *time* (ns) or later; a box drops *distance* (m) ahead and *offset* (m) to the left."""
 
     kind: str
     time: float
@@ -60,30 +61,40 @@ class Event:
 
 
 def parse_event(text: str) -> Event:
-    """The event written ``box:TIME[@DISTANCE[,OFFSET]]`` or ``kidnap:TIME`` (s, m); raises `SimError`."""
-    found = _FORM.fullmatch(text.strip())
-    if found is None:
+    """Parse an event of the option ``--event``.
+
+    Args:
+        text: ``box:TIME[@DISTANCE[,OFFSET]]`` or ``kidnap:TIME`` (s, m).
+
+    Raises:
+        SimError: *text* has another form, an unknown kind, or a distance that is too small.
+    """
+    match = _FORM.fullmatch(text.strip())
+    if match is None:
         raise SimError(
-            f"event '{text}': the form is KIND:TIME in seconds, like kidnap:60, and for a box "
-            "box:TIME@DISTANCE,OFFSET in metres too, like box:30@2,0.3"
+            f"invalid event '{text}': use KIND:TIME in seconds, like kidnap:60; a box may have a place "
+            "in metres, box:TIME@DISTANCE,OFFSET, like box:30@2,0.3"
         )
-    kind = found["kind"]
+    kind = match["kind"]
     if kind not in KINDS:
-        raise SimError(f"event '{text}': {did_you_mean(kind, KINDS)}what can happen is {', '.join(KINDS)}")
-    if found["distance"] is None:
-        return Event(kind, float(found["time"]) * 1e9)
+        raise SimError(
+            f"event '{text}': unknown kind '{kind}': {did_you_mean(kind, KINDS)}kinds are {', '.join(KINDS)}"
+        )
+    if match["distance"] is None:
+        return Event(kind, float(match["time"]) * 1e9)
     if kind != "box":
-        raise SimError(f"event '{text}': only a box has a distance; {kind}:{found['time']} is enough")
-    distance = float(found["distance"])
+        raise SimError(f"event '{text}': only a box has a distance; use {kind}:{match['time']}")
+    distance = float(match["distance"])
     if distance < AHEAD:
         raise SimError(
-            f"event '{text}': {distance:g} m is too near to avoid a box: {AHEAD:g} m ahead or more is not"
+            f"event '{text}': the robot cannot avoid a box that drops {distance:g} m ahead: "
+            f"use {AHEAD:g} m or more"
         )
-    return Event(kind, float(found["time"]) * 1e9, distance, float(found["offset"] or 0.0))
+    return Event(kind, float(match["time"]) * 1e9, distance, float(match["offset"] or 0.0))
 
 
 def with_boxes(scene: Scene, events: Sequence[Event]) -> Scene:
-    """The scene with a box under its floor for every event that drops one."""
+    """Return the scene with a box parked below its floor for every ``box`` event."""
     x, y = ((scene.area[0] + scene.area[2]) / 2, (scene.area[1] + scene.area[3]) / 2)
     boxes = [
         SceneObject(
@@ -102,23 +113,23 @@ def with_boxes(scene: Scene, events: Sequence[Event]) -> Scene:
 
 
 class EventTarget(Protocol):
-    """The robot that things happen to."""
+    """The robot that is affected by events."""
 
     def true_pose(self) -> Pose2D:
-        """Where it is."""
+        """Return the true pose (m, rad)."""
         ...
 
     def ramped_twist(self) -> tuple[float, float]:
-        """The velocity (m/s, rad/s) that its wheels are asked for."""
+        """Return the velocity (m/s, rad/s) that is commanded to the wheels."""
         ...
 
     def teleport(self, pose: Pose2D) -> None:
-        """Stand somewhere else; its wheels know nothing of it."""
+        """Move the robot to *pose*. Its odometry does not notice."""
         ...
 
 
 class EventRunner:
-    """Lets *events* happen to *robot* of *radius* (m). *people* tells where people are."""
+    """Trigger *events* for *robot* of *radius* (m). *people* returns the positions (m) of all people."""
 
     def __init__(
         self,
@@ -130,7 +141,7 @@ class EventRunner:
         people: Callable[[], Sequence[Point]],
     ) -> None:
         self.event_log: list[dict[str, object]] = []
-        """What has happened: its kind, when (s), where (m), and from where a robot was carried."""
+        """The events so far: kind, time (s), place (m), and from where the robot was carried."""
         self._world = world
         self._robot = robot
         self._radius = radius
@@ -163,7 +174,15 @@ class EventRunner:
         return True
 
     def fits(self, box: SceneObject, pose: Pose2D) -> bool:
-        """Whether *box* may drop before a robot at *pose*: on free floor that it sees, and to be passed."""
+        """Check whether *box* may drop in front of a robot at *pose*.
+
+        The box needs free floor that is visible from the robot, a distance from waypoints and people, and
+        has to leave a way past it and from the robot to all waypoints.
+
+        Args:
+            box: The box at the place where it would drop.
+            pose: The robot's true pose (m, rad).
+        """
         x, y, _ = box.position
         floor = self._floor
         corners = math.hypot(*box.size[:2]) / 2
@@ -198,7 +217,14 @@ class EventRunner:
 
 
 def ahead_of(pose: Pose2D, radius: float, event: Event, box: SceneObject) -> SceneObject:
-    """*box* where *event* wants it before a robot of *radius* (m) at *pose*, turned along its course."""
+    """Return *box* at the place that *event* names, turned to the robot's heading.
+
+    Args:
+        pose: The robot's pose (m, rad).
+        radius: The robot's radius (m).
+        event: The event that drops the box.
+        box: The box.
+    """
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     along = radius + event.distance + box.size[0] / 2
     x, y = pose.x + cos * along - sin * event.offset, pose.y + sin * along + cos * event.offset

@@ -1,4 +1,4 @@
-"""Parts that fail on purpose: ``laser:20-25`` is a laser that is dead from 20 s to 25 s of simulated time."""
+"""Simulated failures: with ``laser:20-25`` the laser fails from 20 s to 25 s of simulated time."""
 
 import math
 import re
@@ -14,14 +14,14 @@ PARTS = {
     "camera": "no new picture comes",
     "wheel": "the motor of the left wheel doesn't turn",
 }
-"""What can fail, and what that means."""
+"""The parts that can fail, with the effect."""
 
 _FORM = re.compile(r"(?P<part>[^:]*):(?P<start>\d+(?:\.\d+)?)-(?P<end>\d+(?:\.\d+)?)?")
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """*part* is dead from *start* to *end* (ns); *start* belongs to it, *end* does not."""
+    """A failure of *part* from *start* (inclusive) to *end* (exclusive), in ns."""
 
     part: str
     start: float
@@ -29,26 +29,35 @@ class Fault:
 
 
 class FaultSchedule:
-    """All that fails in one run."""
+    """All failures of one run."""
 
     def __init__(self, faults: Sequence[Fault] = ()) -> None:
         self._faults = tuple(faults)
 
     def dead(self, part: str, now: int) -> bool:
-        """Whether *part* fails at *now* (ns)."""
+        """Return whether *part* has failed at *now* (ns)."""
         return any(fault.part == part and fault.start <= now < fault.end for fault in self._faults)
 
 
 def parse_fault(text: str) -> Fault:
-    """The fault written ``PART:START-END`` (s; without END it lasts); raises `SimError`."""
-    found = _FORM.fullmatch(text.strip())
-    if found is None:
-        raise SimError(f"fault '{text}': the form is PART:START-END in seconds, like laser:20-25")
-    part = found["part"]
+    """Parse a fault of the option ``--fault``.
+
+    Args:
+        text: ``PART:START-END`` (s). Without END the fault lasts until the end of the run.
+
+    Raises:
+        SimError: *text* has another form, an unknown part, or an end before its start.
+    """
+    match = _FORM.fullmatch(text.strip())
+    if match is None:
+        raise SimError(f"invalid fault '{text}': use PART:START-END in seconds, like laser:20-25")
+    part = match["part"]
     if part not in PARTS:
-        raise SimError(f"fault '{text}': {did_you_mean(part, PARTS)}what can fail is {', '.join(PARTS)}")
-    start = float(found["start"]) * 1e9
-    end = float(found["end"]) * 1e9 if found["end"] else math.inf
+        raise SimError(
+            f"fault '{text}': unknown part '{part}': {did_you_mean(part, PARTS)}parts are {', '.join(PARTS)}"
+        )
+    start = float(match["start"]) * 1e9
+    end = float(match["end"]) * 1e9 if match["end"] else math.inf
     if end <= start:
         raise SimError(f"fault '{text}': it ends before it starts")
     return Fault(part, start, end)

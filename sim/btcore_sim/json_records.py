@@ -1,4 +1,4 @@
-"""JSON files of worlds and robots, read field by field, so that each mistake is told with its address."""
+"""A reader for JSON files of worlds and robots that reports each error with the place in the file."""
 
 import json
 from pathlib import Path
@@ -9,22 +9,34 @@ from btcore_sim.errors import SimError
 
 
 class JsonRecord(FieldReader):
-    """One JSON object of a file; `reject_unknown_fields` refuses the fields that were not read."""
+    """A JSON object of a file. `reject_unknown_fields` raises an error for fields that were not read."""
 
     def __init__(self, data: dict[str, Any], where: str) -> None:
         super().__init__(data)
         self.where = where
-        """The file, and the way to this object in it: ``arena.json: objects[2]``."""
+        """The file, and the path of this object in it: ``arena.json: objects[2]``."""
 
     def whole(self, key: str, default: int | None = None) -> int:
-        """A whole number of at least 1."""
+        """Return an integer of at least 1.
+
+        Args:
+            key: The field's name.
+            default: The value for a missing field; None if the field is required.
+
+        Raises:
+            SimError: The field is missing or has another value.
+        """
         value = self._field(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise self._unexpected(key, value, "a whole number of at least 1")
         return value
 
     def points(self, key: str) -> dict[str, tuple[float, float]]:
-        """An object of points [x, y] by name, empty if the field is missing."""
+        """Return an object of points [x, y] by name, empty if the field is missing.
+
+        Raises:
+            SimError: The field has another type.
+        """
         value = self._field(key, {})
         if not isinstance(value, dict):
             raise self._unexpected(key, value, "an object of points [x, y]")
@@ -33,14 +45,26 @@ class JsonRecord(FieldReader):
         return {name: (x, y) for name, (x, y) in points.items()}
 
     def texts(self, key: str) -> list[str]:
-        """A list of texts, empty if the field is missing."""
+        """Return a list of strings, empty if the field is missing.
+
+        Raises:
+            SimError: The field has another type.
+        """
         value = self._field(key, [])
-        if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
-            raise self._unexpected(key, value, "a list of texts")
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self._unexpected(key, value, "a list of strings")
         return value
 
     def color(self, key: str, default: str) -> tuple[int, int, int, int]:
-        """A colour written ``#rrggbb`` or ``#rrggbbaa``, as four numbers of 0–255."""
+        """Return a colour as red, green, blue and alpha (0–255).
+
+        Args:
+            key: The field's name; its value is ``#rrggbb`` or ``#rrggbbaa``.
+            default: The value for a missing field.
+
+        Raises:
+            SimError: The field has another form.
+        """
         value = self.text(key, default)
         digits = value.removeprefix("#")
         try:
@@ -53,21 +77,29 @@ class JsonRecord(FieldReader):
         return parts[0], parts[1], parts[2], parts[3]
 
     def record(self, key: str) -> "JsonRecord":
-        """A nested object."""
+        """Return a nested object.
+
+        Raises:
+            SimError: The field is missing or has another type.
+        """
         value = self._field(key, None)
         if not isinstance(value, dict):
             raise self._unexpected(key, value, "an object")
         return JsonRecord(value, self._inner(key))
 
     def records(self, key: str) -> list["JsonRecord"]:
-        """A list of nested objects."""
+        """Return a list of nested objects.
+
+        Raises:
+            SimError: The field is missing or has another type.
+        """
         value = self._field(key, None)
-        if not isinstance(value, list) or not all(isinstance(one, dict) for one in value):
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.error(f"'{key}' is not a list of objects")
-        return [JsonRecord(one, self._inner(f"{key}[{index}]")) for index, one in enumerate(value)]
+        return [JsonRecord(item, self._inner(f"{key}[{index}]")) for index, item in enumerate(value)]
 
     def reject_unknown_fields(self) -> None:
-        """Refuse every field that nobody asked for."""
+        """Raise a `SimError` for a field that was not read."""
         for key in self._fields:
             if key not in self._requested:
                 hint = did_you_mean(key, self._requested)
@@ -76,7 +108,7 @@ class JsonRecord(FieldReader):
                 )
 
     def mistake(self, key: str, what: str) -> SimError:
-        """A mistake in the field *key*, with its address."""
+        """Return an error in the field *key*, with the place in the file."""
         return self.error(f"'{key}' {what}")
 
     def shown(self, value: object) -> str:
@@ -84,7 +116,7 @@ class JsonRecord(FieldReader):
         return json.dumps(value)
 
     def error(self, what: str) -> SimError:
-        """A mistake in this object, with its address."""
+        """Return an error in this object, with the place in the file."""
         return SimError(f"{self.where}: {what}")
 
     def _inner(self, step: str) -> str:
@@ -92,17 +124,25 @@ class JsonRecord(FieldReader):
 
 
 def read_record(path: Path, what: str) -> JsonRecord:
-    """The JSON object in the file at *path*, which is *what* (``a world``, ``a robot``) for the reader."""
+    """Read the JSON object in a file.
+
+    Args:
+        path: The file.
+        what: What the file describes, for messages: ``a world`` or ``a robot``.
+
+    Raises:
+        SimError: The file does not exist, is unreadable, or does not contain a JSON object.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise SimError(f"{path}: there is no such file") from None
-    except (OSError, UnicodeDecodeError) as fault:
-        raise SimError(f"{path}: the file can't be read: {fault}") from None
+        raise SimError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SimError(f"{path}: cannot read the file: {error}") from None
     try:
         data = json.loads(text)
-    except json.JSONDecodeError as fault:
-        raise SimError(f"{path}:{fault.lineno}:{fault.colno}: this is not JSON: {fault.msg}") from None
+    except json.JSONDecodeError as error:
+        raise SimError(f"{path}:{error.lineno}:{error.colno}: not valid JSON: {error.msg}") from None
     if not isinstance(data, dict):
-        raise SimError(f"{path}: {what} is a JSON object {{…}}, and this is something else")
+        raise SimError(f"{path}: {what} is a JSON object {{…}}, but this file contains another type")
     return JsonRecord(data, str(path))

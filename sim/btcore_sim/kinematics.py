@@ -1,7 +1,7 @@
-"""Where the frames of a described robot are in each other: links of the URDF, sensors, and what is fixed.
+"""Forward kinematics of a described robot: the frames of URDF links, sensors and fixed frames.
 
-The root is ``base_footprint``, on the floor below the base link. Wheels and casters have no frames: nobody
-sees from there.
+The root is ``base_footprint``, on the floor below the base link. Wheels and casters have no frames, because
+no sensor is mounted on them.
 """
 
 import math
@@ -19,12 +19,15 @@ FOOTPRINT = "base_footprint"
 
 _QUARTER = math.pi / 2
 OPTICAL: Point = (-_QUARTER, 0.0, -_QUARTER)
-"""Roll, pitch and yaw from x forward, z up to z ahead, x right, y down."""
+"""Roll, pitch and yaw (rad) from body axes (x forward, z up) to optical axes (z forward, x right, y down).
+
+REP 103 defines both conventions.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Joint:
-    """A moving joint of the URDF: where its child is at 0, and how it moves along or about its *axis*."""
+    """A joint of the URDF. The child is at *origin* for position 0, and moves along or about *axis*."""
 
     name: str
     child: str
@@ -42,7 +45,11 @@ class _Joint:
 
 
 class Kinematics:
-    """All frames of a robot. Raises `SimError` for one that hangs on nothing, or that there is twice."""
+    """All frames of a robot.
+
+    Raises:
+        SimError: A frame has an unknown parent, is its own ancestor, or is defined twice.
+    """
 
     def __init__(self, description: RobotDescription) -> None:
         root, joints = _joints(description)
@@ -54,19 +61,24 @@ class Kinematics:
             else:
                 self._still.append((joint.child, joint.parent, joint.origin))
         self.joints = [joint.name for joint in self._moving]
-        """The moving joints, by name, in the order in which `frames` wants their positions."""
+        """The names of the moving joints, in the order in which `frames` expects their positions."""
         for fixed in (*description.frames, *_mounted(description)):
             self._still.append((fixed.name, fixed.parent, Transform(fixed.position, from_rpy(fixed.rpy))))
         self._check(description)
 
     def frames(self, positions: Sequence[float], stamp: int) -> list[TransformStamped]:
-        """Every frame in its parent, the joints of `joints` being at *positions* (rad or m)."""
-        found = list(self._still)
+        """Return every frame's transform in its parent.
+
+        Args:
+            positions: The positions of the joints in `joints` (rad or m).
+            stamp: The time of the transforms (ns).
+        """
+        frames = list(self._still)
         for joint, position in zip(self._moving, positions, strict=True):
-            found.append((joint.child, joint.parent, joint.place(position)))
+            frames.append((joint.child, joint.parent, joint.place(position)))
         return [
             TransformStamped(child, parent, place.position, place.quaternion, stamp)
-            for child, parent, place in found
+            for child, parent, place in frames
         ]
 
     def _check(self, description: RobotDescription) -> None:
@@ -79,19 +91,19 @@ class Kinematics:
         for child, parent in parents.items():
             if parent not in known:
                 raise SimError(
-                    f"robot '{description.name}': frame '{child}' is fixed to '{parent}', which isn't there: "
-                    f"{did_you_mean(parent, known)}there are {', '.join(known)}"
+                    f"robot '{description.name}': frame '{child}' is fixed to '{parent}', which does not "
+                    f"exist: {did_you_mean(parent, known)}frames are {', '.join(known)}"
                 )
         for child in parents:
-            way = [child]
-            while way[-1] in parents:
-                if parents[way[-1]] in way:
+            chain = [child]
+            while chain[-1] in parents:
+                if parents[chain[-1]] in chain:
                     raise SimError(f"robot '{description.name}': frame '{child}' is fixed to itself")
-                way.append(parents[way[-1]])
+                chain.append(parents[chain[-1]])
 
 
 def from_rpy(rpy: Point) -> Quaternion:
-    """The quaternion (x, y, z, w) of a turn about the fixed axes x, then y, then z (rad), as URDF has it."""
+    """Return the quaternion (x, y, z, w) of a URDF's roll, pitch, yaw (rad; fixed axes x, then y, then z)."""
     (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in rpy)
     return (
         sr * cp * cy - cr * sp * sy,
@@ -102,7 +114,7 @@ def from_rpy(rpy: Point) -> Quaternion:
 
 
 def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool]]]:
-    """The root link's name, and the joints but those of wheels and casters, each with whether it moves."""
+    """Return the root link, and the joints (without wheels and casters), each with whether it moves."""
     robot = ElementTree.parse(description.urdf).getroot()
     children = {child.get("link") for child in robot.iterfind("joint/child")}
     roots = [str(link.get("name")) for link in robot.iterfind("link") if link.get("name") not in children]
@@ -127,19 +139,19 @@ def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool
 
 
 def _mounted(description: RobotDescription) -> list[FixedFrame]:
-    """The frames of sensors that neither the description nor its URDF has by name."""
+    """Return the frames of sensors that neither the description nor its URDF defines."""
     laser, camera, sonars = description.laser, description.camera, description.sonars
-    found = [FixedFrame(laser.facts.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
-    found += [FixedFrame(one.frame, one.link, one.position, (0.0, 0.0, one.yaw)) for one in sonars]
+    frames = [FixedFrame(laser.facts.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
+    frames += [FixedFrame(sonar.frame, sonar.link, sonar.position, (0.0, 0.0, sonar.yaw)) for sonar in sonars]
     if camera is not None:
         mount = f"{camera.frame}_mount"
-        found.append(FixedFrame(mount, camera.link, camera.position, (camera.roll, 0.0, 0.0)))
-        found.append(FixedFrame(camera.frame, mount, (0.0, 0.0, 0.0), OPTICAL))
+        frames.append(FixedFrame(mount, camera.link, camera.position, (camera.roll, 0.0, 0.0)))
+        frames.append(FixedFrame(camera.frame, mount, (0.0, 0.0, 0.0), OPTICAL))
         if any(frame.name == camera.frame for frame in description.frames):
-            del found[-2:]
+            del frames[-2:]
     links = {link.get("name") for link in ElementTree.parse(description.urdf).getroot().iterfind("link")}
     named = {frame.name for frame in description.frames} | links
-    return [frame for frame in found if frame.name not in named]
+    return [frame for frame in frames if frame.name not in named]
 
 
 def _attribute(element: ElementTree.Element, tag: str, key: str, default: str = "") -> str:

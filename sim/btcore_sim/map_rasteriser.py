@@ -1,4 +1,4 @@
-"""The map of a world, drawn from what stands in it: what a laser would find on a perfect mapping run."""
+"""The occupancy map of a world, drawn from its objects: the result of a perfect mapping run."""
 
 import math
 
@@ -11,26 +11,32 @@ from btcore_sim.scene import Rectangle, Scene, SceneObject
 from btcore_sim.world import scene_extent
 
 LASER_HEIGHT = 0.0945
-"""m above the floor; what this plane cuts is on a map."""
+"""Height of Tiago's laser above the floor (m). The map shows the objects that this plane cuts."""
 
 ROBOT_HEIGHT = 1.45
-"""m, of Tiago with its torso lifted; what hangs lower, and not in the laser's plane, is kept out of."""
+"""Height of Tiago with its torso lifted (m). Lower objects outside the laser's plane are keep-out areas."""
 
 RESOLUTION = 0.05
-"""m a cell, of the maps that come along."""
+"""Side length (m) of a cell of the maps that are part of the package."""
 
-_MARGIN = 2  # cells around the outermost thing
-_UNDERFOOT = 0.02  # m; what ends below, a robot drives over
+_MARGIN = 2  # cells around the outermost object
+_UNDERFOOT = 0.02  # m: the robot drives over lower objects
 
 
 def rasterise(
     scene: Scene, resolution: float = RESOLUTION, *, height: float = LASER_HEIGHT, movable: bool = False
 ) -> OccupancyMap:
-    """The map of what always stays where it is (and of the *movable* where it begins) and meets *height* (m).
+    """Return the map of the static objects that cut the laser's plane.
 
-    A cell is occupied when its middle is less than half a cell from a thing, free when it can be reached
-    from where the robot starts over cells that are not occupied, else unknown. Keep-outs are the scene's own
-    and the outlines of what hangs within a robot's height but out of the plane, as table tops do.
+    A cell is occupied if its middle is less than half a cell from an object, free if it can be reached from
+    the robot's start over cells that are not occupied, and otherwise unknown. The keep-out areas are the
+    scene's own, and the outlines of objects below the robot's height that do not cut the plane (table tops).
+
+    Args:
+        scene: The world.
+        resolution: The side length of a cell (m).
+        height: The height of the laser's plane (m).
+        movable: Whether to draw movable objects too, at their initial poses.
     """
     x0, y0, x1, y1 = scene_extent(scene)
     origin = _snapped(x0, resolution), _snapped(y0, resolution)
@@ -47,25 +53,32 @@ def rasterise(
 
 
 def overhangs(scene: Scene, height: float = LASER_HEIGHT) -> tuple[Rectangle, ...]:
-    """The outlines of what stays where it is and a robot would hit, but a laser at *height* (m) can't see."""
-    found = []
+    """Return the outlines of static objects that the robot can hit but a laser at *height* (m) misses."""
+    outlines = []
     for thing in scene.things:
         low, high = thing.position[2], thing.position[2] + thing.size[2]
         if thing.still and not thing.meets(height) and low < ROBOT_HEIGHT and high > _UNDERFOOT:
             x0, y0, x1, y1 = thing.outline()
-            found.append((round(x0, 6), round(y0, 6), round(x1, 6), round(y1, 6)))
-    return tuple(found)
+            outlines.append((round(x0, 6), round(y0, 6), round(x1, 6), round(y1, 6)))
+    return tuple(outlines)
 
 
 def _snapped(edge: float, resolution: float) -> float:
-    """A corner on the grid of *resolution*, so that walls drawn on that grid fill whole cells."""
+    """Return a corner on the grid of *resolution*, so that walls drawn on that grid fill whole cells."""
     return round((math.floor(edge / resolution + 1e-9) - _MARGIN) * resolution, 9)
 
 
 def draw(
     thing: SceneObject, cells: NDArray[np.bool_], origin: tuple[float, float], resolution: float
 ) -> None:
-    """Set those *cells* (row 0 at *origin*'s y) whose middles are less than half a cell from *thing*."""
+    """Set the cells whose middles are less than half a cell from *thing*.
+
+    Args:
+        thing: The object.
+        cells: The cells, shape ``(rows, columns)``, row 0 at the origin's y; changed in place.
+        origin: The lower left corner of the cells (m).
+        resolution: The side length of a cell (m).
+    """
     x0, y0, x1, y1 = thing.outline()
     first_row, last_row = (math.floor((y - origin[1]) / resolution) for y in (y0, y1))
     first_col, last_col = (math.floor((x - origin[0]) / resolution) for x in (x0, x1))
@@ -84,11 +97,11 @@ def draw(
 
 
 def _reached(map: OccupancyMap, scene: Scene) -> NDArray[np.bool_]:
-    """Which cells can be walked to, side by side, from the start, or from anywhere in the start's area."""
+    """Return the cells that are connected (by their sides) with the start pose or the start area."""
     empty = ~map.occupied
     _, regions = cv2.connectedComponents(empty.astype(np.uint8), connectivity=4)
     x0, y0, x1, y1 = scene.area
     (row, col), (last_row, last_col) = map.cell(x0, y0), map.cell(x1, y1)
-    begun = np.unique(regions[max(row, 0) : max(last_row + 1, 0), max(col, 0) : max(last_col + 1, 0)])
-    mask: NDArray[np.bool_] = empty & np.isin(regions, begun)
+    starts = np.unique(regions[max(row, 0) : max(last_row + 1, 0), max(col, 0) : max(last_col + 1, 0)])
+    mask: NDArray[np.bool_] = empty & np.isin(regions, starts)
     return mask

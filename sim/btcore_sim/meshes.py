@@ -1,7 +1,7 @@
-"""Shapes as flat faces of four corners, for the renderer: boxes, cylinders and spheres.
+"""Boxes, cylinders and spheres as flat faces with four corners, for the renderer.
 
-A face's corners go counter-clockwise when seen from outside. Round shapes become prisms and polyhedra around
-the true ones, of so many sides that in a picture the difference is a pixel or less.
+A face's corners are counter-clockwise when seen from outside. Round shapes become prisms and polyhedra with
+enough sides that the difference in a picture is at most a pixel.
 """
 
 import math
@@ -26,13 +26,13 @@ _CUBE = (
 
 
 def box(size: Sequence[float]) -> Floats:
-    """The six faces of a box of *size* (m, full) about the origin, shape ``(6, 4, 3)``."""
+    """Return the six faces of a box of full extent *size* (m) around the origin, shape ``(6, 4, 3)``."""
     faces: Floats = np.array(_CUBE, dtype=np.float64) * (np.asarray(size, dtype=np.float64) / 2)
     return faces
 
 
 def cylinder(radius: float, length: float) -> Floats:
-    """The faces of an upright cylinder (m) about the origin, shape ``(n, 4, 3)``."""
+    """Return the faces of an upright cylinder (m) around the origin, shape ``(n, 4, 3)``."""
     around = np.linspace(0.0, 2 * math.pi, _SIDES + 1)
     x, y = radius * np.cos(around), radius * np.sin(around)
     half = length / 2
@@ -48,7 +48,7 @@ def cylinder(radius: float, length: float) -> Floats:
 
 
 def sphere(radius: float) -> Floats:
-    """The faces of a sphere (m) about the origin, shape ``(n, 4, 3)``."""
+    """Return the faces of a sphere (m) around the origin, shape ``(n, 4, 3)``."""
     around = np.linspace(0.0, 2 * math.pi, _SIDES // 2 + 1)
     up = np.linspace(-math.pi / 2, math.pi / 2, _RINGS + 1)
 
@@ -65,7 +65,12 @@ def sphere(radius: float) -> Floats:
 
 
 def shape(kind: str, size: Sequence[float]) -> Floats:
-    """The faces of a ``box`` (sides), a ``cylinder`` (diameter twice, height) or a ``sphere`` (radius)."""
+    """Return the faces of a shape around the origin, shape ``(n, 4, 3)``.
+
+    Args:
+        kind: ``box``, ``cylinder`` or ``sphere``.
+        size: In m: three sides of a box; diameter, diameter, height of a cylinder; radius of a sphere.
+    """
     if kind == "box":
         return box(size)
     if kind == "cylinder":

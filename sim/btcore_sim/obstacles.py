@@ -1,4 +1,4 @@
-"""Boxes that stand about in a world where its map has nothing, and that a push moves."""
+"""Movable boxes at random places that are not on the world's map."""
 
 import math
 from dataclasses import replace
@@ -10,21 +10,28 @@ from btcore_sim.errors import SimError
 from btcore_sim.scene import Scene, SceneObject
 
 PASSAGE = 0.9
-"""m that stay free beside every box, wide enough for a robot at one side of it."""
+"""Width (m) that stays free on one side of every box, enough for a robot to pass."""
 
 FROM_WAYPOINTS = 1.0
-"""m between a box and every waypoint, and the start."""
+"""Smallest distance (m) between a box and any waypoint or the start."""
 
-_MASS = 6.0
+_MASS = 6.0  # kg
 _COLOR = (122, 132, 70, 255)
-_TRIES = 300
+_TRIES = 300  # attempts to place a box
 
 
 def with_obstacles(scene: Scene, count: int, random: np.random.Generator) -> Scene:
-    """The scene with *count* boxes of 0.3–0.5 m on its free floor, none of which blocks a way.
+    """Return the scene with additional boxes of 0.3–0.5 m on its free floor that block no way.
 
-    Whoever needs `PASSAGE` can still go from everywhere to everywhere it could: between waypoints, and past
-    each box. Raises `SimError` when there is no room for so many.
+    A robot that needs `PASSAGE` can still drive between all waypoints, and past each box.
+
+    Args:
+        scene: The world.
+        count: The number of boxes.
+        random: The random generator.
+
+    Raises:
+        SimError: There is not enough room for *count* boxes.
     """
     for number in range(count):
         floor = ClearanceMap.of(scene)
@@ -59,9 +66,13 @@ def _draw(scene: Scene, floor: ClearanceMap, name: str, random: np.random.Genera
 
 
 def passable(floor: ClearanceMap, box: SceneObject, course: float | None = None) -> bool:
-    """Whether `PASSAGE` is free on one side of *box* at least, for who passes it on *course* (rad).
+    """Check that `PASSAGE` is free on at least one side of a box.
 
-    Without a course each of the box's own directions will do.
+    Args:
+        floor: The clearance map without the box.
+        box: The box.
+        course: The direction in which a robot passes (rad). With None, a passage along either of the box's
+            own axes is enough.
     """
     for along in (course,) if course is not None else (box.yaw, box.yaw + math.pi / 2):
         cos, sin = math.cos(along), math.sin(along)

@@ -1,4 +1,4 @@
-"""People who walk through a world: along straight lines between random places, and they mind the robot."""
+"""Simulated people. They walk on straight lines between random places, and stop for the robot."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,30 +13,43 @@ from btcore_sim.scene import Color, Scene, SceneObject
 from btcore_sim.world import World
 
 RADIUS = 0.25
+"""m."""
+
 HEIGHT = 1.7
+"""m."""
+
 SPEED = 0.5
-"""m/s."""
+"""Walking speed (m/s)."""
 
 POLITE = 0.5
-"""m, edge to edge, that a person leaves to a robot ahead."""
+"""Distance (m, edge to edge) that a person keeps from a robot ahead."""
 
 FROM_WALLS = 0.35
-"""m that a person keeps from what stands in a world."""
+"""Distance (m) that a person keeps from walls and objects."""
 
 _NAME = "person_"
-_RATE = 20.0  # Hz of decisions; between two of them the engine moves everybody on
-_ROOM = RADIUS + FROM_WALLS + 0.03  # m around a person on the way; what stands there is known to half a cell
-_PERSONAL = 0.3  # m that people leave to each other
-_AGAIN = 0.1  # m more than what stopped a person until it walks on
-_CHOICES = 4  # goals that a person thinks of
-_TRIES = 20  # and how often, to find these
-_PATIENCE = 2.0  # s a person stands before it goes somewhere else
-_FAR = 1.5  # m from the robot and 1 m from each other at the start
+_RATE = 20.0  # Hz of decisions; between two decisions the engine moves the bodies by their velocities
+_ROOM = RADIUS + FROM_WALLS + 0.03  # m: the clearance of a path; the map is exact to half a cell (0.025 m)
+_PERSONAL = 0.3  # m that people keep from each other
+_AGAIN = 0.1  # m: hysteresis; a person walks on when the distance is larger by this than when it stopped
+_CHOICES = 4  # candidates for a goal, of which the farthest is taken
+_TRIES = 20  # attempts to find the candidates
+_PATIENCE = 2.0  # s for which a person waits before it chooses another goal
+_FAR = 1.5  # m between a person and the robot at the start; between two people it is 1 m
 _SHIRTS: tuple[Color, ...] = ((58, 92, 160, 255), (160, 62, 84, 255), (70, 130, 92, 255), (110, 84, 150, 255))
 
 
 def with_people(scene: Scene, count: int, random: np.random.Generator) -> Scene:
-    """The scene with *count* people on its free floor; raises `SimError` when there is no room for them."""
+    """Return the scene with additional people on its free floor.
+
+    Args:
+        scene: The world.
+        count: The number of people.
+        random: The random generator.
+
+    Raises:
+        SimError: There is not enough room for *count* people.
+    """
     floor = ClearanceMap.of(scene)
     taken = [(scene.pose.x, scene.pose.y)] if scene.pose is not None else []
     things: list[SceneObject] = []
@@ -69,7 +82,7 @@ def _place(
 
 @dataclass(slots=True)
 class Person:
-    """One person: where it is, where it goes, how fast (m/s) now, and since when (s) it stands."""
+    """A person: position and goal (m), present speed (m/s), and how long (s) the person has been standing."""
 
     body: int
     x: float
@@ -81,15 +94,16 @@ class Person:
 
     @property
     def heading(self) -> float:
-        """The direction (rad) of the goal."""
+        """The direction of the goal (rad)."""
         return math.atan2(self.goal[1] - self.y, self.goal[0] - self.x)
 
 
 class PeopleSimulation:
-    """The people of a world, walking at `SPEED`. *robot* tells where the robot is, *radius* (m) its size.
+    """The people of a world, who walk at `SPEED`.
 
-    A person stops when the robot is ahead and within `POLITE`; who has stood for a while goes where the robot
-    is not ahead. Nobody walks into a robot that stands, or into anything that *floor* knows of.
+    *robot* returns the robot's pose, and *radius* (m) is the robot's. A person stops when the robot is ahead
+    and nearer than `POLITE`. After a while the person chooses a goal in a direction away from the robot.
+    People do not walk into a standing robot, nor into the obstacles of the *floor*.
     """
 
     def __init__(self, world: World, floor: ClearanceMap, robot: Callable[[], Pose2D], radius: float) -> None:
@@ -106,11 +120,12 @@ class PeopleSimulation:
             world.schedule.every(_RATE, Phase.PHYSICS, self._decide)
 
     def places(self) -> list[Point]:
-        """Where everybody is."""
-        return [(one.x, one.y) for one in self.people]
+        """Return the positions of all people (m)."""
+        return [(person.x, person.y) for person in self.people]
 
     def _decide(self, now: int) -> None:
         robot = self._robot()
+        # All people move before anybody decides, so that decisions do not depend on the order of the people.
         for person in self.people:
             step = min(person.speed / _RATE, math.dist((person.x, person.y), person.goal))
             heading = person.heading
@@ -133,7 +148,7 @@ class PeopleSimulation:
             self._world.move_kinematic_body(person.body, person.x, person.y, person.heading, v=person.speed)
 
     def _open(self, person: Person) -> bool:
-        """Whether nothing has come to stand on the next bit of the way."""
+        """Return whether the next 0.3 m of the path are free of new obstacles."""
         left = math.dist((person.x, person.y), person.goal)
         ahead = min(0.3, left)
         x = person.x + ahead * math.cos(person.heading)
@@ -141,11 +156,14 @@ class PeopleSimulation:
         return self._floor.clearance_at(x, y) >= self._needed(person) - self._floor.map.resolution
 
     def _needed(self, person: Person) -> float:
-        """Room (m) on the way: less for who stands where less has become of it."""
+        """Return the clearance (m) that a path needs: less if the person's own place has less clearance."""
         return min(_ROOM, self._floor.clearance_at(person.x, person.y))
 
     def _choose(self, person: Person, away_from: Sequence[Point]) -> None:
-        """A new goal, rather a far one, that leads nearer to none of *away_from*; none is standing still."""
+        """Choose the farthest of some random goals whose direction leads nearer to none of *away_from*.
+
+        Without a suitable goal the person keeps the old goal if *away_from* is given, and otherwise stands.
+        """
         here = before = (person.x, person.y)
         if away_from:
             before = person.goal
@@ -160,10 +178,10 @@ class PeopleSimulation:
         person.goal = max(goals, key=lambda goal: math.dist(here, goal), default=before)
 
     def _hindering(self, person: Person, robot: Pose2D) -> list[Point]:
-        """Where those are for whom *person* has to stand."""
+        """Return the positions (m) of the robot and the people for which *person* has to stop."""
         more = _AGAIN if person.speed == 0.0 else SPEED / _RATE
         others = [(robot.x, robot.y, self._reach + POLITE)]
-        others += [(one.x, one.y, 2 * RADIUS + _PERSONAL) for one in self.people if one is not person]
+        others += [(other.x, other.y, 2 * RADIUS + _PERSONAL) for other in self.people if other is not person]
         return [
             (x, y)
             for x, y, apart in others
@@ -172,6 +190,6 @@ class PeopleSimulation:
 
 
 def _ahead(person: Person, place: Point) -> bool:
-    """Whether walking on brings the person nearer to *place*."""
+    """Return whether walking on brings the person nearer to *place*."""
     heading = person.heading
     return math.cos(heading) * (place[0] - person.x) + math.sin(heading) * (place[1] - person.y) > 0.0

@@ -1,4 +1,4 @@
-"""A described robot as a body of the physics engine: its joints and links by name, its motors, its poses."""
+"""A robot as a body of the physics engine: joints and links by name, motors and poses."""
 
 import math
 from collections.abc import Sequence
@@ -16,13 +16,17 @@ Pose3D = tuple[Vector, Quaternion]
 
 
 class PhysicsBody:
-    """The body in the engine. Raises `SimError` when the URDF and the description don't fit."""
+    """The robot's body in the engine.
+
+    Raises:
+        SimError: The engine cannot read the URDF, or the description names links or joints that it lacks.
+    """
 
     def __init__(self, world: World, description: RobotDescription, start: Pose2D) -> None:
         self.description = description
         self._client = world.client
         self.body_id = self._load(start)
-        """The body's number in the physics engine."""
+        """The engine's number of the body."""
         self.joints: dict[str, int] = {}
         """The engine's number of every joint, by name."""
         self.links = {pybullet.getBodyInfo(self.body_id, physicsClientId=self._client)[0].decode(): -1}
@@ -34,15 +38,22 @@ class PhysicsBody:
         self._set_ground_links()
 
     def joint(self, name: str) -> int:
-        """The number of the joint called *name*."""
+        """Return the engine's number of the joint *name*. Raises `SimError` for an unknown joint."""
         return self._known("joint", name, self.joints)
 
     def link(self, name: str) -> int:
-        """The number of the link called *name*."""
+        """Return the engine's number of the link *name*. Raises `SimError` for an unknown link."""
         return self._known("link", name, self.links)
 
     def hold(self, joint: int, position: float, force: float, speed: float) -> None:
-        """Bring a joint to *position* (m or rad) and hold it, with at most *force* and *speed*."""
+        """Move a joint to a position and hold it there.
+
+        Args:
+            joint: The engine's number of the joint.
+            position: The target (m or rad).
+            force: The motor's greatest force (N or N·m).
+            speed: The joint's greatest speed (m/s or rad/s).
+        """
         pybullet.setJointMotorControl2(
             self.body_id,
             joint,
@@ -54,7 +65,13 @@ class PhysicsBody:
         )
 
     def spin(self, joints: Sequence[int], rates: Sequence[float], torque: float) -> None:
-        """Turn joints at *rates* (rad/s) with at most *torque* (N·m)."""
+        """Turn joints at constant speeds.
+
+        Args:
+            joints: The engine's numbers of the joints.
+            rates: The speed of each joint (rad/s).
+            torque: The motors' greatest torque (N·m).
+        """
         pybullet.setJointMotorControlArray(
             self.body_id,
             joints,
@@ -65,17 +82,17 @@ class PhysicsBody:
         )
 
     def joint_positions(self, joints: Sequence[int]) -> list[float]:
-        """How far (rad or m) each of the joints is."""
+        """Return the positions (rad or m) of the joints."""
         states = pybullet.getJointStates(self.body_id, joints, physicsClientId=self._client)
         return [state[0] for state in states]
 
     def place(self) -> Pose3D:
-        """Where the base link is in the world."""
+        """Return the pose of the base link in the world frame."""
         place, turned = pybullet.getBasePositionAndOrientation(self.body_id, physicsClientId=self._client)
         return place, turned
 
     def put(self, pose: Pose2D) -> None:
-        """Stand the body at *pose*, upright and as high as it is now, and at rest."""
+        """Place the body at *pose*, upright, at rest, and at its present height."""
         height = self.place()[0][2]
         turned = [0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)]
         engine = {"physicsClientId": self._client}
@@ -83,12 +100,13 @@ class PhysicsBody:
         pybullet.resetBaseVelocity(self.body_id, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], **engine)
 
     def link_place(self, link: int) -> Pose3D:
-        """Where a link's frame is in the world."""
+        """Return the pose of a link's frame in the world frame."""
         if link < 0:
             return self.place()
         state = pybullet.getLinkState(
             self.body_id, link, computeForwardKinematics=1, physicsClientId=self._client
         )
+        # Elements 4 and 5 are the URDF's link frame; 0 and 1 would be the centre of mass.
         return state[4], state[5]
 
     def _load(self, start: Pose2D) -> int:
@@ -99,21 +117,21 @@ class PhysicsBody:
                 str(self.description.urdf), place, turned, physicsClientId=self._client
             )
         except pybullet.error:
-            raise SimError(f"{self.description.urdf}: the physics engine can't read this URDF") from None
+            raise SimError(f"{self.description.urdf}: the physics engine cannot read this URDF") from None
         return number
 
     def _known(self, kind: str, name: str, known: dict[str, int]) -> int:
         if name not in known:
             raise SimError(
                 f"{self.description.urdf}: robot '{self.description.name}' has no {kind} '{name}': "
-                f"{did_you_mean(name, known)}there are {', '.join(known)}"
+                f"{did_you_mean(name, known)}{kind}s are {', '.join(known)}"
             )
         return known[name]
 
     def _set_ground_links(self) -> None:
-        """Wheels and casters touch the floor only, and the rest of the robot all but the floor.
+        """Let wheels and casters touch only the floor, and the other links everything except the floor.
 
-        A wheel's sphere reaches beyond the hull, and would climb walls.
+        A wheel is a sphere that extends beyond the hull, so it would climb up walls.
         """
         wheels = self.description.wheels
         ground = [self.link(name) for name in wheels.ground]
@@ -124,6 +142,6 @@ class PhysicsBody:
                 pybullet.setCollisionFilterGroupMask(self.body_id, link, HULL, MOVABLE | STATIC, **engine)
                 continue
             pybullet.setCollisionFilterGroupMask(self.body_id, link, GROUND_LINK, FLOOR, **engine)
-            # In one call with a damping the engine drops the friction of a link without a word.
+            # A separate call: the engine silently ignores a link's friction when the call also sets damping.
             friction = 0.0 if link in sliding else 1.0
             pybullet.changeDynamics(self.body_id, link, lateralFriction=friction, **engine)

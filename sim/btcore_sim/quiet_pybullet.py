@@ -1,10 +1,13 @@
-"""The physics engine, imported without the greeting that it writes to stderr."""
+"""The import of PyBullet without the build banner that it writes to stderr.
+
+The banner is written by C code, so that redirecting `sys.stderr` does not suppress it.
+"""
 
 import os
 
 
 def _hush() -> int:
-    """Send stderr, the file descriptor, nowhere; return where it went before."""
+    """Redirect file descriptor 2 (stderr) to the null device; return a duplicate of the old descriptor."""
     before = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)

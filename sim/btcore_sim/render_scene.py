@@ -1,4 +1,4 @@
-"""What a camera can see of a world: every shape as coloured faces, where it is now."""
+"""The visible surfaces of a world and its robot, as coloured faces at their present poses."""
 
 import math
 
@@ -13,36 +13,37 @@ from btcore_sim.scene import SceneObject
 from btcore_sim.world import World, scene_extent
 
 _KINDS = {pybullet.GEOM_BOX: "box", pybullet.GEOM_CYLINDER: "cylinder", pybullet.GEOM_SPHERE: "sphere"}
-_THICK = 0.01  # m of floor
+_THICK = 0.01  # m: thickness of the floor
 
 
 class RenderScene:
-    """The faces of the floor, of all things and of the robot itself. Meshes of a URDF are left out."""
+    """The faces of the floor, of all objects and of the robot itself. A URDF's meshes are left out."""
 
     def __init__(self, world: World, model: PhysicsBody) -> None:
         self._world = world
         self._model = model
         still = [_standing(thing) for body, thing in world.bodies.items() if body not in world.movable]
         still.append(_floor(world))
-        self._still = np.concatenate([one for one, _ in still])
+        self._still = np.concatenate([faces for faces, _ in still])
         self._moved = [(body, *_shaped(world.bodies[body])) for body in world.movable]
         self._robot = _robot(world, model)
-        painted = [*still, *(one[1:] for one in self._moved), *(one[1:] for one in self._robot)]
+        # The order of the faces in `now`.
+        painted = [*still, *(entry[1:] for entry in self._moved), *(entry[1:] for entry in self._robot)]
         self.colors = np.concatenate([np.tile(color, (len(shape), 1)) for shape, color in painted])
         """The colour (RGB, 0–255) of every face, shape ``(n, 3)``."""
 
     def now(self) -> Floats:
-        """All faces in the frame of the world, shape ``(n, 4, 3)``; the robot's own are the last ones."""
-        found = [self._still]
+        """Return all faces in the world frame (m), shape ``(n, 4, 3)``; the robot's own faces come last."""
+        faces = [self._still]
         for body, shape, _ in self._moved:
             place, turned = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
-            found.append(Transform(place, turned).apply(shape))
+            faces.append(Transform(place, turned).apply(shape))
         places: dict[int, Transform] = {}
         for link, shape, _ in self._robot:
             if link not in places:
                 places[link] = Transform(*self._model.link_place(link))
-            found.append(places[link].apply(shape))
-        return np.concatenate(found)
+            faces.append(places[link].apply(shape))
+        return np.concatenate(faces)
 
 
 def _shaped(thing: SceneObject) -> tuple[Floats, Floats]:
@@ -64,14 +65,14 @@ def _floor(world: World) -> tuple[Floats, Floats]:
 
 
 def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]:
-    """The URDF's shapes: the link, the faces in its frame, and the colour."""
-    found: list[tuple[int, Floats, Floats]] = []
-    for one in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
-        _, link, geometry, size, _, place, turned, color, *_ = one
+    """Return the URDF's shapes: the link, the faces in the link's frame, and the colour."""
+    shapes: list[tuple[int, Floats, Floats]] = []
+    for visual in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
+        _, link, geometry, size, _, place, turned, color, *_ = visual
         if geometry not in _KINDS:
             continue
-        # The engine has a cylinder's length before its radius.
+        # The engine's size of a cylinder is its length, then its radius.
         sizes = (2 * size[1], 2 * size[1], size[0]) if geometry == pybullet.GEOM_CYLINDER else size
         shape = Transform(place, turned).apply(meshes.shape(_KINDS[geometry], sizes))
-        found.append((link, shape, 255.0 * np.array(color[:3], dtype=np.float64)))
-    return found
+        shapes.append((link, shape, 255.0 * np.array(color[:3], dtype=np.float64)))
+    return shapes

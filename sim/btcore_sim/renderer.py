@@ -1,8 +1,9 @@
-"""A picture of flat faces, with depth: what a pinhole camera sees of boxes, cylinders and spheres.
+"""A software renderer: pictures with depth of flat faces, as a pinhole camera sees them.
 
-Each face that looks at the camera is filled as a polygon, and the nearest face wins in every pixel: over a
-plane the inverse of the depth is linear in column and row. 320x240 pixels of a furnished house take 2 to 7
-ms, a quarter of the engine's own software renderer, whose pictures a test compares with these.
+Each face that is turned to the camera is filled as a polygon, and the nearest face wins in every pixel. The
+depth test compares inverse depths, because over a plane the inverse of the depth is linear in column and row.
+320x240 pixels of a furnished house take 2 to 7 ms, a quarter of the time of PyBullet's own software renderer.
+A test compares the pictures of both.
 """
 
 import math
@@ -14,21 +15,21 @@ from btcore_robot.robot import CameraInfo
 from btcore_sim.meshes import Floats
 
 SKY = (196, 208, 220)
-"""The colour (RGB) of where there is nothing."""
+"""The background colour (RGB)."""
 
-_LIGHT = np.array([0.35, 0.22, 0.91])  # from where the light comes, length 1
-_AMBIENT = 0.72  # of a face's colour is there without light: a picture has to tell colours, not to be pretty
-_LEVEL = 1e-9  # pixels: an edge flatter than this crosses no row but where it begins
+_LIGHT = np.array([0.35, 0.22, 0.91])  # direction of the light, length 1
+_AMBIENT = 0.72  # ambient light, as a fraction; high, so that colour detection works on every face
+_LEVEL = 1e-9  # pixels: the smallest height of an edge, to avoid a division by 0
 
 
 class Renderer:
-    """Draws pictures of one camera."""
+    """The renderer of a camera's pictures."""
 
     def __init__(self, facts: CameraInfo) -> None:
         self.facts = facts
         self._columns = ((np.arange(facts.width) - facts.cx) / facts.fx).astype(np.float32)
         self._rows = ((np.arange(facts.height) - facts.cy) / facts.fy).astype(np.float32)
-        # The normals of the planes through the lens and the picture's edges, pointing inwards.
+        # The normals of the planes through the pinhole and the picture's edges, pointing inwards.
         left, right = self._columns[0] - 1.0 / facts.fx, self._columns[-1] + 1.0 / facts.fx
         top, bottom = self._rows[0] - 1.0 / facts.fy, self._rows[-1] + 1.0 / facts.fy
         planes = ((1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom))
@@ -37,10 +38,17 @@ class Renderer:
     def draw(
         self, faces: Floats, colors: Floats, eye: Floats, axes: Floats
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Colours ``(height, width, 3)`` and depth (m, along z) ``(height, width)``, +inf where nothing is.
+        """Render a picture.
 
-        *faces* has shape ``(n, 4, 3)``, *colors* ``(n, 3)`` (0–255); *eye* is where the lens is, and the
-        columns of *axes* (3, 3) are the directions right, down and ahead.
+        Args:
+            faces: The corners of the faces in the world frame (m), shape ``(n, 4, 3)``.
+            colors: The faces' colours (RGB, 0–255), shape ``(n, 3)``.
+            eye: The camera's position in the world frame (m).
+            axes: The directions right, down and ahead as columns, shape ``(3, 3)``.
+
+        Returns:
+            Colours, shape ``(height, width, 3)``, and depth (m, along the camera's axis), shape ``(height,
+            width)``, with +inf for the background.
         """
         facts = self.facts
         seen, corners, normals = self._visible(faces, eye, axes)
@@ -55,7 +63,7 @@ class Renderer:
         return palette[owner], depth
 
     def _visible(self, faces: Floats, eye: Floats, axes: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
-        """Which faces may be seen; their corners and normals, by the camera's axes; the nearest first."""
+        """Return the visible faces, nearest first, with their corners and normals in camera axes."""
         corners = (faces - eye) @ axes
         normals = _normals(corners)
         toward = np.einsum("nk,nk->n", normals, corners[:, 0]) < -1e-9
@@ -84,7 +92,7 @@ class Renderer:
         top, bottom = max(0, math.ceil(v.min())), min(facts.height, math.floor(v.max()) + 1)
         if left >= right or top >= bottom:
             return
-        # Over the plane n·p = d a ray's depth z is d / (n·ray).
+        # On the plane n·p = d a ray (x, y, 1) has the depth z = d / (n·ray), so 1/z is linear in x and y.
         slope = (normal / (normal @ corners[0])).astype(np.float32)
         area = (slice(top, bottom), slice(left, right))
         nearer = (slope[1] * self._rows[top:bottom] + slope[2])[:, None]
@@ -97,7 +105,7 @@ class Renderer:
 
 
 def _spans(u: Floats, v: Floats, rows: Floats) -> tuple[Floats, Floats]:
-    """Where a convex polygon with corners *u*, *v* (pixels) begins and ends in each of *rows*."""
+    """Return the first and the last column of a convex polygon (corners *u*, *v* in pixels) in each row."""
     rise = np.roll(v, -1) - v
     rise[np.abs(rise) < _LEVEL] = _LEVEL
     part = (rows - v[:, None]) / rise[:, None]
@@ -107,7 +115,10 @@ def _spans(u: Floats, v: Floats, rows: Floats) -> tuple[Floats, Floats]:
 
 
 def _normals(corners: Floats) -> Floats:
-    """The faces' normals, pointing out of what they enclose; by the diagonals, as a corner may be double."""
+    """Return the outward normals of faces.
+
+    The diagonals are used because two corners of a face may coincide, so that an edge has no length.
+    """
     normals: Floats = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     return normals
 
@@ -120,11 +131,11 @@ def _shades(faces: Floats) -> Floats:
 
 
 def _clipped(corners: Floats, near: float) -> Floats:
-    """The part of a polygon that is at least *near* (m) ahead."""
+    """Return the part of a polygon with a depth of at least *near* (m), by Sutherland-Hodgman clipping."""
     kept: list[Floats] = []
-    for one, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        if one[2] >= near:
-            kept.append(one)
-        if (one[2] >= near) != (following[2] >= near):
-            kept.append(one + (following - one) * ((near - one[2]) / (following[2] - one[2])))
+    for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if corner[2] >= near:
+            kept.append(corner)
+        if (corner[2] >= near) != (following[2] >= near):
+            kept.append(corner + (following - corner) * ((near - corner[2]) / (following[2] - corner[2])))
     return np.array(kept)

@@ -1,10 +1,10 @@
-"""Robots as data: what a body is made of, and what it can do, read from a small JSON file.
+"""Descriptions of robots, read from JSON files.
 
-tiago.json beside this file is the example: the URDF (a path from the JSON file), the wheels, the base's
-limits and footprint, the laser, and, for a robot that has them, head, torso, camera and sonars. Sensors
-sit on a link of the URDF at a ``position`` (m), facing forward; a sonar may be turned by ``yaw``. ``frames``
-lists further frames, each fixed to a link or to another frame. Lengths are metres, angles radians,
-frequencies hertz.
+tiago.json beside this file is an example. A description names the URDF (a path relative to the JSON file),
+the wheels, the base's limits and footprint, the laser, and optionally head, torso, camera and sonars. Sensors
+are mounted on a link of the URDF at a ``position`` (m) and face forward; a sonar may be turned by ``yaw``.
+``frames`` lists further frames, each fixed to a link or to another frame. Lengths are in metres, angles in
+radians, frequencies in hertz.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ Point = tuple[float, float, float]
 class Wheels:
     """The two driven wheels: joint names, *radius* and *separation* (m), motor *torque* (N·m).
 
-    *ground* names the links that touch the floor and nothing else, *sliding* those of them without friction.
+    *ground* names the links that touch only the floor (wheels and casters), *sliding* those without friction.
     """
 
     left: str
@@ -47,7 +47,7 @@ class LaserMount:
 class CameraMount:
     """A camera on *link* at *position* (m); *roll* (rad) turns the link's axes to x forward, z up.
 
-    *fov* (rad) is the horizontal angle of view, *near* and *far* (m) bound what is drawn.
+    *fov* (rad) is the horizontal angle of view, *near* and *far* (m) are the limits of the rendered depth.
     """
 
     link: str
@@ -80,7 +80,7 @@ class TorsoJoint:
 
 @dataclass(frozen=True, slots=True)
 class SonarMount:
-    """A sonar on *link* at *position* (m), facing *yaw* (rad); *fov* (rad) is the cone's whole angle."""
+    """A sonar on *link* at *position* (m), facing *yaw* (rad); *fov* (rad) is the full angle of its cone."""
 
     frame: str
     link: str
@@ -93,11 +93,11 @@ class SonarMount:
 
 @dataclass(frozen=True, slots=True)
 class OdometryFacts:
-    """How often (Hz) the wheels are read, and how wrong they are.
+    """The rate (Hz) and the errors of the odometry. The errors are fractions; 0 is perfect.
 
-    *scale_sigma* is the spread of each wheel's scale, drawn once a run: what is taken for its radius against
-    what it is. *slip* is the part of its turning that the base doesn't make though the wheels tell of it, and
-    *slip_sigma* the spread of that from reading to reading. All are fractions, and 0 is perfect.
+    *scale_sigma* is the standard deviation of each wheel's scale (assumed radius divided by true radius),
+    which is drawn once per run. *slip* is the fraction by which the wheels measure more turning than the base
+    makes, and *slip_sigma* is its standard deviation between readings.
     """
 
     rate: float
@@ -108,7 +108,7 @@ class OdometryFacts:
 
 @dataclass(frozen=True, slots=True)
 class FixedFrame:
-    """A frame that stays where it is in *parent*: *position* (m), turned by *rpy* (rad; about x, y, z)."""
+    """A frame fixed in *parent* at *position* (m), turned by *rpy* (roll, pitch and yaw, rad)."""
 
     name: str
     parent: str
@@ -118,7 +118,7 @@ class FixedFrame:
 
 @dataclass(frozen=True, slots=True)
 class HeldJoint:
-    """A joint that is held at *position* with *force* (N or N·m) and at most *speed* (m/s or rad/s)."""
+    """A joint held at *position* (m or rad) with at most *force* (N or N·m) and *speed* (m/s or rad/s)."""
 
     joint: str
     position: float
@@ -128,7 +128,7 @@ class HeldJoint:
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """All that the simulator needs to know of a robot. *height* (m) is the base link's above the floor."""
+    """The description of a robot. *height* (m) is the height of the base link above the floor."""
 
     name: str
     urdf: Path
@@ -146,7 +146,7 @@ class RobotDescription:
     held: tuple[HeldJoint, ...]
 
     def with_noise(self, factor: float) -> "RobotDescription":
-        """The same robot, with errors of laser and odometry *factor* times as great; 0 is perfect."""
+        """Return the same robot with the errors of laser and odometry multiplied by *factor*."""
         odometry = self.odometry
         return replace(
             self,
@@ -161,15 +161,19 @@ class RobotDescription:
 
 
 PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)
-"""The odometry of a robot whose description says nothing of it."""
+"""The odometry of a robot whose description has no ``odometry``: 50 Hz, without errors."""
 
 
 def load_description(path: Path = TIAGO) -> RobotDescription:
-    """The robot described by the file at *path*; raises `SimError`."""
+    """Return the robot described by the JSON file at *path*.
+
+    Raises:
+        SimError: The file or its URDF does not exist, or a field is missing, unknown or invalid.
+    """
     record = read_record(path, "a robot")
     urdf = path.parent / record.text("urdf")
     if not urdf.is_file():
-        raise record.error(f"'urdf' names {urdf}, and there is no such file")
+        raise record.error(f"'urdf' names {urdf}, but there is no such file")
     description = RobotDescription(
         name=record.text("name"),
         urdf=urdf,
@@ -220,7 +224,9 @@ def _base(record: JsonRecord) -> BaseInfo:
         radius=record.number("radius", over=0.0),
     )
     if facts.v_min > 0.0:
-        raise record.error(f"'v_min' is {facts.v_min:g}: a base has to be able to stand, so at most 0")
+        raise record.error(
+            f"'v_min' is {facts.v_min:g}, but it has to be at most 0, so that the base can stand"
+        )
     record.reject_unknown_fields()
     return facts
 
@@ -271,7 +277,7 @@ def _camera(record: JsonRecord) -> CameraMount:
 def _torso(record: JsonRecord) -> TorsoJoint:
     low, high = record.numbers("limits", [2])
     if low >= high:
-        raise record.error(f"'limits' is [{low:g}, {high:g}], and the second has to be greater")
+        raise record.error(f"'limits' is [{low:g}, {high:g}], but the second value has to be greater")
     facts = TorsoInfo(low, high, record.number("speed", over=0.0))
     joint = TorsoJoint(facts, record.text("joint"), record.number("force", over=0.0))
     record.reject_unknown_fields()
@@ -302,7 +308,7 @@ def _odometry(record: JsonRecord) -> OdometryFacts:
         slip_sigma=record.number("slip_sigma", 0.0),
     )
     if min(facts.scale_sigma, facts.slip_sigma) < 0.0:
-        raise record.error("'scale_sigma' and 'slip_sigma' are spreads, and can't be below 0")
+        raise record.error("'scale_sigma' and 'slip_sigma' are standard deviations and have to be at least 0")
     record.reject_unknown_fields()
     return facts
 

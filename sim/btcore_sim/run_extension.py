@@ -1,4 +1,4 @@
-"""The robot for ``btcore run``: its options, the body that leaves are given, and what it reports."""
+"""The simulator's part of ``btcore run``: options, the robot that leaves use, and the report."""
 
 import math
 import sys
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class RobotExtension:
-    """Offers a `Robot` in a simulated world to trees that ask for one; others start no simulator.
+    """Provides a `Robot` in a simulated world to trees that need a robot. Other trees start no simulator.
 
-    It has every hook of `btcore.run_extension.RunExtension`, and doesn't inherit from it, as the simulator
-    imports nothing of btcore.
+    The class has all methods of `btcore.run_extension.RunExtension`. It does not inherit from that class,
+    because the simulator does not import btcore.
     """
 
-    used_by: str | None = "leaf that asks for a robot"
+    used_by: str | None = "leaf that needs a robot"
     is_fallback: bool = True
     options: Sequence[click.Option] = (
         click.Option(
@@ -33,26 +33,26 @@ class RobotExtension:
             default="arena",
             show_default=True,
             metavar="NAME",
-            help="The robot's world: a name, or a JSON file.",
+            help="The robot's world: a name or a JSON file.",
         ),
         click.Option(["--gui"], is_flag=True, help="Open the physics engine's window."),
         click.Option(
             ["--robot"],
             type=click.Path(path_type=Path),
             metavar="FILE.json",
-            help="Another robot than the Tiago, by its description.",
+            help="Description of a robot to use instead of the Tiago.",
         ),
         click.Option(
             ["--camera"],
             default="320x240@10",
             show_default=True,
             metavar="off|WxH@HZ",
-            help="The size and rate of pictures; they are drawn only when a leaf asks for one.",
+            help="Size and rate of the camera's pictures, which are rendered only when a leaf requests them.",
         ),
         click.Option(
             ["--start"],
             metavar="random|X,Y,YAW",
-            help="Where the robot begins (m, degrees), or a random free place; else by the world's own rule.",
+            help="Start pose (m, degrees), or a random free place.  [default: the world's own rule]",
         ),
         click.Option(
             ["--noise"],
@@ -60,7 +60,7 @@ class RobotExtension:
             default=1.0,
             show_default=True,
             metavar="FACTOR",
-            help="How noisy laser and odometry are: 0 makes them perfect, 2 twice as bad as the robot's are.",
+            help="Factor of the errors of laser and odometry: 0 removes them, 2 doubles them.",
         ),
         click.Option(
             ["--battery"],
@@ -68,13 +68,13 @@ class RobotExtension:
             default=100.0,
             show_default=True,
             metavar="PERCENT",
-            help="How full the robot's battery is at the start.",
+            help="Level of the robot's battery at the start.",
         ),
         click.Option(
             ["--fault"],
             multiple=True,
             metavar="PART:START-END",
-            help="Let laser, odometry, camera or wheel fail between two times (s); repeatable.",
+            help="Let laser, odometry, camera or wheel fail from START to END (s); repeatable.",
         ),
         click.Option(
             ["--people"],
@@ -82,7 +82,7 @@ class RobotExtension:
             default=0,
             show_default=True,
             metavar="N",
-            help="People who walk about in the world; they stop before the robot.",
+            help="Number of people who walk in the world; they stop in front of the robot.",
         ),
         click.Option(
             ["--obstacles"],
@@ -90,13 +90,13 @@ class RobotExtension:
             default=0,
             show_default=True,
             metavar="N",
-            help="Boxes at random places that no map has.",
+            help="Number of boxes at random places that are not on the map.",
         ),
         click.Option(
             ["--event"],
             multiple=True,
             metavar="KIND:TIME",
-            help="box:30 drops a box before the robot at 30 s, kidnap:60 carries it away; repeatable.",
+            help="box:30 drops a box in front of the robot at 30 s, kidnap:60 carries it away; repeatable.",
         ),
     )
 
@@ -108,46 +108,54 @@ class RobotExtension:
         self._report: dict[str, object] = {}
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
-        """Nothing."""
+        """Return nothing: the simulator needs no other resources."""
         return ()
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object] = ()
     ) -> Sequence[object]:
-        """The robot in its world and the world's map, as far as *wanted* has `Robot` and `OccupancyMap`.
+        """Return the simulated robot with its waypoints, and the world's map, as far as they are needed.
 
-        Where somebody else has *provided* a robot there is no simulated one, nor its world's map: who drives
-        the real one wants no figures of another. A user's mistake is a `click.UsageError`.
+        If another extension provides a robot, there is no simulated robot and no map: the simulated world
+        has nothing to do with a real robot.
+
+        Args:
+            settings: The values of the options.
+            wanted: The types that the tree's leaves need.
+            provided: The resources that other extensions provide.
+
+        Raises:
+            click.UsageError: An option has an invalid value, or a module is not installed.
         """
-        if any(isinstance(one, Robot) for one in provided):
+        if any(isinstance(resource, Robot) for resource in provided):
             return ()
         robot = any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
-        # Whoever wants a map has loaded this module: where it isn't loaded nobody does.
+        # A leaf that needs a map has imported this module already, so that an import here is not necessary.
         maps = getattr(sys.modules.get("btcore_robot.navigation.occupancy_map"), "OccupancyMap", None)
-        charted = maps is not None and maps in wanted
-        if not (robot or charted):
+        needs_map = maps is not None and maps in wanted
+        if not (robot or needs_map):
             return ()
-        found: list[object] = []
+        resources: list[object] = []
         try:
             if robot:
                 self._body, self._events = _make(settings)
-                found += [self._body, _waypoints(self._body)]
-            if charted:
-                found.append(_chart(settings))
-        except SimError as mistake:
-            raise click.UsageError(str(mistake)) from mistake
+                resources += [self._body, _waypoints(self._body)]
+            if needs_map:
+                resources.append(_map(settings))
+        except SimError as error:
+            raise click.UsageError(str(error)) from error
         except ModuleNotFoundError as missing:
             raise click.UsageError(
-                f"the simulated robot needs the module '{missing.name}'; "
-                "you can have it: pip install 'btcore[sim]'"
+                f"the simulated robot needs the module '{missing.name}', which is not installed: "
+                "pip install 'btcore[sim]'"
             ) from missing
-        return found
+        return resources
 
     @contextmanager
     def attach(
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
-        """Stop the robot when the run ends, however it ends, note how it went, and close the world."""
+        """Record the run. When the run ends, also with an error, stop the robot and close the world."""
         body = self._body
         metrics = _metrics(body, resources) if body is not None else None
         try:
@@ -162,16 +170,16 @@ class RobotExtension:
                 self._body = None
 
     def replace_tree(self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
-        """Nothing: the world goes on."""
+        """Do nothing: the world goes on."""
 
     def on_interrupt(self) -> None:
-        """Nothing: an interrupted run is judged as any other."""
+        """Do nothing: an interrupted run is reported like any other."""
 
     def report(self) -> dict[str, object]:
-        """``{"robot": {"distance_m", "collisions", "grazes", "pose", …}}`` of a run that has ended.
+        """Return ``{"robot": {"distance_m", "collisions", "grazes", "pose", …}}`` of a run that has ended.
 
-        What else is in it, `RunMetrics.figures` tells.
-        With people or events also ``"events"``, a list of what happened, when (s) and where (m).
+        `RunMetrics.figures` documents the other values. With people or events the report also contains
+        ``"events"``, a list of the events with time (s) and place (m).
         """
         return self._report
 
@@ -181,7 +189,7 @@ def _waypoints(body: "SimulatedRobot") -> Waypoints:
     return Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in places.items()})
 
 
-def _chart(settings: Mapping[str, Any]) -> object:
+def _map(settings: Mapping[str, Any]) -> object:
     from btcore_sim.map_rasteriser import rasterise
     from btcore_sim.scene import load_scene
 
@@ -189,7 +197,7 @@ def _chart(settings: Mapping[str, Any]) -> object:
 
 
 def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | None]":
-    # Here and not above: a tree without a robot must not load the physics engine.
+    # Imported here, because a tree without a robot must not load the physics engine.
     from btcore_sim.camera import parse_camera
     from btcore_sim.events import parse_event
     from btcore_sim.faults import parse_fault
@@ -202,7 +210,7 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
 
     noise = settings.get("noise", 1.0)
     if not math.isfinite(noise):
-        raise SimError(f"--noise {noise}: a factor is a number, 0 or greater")
+        raise SimError(f"--noise {noise}: the factor has to be a finite number of at least 0")
     description = load_description(settings.get("robot") or TIAGO).with_noise(noise)
     _check_rate(settings.get("rate"), description.base)
     camera = parse_camera(settings.get("camera", "off"))
@@ -218,7 +226,7 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
     world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)
     if math.isnan(level):
-        raise SimError("--battery nan: a battery's level is a number from 0 to 100")
+        raise SimError("--battery nan: the level has to be a number from 0 to 100")
     body = SimulatedRobot(world, description, camera=camera, faults=faults, battery=level)
     return body, scenario.begin(world, body, description.base.radius)
 
@@ -234,8 +242,8 @@ def _check_rate(rate: float | None, base: BaseInfo) -> None:
     if rate is not None and rate < least:
         raise SimError(
             f"--rate {rate:g} is too slow for a tree that drives: the base stops "
-            f"{base.command_timeout:g} s after a velocity command, so it "
-            f"has to be ticked {least:g} times a second or more"
+            f"{base.command_timeout:g} s after a velocity command, so the tree "
+            f"has to be ticked at least {least:g} times a second"
         )
 
 

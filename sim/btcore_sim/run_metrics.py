@@ -1,4 +1,4 @@
-"""How well a run went, by the truth that only the simulator knows: battery, odometry, localisation, goals."""
+"""Measures of a run from the simulator's ground truth: battery, odometry, localisation and goals."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,23 +9,23 @@ from btcore_robot.robot import NS_PER_S, GoalOutcome, NavigationReporter, Phase,
 from btcore_sim.simulated_robot import SimulatedRobot
 
 WARMED_UP = 10.0
-"""m driven before localisation is judged."""
+"""Distance (m) driven before the localisation error is measured."""
 
 RELOCALISED_ERROR = 0.3
-"""m between the true pose and the estimate within which a robot that was carried off has found itself."""
+"""Localisation error (m) up to which a robot counts as relocalised after it was carried away."""
 
 LOST_ERROR = 0.5
-"""m between them from which on an estimate is no good to drive by."""
+"""Localisation error (m) above which the estimate is too wrong for driving."""
 
 REACHED = 0.5
-"""m between the true pose and a goal that may count as reached."""
+"""Greatest distance (m) between the true pose and a goal that counts as reached."""
 
-_RATE = 10.0  # Hz
-_SAME_PLACE = 0.05  # m between a goal and the waypoint that it is
+_RATE = 10.0  # Hz of the measurements
+_SAME_PLACE = 0.05  # m: greatest distance between a goal and the waypoint that it stands for
 
 
 class KidnapRecovery:
-    """How a robot that was carried off after it had driven *driven* (m), at *began* (ns), got over it."""
+    """The recovery of a robot that was carried away at *began* (ns) after *driven* (m) of driving."""
 
     def __init__(self, began: int, driven: float) -> None:
         self._began = began
@@ -35,7 +35,13 @@ class KidnapRecovery:
         self._astray = 0.0
 
     def watch(self, now: int, driven: float, off: float | None) -> None:
-        """At *now* (ns) it has driven *driven* (m), and its estimate is *off* (m) the truth, or None."""
+        """Take a measurement.
+
+        Args:
+            now: The simulated time (ns).
+            driven: The total distance driven (m).
+            off: The localisation error (m), or None if the robot reports that it is lost.
+        """
         seconds = (now - self._began) / NS_PER_S
         if off is None:
             self._noticed = seconds if self._noticed is None else self._noticed
@@ -46,7 +52,7 @@ class KidnapRecovery:
         self._driven = driven
 
     def figures(self) -> dict[str, float | None]:
-        """``t`` (s), ``noticed_s``, ``found_s`` (None for never), ``astray_m``."""
+        """Return ``t`` (s), ``noticed_s``, ``found_s`` (None for never) and ``astray_m``."""
         return {
             "t": self._began / NS_PER_S,
             "noticed_s": None if self._noticed is None else round(self._noticed, 3),
@@ -56,7 +62,7 @@ class KidnapRecovery:
 
 
 class RunMetrics:
-    """Watches *body* while it drives, and *navigator* if there is one, ten times a second."""
+    """Measurements of *body*, and of *navigator* (if there is one) ten times a second."""
 
     def __init__(self, body: SimulatedRobot, navigator: NavigationReporter | None) -> None:
         self._body = body
@@ -64,34 +70,36 @@ class RunMetrics:
         self._errors: list[float] = []
         self._yaw_error = 0.0
         self._unknown = 0
-        self._taken = 0
+        self._outcomes_seen = 0
         self._failed = 0
         self._visited: list[str] = []
-        self._carryings: list[KidnapRecovery] = []
+        self._recoveries: list[KidnapRecovery] = []
         if navigator is not None:
             body.schedule.every(_RATE, Phase.JUDGE, lambda now: self._watch(navigator, now))
 
     def figures(self) -> dict[str, object]:
-        """``battery_min`` (percent) and ``odometry_error_m``; the rest only when somebody navigates.
+        """Return the measures of the run, for its report.
 
-        ``localization_error_m`` has ``median`` and ``max`` (None when nothing was judged), as
-        ``localization_yaw_error_rad`` has ``max``; ``unlocalized_s`` is how long the navigator said that it
-        doesn't know where it is. Where the robot was carried off, ``carried`` lists for each time when
-        (``t``, s), how long it took to notice and until the estimate was right again (``noticed_s``,
-        ``found_s``; None for never), and how far it drove on an estimate that was wrong (``astray_m``).
+        ``battery_min`` (percent) and ``odometry_error_m`` are always present, the other values only with a
+        navigator. ``localization_error_m`` has ``median`` and ``max``, ``localization_yaw_error_rad`` has
+        ``max``; they are None without measurements. ``unlocalized_s`` is the time during which the navigator
+        had no pose estimate. If the robot was carried away, ``carried`` has an entry for each time:
+        the time ``t`` (s), the time until the navigator noticed it (``noticed_s``), the time until
+        the estimate was correct again (``found_s``; None for never), and the distance driven with a wrong
+        estimate (``astray_m``).
         """
         body = self._body
-        found: dict[str, object] = {
+        figures: dict[str, object] = {
             "battery_min": round(body.cells.lowest, 4),
             "odometry_error_m": round(odometry_error(body), 4),
         }
         if self._navigator is None:
-            return found
+            return figures
         self._take(self._navigator.outcomes())
         errors = self._errors
-        if self._carryings:
-            found["carried"] = [one.figures() for one in self._carryings]
-        return found | {
+        if self._recoveries:
+            figures["carried"] = [recovery.figures() for recovery in self._recoveries]
+        return figures | {
             "localization_error_m": {
                 "median": round(median(errors), 4) if errors else None,
                 "max": round(max(errors), 4) if errors else None,
@@ -108,10 +116,10 @@ class RunMetrics:
         body, estimate = self._body, navigator.estimate()
         true = body.true_pose()
         off = None if estimate is None else _apart(true, estimate)
-        for began in body.teleport_times[len(self._carryings) :]:
-            self._carryings.append(KidnapRecovery(began, body.distance))
-        if self._carryings:
-            self._carryings[-1].watch(now, body.distance, off)
+        for began in body.teleport_times[len(self._recoveries) :]:
+            self._recoveries.append(KidnapRecovery(began, body.distance))
+        if self._recoveries:
+            self._recoveries[-1].watch(now, body.distance, off)
         if body.distance < WARMED_UP:
             return
         if estimate is None or off is None:
@@ -121,9 +129,9 @@ class RunMetrics:
         self._yaw_error = max(self._yaw_error, abs(wrap_angle(estimate.yaw - true.yaw)))
 
     def _take(self, outcomes: Sequence[GoalOutcome]) -> None:
-        """Look at the goals that have ended since the last time."""
-        for outcome in outcomes[self._taken :]:
-            self._taken += 1
+        """Evaluate the goals that have ended since the last call."""
+        for outcome in outcomes[self._outcomes_seen :]:
+            self._outcomes_seen += 1
             if outcome.status == "ABORTED":
                 self._failed += 1
             elif outcome.status == "SUCCEEDED" and _apart(self._body.true_pose(), outcome.goal) <= REACHED:
@@ -133,15 +141,15 @@ class RunMetrics:
 
 
 def odometry_error(body: SimulatedRobot) -> float:
-    """How far (m) the place that odometry tells, begun at the true start, is from the true place."""
-    start, said, true = body.start_pose, body.odometry().pose, body.true_pose()
+    """Return the distance (m) of the odometry's position, from the true start on, to the true position."""
+    start, pose, true = body.start_pose, body.odometry().pose, body.true_pose()
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
-    x, y = start.x + cos * said.x - sin * said.y, start.y + sin * said.x + cos * said.y
+    x, y = start.x + cos * pose.x - sin * pose.y, start.y + sin * pose.x + cos * pose.y
     return math.hypot(x - true.x, y - true.y)
 
 
 def waypoint(goal: Pose2D, waypoints: Mapping[str, tuple[float, float]]) -> str | None:
-    """The name of the waypoint at *goal*, or None when it is somewhere else."""
+    """Return the name of the waypoint at *goal*, or None if there is no waypoint."""
     for name, (x, y) in waypoints.items():
         if math.hypot(goal.x - x, goal.y - y) <= _SAME_PLACE:
             return name
@@ -149,9 +157,9 @@ def waypoint(goal: Pose2D, waypoints: Mapping[str, tuple[float, float]]) -> str 
 
 
 def navigator_among(resources: Sequence[object]) -> NavigationReporter | None:
-    """The first of *resources* that navigates."""
-    return next((one for one in resources if isinstance(one, NavigationReporter)), None)
+    """Return the first navigator among *resources*, or None."""
+    return next((resource for resource in resources if isinstance(resource, NavigationReporter)), None)
 
 
-def _apart(one: Pose2D, other: Pose2D) -> float:
-    return math.hypot(one.x - other.x, one.y - other.y)
+def _apart(first: Pose2D, second: Pose2D) -> float:
+    return math.hypot(first.x - second.x, first.y - second.y)

@@ -1,4 +1,4 @@
-"""What a run adds to a world: people, obstacles that its map doesn't have, and events."""
+"""Additions of a run to its world: people, obstacles that are not on the map, and events."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,22 @@ from btcore_sim.world import World, random_generator
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """How many *people* and *obstacles*, and which *events*."""
+    """The number of *people* and *obstacles*, and the *events*."""
 
     people: int = 0
     obstacles: int = 0
     events: Sequence[Event] = ()
 
     def scene(self, scene: Scene, seed: int) -> Scene:
-        """The scene with all of it, placed by *seed*; raises `SimError` when there is no room."""
+        """Return the scene with people, obstacles and the boxes of events.
+
+        Args:
+            scene: The world.
+            seed: The seed of the random places.
+
+        Raises:
+            SimError: There is not enough room.
+        """
         if self.obstacles:
             scene = with_obstacles(scene, self.obstacles, random_generator(seed, "obstacles"))
         if self.people:
@@ -28,7 +36,16 @@ class Scenario:
         return with_boxes(scene, self.events) if self.events else scene
 
     def begin(self, world: World, robot: EventTarget, radius: float) -> EventRunner | None:
-        """Let people walk and events come in *world*, made from `scene`, around *robot* of *radius* (m)."""
+        """Start the people and the events.
+
+        Args:
+            world: The world, made from the result of `scene`.
+            robot: The robot.
+            radius: The robot's radius (m).
+
+        Returns:
+            The runner of the events, or None without people and events.
+        """
         if not (self.people or self.events):
             return None
         floor = ClearanceMap.of(world.scene)

@@ -1,18 +1,20 @@
-"""Worlds as data: walls and objects that stand on a floor, and where a robot may start.
+"""Descriptions of worlds: walls and objects on a floor, and the robot's start.
 
-A world is a JSON object. Lengths are metres, angles radians, colours ``#rrggbb``::
+A world is a JSON object. Lengths are in metres, angles in radians, colours ``#rrggbb``::
 
     {"description": "an empty square of 6 m",
      "start": {"area": [-3, -3, 3, 3], "clearance": 1.0},
      "objects": [{"name": "crate", "kind": "box", "position": [1, 2], "size": [0.5, 0.5, 0.8], "yaw": 0.3}]}
 
-``position`` is the middle of the object's underside (z is 0 unless given), ``kind`` is ``box`` with ``size``,
-``cylinder`` with ``radius`` and ``height``, or ``table`` with ``size``, ``top`` and ``leg``: a board *top*
-thick on four square legs *leg* wide; a ``mass`` (kg) above 0 makes a box or a cylinder movable. ``start`` is
-either an ``area`` (x and y from, x and y to) in which the pose is drawn, or one ``pose`` (x, y, yaw).
+``position`` is the middle of the object's underside; z is optional and 0 by default. ``kind`` is ``box`` with
+``size``, ``cylinder`` with ``radius`` and ``height``, or ``table`` with ``size``, ``top`` and ``leg``: a
+board of thickness *top* on four square legs of width *leg*. A ``mass`` (kg) above 0 makes a box or a cylinder
+movable. ``start`` is either an ``area`` (x and y from, x and y to) in which the pose is drawn at random, or a
+``pose`` (x, y, yaw).
 
-A world may also give ``waypoints`` (name → [x, y]), ``keepout``, a list of rectangles (x and y from, x and y
-to) where no robot may go though nothing stands there, and ``physics_rate`` (Hz), at which its physics steps.
+A world may also have ``waypoints`` (name → [x, y]), ``keepout``, a list of rectangles (x and y from, x and y
+to) that robots must not enter although they may be empty, and ``physics_rate`` (Hz), the rate of the physics
+steps.
 """
 
 import math
@@ -35,7 +37,7 @@ Rectangle = tuple[float, float, float, float]
 """x and y from, x and y to (m)."""
 
 PHYSICS_RATE = 240
-"""Steps of the physics a second of simulated time, unless the world says otherwise."""
+"""Default number of physics steps per second of simulated time; 240 Hz is PyBullet's default too."""
 
 _TRIES = 10_000
 _ORDER = "x and y from, then x and y to, and 'to' has to be greater"
@@ -43,12 +45,12 @@ _ORDER = "x and y from, then x and y to, and 'to' has to be greater"
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
-    """A box or a cylinder that stands upright.
+    """An upright box or cylinder.
 
-    *size* is the full extent (m) along its own x, y and z; a cylinder's first two are its diameter.
-    *position* is the middle of the underside, *mass* (kg) is 0 for what no push moves, *color* is RGBA
-    (0–255). An object that *is_kinematic* is moved by `World.move_kinematic_body`, as people are; *position*
-    and *yaw* are then where it begins.
+    *size* is the full extent (m) along the object's own x, y and z; a cylinder's first two values are its
+    diameter. *position* (m) is the middle of the underside, *mass* (kg) is 0 for an object that cannot be
+    pushed, *color* is RGBA (0–255). If *is_kinematic* is set, `World.move_kinematic_body` moves the object
+    (for example a person), and *position* and *yaw* are its initial pose.
     """
 
     name: str
@@ -62,20 +64,20 @@ class SceneObject:
 
     @property
     def still(self) -> bool:
-        """Whether it always stays where it is."""
+        """Whether the object never moves."""
         return self.mass == 0.0 and not self.is_kinematic
 
     @property
     def parked(self) -> bool:
-        """Whether it waits under the floor to be put somewhere."""
+        """Whether the object is below the floor, where it waits to be moved into the world."""
         return self.position[2] + self.size[2] <= 0.0
 
     def meets(self, z: float) -> bool:
-        """Whether a horizontal plane at *z* (m) cuts it."""
+        """Return whether a horizontal plane at *z* (m) cuts the object."""
         return self.position[2] <= z <= self.position[2] + self.size[2]
 
     def outline(self) -> Rectangle:
-        """The rectangle along the axes that holds its outline on the floor."""
+        """Return the axis-aligned bounding rectangle (m) of the object on the floor."""
         half_x, half_y = self.size[0] / 2, self.size[1] / 2
         if self.kind == "box":
             cos, sin = abs(math.cos(self.yaw)), abs(math.sin(self.yaw))
@@ -84,7 +86,7 @@ class SceneObject:
         return x - half_x, y - half_y, x + half_x, y + half_y
 
     def distance(self, x: float, y: float) -> float:
-        """How far (m) the point is from the thing's outline on the floor; 0 inside."""
+        """Return the distance (m) from the point (m) to the object's outline on the floor; 0 inside."""
         dx, dy = x - self.position[0], y - self.position[1]
         if self.kind == "cylinder":
             return max(0.0, math.hypot(dx, dy) - self.size[0] / 2)
@@ -96,11 +98,11 @@ class SceneObject:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A world to be: its things, and the rule for the start pose.
+    """The description of a world: its objects (*things*), and the rule for the start pose.
 
-    *area* (x and y from, x and y to) is where a start pose is drawn, at least *clearance* (m) between the
-    robot's footprint and anything else; *pose* is a start that is given instead. *keepout* is where no robot
-    may go though nothing may stand there, *physics_rate* (Hz) how often the physics steps.
+    The start pose is drawn in *area* (x and y from, x and y to, m), with at least *clearance* (m) between the
+    robot's footprint and any object, unless *pose* is given. *keepout* lists areas that robots must not
+    enter, *physics_rate* (Hz) is the rate of the physics steps.
     """
 
     name: str
@@ -115,7 +117,15 @@ class Scene:
     physics_rate: int = PHYSICS_RATE
 
     def start(self, random: np.random.Generator, radius: float) -> Pose2D:
-        """A pose for a robot of *radius* (m), uniform in place and heading among those clear enough."""
+        """Return the fixed start pose, or draw a pose uniformly among those with enough clearance.
+
+        Args:
+            random: The random generator.
+            radius: The robot's radius (m).
+
+        Raises:
+            SimError: 10,000 draws found no pose with enough clearance.
+        """
         if self.pose is not None:
             return self.pose
         for _ in range(_TRIES):
@@ -126,21 +136,28 @@ class Scene:
                 return Pose2D(x, y, yaw)
         raise SimError(
             f"world '{self.name}': no start pose with {self.clearance:g} m of room around a robot of "
-            f"{radius:g} m radius was found in {_TRIES} draws: a smaller 'clearance' or another 'area' helps"
+            f"{radius:g} m radius was found in {_TRIES} draws: use a smaller 'clearance' or another 'area'"
         )
 
     def clearance_at(self, x: float, y: float) -> float:
-        """How far (m) the nearest thing's outline is from a point on the floor; inf in an empty world."""
+        """Return the distance (m) from a point on the floor to the nearest object; inf in an empty world."""
         return min((thing.distance(x, y) for thing in self.things if not thing.parked), default=math.inf)
 
 
 def scene_names() -> list[str]:
-    """The worlds that come along, sorted."""
+    """Return the names of the worlds that are part of the package, sorted."""
     return sorted(path.stem for path in SCENES.glob("*.json"))
 
 
 def load_scene(name: str) -> Scene:
-    """The world called *name*, or the one in the JSON file at the path *name*; raises `SimError`."""
+    """Load a world.
+
+    Args:
+        name: The name of a world in the package, or the path of a JSON file.
+
+    Raises:
+        SimError: The world is unknown, or the file is missing or invalid.
+    """
     if name.endswith(".json") or "/" in name:
         path = Path(name)
     elif name in scene_names():
@@ -148,20 +165,20 @@ def load_scene(name: str) -> Scene:
     else:
         known = scene_names()
         raise SimError(
-            f"there is no world '{name}': {did_you_mean(name, known)}worlds are {', '.join(known)}, "
-            "and the path of a JSON file works too"
+            f"there is no world '{name}': {did_you_mean(name, known)}worlds are {', '.join(known)}; "
+            "or use the path of a JSON file"
         )
     return _scene(read_record(path, "a world"), path.stem)
 
 
 def _scene(record: JsonRecord, name: str) -> Scene:
     things = tuple(
-        thing for index, one in enumerate(record.records("objects")) for thing in _things(one, index)
+        thing for index, item in enumerate(record.records("objects")) for thing in _things(item, index)
     )
     seen: set[str] = set()
     for thing in things:
         if thing.name in seen:
-            raise record.error(f"two objects are named '{thing.name}', and names tell them apart")
+            raise record.error(f"two objects are named '{thing.name}', but names have to be unique")
         seen.add(thing.name)
     area, clearance, pose = _start(record.record("start"))
     scene = Scene(
@@ -178,7 +195,7 @@ def _scene(record: JsonRecord, name: str) -> Scene:
     )
     for x0, y0, x1, y1 in scene.keepout:
         if not (x0 < x1 and y0 < y1):
-            raise record.error(f"'keepout' has [{x0:g}, {y0:g}, {x1:g}, {y1:g}], and {_ORDER}")
+            raise record.error(f"'keepout' has [{x0:g}, {y0:g}, {x1:g}, {y1:g}], but the form is {_ORDER}")
     record.reject_unknown_fields()
     return scene
 
@@ -194,7 +211,7 @@ def _start(record: JsonRecord) -> tuple[tuple[float, float, float, float], float
         return (x, y, x, y), 0.0, Pose2D(x, y, yaw)
     x0, y0, x1, y1 = record.numbers("area", [4])
     if not (x0 < x1 and y0 < y1):
-        raise record.error(f"'area' is {_ORDER}")
+        raise record.error(f"the form of 'area' is {_ORDER}")
     clearance = record.number("clearance", 1.0)
     record.reject_unknown_fields()
     return (x0, y0, x1, y1), clearance, None
@@ -213,7 +230,7 @@ def _things(record: JsonRecord, index: int) -> list[SceneObject]:
     place = record.numbers("position", [2, 3])
     mass = record.number("mass", 0.0) if kind != "table" else 0.0
     if mass < 0.0:
-        raise record.error(f"'mass' is {mass:g}, and it can't be below 0")
+        raise record.error(f"'mass' is {mass:g}, but it has to be at least 0")
     thing = SceneObject(
         name=name,
         kind=kind,
@@ -223,18 +240,19 @@ def _things(record: JsonRecord, index: int) -> list[SceneObject]:
         mass=mass,
         color=record.color("color", "#c9b79c"),
     )
-    found = [thing] if kind != "table" else _table(record, thing)
+    # The fields of a table are read by _table, so unknown fields are rejected after it.
+    things = [thing] if kind != "table" else _table(record, thing)
     record.reject_unknown_fields()
-    return found
+    return things
 
 
 def _table(record: JsonRecord, whole: SceneObject) -> list[SceneObject]:
-    """The parts of a table that fills *whole*: its top, and its legs flush with the corners."""
+    """Return the parts of a table with the bounds of *whole*: its top, and legs flush with the corners."""
     thick, wide = record.number("top", 0.04, over=0.0), record.number("leg", 0.06, over=0.0)
     length, width, height = whole.size
     if thick >= height or 2 * wide > min(length, width):
         raise record.error(
-            f"a 'top' of {thick:g} m and legs of {wide:g} m don't fit into 'size': smaller ones do"
+            f"a 'top' of {thick:g} m and legs of {wide:g} m don't fit into 'size': use smaller values"
         )
     x, y, z = whole.position
     under = height - thick

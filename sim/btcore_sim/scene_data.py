@@ -1,4 +1,4 @@
-"""A world and a robot as messages of `btcore_scene`. The world's frame is ``map``."""
+"""Conversion of a world and a robot to messages of `btcore_scene`. The world's frame is ``map``."""
 
 import math
 from collections import Counter
@@ -57,13 +57,13 @@ def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
 
 
 def frames(world: World, model: PhysicsBody) -> list[Frame]:
-    """Return the pose of every frame now."""
-    found = [Frame(name, "map", *model.link_place(link)) for name, link in model.links.items()]
+    """Return the present pose of every frame."""
+    links = [Frame(name, "map", *model.link_place(link)) for name, link in model.links.items()]
     for number in world.movable:
         place = pybullet.getBasePositionAndOrientation(number, physicsClientId=world.client)
-        found.append(Frame(world.bodies[number].name, "map", *place))
+        links.append(Frame(world.bodies[number].name, "map", *place))
     mount = model.description.laser
-    return [*found, Frame(mount.facts.frame, mount.link, mount.position, UPRIGHT)]
+    return [*links, Frame(mount.facts.frame, mount.link, mount.position, UPRIGHT)]
 
 
 def laser_data(laser: LaserInfo) -> Laser:
@@ -107,14 +107,20 @@ def picture_data(picture: CameraImage) -> Picture:
 
 
 def frame_chain(name: str, known: Iterable[TransformStamped], placed: Collection[str]) -> list[Frame]:
-    """Return the frames of *known* that lead from one of the frames *placed* to *name*."""
-    parents = {one.child: one for one in known}
-    found: list[Frame] = []
+    """Return the chain of frames from *name* up to a frame that has a pose already.
+
+    Args:
+        name: The last frame of the chain.
+        known: All frames of the robot.
+        placed: The names of the frames that have a pose already.
+    """
+    parents = {frame.child: frame for frame in known}
+    chain: list[Frame] = []
     while name in parents and name not in placed:
-        one = parents[name]
-        found.append(Frame(one.child, one.parent, one.position, one.quaternion))
-        name = one.parent
-    return found
+        frame = parents[name]
+        chain.append(Frame(frame.child, frame.parent, frame.position, frame.quaternion))
+        name = frame.parent
+    return chain
 
 
 def _object_part(scene: str, thing: SceneObject) -> Part:

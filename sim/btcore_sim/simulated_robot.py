@@ -1,4 +1,4 @@
-"""A robot's body in a world, made from its description: the simulator's `Robot`."""
+"""The simulator's implementation of the `Robot` protocol."""
 
 import logging
 import math
@@ -48,15 +48,25 @@ from btcore_sim.world import World
 
 log = logging.getLogger(__name__)
 
-_SETTLING = 0.5  # s in which the wheels find the floor before the run begins
+_SETTLING = 0.5  # s of physics before the run begins, in which the wheels settle on the floor
 
 
 class SimulatedRobot(Robot):
-    """A differential base with a planar laser and perhaps head, torso, camera and sonars, in *world*.
+    """A robot with a differential drive and a laser, and optionally head, torso, camera and sonars.
 
-    The start pose is drawn by the scene's rule from the world's seed, its battery begins at *battery*
-    (percent). When this returns there is a scan and an odometry, both of time 0. What the Robot protocol does
-    not offer (the true pose, contacts, the way driven) is for whoever judges a run, not for leaves.
+    The scene's rule and the world's seed determine the start pose. A new robot already has a scan and
+    odometry, both with time 0. The attributes that are not part of the Robot protocol (true pose,
+    contacts, distance driven) are for the report of a run. Leaves must not use them.
+
+    Args:
+        world: The world.
+        description: The robot's description; the Tiago by default.
+        camera: The settings of the camera, or None to switch it off.
+        faults: The parts that fail, and when.
+        battery: The battery's level at the start (percent).
+
+    Raises:
+        SimError: The description does not fit the URDF, or the scene has no room for a start pose.
     """
 
     def __init__(
@@ -72,7 +82,7 @@ class SimulatedRobot(Robot):
         self.description = description if description is not None else load_description()
         self._faults = FaultSchedule(faults)
         self.cells = BatteryModel(battery)
-        """The battery: its level, the lowest that there was, how often it was filled."""
+        """The battery."""
         self._empty = False
         wheels = self.description.wheels
         start = world.scene.start(world.random("start"), self.description.base.radius)
@@ -98,9 +108,9 @@ class SimulatedRobot(Robot):
         self.contacts = ContactCounter(world.client, self.model.body_id, world.floor)
         self._place = self.model.place()[0]
         self.distance = 0.0
-        """The length (m) of the way driven, in truth."""
+        """The true distance driven (m), without the distances over which the robot was carried."""
         self.teleport_times: list[int] = []
-        """When (ns) somebody carried it elsewhere."""
+        """The times (ns) at which the robot was carried to another place."""
         still = [thing for thing in world.scene.things if thing.still]
         facts = self.description.laser.facts
         moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
@@ -118,28 +128,28 @@ class SimulatedRobot(Robot):
         self._dead_reckoning = WheelOdometry(wheels.radius, wheels.separation, angles, errors)
         self._odometry = self._dead_reckoning.update(angles, 0)
         self.start_pose = self.true_pose()
-        """Where the base stood, in truth, at time 0."""
+        """The true pose of the base at time 0."""
         self._scan: LaserScan | None = None
         self._sense_laser(0)
         every = world.schedule.every
         every(facts.rate, Phase.SENSORS, self._sense_laser)
         every(self.description.odometry.rate, Phase.SENSORS, self._sense_wheels)
-        self._heard: tuple[SonarReading, ...] = ()
+        self._sonar_readings: tuple[SonarReading, ...] = ()
         if mounts:
             self._sense_sonars(0)
             every(self.description.sonar_rate, Phase.SENSORS, self._sense_sonars)
-        self._eye: list[Frame] = []
-        self._shown = -1
+        self._camera_frames: list[Frame] = []
+        self._last_picture_stamp = -1
         world.around_steps(self._before_step, self._after_step)
 
     @property
     def clock(self) -> World:
-        """The world: to wait on this clock is to run it."""
+        """The world. Waiting on this clock runs the simulation."""
         return self.world
 
     @property
     def schedule(self) -> SimulatedTime:
-        """What runs while somebody waits on the clock."""
+        """The schedule of the tasks that run while the clock advances."""
         return self.world.schedule
 
     @property
@@ -154,50 +164,50 @@ class SimulatedRobot(Robot):
 
     @property
     def head_info(self) -> HeadInfo | None:
-        """The head's limits, or None without a head."""
+        """The head's limits, or None if the robot has no head."""
         return self.description.head.facts if self.description.head else None
 
     @property
     def camera_info(self) -> CameraInfo | None:
-        """The camera's geometry, or None without a camera."""
+        """The camera's geometry, or None if there is no camera."""
         return self._camera.facts if self._camera is not None else None
 
     @property
     def torso(self) -> TorsoInfo | None:
-        """The torso's limits, or None for a robot whose torso is fixed."""
+        """The torso's limits, or None if the torso cannot be lifted."""
         return self.description.torso.facts if self.description.torso else None
 
     def frames(self) -> list[TransformStamped]:
-        """Where links and sensors are now, below ``base_footprint``, as the joints tell."""
+        """Return the transforms of links and sensors below ``base_footprint``, from the joints' positions."""
         return self._kinematics.frames(self.model.joint_positions(self._joints), self.world.now())
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        """Ask for *v* (m/s) and *w* (rad/s); see `Robot.drive`."""
+        """Command the velocity *v* (m/s) and *w* (rad/s); see `Robot.drive`."""
         if not (math.isfinite(v) and math.isfinite(w)):
-            raise ValueError(f"a velocity command of v={v} m/s, w={w} rad/s is not a number")
+            raise ValueError(f"the velocity command v={v} m/s, w={w} rad/s is not finite")
         now = self.world.now()
         if self._sources.admits(priority, now):
             self._base.command(v, w, now)
 
     def stop(self) -> None:
-        """Stand still, whoever asked for what before."""
+        """Stop the base, and forget the commands of all sources."""
         self._sources.clear()
         self._base.command(0.0, 0.0, self.world.now())
 
     def commanded_velocity(self) -> Twist2D:
-        """The velocity that was asked for last, as it was asked for; zero once it has lapsed."""
+        """Return the last commanded velocity, without limits; zero after the command's timeout."""
         return self._base.commanded_twist(self.world.now())
 
     def scan(self) -> LaserScan | None:
-        """The newest scan; its ranges are read-only."""
+        """Return the newest scan; its ranges are read-only."""
         return self._scan
 
     def odometry(self) -> Odometry:
-        """The newest odometry."""
+        """Return the newest odometry."""
         return self._odometry
 
     def move_head(self, pan: float, tilt: float) -> None:
-        """Turn the head to *pan* and *tilt* (rad), held within the neck's limits, at its speed."""
+        """Turn the head to *pan* and *tilt* (rad), clipped to the head's limits, at the head's speed."""
         head = self.description.head
         if head is None:
             return
@@ -207,63 +217,63 @@ class SimulatedRobot(Robot):
         self.model.hold(self._head[1], tilt, head.torque, head.facts.speed)
 
     def head(self) -> HeadPosition | None:
-        """Where the head looks now, or None without one."""
+        """Return the head's present position, or None if the robot has no head."""
         if not self._head:
             return None
         pan, tilt = self.model.joint_positions(self._head)
         return HeadPosition(pan, tilt, self.world.now())
 
     def camera(self) -> CameraImage | None:
-        """The newest picture, drawn now if it is time for one; None without a camera."""
+        """Return the newest picture, rendered now if the camera's rate allows it; None without a camera."""
         if self._camera is None:
             return None
         now = self.world.now()
         return self._camera.picture(self.model, self._camera_link, now, self._faults.dead("camera", now))
 
     def sonars(self) -> tuple[SonarReading, ...]:
-        """The newest reading of every sonar."""
-        return self._heard
+        """Return the newest reading of every sonar."""
+        return self._sonar_readings
 
     def battery(self) -> BatteryState:
-        """The battery; an empty one drives no more."""
+        """Return the battery's state. With an empty battery the base does not move."""
         return BatteryState(self.cells.level, self.world.now())
 
     def recharge(self) -> None:
-        """Fill the battery at once."""
+        """Set the battery's level to 100 % at once."""
         self.cells.fill()
 
     def lift(self, height: float) -> None:
-        """Bring the torso to *height* (m), held within its limits, at its speed."""
+        """Move the torso to *height* (m), clipped to its limits, at its speed."""
         torso = self.description.torso
         if torso is not None:
             height = min(max(height, torso.facts.lift_min), torso.facts.lift_max)
             self.model.hold(self._torso[0], height, torso.force, torso.facts.speed)
 
     def torso_height(self) -> float | None:
-        """How high (m) the torso is now, or None without one that lifts."""
+        """Return the torso's present height (m), or None if the torso cannot be lifted."""
         return self.model.joint_positions(self._torso)[0] if self._torso else None
 
     def true_pose(self) -> Pose2D:
-        """Where the base truly is, in the frame of the world."""
+        """Return the base's true pose in the world frame."""
         place, turned = self.model.place()
         return Pose2D(place[0], place[1], pybullet.getEulerFromQuaternion(turned)[2])
 
     def teleport(self, pose: Pose2D) -> None:
-        """Stand at *pose* as if somebody had carried the robot: its wheels tell nothing of it."""
+        """Move the robot to *pose* as if it had been carried there: the odometry does not change."""
         self.teleport_times.append(self.world.now())
         self.model.put(pose)
         self._place = self.model.place()[0]
 
     def ramped_twist(self) -> tuple[float, float]:
-        """The velocity (m/s, rad/s) that the wheels are asked for now."""
+        """Return the velocity (m/s, rad/s) that is commanded to the wheels, after limits and ramps."""
         return self._base.twist.v, self._base.twist.w
 
     def scene_static(self) -> StaticScene:
         """Return the shapes of world and robot, the sensors' geometry, and named places."""
-        self._shown = -1
+        self._last_picture_stamp = -1  # a new viewer gets the newest picture even if it is an old picture
         lens = self.camera_info
         if lens is not None:
-            self._eye = scene_data.frame_chain(lens.frame, self.frames(), self.model.links)
+            self._camera_frames = scene_data.frame_chain(lens.frame, self.frames(), self.model.links)
         return StaticScene(
             frame="map",
             parts=scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
@@ -275,19 +285,19 @@ class SimulatedRobot(Robot):
         )
 
     def scene_moving(self) -> MovingScene:
-        """Return every frame now, the newest scan, velocity, battery and contacts.
+        """Return the present frames, and the newest scan, velocity, battery level and contacts.
 
         The newest picture is included if it was taken since the last call.
         """
         twist = self._odometry.twist
         picture = self._camera.newest if self._camera is not None else None
-        if picture is not None and picture.stamp == self._shown:
+        if picture is not None and picture.stamp == self._last_picture_stamp:
             picture = None
         elif picture is not None:
-            self._shown = picture.stamp
+            self._last_picture_stamp = picture.stamp
         return MovingScene(
             stamp=self.world.now(),
-            frames=scene_data.frames(self.world, self.model) + self._eye,
+            frames=scene_data.frames(self.world, self.model) + self._camera_frames,
             velocity=(twist.v, twist.w),
             battery=self.cells.level,
             collisions=self.contacts.collisions,
@@ -300,7 +310,7 @@ class SimulatedRobot(Robot):
         self._obey(now)
         self.cells.drain(self._base.commanded_twist(now), 1.0 / self.world.rate)
         if self.cells.empty and not self._empty:
-            log.warning("the robot's battery is empty: it stands until it is recharged")
+            log.warning("the robot's battery is empty: the robot stands until it is recharged")
         self._empty = self.cells.empty
         self.contacts.before_step(now)
 
@@ -317,6 +327,7 @@ class SimulatedRobot(Robot):
         if self._faults.dead("wheel", now):
             left = 0.0
         if (left, right) != self._rates:
+            # Only changes are sent to the engine: its motors keep their targets.
             self._rates = (left, right)
             self.model.spin(self._wheels, self._rates, self.description.wheels.torque)
 
@@ -336,4 +347,6 @@ class SimulatedRobot(Robot):
             self._odometry = self._dead_reckoning.update(self.model.joint_positions(self._wheels), now)
 
     def _sense_sonars(self, now: int) -> None:
-        self._heard = self._sonars.read([self.model.link_place(link) for link in self._sonar_links], now)
+        self._sonar_readings = self._sonars.read(
+            [self.model.link_place(link) for link in self._sonar_links], now
+        )

@@ -1,4 +1,4 @@
-"""Sonars: the nearest thing in a cone, whatever its height, by a few rays of the physics engine."""
+"""Sonars: the distance of the nearest object in a cone, sampled with rays of the physics engine."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ _RINGS = (0.5, 1.0)  # of half the cone's angle
 
 
 class Sonars:
-    """All sonars of one robot, read at once. No echo is +inf, one nearer than the minimum -inf."""
+    """All sonars of a robot. As in REP 117, +inf is no echo, and -inf an echo below the minimum range."""
 
     def __init__(self, client: int, mounts: Sequence[SonarMount]) -> None:
         self._client = client
@@ -23,7 +23,12 @@ class Sonars:
         self._rays = [_cone(mount) for mount in mounts]
 
     def read(self, places: Sequence[Pose3D], stamp: int) -> tuple[SonarReading, ...]:
-        """What is heard now, each sonar's link being where *places* says."""
+        """Return a reading of every sonar.
+
+        Args:
+            places: The pose of each sonar's link in the world frame.
+            stamp: The time of the readings (ns).
+        """
         starts: list[Sequence[float]] = []
         ends: list[Sequence[float]] = []
         for mount, rays, (place, turned) in zip(self._mounts, self._rays, places, strict=True):
@@ -32,11 +37,11 @@ class Sonars:
             for ray in rays:
                 starts.append(at)
                 ends.append(pybullet.multiplyTransforms(at, facing, ray, (0.0, 0.0, 0.0, 1.0))[0])
-        # The mask leaves out the robot itself, and the floor, from which a slanting echo doesn't come back.
+        # The mask leaves out the robot itself, and the floor, which reflects the sound away from the sonar.
         hits = pybullet.rayTestBatch(
             starts, ends, collisionFilterMask=MOVABLE | STATIC, physicsClientId=self._client
         )
-        found: list[SonarReading] = []
+        readings: list[SonarReading] = []
         begin = 0
         for mount, rays in zip(self._mounts, self._rays, strict=True):
             part = min(hit[2] if hit[0] >= 0 else math.inf for hit in hits[begin : begin + len(rays)])
@@ -44,14 +49,14 @@ class Sonars:
             distance = part * mount.range_max
             if distance < mount.range_min:
                 distance = -math.inf
-            found.append(
+            readings.append(
                 SonarReading(distance, stamp, mount.fov, mount.range_min, mount.range_max, mount.frame)
             )
-        return tuple(found)
+        return tuple(readings)
 
 
 def _cone(mount: SonarMount) -> list[tuple[float, float, float]]:
-    """The ends (m) of the rays of a sonar that faces x: its axis, and rings about it."""
+    """Return the ends (m) of the rays of a sonar that faces x: its axis, and rings around the axis."""
     ends = [(mount.range_max, 0.0, 0.0)]
     for ring in _RINGS:
         off = ring * mount.fov / 2

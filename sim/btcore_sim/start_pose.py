@@ -1,4 +1,4 @@
-"""Where a robot begins, when the user says so: ``1.5,-2,90``, a place and a heading, or ``random``."""
+"""The option ``--start``: a start pose such as ``1.5,-2,90`` (m, m, degrees), or ``random``."""
 
 import math
 from dataclasses import replace
@@ -14,15 +14,23 @@ from btcore_sim.scene import Scene
 
 RANDOM = "random"
 
-_TRIES = 300
+_TRIES = 300  # attempts to draw a place
 
 
 def with_start(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Scene:
-    """The scene with the start that *text* says, for a robot of *radius* (m).
+    """Return the scene with another start pose.
 
-    ``random`` is a free place with `PASSAGE` around it, from which the robot can go to all waypoints, and any
-    heading; a world that has a rule for random starts keeps it. Else it is ``X,Y`` (m) or ``X,Y,YAW``
-    (degrees). Raises `SimError` for another text, and where there is no room.
+    With ``random`` the start is a free place that is connected with all waypoints by ways of width
+    `PASSAGE`, with a random heading; a world with its own rule for random starts keeps that rule.
+
+    Args:
+        scene: The world.
+        text: ``random``, ``X,Y`` (m) or ``X,Y,YAW`` (m, degrees).
+        random: The random generator.
+        radius: The robot's radius (m).
+
+    Raises:
+        SimError: *text* has another form, or there is no room for the robot.
     """
     if text == RANDOM:
         return scene if scene.pose is None else replace(scene, pose=_drawn(scene, random))
@@ -30,7 +38,7 @@ def with_start(scene: Scene, text: str, random: np.random.Generator, radius: flo
     room = scene.clearance_at(pose.x, pose.y)
     if room < radius:
         raise SimError(
-            f"--start {text}: there is {room:.2f} m of room in world '{scene.name}', and the robot has a "
+            f"--start {text}: there is {room:.2f} m of room in world '{scene.name}', but the robot has a "
             f"radius of {radius:g} m"
         )
     return replace(scene, pose=pose)
@@ -55,8 +63,8 @@ def _parsed(text: str) -> Pose2D:
         (degrees,) = turn or [0.0]
     except ValueError:
         raise SimError(
-            f"--start {text}: write random, or X,Y or X,Y,YAW in metres and degrees, like 1.5,-2,90"
+            f"--start {text}: use random, or X,Y or X,Y,YAW in metres and degrees, like 1.5,-2,90"
         ) from None
     if not all(map(math.isfinite, (x, y, degrees))):
-        raise SimError(f"--start {text}: that is no place; X, Y and YAW are finite numbers")
+        raise SimError(f"--start {text}: X, Y and YAW have to be finite numbers")
     return Pose2D(x, y, wrap_angle(math.radians(degrees)))

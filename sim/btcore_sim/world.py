@@ -1,8 +1,8 @@
-"""A simulated world: physics, the schedule, and the clock that whoever waits on it drives forward.
+"""A simulated world: physics, a schedule of tasks, and a clock.
 
-Time is simulated: it moves only inside `World.wait_until`, step by step, and always over the same steps.
-Unpaced (*fast*) these follow each other at once; in real time each waits for the wall clock. The same seed
-gives the same run, in one process or in several; two worlds in one process do not meet.
+Simulated time advances only inside `World.wait_until`, always in the same steps. With *fast* the steps follow
+each other without a pause; otherwise each step waits for the wall clock. The same seed gives the same run in
+any process. Several worlds in a process are independent.
 """
 
 import math
@@ -25,17 +25,30 @@ from btcore_sim.scene import PHYSICS_RATE, Rectangle, Scene, SceneObject
 __all__ = ["PHYSICS_RATE", "Pacer", "World", "random_generator", "scene_extent"]
 
 SOLVER_ITERATIONS = 50
-"""With these a base drives true to 0.2 % at 240 steps a second, and to 0.4 % at 120."""
+"""Iterations of the constraint solver (PyBullet's default).
 
-# Collision groups: a pair collides when each one's group is in the other's mask.
+With 50 iterations the driven distance is exact to 0.2 % at 240 steps a second, and to 0.4 % at 120.
+"""
+
+# Collision groups: two bodies collide if the group of each is in the mask of the other.
 MOVABLE, STATIC, GROUND_LINK, FLOOR, HULL = 1, 2, 4, 8, 16
 
-_OPEN = 5.0  # m of floor that is drawn around the start in a scene without things
-_PATIENCE = NS_PER_S // 5  # how late (ns) a run in real time may be before it slows down
+_OPEN = 5.0  # m of visible floor around the start in a scene without objects
+_PATIENCE = NS_PER_S // 5  # ns by which a real-time run may be late before its time is shifted
 
 
 class World:
-    """A scene in a physics engine of its own. As a clock: `now`, `wait_until`."""
+    """A scene in its own physics engine. The world is also a clock, with `now` and `wait_until`.
+
+    Args:
+        scene: The description of the world.
+        seed: The seed of all random generators.
+        fast: False to run in real time.
+        gui: Whether to open the physics engine's window.
+
+    Raises:
+        SimError: The window cannot be opened.
+    """
 
     def __init__(self, scene: Scene, *, seed: int = 0, fast: bool = True, gui: bool = False) -> None:
         self.scene = scene
@@ -48,45 +61,61 @@ class World:
         engine = {"physicsClientId": self.client}
         pybullet.setGravity(0.0, 0.0, -9.81, **engine)
         self.rate = scene.physics_rate
-        """Steps of the physics a second."""
+        """The number of physics steps per second."""
         pybullet.setTimeStep(1.0 / self.rate, **engine)
+        # Without deterministicOverlappingPairs the order of contacts, and so the result, may differ.
         pybullet.setPhysicsEngineParameter(
             numSolverIterations=SOLVER_ITERATIONS, deterministicOverlappingPairs=1, **engine
         )
         self.floor = self._make_floor()
         self.bodies = {self._make(thing): thing for thing in scene.things}
-        """Every thing of the scene by its body's number in the engine."""
+        """The objects of the scene by the engine's number of their bodies."""
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
-        """The bodies that can move: by a push, or by `move_kinematic_body`."""
+        """The bodies that can move, because of a push or by `move_kinematic_body`."""
         self.schedule.every(self.rate, Phase.PHYSICS, self._step)
 
     def now(self) -> int:
-        """The simulated time (ns) since the start."""
+        """Return the simulated time since the start (ns)."""
         return self.schedule.now()
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Run the world to *deadline* (ns), or until *wake* is set; whether it was set.
+        """Run the world until a deadline, or until an event is set.
 
-        Everything that is due at *deadline* has happened when this returns.
+        All tasks that are due at the deadline have run when the method returns.
+
+        Args:
+            deadline: The simulated time to run to (ns).
+            wake: The event that ends the wait early.
+
+        Returns:
+            Whether *wake* is set.
         """
         return self.schedule.wait_until(deadline, wake)
 
     def random(self, purpose: str) -> np.random.Generator:
-        """A random generator that depends on seed and *purpose* alone, so that no use disturbs another."""
+        """Return a random generator that depends only on the seed and *purpose*.
+
+        Separate generators keep one source of noise unchanged when another draws more numbers.
+        """
         return random_generator(self._seed, purpose)
 
     def around_steps(self, before: Callable[[int], None], after: Callable[[int], None]) -> None:
-        """Call *before* and *after* with the time (ns) of every step of the physics."""
+        """Register callbacks for every physics step; both receive the simulated time (ns).
+
+        Args:
+            before: The callback before the step.
+            after: The callback after the step.
+        """
         self._before.append(before)
         self._after.append(after)
 
     def settle(self, seconds: float) -> None:
-        """Let the physics come to rest for *seconds* (s) in which no time passes."""
+        """Run *seconds* (s) of physics without advancing the clock, so that bodies come to rest."""
         for _ in range(round(seconds * self.rate)):
             pybullet.stepSimulation(physicsClientId=self.client)
 
     def kinematic_bodies(self, prefix: str) -> list[int]:
-        """The kinematic bodies whose objects' names begin with *prefix*, in the scene's order."""
+        """Return the kinematic bodies whose objects' names begin with *prefix*, in the scene's order."""
         return [
             body
             for body, thing in self.bodies.items()
@@ -96,17 +125,26 @@ class World:
     def move_kinematic_body(
         self, body: int, x: float, y: float, yaw: float, *, z: float = 0.0, v: float = 0.0
     ) -> None:
-        """Put a kinematic body at x, y, z (m) with heading *yaw* (rad); it goes on that way at *v* (m/s)."""
+        """Place a kinematic body, and set its velocity.
+
+        Args:
+            body: The engine's number of the body.
+            x: The position of the middle of its underside (m).
+            y: As *x*.
+            yaw: The heading (rad).
+            z: As *x*.
+            v: The speed in the direction of the heading (m/s).
+        """
         engine = {"physicsClientId": self.client}
         middle = [x, y, z + self.bodies[body].size[2] / 2]
         turned = [0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)]
         pybullet.resetBasePositionAndOrientation(body, middle, turned, **engine)
-        # The engine moves a body without mass by its velocity, and asks nothing in its way.
+        # The engine moves a body without mass by its velocity, and no contact stops the body.
         speed = [v * math.cos(yaw), v * math.sin(yaw), 0.0]
         pybullet.resetBaseVelocity(body, speed, [0.0, 0.0, 0.0], **engine)
 
     def close(self) -> None:
-        """Free the engine. The world can't be used afterwards; a second call does nothing."""
+        """Disconnect from the engine. The world cannot be used afterwards; a second call does nothing."""
         self._disconnect()
 
     def _step(self, now: int) -> None:
@@ -119,7 +157,7 @@ class World:
     def _make_floor(self) -> int:
         engine = {"physicsClientId": self.client}
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, **engine)
-        # The renderers need a face to draw: a plane has none.
+        # A plane has no visible surface, so a flat box is added for the renderers.
         x0, y0, x1, y1 = scene_extent(self.scene)
         tile = pybullet.createVisualShape(
             pybullet.GEOM_BOX,
@@ -162,14 +200,23 @@ class World:
 
 
 class Pacer:
-    """Holds simulated time to the wall clock; where that fails, time goes slower and skips nothing."""
+    """Synchronises simulated time with the wall clock. If the simulation is late, time slows down."""
 
     def __init__(self) -> None:
         self._offset: int | None = None
         self._warned = False
 
     def wait(self, now: int, moment: int, wake: threading.Event) -> bool:
-        """Return at the simulated *moment* (ns), it being *now*, or when *wake* is set; whether it was."""
+        """Wait until the wall clock reaches a simulated time, or an event is set.
+
+        Args:
+            now: The present simulated time (ns).
+            moment: The simulated time to wait for (ns).
+            wake: The event that ends the wait early.
+
+        Returns:
+            Whether *wake* is set.
+        """
         wall = time.monotonic_ns()
         if self._offset is None:
             self._offset = wall - now
@@ -180,35 +227,36 @@ class Pacer:
             self._offset += late
             if not self._warned:
                 self._warned = True
-                print("the simulation can't keep up with real time, and goes slower", file=sys.stderr)
+                print("the simulation is slower than real time", file=sys.stderr)
         return wake.is_set()
 
 
 def random_generator(seed: int, purpose: str) -> np.random.Generator:
-    """The random generator that a world of *seed* has for *purpose*."""
+    """Return the random generator of a world with *seed* for *purpose*."""
+    # CRC-32, because hash() of a string differs between processes.
     return np.random.default_rng([seed, zlib.crc32(purpose.encode())])
 
 
 def scene_extent(scene: Scene) -> Rectangle:
-    """The rectangle (x and y from, x and y to, m) that holds the scene; in an empty one, some floor."""
+    """Return the bounding rectangle of the scene (m); an empty scene has some floor around its start."""
     x0, y0, x1, y1 = scene.area
     if not scene.things:
         return x0 - _OPEN, y0 - _OPEN, x1 + _OPEN, y1 + _OPEN
     outlines = [thing.outline() for thing in scene.things if not thing.parked]
-    lows, highs = [(x0, y0), *(one[:2] for one in outlines)], [(x1, y1), *(one[2:] for one in outlines)]
+    lows, highs = [(x0, y0), *(box[:2] for box in outlines)], [(x1, y1), *(box[2:] for box in outlines)]
     return *map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))
 
 
 def _connect(gui: bool) -> int:
     if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        # The engine itself would end the process.
-        raise SimError("the physics engine's window needs a display, and there is none: DISPLAY isn't set")
+        # Without a display, PyBullet would end the process.
+        raise SimError("the physics engine's window needs a display, but DISPLAY is not set")
     try:
         client: int = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
-    except pybullet.error as fault:
-        raise SimError(f"the physics engine's window can't be opened: {fault}") from None
+    except pybullet.error as error:
+        raise SimError(f"cannot open the physics engine's window: {error}") from None
     if client < 0:
         raise SimError(
-            "the physics engine's window can't be opened: there is no display, or one is open already"
+            "cannot open the physics engine's window: there is no display, or a window is already open"
         )
     return client

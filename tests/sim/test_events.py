@@ -30,13 +30,13 @@ def test_how_events_are_written():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("bx:3", r"did you mean 'box'\? what can happen is box, kidnap"),
-        ("rain:3", "what can happen is box, kidnap"),
-        ("box", "the form is KIND:TIME"),
-        ("box:soon", "the form is KIND:TIME"),
-        ("box:-3", "the form is KIND:TIME"),
-        ("box:3@0.5", r"0\.5 m is too near to avoid a box: 1\.5 m ahead or more is not"),
-        ("kidnap:3@2", "only a box has a distance; kidnap:3 is enough"),
+        ("bx:3", r"did you mean 'box'\? kinds are box, kidnap"),
+        ("rain:3", "kinds are box, kidnap"),
+        ("box", "use KIND:TIME"),
+        ("box:soon", "use KIND:TIME"),
+        ("box:-3", "use KIND:TIME"),
+        ("box:3@0.5", r"cannot avoid a box that drops 0\.5 m ahead: use 1\.5 m or more"),
+        ("kidnap:3@2", "only a box has a distance; use kidnap:3"),
     ],
 )
 def test_an_event_written_wrongly_is_explained(text: str, said: str):

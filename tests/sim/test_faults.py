@@ -27,7 +27,7 @@ def test_a_fault_without_an_end_lasts():
     ("text", "said"),
     [
         ("lasr:20-25", "did you mean 'laser'"),
-        ("arm:1-2", "what can fail is laser, odometry, camera, wheel"),
+        ("arm:1-2", "parts are laser, odometry, camera, wheel"),
         ("laser", "PART:START-END"),
         ("laser:5", "PART:START-END"),
         ("laser:-1-2", "PART:START-END"),

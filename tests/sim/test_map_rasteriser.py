@@ -122,4 +122,4 @@ def test_the_commands_mistakes_are_sentences(tmp_path: Path):
     assert (ended.exit_code, "did you mean 'house'?" in ended.output) == (2, True)
     (tmp_path / "taken").write_text("")
     ended = run("arena", "-o", str(tmp_path / "taken" / "maps"))
-    assert (ended.exit_code, "the map can't be written there" in ended.output) == (2, True)
+    assert (ended.exit_code, "cannot write the map" in ended.output) == (2, True)

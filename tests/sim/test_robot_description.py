@@ -69,18 +69,21 @@ def test_a_robot_without_a_head_has_none(tmp_path: Path, robot_at: Any):
     ("change", "said"),
     [
         (lambda d: d.pop("urdf"), "'urdf' is missing"),
-        (lambda d: d.update(urdf="nowhere.urdf"), "'urdf' names .*nowhere.urdf, and there is no such file"),
+        (lambda d: d.update(urdf="nowhere.urdf"), "'urdf' names .*nowhere.urdf, but there is no such file"),
         (
             lambda d: d["wheels"].update(raduis=d["wheels"].pop("radius")),
             "'radius' is missing: did you mean 'raduis'",
         ),
-        (lambda d: d["base"].update(v_min=0.1), "'v_min' is 0.1: a base has to be able to stand"),
+        (lambda d: d["base"].update(v_min=0.1), "'v_min' is 0.1, but it has to be at most 0"),
         (lambda d: d["laser"].update(rays=0), "'rays' is 0, and a whole number of at least 1"),
         (lambda d: d["laser"].update(angle_max=-3.0), "'angle_max' has to be greater than 'angle_min'"),
         (lambda d: d["laser"].update(rate="10"), "'rate' is \"10\", and a number is expected"),
         (lambda d: d.update(wings={}), "'wings' is unknown"),
         (lambda d: d["torso"].update(limits=[0.3, 0.1]), r"torso: 'limits' is \[0.3, 0.1\]"),
-        (lambda d: d["odometry"].update(slip_sigma=-1), "'slip_sigma' are spreads, and can't be below 0"),
+        (
+            lambda d: d["odometry"].update(slip_sigma=-1),
+            "'slip_sigma' are standard deviations and have to be at least 0",
+        ),
         (lambda d: d["sonars"][1].update(range_min=2.0), r"sonars\[1\]: 'range_max' has to be greater"),
         (lambda d: d["frames"][0].pop("parent"), r"frames\[0\]: 'parent' is missing"),
     ],
@@ -109,10 +112,10 @@ def test_a_name_that_the_urdf_does_not_have_is_told(tmp_path: Path, robot_at: An
 def test_a_urdf_that_the_engine_cannot_read_is_told(tmp_path: Path, robot_at: Any):
     (tmp_path / "broken.urdf").write_text("<robot name='x'></robot>")
     path = write(tmp_path, lambda data: data.update(urdf="broken.urdf"))
-    with pytest.raises(SimError, match=r"broken.urdf: the physics engine can't read this URDF"):
+    with pytest.raises(SimError, match=r"broken.urdf: the physics engine cannot read this URDF"):
         robot_at(description=load_description(path))
 
 
 def test_a_missing_description_is_told():
-    with pytest.raises(SimError, match=r"nowhere\.json: there is no such file"):
+    with pytest.raises(SimError, match=r"nowhere\.json: no such file"):
         load_description(Path("nowhere.json"))

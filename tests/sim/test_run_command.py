@@ -83,7 +83,7 @@ def test_a_world_that_does_not_exist(run: Run) -> None:
 
 
 def test_a_window_without_a_display(run: Run) -> None:
-    refused(run("bumpgo", "--gui", "--duration", "1"), "there is none: DISPLAY isn't set")
+    refused(run("bumpgo", "--gui", "--duration", "1"), "DISPLAY is not set")
 
 
 def test_a_rate_at_which_the_base_would_stop_between_ticks(run: Run) -> None:

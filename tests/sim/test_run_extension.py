@@ -130,8 +130,8 @@ def test_without_a_robot_there_is_no_report():
     ("changes", "said"),
     [
         ({"world": "aren"}, "did you mean 'arena'"),
-        ({"world": "nowhere.json"}, "there is no such file"),
-        ({"robot": "nowhere.json"}, "there is no such file"),
+        ({"world": "nowhere.json"}, "no such file"),
+        ({"robot": "nowhere.json"}, "no such file"),
         ({"fault": ("lasr:1-2",)}, "did you mean 'laser'"),
         ({"camera": "huge"}, "off, or WxH@HZ"),
         (

@@ -161,7 +161,7 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
             r"'radius' is missing: did you mean 'raduis'",
         ),
         ({"objects": 3}, "'objects' is not a list of objects"),
-        ({"start": {"area": [1, 1, 0, 0]}}, "start: 'area' is x and y from"),
+        ({"start": {"area": [1, 1, 0, 0]}}, "start: the form of 'area' is x and y from"),
         ({"start": {}}, "start: 'area' is missing"),
         ({"start": None}, "'start' is null, and an object is expected"),
         ({"wind": 3}, "'wind' is unknown"),
@@ -176,7 +176,10 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
         ),
         ({"waypoints": {"wp1": [0]}}, r"waypoints: 'wp1' is \[0\], and a list of 2 numbers is expected"),
         ({"keepout": [[0, 0, 1]]}, r"'keepout' is .* a list of lists of 4 numbers is expected"),
-        ({"keepout": [[1, 0, 0, 1]]}, r"'keepout' has \[1, 0, 0, 1\], and x and y from, then x and y to"),
+        (
+            {"keepout": [[1, 0, 0, 1]]},
+            r"'keepout' has \[1, 0, 0, 1\], but the form is x and y from, then x and y to",
+        ),
         ({"physics_rate": 0}, "'physics_rate' is 0, and a whole number of at least 1 is expected"),
     ],
 )
@@ -189,7 +192,7 @@ def test_a_mistake_in_a_world_is_told_with_its_address(tmp_path: Path, changes: 
 def test_a_file_that_is_not_json_is_told_with_line_and_column(tmp_path: Path):
     path = tmp_path / "mine.json"
     path.write_text('{"objects": [,]}')
-    with pytest.raises(SimError, match=r"mine.json:1:14: this is not JSON"):
+    with pytest.raises(SimError, match=r"mine.json:1:14: not valid JSON"):
         load_scene(str(path))
 
 
@@ -201,7 +204,7 @@ def test_a_list_is_no_world(tmp_path: Path):
 
 
 def test_a_missing_file_is_told():
-    with pytest.raises(SimError, match=r"nowhere/mine\.json: there is no such file"):
+    with pytest.raises(SimError, match=r"nowhere/mine\.json: no such file"):
         load_scene("nowhere/mine.json")
 
 

@@ -50,10 +50,10 @@ def test_a_start_is_metres_and_degrees():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("somewhere", "write random, or X,Y or X,Y,YAW"),
-        ("1", "write random"),
-        ("1,2,3,4", "write random"),
-        ("nan,0", "that is no place"),
+        ("somewhere", "use random, or X,Y or X,Y,YAW"),
+        ("1", "use random"),
+        ("1,2,3,4", "use random"),
+        ("nan,0", "X, Y and YAW have to be finite numbers"),
         ("-9.7,-5", "m of room in world 'house'"),
     ],
 )

@@ -133,7 +133,7 @@ def test_options_of_a_robot_for_a_tree_without_one_are_told_of(cli: Cli, tree_fi
     result = cli("run", tree, "--fast", "--gui", "--world", "house", "--fault", "laser:1-2")
     assert result.exit_code == 0
     assert result.stderr.splitlines()[0] == (
-        "warning: --world, --gui and --fault have no effect: the tree has no leaf that asks for a robot"
+        "warning: --world, --gui and --fault have no effect: the tree has no leaf that needs a robot"
     )
     assert "warning: --camera has no effect" in cli("run", tree, "--camera", "off").stderr
     assert "warning" not in cli("run", tree, "--bind", "127.0.0.1").stderr
