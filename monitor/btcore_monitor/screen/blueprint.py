@@ -1,4 +1,4 @@
-"""How the views stand in the window."""
+"""The arrangement of the views in the viewer's window (rerun calls this a blueprint)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tree import FOLDED, TreeView
 
 _WINDOW: Final = (1920.0, 1000.0)
-"""Pixels of the window that the views were proportioned for (full HD, less the viewer's own bars)."""
+"""Window size (pixels) for which the views are proportioned: full HD without the viewer's own bars."""
 _LANE: Final = 31.0
 _LANES_FRAME: Final = 84.0
-"""Pixels: a lane with its name, and the view's title and time axis."""
+"""Heights (pixels) of a lane with its name, and of the view's title and time axis."""
 _LANES_AT_MOST: Final = 0.46
 _SCROLLED: Final = 0.34
-"""Shares of the height: what lanes may have, and what they get where that is too little, and they scroll."""
+"""Shares of the height: the most that lanes get, and what they get if they need more and have to scroll."""
 _LEFT: Final = 0.53
 _TREE_OF_WIDE: Final = 0.58
 _PAST: Final = 24.0
@@ -32,15 +32,15 @@ _TRAIL_SECONDS: Final = 120.0
 _COLOURS: Final = " · green: its goal · orange: trail · pink: where it may be · cyan: laser"
 _SPEED: Final = "Speed: orange m/s · cyan rad/s"
 _BESIDE: Final = (1.25, -1.35, 1.95)
-"""m; from where the close-up looks at the robot: high enough to see its foot behind what is cut."""
+"""Position (m) of the close-up's eye relative to the robot, high enough to see its foot behind cut walls."""
 
 
 @dataclass(frozen=True, slots=True)
 class Eye:
-    """Where the scene is looked at from, and where to (m).
+    """The position of the scene's eye, and the point that it looks at (m).
 
-    *robot* is the entity in its pane that a close-up follows; *pictures*, *battery* and *navigates* say
-    whether there are pictures, a battery's level and a way to a goal to show.
+    *robot* is the entity that a close-up follows; *pictures*, *battery* and *navigates* are True if there
+    are camera pictures, a battery level and navigation data to show.
     """
 
     position: tuple[float, float, float]
@@ -53,10 +53,11 @@ class Eye:
 
 @dataclass(frozen=True, slots=True)
 class Pane:
-    """What is shown of one robot's tree, which is called *name*.
+    """The views of a robot's tree *name*.
 
-    With an *eye* there is a scene to show; *costed* says whether the robot tells what its ticks cost. The log
-    shows lines of *level* and above. *place* is the entity that all of it is below, in a window of several.
+    With an *eye* there is a scene to show. *costed* is True if the robot sends the duration of its ticks. The
+    log shows lines of *level* and above. In a window with several robots, *place* is the entity above all
+    entities of this robot.
     """
 
     palette: Palette
@@ -69,24 +70,29 @@ class Pane:
     place: str = ""
 
     def at(self, entity: str) -> str:
-        """The entity in the recording."""
+        """Return the path of *entity* in the recording."""
         return f"{self.place}/{entity}" if self.place else entity
 
     @property
     def timeline(self) -> str:
-        """The time that the window goes by: trees' clocks have nothing to do with one another."""
+        """The window's timeline: wall time with several robots, because their trees' clocks are unrelated."""
         return WALL_TIME if self.place else TREE_TIME
 
 
 def lanes_share(lanes: int) -> float:
-    """Share of the height that *lanes* lanes get under the tree: what they need, within reason."""
+    """Return the share of the height for *lanes* lanes below the tree: what they need, up to a limit."""
     _, height = _WINDOW
     needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / height
     return max(0.16, needed) if needed <= _LANES_AT_MOST else _SCROLLED
 
 
 def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
-    """Width and height (pixels) of the tree's view, which its layout is made for."""
+    """Return the width and height (pixels) of the tree's view.
+
+    Args:
+        lanes: The number of lanes below the tree.
+        scene: Whether a scene is shown beside the tree.
+    """
     width, height = _WINDOW
     if scene:
         return width * _LEFT, height * (1.0 - lanes_share(lanes)) - 30.0
@@ -94,12 +100,12 @@ def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
 
 
 def blueprint(pane: Pane) -> rrb.Blueprint:
-    """The window of one tree."""
+    """Return the window of a tree."""
     return windowed(layout(pane), pane.timeline)
 
 
 def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
-    """The window with *content* and nothing else, going by *timeline*."""
+    """Return a window with only *content* that follows *timeline*."""
     return rrb.Blueprint(
         content,
         rrb.BlueprintPanel(state="hidden"),
@@ -111,9 +117,11 @@ def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
 
 
 def layout(pane: Pane, name: str | None = None) -> rrb.Container:
-    """All views of a tree: with a scene where there is an eye for it, else with a wider tree.
+    """Return all views of a tree, with a scene if the pane has an eye, otherwise with a wider tree.
 
-    *name* is what a tab with it is called.
+    Args:
+        pane: The views' data.
+        name: The title of the tab that contains the views.
     """
     counts = rrb.TextDocumentView(origin=pane.at(statistics_table.STATISTICS), name="Statistics")
     lane_view = rrb.Tabs(lanes(pane), counts)
@@ -155,8 +163,8 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
 
 
 def trees(pane: Pane) -> rrb.View | rrb.Container:
-    """The tree; a big one folded too."""
-    drawings = [_tree(pane, one) for one in pane.trees]
+    """Return the view of the tree; a big tree also has a view with folded subtrees, in another tab."""
+    drawings = [_tree(pane, tree) for tree in pane.trees]
     return drawings[0] if len(drawings) == 1 else rrb.Tabs(*drawings)
 
 
@@ -187,7 +195,7 @@ def _axis() -> rrb.TimeAxis:
 
 
 def lanes(pane: Pane) -> rrb.View:
-    """What the chosen nodes showed over time."""
+    """Return the view of the lanes."""
     contents = [f"+ /{pane.at(lane)}" for lane in pane.lanes.entities]
     return rrb.StateTimelineView(origin="/", contents=contents, name=pane.lanes.title, time_view=_axis())
 
@@ -203,7 +211,7 @@ def _curve(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View
 
 
 def running(pane: Pane) -> rrb.View:
-    """What runs now."""
+    """Return the view of the nodes that run now."""
     return rrb.TextDocumentView(origin=pane.at(now.NOW), name="Now")
 
 
@@ -222,7 +230,7 @@ def _words(pane: Pane) -> rrb.Container:
 
 
 def log(pane: Pane) -> rrb.View:
-    """The transitions; which levels are shown can be chosen in the viewer, too."""
+    """Return the log of transitions. The user can change the displayed levels in the viewer."""
     rows = None
     if pane.level != LEVELS[0]:
         rows = rrb.TextLogRows(filter_by_log_level=LEVELS[LEVELS.index(pane.level) :])
@@ -231,8 +239,8 @@ def log(pane: Pane) -> rrb.View:
         TextLogColumn("EntityPath", visible=False),
         TextLogColumn("LogLevel", visible=False),
     ]
-    # The viewer draws the cursor into the list only where a column has the cursor's time.
-    times = [TimelineColumn(one, visible=one == pane.timeline) for one in (TREE_TIME, WALL_TIME)]
+    # The viewer draws the time cursor into the list only if a column shows the cursor's timeline.
+    times = [TimelineColumn(time, visible=time == pane.timeline) for time in (TREE_TIME, WALL_TIME)]
     return rrb.TextLogView(
         origin=pane.at(panels.LOG),
         contents=f"/{pane.at(panels.LOG)}",

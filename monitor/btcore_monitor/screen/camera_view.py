@@ -1,4 +1,4 @@
-"""What a robot's cameras see: their pictures with what was found in them, and where they look."""
+"""The pictures of a robot's cameras with detected objects, and the cameras' fields of view."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -14,35 +14,35 @@ CAMERA: Final = "camera"
 _FOUND: Final = 0xFFD54AFF
 _SIGHT: Final = 0xFFD54A90
 _DEPTH: Final = 0.7
-"""m; how long the pyramid of a camera's sight is drawn."""
+"""Length (m) of the pyramid that shows a camera's field of view."""
 _OLD: Final = 1_000_000_000
-"""ns of the tree's clock; a picture that no other has followed within that is drawn faint, and says so."""
+"""Age (ns of the tree's clock) above which a picture is drawn faint, with the time when it was taken."""
 _FAINT: Final = 0.3
 _WORDS: Final = 0xF5F7FAFF
 
 
 class CameraView:
-    """Draws pictures below the entity `CAMERA`, and pyramids of sight below *origin* in the scene."""
+    """The drawing of pictures (below the entity `CAMERA`) and of fields of view (below *origin*)."""
 
     def __init__(self, rows: RowBuffer, origin: str) -> None:
         self._rows = rows
         self._origin = origin
         self.pictured = False
-        """Whether there has been a picture."""
+        """Whether a picture has been received."""
         self._series: dict[tuple[str, str], Series[Any]] = {}
         self._ages: dict[tuple[str, str], _Age] = {}
         self._found: Series[Sequence[Detection]] = rows.series(f"{CAMERA}/detections", _boxes)
         self._shown: object = None
 
     def static(self, data: StaticScene) -> None:
-        """Draw where cameras look."""
+        """Draw the cameras' fields of view."""
         for camera in data.cameras:
             entity = f"{self._origin}/sight/{camera.name}"
             lines = rr.LineStrips3D(_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
             self._rows.log(entity, self._rows.in_frame(camera.frame), lines, static=True)
 
     def moving(self, t: int, wall: int, data: MovingScene) -> None:
-        """New pictures, and what was found."""
+        """Draw new pictures and detections at tree time *t* and wall time *wall* (ns)."""
         for picture in data.pictures:
             self.pictured = True
             key = picture.name, picture.format
@@ -54,14 +54,14 @@ class CameraView:
             self._ages[key].renewed(t, wall)
         for age in self._ages.values():
             age.look(t, wall)
-        found = data.detections
-        if found is not None and found != self._shown:
-            self._shown = found
-            self._found.add(t, wall, found)
+        detections = data.detections
+        if detections is not None and detections != self._shown:
+            self._shown = detections
+            self._found.add(t, wall, detections)
 
 
 class _Age:
-    """Lets a camera's picture, such as *picture*, fade when no other follows it."""
+    """The fading of a camera's *picture* when no new picture follows."""
 
     def __init__(self, rows: RowBuffer, picture: Picture) -> None:
         name, drawn = picture.name, rr.EncodedImage if picture.format == "jpeg" else rr.Image
@@ -69,12 +69,12 @@ class _Age:
         self._opacity: Series[float] = rows.series(
             f"{CAMERA}/pictures/{name}", lambda values: drawn.columns(opacity=values)
         )
-        self._words: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._said)
+        self._words: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._labels)
         self._seen = 0
         self._faint = False
 
     def renewed(self, t: int, wall: int) -> None:
-        """There is a new picture."""
+        """Show a new picture without fading."""
         self._seen = t
         if self._faint:
             self._faint = False
@@ -82,14 +82,14 @@ class _Age:
             self._words.add(t, wall, "")
 
     def look(self, t: int, wall: int) -> None:
-        """Time went on."""
+        """Fade the picture if it is too old at *t*."""
         if not self._faint and t - self._seen > _OLD:
             self._faint = True
             self._opacity.add(t, wall, _FAINT)
             self._words.add(t, wall, f"as of {self._seen / 1e9:.1f} s")
 
-    def _said(self, values: list[str]) -> Iterable[Any]:
-        words = [one for one in values if one]
+    def _labels(self, values: list[str]) -> Iterable[Any]:
+        words = [text for text in values if text]
         columns = rr.Points2D.columns(
             positions=np.array([self._middle] * len(words), dtype=np.float32).reshape(-1, 2),
             labels=words,
@@ -97,7 +97,7 @@ class _Age:
             colors=[_WORDS] * len(words),
             radii=[0.0] * len(words),
         )
-        return columns.partition([int(one != "") for one in values])
+        return columns.partition([int(text != "") for text in values])
 
 
 def _pyramid(camera: Camera) -> list[NDArray[np.float64]]:
@@ -111,28 +111,28 @@ def _pyramid(camera: Camera) -> list[NDArray[np.float64]]:
 
 def _jpegs(pictures: list[Picture]) -> Iterable[Any]:
     return rr.EncodedImage.columns(
-        blob=[one.data for one in pictures], media_type=["image/jpeg"] * len(pictures)
+        blob=[picture.data for picture in pictures], media_type=["image/jpeg"] * len(pictures)
     )
 
 
 def _images(pictures: list[Picture]) -> Iterable[Any]:
     formats = [
         rr.components.ImageFormat(
-            width=one.size[0], height=one.size[1], color_model="RGB", channel_datatype="U8"
+            width=picture.size[0], height=picture.size[1], color_model="RGB", channel_datatype="U8"
         )
-        for one in pictures
+        for picture in pictures
     ]
-    return rr.Image.columns(buffer=[one.data for one in pictures], format=formats)
+    return rr.Image.columns(buffer=[picture.data for picture in pictures], format=formats)
 
 
 def _boxes(values: list[Sequence[Detection]]) -> Iterable[Any]:
-    there = [one for found in values for one in found]
-    boxes = np.array([one.box for one in there], dtype=np.float32).reshape(-1, 4)
+    all_detections = [detection for detections in values for detection in detections]
+    boxes = np.array([detection.box for detection in all_detections], dtype=np.float32).reshape(-1, 4)
     columns = rr.Boxes2D.columns(
         centers=boxes[:, :2] + boxes[:, 2:] / 2,
         half_sizes=boxes[:, 2:] / 2,
-        colors=np.full(len(there), _FOUND, dtype=np.uint32),
-        radii=[-1.5] * len(there),
-        labels=[one.name for one in there],
+        colors=np.full(len(all_detections), _FOUND, dtype=np.uint32),
+        radii=[-1.5] * len(all_detections),
+        labels=[detection.name for detection in all_detections],
     )
-    return columns.partition([len(found) for found in values])
+    return columns.partition([len(detections) for detections in values])

@@ -1,4 +1,4 @@
-"""What is written in a node's pill: its name, and below it, smaller, what tells it from its namesakes."""
+"""The text in a node's pill: its name, and a smaller line that distinguishes nodes with the same name."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,27 +12,32 @@ from btcore_monitor.screen.font import elide, width_of
 BADGE_ROOM: Final = 2 * style.BADGE_RADIUS + 14.0
 TEXT_GAP: Final = 20.0
 VALUES_AT_MOST: Final = 28
-"""Characters of ports' values that tell namesakes apart where a name stands alone."""
+"""Longest port values (characters) that are added to a name to distinguish nodes with the same name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Caption:
-    """*name* is shortened to what a pill holds; *note* ("": none) is the line below it."""
+    """A *name*, shortened to fit into a pill, and a *note* for the line below it ("" for none)."""
 
     name: str
     note: str = ""
 
     @property
     def width(self) -> float:
-        """Length of the pill that holds a badge and the caption."""
+        """The length of a pill with a badge and the caption."""
         text = max(width_of(self.name, style.TEXT_HEIGHT), width_of(self.note, style.NOTE_HEIGHT))
         return BADGE_ROOM + text + TEXT_GAP
 
 
 def captions(tree: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[int, Caption]:
-    """A caption for each uid of *tree*, which may be a folded part of *whole*; *noted*: with notes.
+    """Return a caption for each uid of a tree.
 
-    A note has a node's registration ID where its name is another, and its ports as the XML has them.
+    A note has a node's registration ID if its name is different, and its ports as in the XML.
+
+    Args:
+        tree: The tree, which may be a folded version of *whole*.
+        whole: The complete tree.
+        noted: Whether captions have notes.
     """
     return {
         node.uid: Caption(
@@ -44,18 +49,18 @@ def captions(tree: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[in
 
 
 def ports(node: ObservedNode) -> str:
-    """All ports, as the XML has them."""
+    """Return all ports as in the XML."""
     return "  ".join(f'{port}="{text}"' for port, text in node.ports.items())
 
 
 def distinct_names(nodes: Sequence[ObservedNode]) -> list[str]:
-    """Names of *nodes*; namesakes have their ports' values too, where those are short."""
+    """Return the names of *nodes*; nodes with the same name also get their ports' values, if short."""
     count = Counter(node.name for node in nodes)
-    found = []
+    names = []
     for node in nodes:
         values = " ".join(node.ports.values()) if count[node.name] > 1 else ""
-        found.append(f"{node.name} {values}" if values and len(values) <= VALUES_AT_MOST else node.name)
-    return found
+        names.append(f"{node.name} {values}" if values and len(values) <= VALUES_AT_MOST else node.name)
+    return names
 
 
 def _note(node: ObservedNode, whole: ObservedTree) -> str:
@@ -71,7 +76,7 @@ def _note(node: ObservedNode, whole: ObservedTree) -> str:
 
 
 def _folded(node: ObservedNode, whole: ObservedTree) -> str:
-    """How many nodes are folded into *node*: `` +12``."""
+    """Return the number of nodes that are folded into *node* as text, such as `` +12``."""
     if node.children or not whole.by_uid[node.uid].children:
         return ""
     count, waiting = 0, list(whole.by_uid[node.uid].children)

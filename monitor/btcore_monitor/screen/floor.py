@@ -1,4 +1,4 @@
-"""What lies on the floor of a scene: maps, costmaps, places with names, and where to keep out of."""
+"""Maps, costmaps, named places and keep-out areas on the floor of a scene."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -16,12 +16,12 @@ PLACES: Final = "places"
 AREAS: Final = "areas"
 _KEPT_OUT: Final = 0xFF6B6BB0
 _LAYERS: Final = {"occupancy": 0.004, "costs": 0.012}
-"""m above the floor; of two costmaps the one that was told of later is the upper one."""
+"""Heights (m) above the floor. Of two costmaps, the costmap that was received later is above the other."""
 _STEP: Final = 0.006
 _OPACITY: Final = 0.99
-"""The viewer heeds the alpha of colours only where the whole isn't opaque."""
+"""Slightly below 1, because the viewer ignores the alpha of colours in an opaque image."""
 _HATCH: Final = 0.25
-"""m between two strokes of an area's hatching."""
+"""Distance (m) between the strokes of an area's hatching."""
 
 Rgba = NDArray[np.uint8]
 
@@ -32,14 +32,17 @@ def _mixed(low: Sequence[int], high: Sequence[int], count: int) -> Rgba:
 
 
 def _occupancy_colours() -> Rgba:
-    """By cell as a byte: 0 free … 100 occupied, 255 unknown."""
+    """Return the colours of the cell values: 0 free … 100 occupied, 255 unknown."""
     colours = np.zeros((256, 4), dtype=np.uint8)
     colours[:101] = _mixed((52, 66, 88, 150), (150, 174, 210, 255), 101)
     return colours
 
 
 def _cost_colours() -> Rgba:
-    """By Nav2's cost, as RViz paints it: blue to red, cyan where the robot's middle can't be, magenta."""
+    """Return the colours of Nav2's costs, as in RViz.
+
+    They are blue to red, cyan for 253 (too near for the robot's middle), and magenta for 254 (an obstacle).
+    """
     colours = np.zeros((256, 4), dtype=np.uint8)
     colours[1:253] = _mixed((0, 40, 255, 34), (255, 30, 20, 150), 252)
     colours[253] = (0, 225, 225, 120)
@@ -51,7 +54,7 @@ _COLOURS: Final = {"occupancy": _occupancy_colours(), "costs": _cost_colours()}
 
 
 class Floor:
-    """Draws grids, places and areas below the entity *origin*."""
+    """The drawing of grids, places and areas below the entity *origin*."""
 
     def __init__(self, rows: RowBuffer, palette: Palette, origin: str) -> None:
         self._rows = rows
@@ -60,7 +63,14 @@ class Floor:
         self._grids: dict[str, Series[Grid]] = {}
 
     def static(self, t: int, wall: int, data: StaticScene, root: str) -> None:
-        """Draw what stands still, and grids as they are now; whatever names no frame is in *root*."""
+        """Draw static data and the present grids.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            data: The scene.
+            root: The frame of data without a frame.
+        """
         log = self._rows.log
         places = data.places
         if places:
@@ -76,11 +86,11 @@ class Floor:
             strips = [strip for area in data.areas for strip in _hatched(*area.corners)]
             drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
             log(f"{self._origin}/{AREAS}", self._rows.in_frame(root), drawn, static=True)
-        # Not as static data, which would hide what comes later.
+        # Not logged as static: in rerun, static data hides data that is logged later.
         self.moving(t, wall, data, root)
 
     def moving(self, t: int, wall: int, data: StaticScene | MovingScene, root: str) -> None:
-        """Grids that changed."""
+        """Draw the grids that have changed; see `static` for the parameters."""
         for grid in data.grids:
             self._known(grid, root).add(t, wall, grid)
 
@@ -100,7 +110,7 @@ class Floor:
 
 
 def image(grid: Grid) -> Rgba:
-    """The colours of a grid's cells, the highest row first, shape ``(rows, columns, 4)``."""
+    """Return the colours of a grid's cells, the highest row first, shape ``(rows, columns, 4)``."""
     width, height = grid.size
     cells = np.frombuffer(grid.cells, dtype=np.uint8).reshape(height, width)
     return _COLOURS[grid.kind][cells[::-1]]
@@ -122,11 +132,11 @@ def _columns(grids: list[Grid], height: float) -> Iterable[Any]:
 
 
 def _hatched(xmin: float, ymin: float, xmax: float, ymax: float) -> list[list[tuple[float, float, float]]]:
-    """An outline and strokes across it."""
+    """Return the outline of a rectangle, and diagonal strokes across it."""
     z = 0.03
-    found = [[(xmin, ymin, z), (xmax, ymin, z), (xmax, ymax, z), (xmin, ymax, z), (xmin, ymin, z)]]
+    strokes = [[(xmin, ymin, z), (xmax, ymin, z), (xmax, ymax, z), (xmin, ymax, z), (xmin, ymin, z)]]
     for along in np.arange(_HATCH, (xmax - xmin) + (ymax - ymin), _HATCH):
         start = xmin + min(along, xmax - xmin), ymin + max(0.0, along - (xmax - xmin)), z
         end = xmin + max(0.0, along - (ymax - ymin)), ymin + min(along, ymax - ymin), z
-        found.append([start, end])
-    return found
+        strokes.append([start, end])
+    return strokes

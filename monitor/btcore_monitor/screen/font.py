@@ -1,12 +1,12 @@
-"""Letters as strokes, so that text is part of the drawing and grows and shrinks with it.
+"""A stroke font, so that text scales with the drawing.
 
-rerun's own labels keep their size on screen whatever the zoom, so names in the tree are drawn as line
-strips. The letters are this project's own: lines and elliptical arcs on a grid where a capital is 20 units
-high, a small letter 14, and a descender reaches to -6. (The Hershey fonts were the other candidate; the
-package that ships them has been left alone since 2021 and installs a top-level package called ``tests``.)
+rerun's labels keep their size on the screen at any zoom, so names in the tree are drawn as line strips. The
+letters are made for this project from lines and elliptical arcs, on a grid where a capital is 20 units high,
+a small letter 14, and a descender reaches to -6. (The Hershey fonts were considered; the package that
+contains them has not been maintained since 2021 and installs a top-level package called ``tests``.)
 
-A glyph is written ``width strokes``: strokes are parted by ``/``, and a stroke is a row of points ``x,y`` and
-arcs ``cx,cy,rx,ry,from,to`` (degrees, counter-clockwise when *to* is the larger), y pointing up.
+A glyph is written as ``width strokes``. Strokes are separated by ``/``, and a stroke is a sequence of points
+``x,y`` and arcs ``cx,cy,rx,ry,from,to`` (degrees, counter-clockwise if *to* is larger); y points up.
 """
 
 import math
@@ -19,7 +19,7 @@ Stroke = list[tuple[float, float]]
 CAPITAL: Final = 20.0
 _SPACING: Final = 5.2
 _ARC_STEP: Final = 18.0
-"""Degrees between the points of an arc: round enough at 40 px a letter, cheap enough for 1,000 names."""
+"""Degrees between the points of an arc, a compromise between smooth letters and speed with 1,000 names."""
 
 _GLYPHS: Final[dict[str, str]] = {
     " ": "5",
@@ -157,7 +157,7 @@ def _arc(cx: float, cy: float, rx: float, ry: float, start: float, end: float) -
 
 
 def parse(drawing: str) -> tuple[float, list[Stroke]]:
-    """A drawing in the notation above as (width, strokes); arcs become points."""
+    """Return the width and the strokes of a drawing in the notation above; arcs become points."""
     head, _, rest = drawing.partition(" ")
     strokes: list[Stroke] = []
     for part in rest.split("/"):
@@ -174,7 +174,7 @@ def parse(drawing: str) -> tuple[float, list[Stroke]]:
 
 
 def _accent(mark: str, letter: str, width: float) -> list[Stroke]:
-    """*mark* above *letter*; a cedilla is drawn from where it hangs."""
+    """Return the strokes of *mark* above *letter*, or below it for a cedilla."""
     _, strokes = parse(_ACCENTS[mark])
     base = 0.0 if mark == _CEDILLA else (CAPITAL if letter.isupper() else 14.0) + 3.0
     return [[(x + width / 2, y + base) for x, y in stroke] for stroke in strokes]
@@ -182,7 +182,7 @@ def _accent(mark: str, letter: str, width: float) -> list[Stroke]:
 
 @lru_cache(maxsize=1024)
 def glyph(character: str) -> tuple[float, tuple[tuple[tuple[float, float], ...], ...]]:
-    """Width and strokes of one character; a box stands for what has no letter here."""
+    """Return the width and the strokes of a character; unknown characters are drawn as a box."""
     drawing = _GLYPHS.get(character)
     if drawing is not None:
         width, strokes = parse(drawing)
@@ -200,14 +200,21 @@ def glyph(character: str) -> tuple[float, tuple[tuple[tuple[float, float], ...],
 
 
 def width_of(text: str, height: float) -> float:
-    """How wide *text* is when a capital is *height* high."""
+    """Return the width of *text* if a capital letter has the height *height*."""
     if not text:
         return 0.0
     return (sum(glyph(one)[0] + _SPACING for one in text) - _SPACING) * height / CAPITAL
 
 
 def strokes_of(text: str, x: float, y: float, height: float) -> list[Stroke]:
-    """Strokes of *text*, beginning at *x* with its base line at *y*, in a picture whose y points down."""
+    """Return the strokes of a text, in a picture whose y points down.
+
+    Args:
+        text: The text.
+        x: The left end.
+        y: The base line.
+        height: The height of a capital letter.
+    """
     scale = height / CAPITAL
     drawn: list[Stroke] = []
     for character in text:
@@ -219,7 +226,7 @@ def strokes_of(text: str, x: float, y: float, height: float) -> list[Stroke]:
 
 
 def elide(text: str, room: int) -> str:
-    """*text* in at most *room* characters: the middle goes, since names differ at both ends."""
+    """Shorten *text* to *room* characters by omitting the middle, because names often differ at the ends."""
     if len(text) <= room:
         return text
     tail = (room - 1) // 3

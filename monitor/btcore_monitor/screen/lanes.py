@@ -1,4 +1,4 @@
-"""Lanes over time: one for each leaf, or, where leaves are too many for that, what ran at each depth."""
+"""Lanes over time: a lane for each leaf, or, in trees with too many leaves, for each depth."""
 
 import re
 from collections.abc import Collection, Iterable, Sequence
@@ -15,23 +15,23 @@ from btcore_monitor.screen.tick_states import SHOWN_NAMES, TickStates
 from btcore_monitor.screen.tree import leaves
 
 LANES_AT_MOST: Final = 48
-"""A lane is some 40 px high, so more than these would not be looked at."""
+"""Greatest number of lanes. A lane is about 40 pixels high, so that more lanes would not be readable."""
 SUBTREES_DEEP: Final = 4
 LEAVES_AT_ONCE: Final = 4
-"""Lanes of a big tree: how many levels of subtrees, and how many leaves at work side by side."""
+"""Lanes of a big tree: the number of subtree levels, and of leaves that run at the same time."""
 NOTHING: Final = "–"
 
 
 def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
-    """The nodes that get a lane each: those *found* (uids), else the leaves, unless they are too many."""
+    """Return the nodes that get a lane: the nodes *found* (uids), or all leaves if there are not too many."""
     if found:
         return [node for node in tree.nodes if node.uid in found][:LANES_AT_MOST]
-    everyone = leaves(tree.nodes)
-    return everyone if len(everyone) <= LANES_AT_MOST else []
+    all_leaves = leaves(tree.nodes)
+    return all_leaves if len(all_leaves) <= LANES_AT_MOST else []
 
 
 def lane_entities(names: Sequence[str]) -> list[str]:
-    """Entities of lanes; a number keeps their order, as rerun sorts lanes by name."""
+    """Return the entities of lanes. They begin with a number, because rerun sorts lanes by name."""
     digits = len(str(len(names)))
     return [
         f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name).strip('_')}"
@@ -40,7 +40,7 @@ def lane_entities(names: Sequence[str]) -> list[str]:
 
 
 class Lanes:
-    """What chosen nodes showed tick by tick; in a big tree, above them, the names of what ran."""
+    """The statuses of chosen nodes, tick by tick, and in a big tree the names of running nodes."""
 
     def __init__(
         self, rows: RowBuffer, tree: ObservedTree, palette: Palette, found: Collection[int] = ()
@@ -63,19 +63,19 @@ class Lanes:
         self._depths = [np.array([index[node.uid] for node in one], dtype=np.intp) for one in depths.values()]
         self._leaf = np.array([not node.children for node in tree.nodes])
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)
-        # the lanes of further leaves appear when there is one
+        # The lanes of further leaves appear when several leaves run at the same time.
         self._shown: list[str | None] = [None] * (len(depths) + 1) + [NOTHING] * (LEAVES_AT_ONCE - 1)
         self.title = "What ran over time" if over else f"{'What was found' if found else 'Leaves'} over time"
 
     def draw(self) -> None:
-        """Colours of the lanes."""
+        """Log the colours of the lanes."""
         palette, log = self._palette, self._rows.log
         colours = palette.fill[: len(STATUS_NAMES)]
         look = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
         for entity in self.entities[len(self._over) :]:
             log(entity, look, static=True)
         if self._over:
-            # two shades in turn, so that neighbours are told apart
+            # Two alternating shades distinguish neighbours.
             shades = palette.busy, int(palette.fill[RUNNING])
             names = sorted(set(self._names))
             look = rr.StateConfiguration(
@@ -87,7 +87,7 @@ class Lanes:
                 log(entity, look, static=True)
 
     def show(self, states: TickStates, changed: Iterable[int]) -> None:
-        """A state for each lane among *changed* (indices of nodes)."""
+        """Add a state to the lane of each node in *changed* (indices of nodes)."""
         for at in changed:
             series = self._series.get(at)
             if series is not None:
@@ -104,7 +104,7 @@ class Lanes:
                 self._over[lane].add(states.t, states.wall, name)
 
     def _placed(self, running: list[int]) -> list[int | None]:
-        """The leaves at work, each in the lane that it has had; new ones take the first that is free."""
+        """Return the running leaf of each lane. A leaf keeps its lane; a new leaf takes a free lane."""
         self._slots = [one if one in running else None for one in self._slots]
         for one in running:
             if one not in self._slots and None in self._slots:
@@ -113,7 +113,7 @@ class Lanes:
 
 
 def _depths(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
-    """Name of a lane → its nodes: the subtrees of one depth; without any, the root's children."""
+    """Map the names of lanes to their nodes: the subtrees of a depth, or else the root's children."""
     found: dict[int, list[ObservedNode]] = {}
     depth: dict[int, int] = {0: 0}
     for node in tree.nodes:

@@ -1,12 +1,12 @@
-"""Where the nodes of a tree go: root on top, children in order, wrapped so that big trees stay legible.
+"""The layout of a tree: root on top, children in order, wrapped so that big trees stay legible.
 
-A plain tidy tree of 100 nodes is 9,000 units wide. Here a node's children stand either in columns under it
-(of one each, that is the row that people draw), or flow into rows like words into lines and hang from a spine
-under the parent's left end. Read along columns or rows, children keep their order; nothing overlaps.
+A plain tidy tree of 100 nodes is 9,000 units wide. Here a node's children either stand in columns below the
+node (columns of a single node give the usual row), or flow into rows like words into lines and hang from a
+spine below the parent's left end. Along columns or rows, children keep their order, and nothing overlaps.
 
-Which of these is best depends on what stands around it, so every node offers a few shapes, from narrow and
-tall to wide and low (bottom-up), the root's best for the window is taken, and so the choice of every node
-below it (top-down).
+The best arrangement of a node depends on its surroundings. So every node offers a few shapes, from narrow and
+tall to wide and low (bottom-up). Then the root's best shape for the window is taken, which determines the
+shapes of all nodes below (top-down).
 """
 
 from bisect import bisect_right
@@ -16,35 +16,35 @@ from typing import Final
 
 GAP_X: Final = 22.0
 GAP_Y: Final = 36.0
-"""Between a parent and the row under it: room for the bus that joins them."""
+"""Distance between a parent and the row below it, with room for the horizontal line that connects them."""
 CHAIN_Y: Final = 26.0
-"""Between a parent and its only child."""
+"""Distance between a parent and its only child."""
 HANG_Y: Final = 13.0
-"""Between those that stand in a column."""
+"""Distance between the nodes of a column."""
 INDENT: Final = 42.0
-"""From a parent's left end to children that hang from its spine."""
+"""Distance from a parent's left end to children that hang from its spine."""
 COLUMN_INDENT: Final = 24.0
-"""From a column's left to its pills, when it has several; its own spine is in between."""
+"""Distance from the left of a column with several pills to the pills; the column's spine is in between."""
 SPINE: Final = 21.0
-"""From a parent's left end to its spine: the centre of its badge."""
+"""Distance from a parent's left end to its spine, which is below the centre of the badge."""
 FRAME_PAD: Final = 15.0
 _SNAP: Final = 16.0
-"""A parent moves so far to stand right above a child: better than a line with a kink."""
+"""Greatest distance that a parent moves to be exactly above a child, which avoids a line with a kink."""
 COMFORT: Final = 28.0
-"""Pill heights that a window may be wide: up to there a tree is drawn without wrapping, as on paper."""
+"""Window width (in pill heights) up to which a tree is drawn without wrapping."""
 ROWS_FROM: Final = 10
-"""Children that may flow into rows like words; fewer are quicker found in one row or one column."""
+"""Smallest number of children that flow into rows; fewer children are easier to find in a row or a column."""
 _OFFERS: Final = 40
-"""Shapes that a node offers at most."""
+"""Greatest number of shapes that a node offers."""
 _EVEN_TRIES: Final = 4
-"""Heights that are tried to make columns even."""
+"""Number of heights that are tried to make columns even."""
 _TRIES: Final = 18
-"""Widths, and heights, that are tried for a node's children."""
+"""Number of widths, and of heights, that are tried for a node's children."""
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """What is to be placed: a pill's *width*, indices of *children*, whether a frame goes round it all."""
+    """A node to be placed: the *width* of its pill, its *children* (indices), and whether it has a frame."""
 
     width: float
     children: tuple[int, ...]
@@ -53,7 +53,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A pill: (x, y) is the middle of its left end, *width* its length; y points down."""
+    """The place of a pill: (x, y) is the middle of its left end, *width* its length; y points down."""
 
     x: float
     y: float
@@ -61,7 +61,7 @@ class Place:
 
     @property
     def centre(self) -> float:
-        """The middle's x."""
+        """The x of the pill's middle."""
         return self.x + self.width / 2
 
 
@@ -70,8 +70,10 @@ Line = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Places by index; *edges* by index (the line from the parent; the root's is empty); *frames* as
-    (index, x0, y0, x1, y1); *size* as (width, height) with the upper left corner at (0, 0).
+    """The layout of a tree.
+
+    *places* and *edges* are by index; an edge is the line from the parent, empty for the root. *frames* are
+    (index, x0, y0, x1, y1), and *size* is (width, height) with the upper left corner at (0, 0).
     """
 
     places: tuple[Place, ...]
@@ -82,9 +84,11 @@ class Layout:
 
 @dataclass(frozen=True, slots=True)
 class _Shape:
-    """One way to draw a node and all below it: *width* and *height* of its area, *anchor* from the area's
-    left to the pill, and the children's shapes: in rows if *hung* from the spine, else in columns, of
-    which the first begins *shift* to the right of the area's left.
+    """A way to draw a node and all nodes below it.
+
+    *width* and *height* are those of its area, and *anchor* is the distance from the area's left to the pill.
+    The children's shapes are in rows if *hung* from the spine, otherwise in columns, and the first column
+    begins *shift* to the right of the area's left.
     """
 
     width: float
@@ -96,9 +100,13 @@ class _Shape:
 
 
 def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: float = COMFORT) -> Layout:
-    """Place *boxes* (index 0 is the root; parents before children), pills *height* high, to look best in
-    a window *aspect* times as wide as high, in which *comfort* pill heights are still legible side by side.
-    The same boxes give the same layout.
+    """Return the layout that looks best in a window. The same boxes always give the same layout.
+
+    Args:
+        boxes: The nodes; index 0 is the root, and parents precede their children.
+        height: The height of a pill.
+        aspect: The window's width divided by its height.
+        comfort: The window width, in pill heights, at which the tree is still legible without wrapping.
     """
     if not boxes:
         return Layout((), (), (), (0.0, 0.0))
@@ -110,12 +118,12 @@ def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: f
 
 
 def _cost(shape: _Shape, aspect: float) -> float:
-    """Width of the window of *aspect* that *shape* just fits: what decides how small things are drawn."""
+    """Return the width of the smallest window of *aspect* that holds *shape*; it determines the scale."""
     return max(shape.width, shape.height * aspect)
 
 
 def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
-    """Shapes of the root, narrowest first."""
+    """Return the shapes of the root, narrowest first."""
     offered: list[list[_Shape]] = [[] for _ in boxes]
     for index in range(len(boxes) - 1, -1, -1):
         box = boxes[index]
@@ -154,13 +162,13 @@ def _wrapped(
 
 
 def _steps(low: float, high: float) -> list[float]:
-    """_TRIES sizes from *low* to *high*, each the same ratio above the one before."""
+    """Return _TRIES sizes from *low* to *high* in a geometric progression."""
     ratio = max(1.0, high / low) ** (1 / (_TRIES - 1))
     return [low * ratio**step + 0.01 for step in range(_TRIES)]
 
 
 def _stacked(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
-    """Neighbours in columns at most *limit* high, and of much the same height."""
+    """Put neighbours into columns of similar height, at most *limit*."""
     columns = _filled(shapes, limit)
     total = sum(shape.height for shape in shapes) + HANG_Y * (len(shapes) - len(columns))
     least = max(total / len(columns), max(shape.height for shape in shapes))
@@ -172,7 +180,7 @@ def _stacked(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
 
 
 def _filled(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
-    """Neighbours in columns, each filled up to *limit*."""
+    """Put neighbours into columns, and fill each column up to *limit*."""
     columns: list[list[_Shape]] = []
     used = limit
     for shape in shapes:
@@ -186,7 +194,7 @@ def _filled(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
 
 
 def _spread(values: set[float]) -> list[float]:
-    """At most _TRIES of *values*, spread evenly."""
+    """Return at most _TRIES of *values*, spread evenly."""
     ordered = sorted(values)
     if len(ordered) <= _TRIES:
         return ordered
@@ -194,23 +202,26 @@ def _spread(values: set[float]) -> list[float]:
 
 
 def _lowest_within(shapes: Sequence[_Shape], limit: float) -> _Shape:
-    """The narrowest shape at most *limit* high (they get lower as they get wider); the lowest if none is."""
+    """Return the narrowest shape of height *limit* or less, or the lowest shape if all are higher.
+
+    Shapes are sorted by width, and a wider shape is lower.
+    """
     return next((shape for shape in shapes if shape.height <= limit), shapes[-1])
 
 
 def _widest_within(shapes: Sequence[_Shape], room: float) -> _Shape:
-    """The widest, and so lowest, shape that fits *room*."""
+    """Return the widest, and so lowest, shape that fits into *room*."""
     return shapes[max(0, bisect_right(shapes, room, key=lambda shape: shape.width) - 1)]
 
 
 def _smallest_within(shapes: Sequence[_Shape], room: float) -> _Shape:
-    """The shape of the smallest area that fits *room*."""
+    """Return the shape with the smallest area that fits into *room*."""
     fitting = shapes[: max(1, bisect_right(shapes, room, key=lambda shape: shape.width))]
     return min(fitting, key=lambda shape: shape.width * shape.height)
 
 
 def _best(shapes: Iterable[_Shape]) -> list[_Shape]:
-    """Those that no other beats in both directions, narrowest first, thinned to _OFFERS."""
+    """Return the Pareto-optimal shapes (by width and height), narrowest first, thinned to _OFFERS."""
     front: list[_Shape] = []
     for shape in sorted(shapes, key=lambda one: (one.width, one.height, one.hung)):
         if not front or shape.height < front[-1].height - 0.01:
@@ -234,7 +245,7 @@ def _framed(shape: _Shape) -> _Shape:
 def _in_columns(
     box: Box, height: float, widths: Sequence[float], columns: Sequence[Sequence[_Shape]]
 ) -> _Shape:
-    """Children in columns side by side, the parent centred above them."""
+    """Return the shape with children in columns side by side, and the parent centred above them."""
     across, down, middles, first = -GAP_X, 0.0, [], 0
     for column in columns:
         x = across + GAP_X
@@ -263,7 +274,7 @@ def _column_width(column: Sequence[_Shape]) -> float:
 
 
 def _flowed(box: Box, height: float, children: Sequence[_Shape], room: float) -> _Shape:
-    """Children in rows of at most *room*, or of one each, hung from the spine."""
+    """Return the shape with children in rows, at most *room* wide, that hang from the spine."""
     rows: list[list[_Shape]] = []
     used = room
     for shape in children:
@@ -280,7 +291,7 @@ def _flowed(box: Box, height: float, children: Sequence[_Shape], room: float) ->
 
 
 class _Drawing:
-    """From the root's shape to places and lines."""
+    """The conversion of the root's shape to places and lines."""
 
     def __init__(self, boxes: Sequence[Box], height: float) -> None:
         self._boxes = boxes
@@ -310,7 +321,7 @@ class _Drawing:
         return FRAME_PAD if self._boxes[index].framed else 0.0
 
     def _top(self, child: int, shape: _Shape, x: float, y: float) -> tuple[float, float]:
-        """Where a line from above meets the pill of *child*, whose area begins at (x, y)."""
+        """Return the point where a line from above meets the pill of *child*, whose area begins at (x, y)."""
         return x + shape.anchor + self._boxes[child].width / 2, y + self._pad(child)
 
     def _columns(
@@ -329,7 +340,7 @@ class _Drawing:
                 top = self._top(child, below, at, y)
                 spine = top[0] if single else x + COLUMN_INDENT / 3
                 if len(box.children) == 1:
-                    # Straight down, wherever it meets the child's pill or frame.
+                    # The line goes straight down to the point where it meets the child's pill or frame.
                     reach = self._boxes[child].width / 2 - self._height / 2
                     if abs(top[0] - place.centre) < reach:
                         spine, top = place.centre, (place.centre, top[1])
@@ -371,8 +382,9 @@ class _Drawing:
             y += gap + max(below.height for below in row)
 
     def _leftmost(self, index: int, shape: _Shape) -> _Shape:
-        """*shape* with its pill above the first child instead of the middle: what hangs from a spine begins
-        there, and a line to the middle of something wide would be long.
+        """Return *shape* with its pill above the first child instead of the middle.
+
+        Nodes on a spine begin at the left, and a line from there to the middle of a wide shape would be long.
         """
         if shape.hung or not shape.groups:
             return shape

@@ -1,4 +1,4 @@
-"""Which colour says what: a line below the tree."""
+"""The legend of the tree's colours: a line below the tree."""
 
 from typing import Any, Final
 
@@ -10,7 +10,7 @@ from btcore_monitor.screen.font import Stroke, strokes_of, width_of
 from btcore_monitor.screen.style import Palette
 
 HEIGHT: Final = 30.0
-"""Pixels that the legend needs below the tree."""
+"""Height (pixels) of the legend below the tree."""
 _MARGIN: Final = 12.0
 _TEXT: Final = 8.6
 _STROKE: Final = 0.75
@@ -20,7 +20,15 @@ _GAP: Final = 18.0
 
 
 def legend(palette: Palette, left: float, bottom: float, pixel: float, searched: bool) -> Any:
-    """The legend whose lower left corner is at (*left*, *bottom*); a *pixel* is so many units wide."""
+    """Return the drawing of the legend.
+
+    Args:
+        palette: The colours.
+        left: The x of the lower left corner (units of the drawing).
+        bottom: The y of the lower left corner.
+        pixel: The size of a pixel (units of the drawing).
+        searched: Whether the legend has an entry for highlighted nodes.
+    """
     entries = [
         (int(palette.fill[RUNNING]), "RUNNING"),
         (int(palette.fill[SUCCESS]), "SUCCESS"),

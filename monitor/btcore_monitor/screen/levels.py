@@ -1,4 +1,4 @@
-"""Levels of the lines in the log of transitions, by which the viewer lets people filter."""
+"""Levels of the lines in the log of transitions. Users can filter by level in the viewer."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -6,7 +6,7 @@ from typing import Final
 from btcore_monitor.events import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 
 LEVELS: Final = ("TRACE", "DEBUG", "INFO", "WARN", "ERROR")
-"""From all that is told to what went wrong; the names are rerun's."""
+"""The levels from the most to the least detailed, with rerun's names."""
 
 OF_STATUS: Final[Mapping[int, str]] = {
     IDLE: "TRACE",
@@ -15,4 +15,4 @@ OF_STATUS: Final[Mapping[int, str]] = {
     SUCCESS: "INFO",
     FAILURE: "WARN",
 }
-"""Level of a transition, by the status that it goes to. What is missing is WARN, what a node raised ERROR."""
+"""Level of a transition, by its new status. Missing data has the level WARN, an exception of a node ERROR."""

@@ -1,16 +1,17 @@
-"""Words in markdown, and few of them."""
+"""Short texts in markdown."""
 
 import re
 
 
 def escape_markdown(text: str) -> str:
-    """*text* without what would be markup in a table."""
+    """Replace the characters of *text* that are markup in a markdown table."""
     return text.replace("|", "¦").replace("`", "'").replace("\n", " ")
 
 
 def brief(message: str) -> str:
-    """The first line of an error's *message*, without the file that the tree is from and the node's name:
-    what is said beside those.
+    """Return the first line of an error's *message*, without the tree's file and the node's name.
+
+    Both are displayed beside the message already.
     """
     line = message.partition("\n")[0]
     return re.sub(r"^\S+:\d+: (node '.*?' <.*?> raised while \w+: )?", "", line)

@@ -1,4 +1,4 @@
-"""What a robot believes and means to do, drawn in the scene: path, goal, particles, poses, arrows, boxes."""
+"""Drawings of navigation data in the scene: path, goal, particles, poses, arrows and boxes."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _RING: Final = 24
 _GOAL_RING, _GOAL_POLE = 0.3, 1.2
 _PARTICLE: Final = 0.14
 _NOSE: Final = 1.5
-"""How far a heading reaches, by the ring's radius."""
+"""Length of the line that shows a heading, in multiples of the ring's radius."""
 _BOX_LINE: Final = 0.02
 _BOX_COLOUR: Final = (255, 213, 74, 255)
 _ARROW: Final = 0.025
@@ -30,7 +30,7 @@ Strips = list[NDArray[np.float32]]
 
 @dataclass(frozen=True, slots=True)
 class PoseStyle:
-    """How poses of one kind are drawn: *colour*, *radius* of the lines (m; negative: pixels)."""
+    """The style of one kind of poses: *colour*, and *radius* of the lines (m; negative values are pixels)."""
 
     colour: int
     radius: float
@@ -83,7 +83,7 @@ POSE_STYLES: Final[Mapping[str, PoseStyle]] = {
 
 
 class NavigationMarkers:
-    """Draws rows of poses and arrows below the entity *origin*."""
+    """The drawing of poses, arrows and boxes below the entity *origin*."""
 
     def __init__(self, rows: RowBuffer, origin: str) -> None:
         self._rows = rows
@@ -96,7 +96,14 @@ class NavigationMarkers:
         self._box_entities: list[str] = []
 
     def moving(self, t: int, wall: int, data: MovingScene, root: str) -> None:
-        """Poses that changed, and all arrows that there are now."""
+        """Draw the poses that have changed, and all present arrows and boxes.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            data: The scene.
+            root: The frame of data without a frame.
+        """
         for poses in data.poses:
             self._show_poses(t, wall, poses, root)
         if data.arrows is not None:

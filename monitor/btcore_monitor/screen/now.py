@@ -1,4 +1,4 @@
-"""What runs now, in words."""
+"""The panel with the present state as text: running leaves, failures, notes and contacts."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -28,13 +28,11 @@ from btcore_scene import MovingScene
 NOW: Final = "now"
 _NAMES_AT_MOST: Final = 4
 _CELL: Final = 28
-"""Characters that surely have room in the table, whose cells aren't wrapped."""
+"""Characters that always fit into a cell of the table; the viewer does not wrap cells."""
 
 
 class NowPanel:
-    """A few lines: the leaves at work, those that failed, what the robot says of itself, its contacts, the
-    tick.
-    """
+    """A few lines of text: running leaves, failed leaves, the robot's notes, its contacts, and the tick."""
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
         self._series: Series[str] = rows.series(NOW, markdown_columns)
@@ -50,36 +48,36 @@ class NowPanel:
         self._lost = self._holes = 0
 
     def show_source(self, source: DataSource) -> None:
-        """Take what the robot doesn't tell."""
+        """Add lines for the data that the robot does not send."""
         self._source_lines = [f"| by | {source.name} |"] if source.unavailable else []
         if "exceptions" in source.unavailable:
             self._source_lines.append(f"| raised | {source.unavailable['exceptions']} |")
 
     def raised(self, event: ExceptionRaised, states: TickStates) -> None:
-        """Say which node raised last: at once, as a tick that raises may be the last."""
+        """Show the last node that raised, immediately, because a tick that raises may be the last tick."""
         path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
         self._raised = f"**{path}** raised at {event.t / 1e9:.2f} s: {message}"
         self._show(event.t, event.wall, states, self._root)
 
     def missing(self, event: TransitionsLost | DataMissed) -> None:
-        """Count what is missing."""
+        """Count missing transitions."""
         if isinstance(event, TransitionsLost):
             self._lost += event.last - event.first + 1
         elif event.topic == "transitions":
             self._holes += 1
 
     def moving(self, data: MovingScene) -> None:
-        """Take the notes and the contacts of *data*."""
+        """Keep the notes and the contacts of *data* for the next update."""
         self._notes.update(data.notes)
         if data.collisions is not None:
             self._contacts = f"{data.collisions} collisions · {data.grazes or 0} grazes"
 
     def tick(self, event: Ticked, states: TickStates) -> None:
-        """The lines as of this tick."""
+        """Show the state after a tick."""
         self._show(event.t, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
 
     def moment(self, states: TickStates) -> None:
-        """The lines as of *states*, of a robot that doesn't tell of its ticks."""
+        """Show *states* of a robot that does not report its ticks."""
         self._show(states.t, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
 
     def _show(self, t: int, wall: int, states: TickStates, root: str) -> None:
@@ -87,7 +85,7 @@ class NowPanel:
         runs = states.shown == RUNNING
         failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
         short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
-        # Above the table and below it lines are wrapped.
+        # Long texts are outside the table, because the viewer wraps only lines outside tables.
         lines = [self._raised, ""] if self._raised else []
         lines += [f"| runs | {self._leaves(runs) or '–'} |", "|:--|:--|"]
         if (failed & self._leaf).any():
@@ -110,10 +108,10 @@ class NowPanel:
 
     def _leaves(self, chosen: NDArray[np.bool_]) -> str:
         at = np.flatnonzero(chosen & self._leaf).tolist()
-        text = ", ".join(f"**{escape_markdown(self._names[one])}**" for one in at[:_NAMES_AT_MOST])
+        text = ", ".join(f"**{escape_markdown(self._names[index])}**" for index in at[:_NAMES_AT_MOST])
         return text if len(at) <= _NAMES_AT_MOST else f"{text} and {len(at) - _NAMES_AT_MOST} more"
 
 
 def markdown_columns(values: list[str]) -> Iterable[Any]:
-    """Columns of one markdown document a row."""
+    """Return columns with a markdown document in each row."""
     return rr.TextDocument.columns(text=values, media_type=["text/markdown"] * len(values))

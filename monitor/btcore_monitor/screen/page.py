@@ -1,7 +1,8 @@
-"""The web viewer's page, which needs nothing but this machine.
+"""A web server for the viewer's page that works without internet access.
 
-The SDK's own page fetches a font, looks for news and reports how it is used: from and to places elsewhere, of
-which a robot without internet complains, and of which nobody was asked. So it is passed on without that.
+The page of rerun's SDK loads a font, looks for updates and reports usage statistics over the internet. That
+fails on a robot without internet, and users have not agreed to it. So this server passes the page on without
+these requests.
 """
 
 import contextlib
@@ -28,13 +29,17 @@ _STAYS_HERE: Final = b"""
       : Promise.resolve(new Response(null, { status: 204 }));
 </script>
 """
-"""The page and the recordings that its address names may be fetched; all else is answered with nothing."""
+"""The page may load only itself and the recordings that its address names; all other requests are blocked."""
 _PASSED_ON: Final = ("Content-Type", "rerun-final-length")
 _ANSWER_WITHIN: Final = 20.0
 
 
 class PageServer:
-    """Serves on *port*, of this machine only, what the SDK serves on *source*. Raises OSError."""
+    """A server on *port* of this machine that passes on the page that the SDK serves on port *source*.
+
+    Raises:
+        OSError: The port is in use.
+    """
 
     def __init__(self, port: int, source: int) -> None:
         self._server = _Server(("127.0.0.1", port), _Handler)
@@ -43,7 +48,7 @@ class PageServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -58,9 +63,9 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        # Not by urllib: that asks a proxy, if the environment names one, for what is on this machine.
+        # Not urllib, which would send the request to the environment's proxy, even for this machine.
         source = http.client.HTTPConnection("127.0.0.1", self.server.source, timeout=_ANSWER_WITHIN)
-        # A browser that leaves in the middle is none of our business.
+        # A browser that closes the connection early is not an error.
         with contextlib.suppress(OSError, http.client.HTTPException), contextlib.closing(source):
             source.request("GET", self.path)
             answer = source.getresponse()
@@ -79,11 +84,11 @@ class _Handler(BaseHTTPRequestHandler):
                 shutil.copyfileobj(answer, self.wfile, 1 << 20)
 
     def log_message(self, format: str, *arguments: Any) -> None:
-        """Say nothing: what people look at is no news."""
+        """Log nothing: requests of a browser are not of interest."""
 
 
 def free_port(wanted: int = 0) -> int:
-    """*wanted* if nobody listens there, else some port that is free."""
+    """Return the port *wanted* if it is free, or else another free port."""
     with socket.socket() as probe:
         try:
             probe.bind(("0.0.0.0", wanted))

@@ -1,4 +1,4 @@
-"""What stands beside the tree: log, blackboard, and the cost of ticking."""
+"""The panels beside the tree: log of transitions, blackboard, tick duration and tick rate."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -32,13 +32,13 @@ TICK_MS: Final = "tick/duration"
 BUDGET_MS: Final = "tick/budget"
 RATE: Final = "rate/ticks"
 UNSENT: Final = "tick/unsent"
-"""What stands in the place of a tick's cost where a robot doesn't tell it."""
+"""Entity of the text that replaces the tick duration if the robot does not send it."""
 NAME_WIDTH: Final = 24
 _VALUE_ROOM: Final = 60
 
 
 class TransitionLog:
-    """Every transition, and what else is worth a line."""
+    """The log of transitions, exceptions, gaps and connection changes."""
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette) -> None:
         width = min(NAME_WIDTH, max(len(node.name) for node in tree.nodes))
@@ -49,7 +49,7 @@ class TransitionLog:
         self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _numbers)
 
     def change(self, event: StatusChanged) -> None:
-        """A line ``time  #number  name  PREVIOUS → STATUS``, and the same as numbers for programs."""
+        """Log a transition as a line ``time  #number  name  PREVIOUS → STATUS``, and as numbers."""
         line = (
             f"{event.t / 1e9:9.2f}s #{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
             f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"
@@ -59,34 +59,34 @@ class TransitionLog:
         self._numbers.add(event.t, event.wall, event)
 
     def not_found(self, pattern: str, t: int, wall: int) -> None:
-        """A search was in vain."""
-        line = f"{t / 1e9:9.2f}s no node's name or path is like '{pattern}'"
+        """Log that no node matches a search pattern, at tree time *t* and wall time *wall* (ns)."""
+        line = f"{t / 1e9:9.2f}s no node's name or path matches '{pattern}'"
         self._lines.add(t, wall, (line, "WARN", int(self._palette.ink[1])))
 
     def raised(self, event: ExceptionRaised) -> None:
-        """A node raised."""
+        """Log the exception of a node."""
         line = f"{event.t / 1e9:9.2f}s {event.path} raised: {brief(event.message)}"
         self._lines.add(event.t, event.wall, (line, "ERROR", int(self._palette.ink[3])))
 
     def gap(self, event: TransitionsLost, t: int, wall: int) -> None:
-        """Transitions are missing."""
+        """Log a gap in the transitions at tree time *t* and wall time *wall* (ns)."""
         line = f"{t / 1e9:9.2f}s transitions #{event.first} to #{event.last} are missing: they never arrived"
         self._lines.add(t, wall, (line, "WARN", int(self._palette.ink[1])))
 
     def unseen(self, event: DataMissed) -> None:
-        """Something is missing, nobody knows how much."""
+        """Log missing data of unknown amount."""
         since = f"since {event.since / 1e9:.2f}s " if event.since < event.t else ""
         line = f"{event.t / 1e9:9.2f}s {event.topic} {since}incomplete: {event.reason}"
         self._lines.add(event.t, event.wall, (line, "WARN", int(self._palette.ink[1])))
 
     def show_source(self, source: DataSource, t: int, wall: int) -> None:
-        """What the robot doesn't tell."""
+        """Log which data the robot does not send, at tree time *t* and wall time *wall* (ns)."""
         for topic, sentence in source.unavailable.items():
             line = f"{t / 1e9:9.2f}s {topic}: {sentence}"
             self._lines.add(t, wall, (line, "INFO", self._palette.faint))
 
     def link(self, event: ConnectionChanged, t: int, wall: int) -> None:
-        """The robot is there, or gone."""
+        """Log a change of the connection at tree time *t* and wall time *wall* (ns)."""
         line = f"{t / 1e9:9.2f}s robot {event.state}" + (f": {event.detail}" if event.detail else "")
         level = "WARN" if event.state == "lost" else "INFO"
         self._lines.add(t, wall, (line, level, self._palette.faint))
@@ -106,9 +106,9 @@ def _numbers(values: list[StatusChanged]) -> Iterable[Any]:
 
 
 class BlackboardTable:
-    """The blackboards as one table: what changed since the last time stands in bold.
+    """The blackboards as a table, with entries in bold that changed since the last update.
 
-    *note* says above it what a robot doesn't tell of them.
+    *note* is a text above the table, for data that the robot does not send.
     """
 
     def __init__(self, rows: RowBuffer, note: str = "") -> None:
@@ -118,12 +118,12 @@ class BlackboardTable:
         self._shown = ""
 
     def blank(self, t: int, wall: int) -> None:
-        """Nothing but the note, until a blackboard is seen."""
+        """Show only the note, until a blackboard is received."""
         if not self._shown:
             self._series.add(t, wall, f"*{escape_markdown(self.note)}*")
 
     def show(self, t: int, wall: int, boards: Mapping[str, Mapping[str, Any]]) -> None:
-        """The table of *boards*, unless it is the one already there."""
+        """Show the table of *boards*, unless it is unchanged."""
         document = markdown(boards, self._last)
         if self.note:
             document = f"*{escape_markdown(self.note)}*\n\n{document}"
@@ -134,7 +134,7 @@ class BlackboardTable:
 
 
 def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mapping[str, Any]]) -> str:
-    """*boards* as a markdown table; entries that differ from *before* are bold."""
+    """Return *boards* as a markdown table; entries that differ from *before* are bold."""
     lines: list[str] = []
     for path, board in boards.items():
         if not board:
@@ -167,7 +167,7 @@ def _short(value: Any) -> str:
 
 
 class TickCost:
-    """Tick duration with its budget, and the tick rate by the tree's clock."""
+    """The tick duration with its budget, and the tick rate by the tree's clock."""
 
     def __init__(self, rows: RowBuffer, palette: Palette) -> None:
         self._rows = rows
@@ -181,7 +181,7 @@ class TickCost:
         self._budget_ns = 0
 
     def draw(self) -> None:
-        """Names and colours of the lines."""
+        """Log the names and colours of the lines."""
         log, palette = self._rows.log, self._palette
         log(
             BUDGET_MS,
@@ -195,8 +195,10 @@ class TickCost:
         )
 
     def tick(self, event: Ticked) -> None:
-        """One tick. The budget is the usual time between ticks; its line is drawn once a tick took a
-        tenth of it, since a line far above would press the curve flat; until then the legend names it.
+        """Add a tick. The budget is the usual time between ticks.
+
+        The budget's line is drawn once a tick has taken a tenth of it, because a line far above would flatten
+        the curve. Until then only the legend shows the budget.
         """
         before, self._before = self._before, event
         self._duration.add(event.t, event.wall, event.duration_ns / 1e6)

@@ -1,4 +1,4 @@
-"""The screen: events of a running tree in, rows of a rerun recording out."""
+"""The view of a robot: converts the events of a running tree to rows of a rerun recording."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -36,17 +36,21 @@ from btcore_monitor.screen.tree import BIG, TreeView, fold_subtrees, matching
 from btcore_monitor.screen.viewer_windows import ROOM, RobotWindow, SingleRobotWindow
 
 SEND_EVERY: Final = 0.2
-"""s of wall time between two sendings of gathered rows while events come."""
+"""Wall time (s) between two transmissions of buffered rows while events arrive."""
 
 
 class RobotView:
-    """Shows one robot. Call :meth:`show` for each event in order, :meth:`flush` when nothing comes, and
-    :meth:`close` at the end.
+    """The view of a robot.
 
-    A tree with a new id begins a new recording, so that a robot's restart does not write over what was seen.
-    Where several robots are shown in one window, each has its slot instead of *sinks*. Nodes whose name or
-    path is like one of the patterns in *find* (``Dock*``) stand out in the tree and have lanes. The log shows
-    transitions of *level* (:mod:`~btcore_monitor.screen.levels`) and above.
+    Call :meth:`show` for each event in order, :meth:`flush` while no events arrive, and :meth:`close` at the
+    end. A tree with a new id begins a new recording, so that a restarted robot does not overwrite the old
+    data.
+
+    Args:
+        sinks: Where the recordings go, or the robot's part of a window with several robots.
+        palette: The colours.
+        find: Patterns such as ``Dock*``. Nodes whose name or path matches are highlighted and have lanes.
+        level: The lowest level of the log's lines (:mod:`~btcore_monitor.screen.levels`).
     """
 
     def __init__(
@@ -68,11 +72,11 @@ class RobotView:
 
     @property
     def tree(self) -> TreeView | None:
-        """The drawing of the tree that is shown."""
+        """The drawing of the present tree, or None."""
         return self._shown.tree if self._shown is not None else None
 
     def show(self, event: Event) -> None:
-        """Take in one event."""
+        """Process an event."""
         if isinstance(event, TreeSeen):
             self._draw()
             self._met = event
@@ -87,7 +91,7 @@ class RobotView:
             self.flush()
 
     def flush(self) -> None:
-        """Send what has gathered."""
+        """Send the buffered rows."""
         self._sent = time.monotonic()
         self._draw()
         if self._shown is not None:
@@ -100,7 +104,7 @@ class RobotView:
         self._finish()
 
     def _draw(self) -> None:
-        """Draw the tree that was met. That waits for what comes next: a scene leaves it less room."""
+        """Draw the new tree. This waits for the next event, because a scene leaves less room for the tree."""
         met, self._met = self._met, None
         if met is None:
             return
@@ -124,7 +128,7 @@ class RobotView:
 
 
 class _Shown:
-    """One tree on the screen, with its recording."""
+    """A displayed tree with its recording."""
 
     def __init__(
         self,
@@ -186,12 +190,12 @@ class _Shown:
         }
 
     def again(self, event: TreeSeen) -> None:
-        """The same tree after a lost connection: statuses as they are now, without transitions between."""
+        """Continue the same tree after a lost connection with its present statuses, without transitions."""
         self._at(event.t, event.wall)
         self._restart(event)
 
     def is_of(self, event: TreeSeen) -> bool:
-        """Whether *event* is of this tree, and by a wire with this one's clock."""
+        """Return whether *event* is of this tree, received with the same protocol and clock."""
         return self.tree_id == event.tree.tree_id and self.numbered == event.numbered
 
     def _restart(self, event: TreeSeen) -> None:
@@ -222,7 +226,7 @@ class _Shown:
             self.rows.log(UNSENT, note, static=True)
 
     def settle(self) -> None:
-        """Show what changed last, of a robot that doesn't tell when a tick ends."""
+        """Show the last changes of a robot that does not report the end of a tick."""
         if "ticks" in self.source.unavailable and self.states.is_open:
             self._end_tick(self._t, self._wall)
 
@@ -236,7 +240,7 @@ class _Shown:
         self.window.end(self.recording)
 
     def _rest(self) -> None:
-        """Show what changed after the last tick: a tree that was halted runs nothing."""
+        """Show the changes after the last tick, for example of a tree that was halted."""
         if self.states.is_open:
             self._end_tick(self._t, self._wall)
             self.now.moment(self.states)

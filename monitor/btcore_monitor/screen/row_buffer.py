@@ -1,8 +1,8 @@
-"""Rows on their way to rerun: gathered by entity, sent as columns.
+"""A buffer of rows for rerun, collected by entity and sent as columns.
 
-A row logged by itself costs 40–90 µs and some 1.2 kB of file for each flush; a row in a column costs a list's
-append now and 17–27 bytes later. So everything that changes over time goes through here, and a run that comes
-faster than real time is simply sent in longer columns.
+A row that is logged alone costs 40–90 µs, and about 1.2 kB of the file for each flush. A row in a column
+costs an append to a list, and 17–27 bytes of the file. So all data that changes over time uses this buffer.
+A run that is faster than real time gives longer columns.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,7 +19,7 @@ WALL_TIME = "wall"
 
 
 class Series(Generic[Value]):
-    """The rows of one *entity* that have not been sent. *encode* turns their values into rerun's columns."""
+    """The unsent rows of an *entity*. *encode* converts their values to rerun's columns."""
 
     def __init__(self, entity: str, encode: Encode[Value]) -> None:
         self.entity = entity
@@ -29,13 +29,19 @@ class Series(Generic[Value]):
         self._values: list[Value] = []
 
     def add(self, t: int, wall: int, value: Value) -> None:
-        """One row at tree time *t* (ns) and *wall* (ns since the epoch)."""
+        """Add a row.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns since the epoch).
+            value: The value.
+        """
         self._t.append(t)
         self._wall.append(wall)
         self._values.append(value)
 
     def send(self, recording: rr.RecordingStream) -> None:
-        """Send what has gathered, and forget it."""
+        """Send the rows, and clear the buffer."""
         if not self._values:
             return
         times = [
@@ -49,10 +55,10 @@ class Series(Generic[Value]):
 
 
 class RowBuffer:
-    """All series of one robot's tree, in *recording*.
+    """All series of a robot's tree in *recording*.
 
-    Where several robots share one, each has a *place*: an entity that all its entities are below, and that
-    its frames are called by.
+    If several robots share a recording, *place* is the entity above all entities of this robot, and the
+    prefix of its frames' names.
     """
 
     def __init__(self, recording: rr.RecordingStream, place: str = "") -> None:
@@ -61,34 +67,40 @@ class RowBuffer:
         self._series: list[Series[Any]] = []
 
     def series(self, entity: str, encode: Encode[Value]) -> Series[Value]:
-        """A new series for *entity*."""
+        """Return a new series for *entity*, whose values *encode* converts to columns."""
         made = Series(self._below + entity, encode)
         self._series.append(made)
         return made
 
     def log(self, entity: str, *what: Any, static: bool) -> None:
-        """Log *what* of *entity* at once; *static* is for all times."""
+        """Log data without buffering.
+
+        Args:
+            entity: The entity.
+            what: The components.
+            static: Whether the data is valid for all times.
+        """
         self.recording.log(self._below + entity, *what, static=static)
 
     def frame(self, name: str) -> str:
-        """What the robot's frame *name* is called in the recording."""
+        """Return the name of the robot's frame *name* in the recording."""
         return self._below + name
 
     def in_frame(self, name: str) -> rr.CoordinateFrame:
-        """That an entity is in the robot's frame *name*."""
+        """Return the component that places an entity in the robot's frame *name*."""
         return rr.CoordinateFrame(self._below + name)
 
     def send(self) -> None:
-        """Send what has gathered in every series."""
+        """Send the rows of every series."""
         for one in self._series:
             one.send(self.recording)
 
 
 def scalars(values: list[float]) -> Iterable[Any]:
-    """Columns of one number a row."""
+    """Return columns with a number in each row."""
     return rr.Scalars.columns(scalars=np.array(values, dtype=np.float64))
 
 
 def strip_colours(values: list[Any]) -> Iterable[Any]:
-    """Columns of colours of a LineStrips2D: one uint32 array a row."""
+    """Return columns with the colours of a LineStrips2D (a uint32 array) in each row."""
     return rr.LineStrips2D.columns(colors=np.concatenate(values)).partition([len(one) for one in values])

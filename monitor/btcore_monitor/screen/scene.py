@@ -1,4 +1,4 @@
-"""The robot's world in 3D: shapes by their frames, laser, trail; and beside it speed and battery."""
+"""The robot's world in 3D (shapes in their frames, laser, trail), and the curves of speed and battery."""
 
 import math
 from collections import defaultdict
@@ -24,43 +24,43 @@ FAN: Final = f"{ORIGIN}/laser/fan"
 SPEED: Final = "speed"
 BATTERY: Final = "battery"
 COLOURS: Final = "colours"
-_SAID_OF_COLOURS: Final = """
+_COLOUR_LEGEND: Final = """
 | | |
 |:--|:--|
-| green | goal, and the way there |
-| orange | the way it came |
+| green | goal and planned path |
+| orange | trail: path driven |
 | cyan dots | laser |
-| white ring | where it believes to be |
-| pink strokes | where else it may be |
-| red ring | where it would be by its wheels alone |
-| magenta | an obstacle in the local costmap |
-| cyan ground | too near to one |
-| blue to red | cost of being there |
-| hatched | to be kept out of |
+| white ring | estimated pose |
+| pink strokes | particles: possible poses |
+| red ring | pose by odometry alone |
+| magenta | obstacle in the local costmap |
+| cyan ground | too near to an obstacle |
+| blue to red | cost of a place |
+| hatched | keep-out area |
 """
 _FAN_STEP: Final = 4
-"""Every so many rays have a corner in the fan: a shape needs fewer than the readings do."""
+"""Number of rays for each corner of the fan; a filled shape needs fewer points than the readings."""
 _FAN_REACH: Final = 6.0
-"""m; a ray without an echo is free as far as the sensor sees, but a fan of 25 m would hide the scene."""
+"""Length (m) of the fan for rays without an echo; a fan of the sensor's full range would hide the scene."""
 _BODIES: Final = ("base_footprint", "base_link")
-"""Frames that are called so by REP 105 stand for the robot as a whole."""
+"""Frames that stand for the whole robot (names by REP 105)."""
 _SPAN: Final = 6.0
-"""m; at least so much of the world is in view."""
+"""Smallest extent (m) of the world that is in view."""
 _TRAIL_STEP: Final = 0.02
-"""m between two points of the trail."""
+"""Distance (m) between two points of the trail."""
 _TRAIL_HEIGHT: Final = 0.06
-"""m; above what lies on the floor, and above the path, which it covers as far as that was driven."""
+"""Height (m) of the trail, above everything on the floor; it covers the driven part of the path."""
 
 _STILL: Final = 2e-5
-"""m, and parts of a quaternion: what trembles by so much, as a physics engine's joints do, stands."""
+"""Smallest displayed change of a pose (m, and quaternion elements); simulated joints jitter by less."""
 
 Vector = NDArray[np.float64]
 Pose = tuple[str, tuple[float, ...], tuple[float, ...]]
-"""Parent, position (m), quaternion."""
+"""A parent frame, a position (m) and a quaternion."""
 
 
 class SceneView:
-    """One robot's scene. It draws what *static* names, and moves it by what *moving* says."""
+    """The scene of a robot: `static` draws its parts, and `moving` updates their poses."""
 
     def __init__(self, rows: RowBuffer, palette: Palette) -> None:
         self._rows = rows
@@ -85,21 +85,30 @@ class SceneView:
 
     @property
     def pictured(self) -> bool:
-        """Whether there are pictures to show."""
+        """Whether there are camera pictures to show."""
         return self._cameras.pictured
 
     @property
     def powered(self) -> bool:
-        """Whether there is a battery to show."""
+        """Whether there is a battery level to show."""
         return self._static.battery is not None
 
     @property
     def navigates(self) -> bool:
-        """Whether there is a map to go by."""
+        """Whether there is navigation data to show."""
         return bool(self._static.grids)
 
     def static(self, t: int, wall: int, data: StaticScene) -> bool:
-        """Draw it, from *t* and *wall* (ns) on; False if it is drawn already (it is re-sent on request)."""
+        """Draw the static scene.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            data: The scene.
+
+        Returns:
+            False if this scene is drawn already; robots send it again on request.
+        """
         if self.present and data == self._static:
             return False
         self._static, self.present = data, True
@@ -117,7 +126,7 @@ class SceneView:
         self._draw_sensors()
         self._floor.static(t, wall, data, self._root)
         if self.navigates:
-            log(COLOURS, rr.TextDocument(_SAID_OF_COLOURS, media_type="text/markdown"), static=True)
+            log(COLOURS, rr.TextDocument(_COLOUR_LEGEND, media_type="text/markdown"), static=True)
         self._cameras.static(data)
         return True
 
@@ -148,7 +157,13 @@ class SceneView:
             log(entity, look, static=True)
 
     def moving(self, t: int, wall: int, data: MovingScene) -> None:
-        """One moment: frames that moved, a new scan, the speed, and whatever else is new."""
+        """Draw the changes: moved frames, a new scan, the speed, and other new data.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            data: The changes.
+        """
         for child, parent, position, quaternion in data.frames:
             self._place(t, wall, child, (parent, position, quaternion))
         self._stand(t, wall)
@@ -178,7 +193,7 @@ class SceneView:
         series.add(t, wall, pose)
 
     def _stand(self, t: int, wall: int) -> None:
-        """A robot that tells of its base link alone has a footprint on the floor below it, too."""
+        """Add the footprint's frame, on the floor, for a robot that sends only its base link."""
         footprint, link = _BODIES
         if footprint not in self._poses and link in self._poses:
             height = self._poses[link][1][2]
@@ -228,7 +243,7 @@ class SceneView:
             self._last = place
 
     def _robot(self) -> Vector | None:
-        """Where the robot stands on the floor (m, root frame), if its frames lead up to the root."""
+        """Return the robot's position on the floor (m, root frame), or None if it is unknown."""
         frame: str | None = next((one for one in _BODIES if one in self._poses), None)
         if frame is None:
             return None
@@ -245,14 +260,14 @@ class SceneView:
         return None
 
     def eye(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Position of a good eye and the point to look at (m), from the extent of what stands around."""
+        """Return the position of the eye and the point to look at (m), chosen by the extent of the world."""
         around = [part for part in self._static.parts if part.frame in (None, self._root)]
         (x0, y0), (x1, y1) = extent(around)
         x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0, _SPAN)
         return (x - 0.08 * span, y - 0.71 * span, 0.885 * span), (x, y - 0.05 * span, 0.0)
 
     def robot(self) -> str:
-        """The entity of the robot's body, for an eye that follows it ("": there is none)."""
+        """Return the entity of the robot's body, which a close-up follows, or "" without a body."""
         frames = {part.frame or self._root: part.kind for part in self._static.parts}
         for frame in (*_BODIES, *frames):
             if frame in frames and frame != self._root:
@@ -272,10 +287,12 @@ def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:
     return turned if math.isfinite(w) else point
 
 
-def _near(one: Pose, other: Pose) -> bool:
-    if one[0] != other[0]:
+def _near(first: Pose, second: Pose) -> bool:
+    if first[0] != second[0]:
         return False
-    return all(abs(a - b) <= _STILL for a, b in zip((*one[1], *one[2]), (*other[1], *other[2]), strict=True))
+    return all(
+        abs(a - b) <= _STILL for a, b in zip((*first[1], *first[2]), (*second[1], *second[2]), strict=True)
+    )
 
 
 def _positions(values: list[Any]) -> Iterable[Any]:

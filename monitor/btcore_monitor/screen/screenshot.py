@@ -1,4 +1,4 @@
-"""A picture of a recording without a display: the viewer, drawn by whatever Vulkan there is, or software."""
+"""Pictures of a recording without a display. The viewer renders with Vulkan, in hardware or software."""
 
 import contextlib
 import os
@@ -23,10 +23,10 @@ FULL_HD: Final = (1920, 1080)
 _START_WITHIN: Final = 60.0
 _LOAD_WITHIN: Final = 120.0
 _SETTLE_WITHIN: Final = 60.0
-"""s; software drawing on a busy machine is slow, and a picture that is late is still a picture."""
+"""Timeout (s) for a stable picture; long, because software rendering on a busy machine is slow."""
 _EQUAL: Final = 3
 _STILL_FOR: Final = 0.7
-"""Pictures in a row, and s, that have to be the same before it is taken for still."""
+"""Number of consecutive equal pictures, and time (s) without a change, after which a picture is stable."""
 
 
 def screenshot(
@@ -36,11 +36,18 @@ def screenshot(
     size: tuple[int, int] = FULL_HD,
     view: str | None = None,
 ) -> None:
-    """Write *picture* (PNG): *recording* (``.rrd``) as shown at tree time *t* (s; None: its end).
+    """Write a picture of a recording.
 
-    Where it is of several robots, *t* counts from its beginning.
-    *size* is in pixels; *view* names one view (or the beginning of its name) instead of the whole window.
-    Raises ScreenError when there is no Vulkan driver, no such file or view, or the viewer stays silent.
+    Args:
+        recording: The recording (``.rrd``).
+        picture: The PNG file to write.
+        t: Tree time (s), or None for the recording's end. In a recording of several robots, the time since
+            its beginning.
+        size: Width and height (pixels).
+        view: The name of a view, or its beginning, to show instead of the whole window.
+
+    Raises:
+        ScreenError: There is no Vulkan driver, no such file or view, or the viewer does not answer.
     """
     if not recording.is_file():
         raise ScreenError(f"there is no recording {recording}")
@@ -51,14 +58,14 @@ def screenshot(
         if view is not None:
             chosen = next((one.view_id for one in views if one.name.startswith(view)), None)
             if chosen is None:
-                names = ", ".join(sorted(one.name for one in views))
-                raise ScreenError(f"there is no view {view!r} in the recording; there are: {names}")
+                names = ", ".join(sorted(known.name for known in views))
+                raise ScreenError(f"there is no view {view!r} in the recording; views are: {names}")
         _set_time(client, t)
         picture.write_bytes(_settled(client, chosen))
 
 
 def _set_time(client: "ViewerClient", t: float | None) -> None:
-    """Go to *t* by the time that the window goes by: the tree's, or for several robots the wall's."""
+    """Set the time cursor to *t* on the window's timeline: tree time, or wall time for several robots."""
     recordings = client.get_state().recordings
     timelines = [one for recording in recordings for one in recording.timelines]
     if any(recording.current_timeline == WALL_TIME for recording in recordings):
@@ -76,7 +83,7 @@ def _set_time(client: "ViewerClient", t: float | None) -> None:
 
 @contextlib.contextmanager
 def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
-    """A viewer without a window, ended when the block is left."""
+    """Run a viewer without a window until the end of the ``with`` block."""
     from rerun.experimental import ViewerClient
 
     port = free_port()
@@ -89,7 +96,7 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
         f"--window-size={size[0]}x{size[1]}",
         "--memory-limit=1GB",
     ]
-    # The viewer's own warnings would stand in the picture as pop-ups.
+    # The viewer's warnings would be visible in the picture as pop-ups.
     environment = {**os.environ, "RUST_LOG": "error", "RERUN_APP_ONLY": "true"}
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(
@@ -116,8 +123,8 @@ def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, said: "IO[byte
             text = said.read().decode(errors="replace")
             if "adapter" in text or "ulkan" in text:
                 raise ScreenError(
-                    "no graphics driver is found for the picture; on Debian and Ubuntu "
-                    "`apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
+                    "no Vulkan driver was found for the picture; on Debian and Ubuntu "
+                    "`apt-get install mesa-vulkan-drivers libvulkan1` installs a software driver"
                 )
             raise ScreenError(f"the viewer ended while starting: {text.strip()[-400:]}")
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
@@ -138,7 +145,7 @@ def _wait_for_views(client: "ViewerClient") -> "list[View]":
 
 
 def _settled(client: "ViewerClient", view_id: str | None) -> bytes:
-    """The picture once it stays as it is: layout, fonts and late chunks take a few frames."""
+    """Return the picture once it is stable; layout, fonts and late data take a few frames."""
     deadline = time.monotonic() + _SETTLE_WITHIN
     last, equal, since = b"", 0, time.monotonic()
     while time.monotonic() < deadline:

@@ -1,4 +1,4 @@
-"""Boxes, cylinders and spheres, drawn like an architect's model: walls cut, on a dark floor."""
+"""Drawings of boxes, cylinders and spheres, with walls cut at a low height, on a dark floor."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -10,20 +10,27 @@ import rerun as rr
 from btcore_scene import UPRIGHT, Box, Color, Cylinder, Part, Sphere
 
 CUT_AT: Final = 0.4
-"""m; what stands around and is higher is solid up to here and an outline above:
-walls of 2.4 m would hide the robot, and the laser sees nothing of what is above. Walls have no outline."""
+"""Height (m) above which objects of the world are drawn as outlines, and walls not at all.
+
+Walls of 2.4 m would hide the robot, and the laser does not detect anything above.
+"""
 _FLAT: Final = 0.05
-"""m; what is thinner lies on the floor, or is it."""
+"""Height (m) below which a part is the floor, or lies on the floor."""
 _FLOOR_LIGHT: Final = 0.3
 _OUTLINE_LIGHT: Final = 0.45
 _WALL_HEIGHT, _WALL_WIDTH = 1.5, 0.35
 _COLOR: Final[Color] = (160, 168, 180, 255)
 _LINE: Final = -0.75
-"""Outlines' radius; rerun takes a negative one as pixels."""
+"""Radius of outlines; rerun interprets negative values as pixels."""
 
 
 def archetypes(parts: Sequence[Part], around: bool) -> Iterator[tuple[str, Any]]:
-    """Yield (name, archetype) for *parts* of one kind and frame; *around*: they are the robot's world."""
+    """Yield a name and a rerun archetype for each drawing of *parts*.
+
+    Args:
+        parts: Parts of one kind and frame.
+        around: Whether the parts belong to the robot's world, and not to the robot.
+    """
     kind = parts[0].kind
     if not around:
         yield kind, _shape(parts, "solid")
@@ -35,7 +42,7 @@ def archetypes(parts: Sequence[Part], around: bool) -> Iterator[tuple[str, Any]]
 
 
 def extent(parts: Sequence[Part]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Lower and upper corner (x, y in m) of what *parts* cover, turned as they are; ±3 m for none."""
+    """Return the lower and upper corner (x, y in m) of the bounding box of *parts*; ±3 m without parts."""
     corners = [(-3.0, -3.0), (3.0, 3.0)] if not parts else []
     for part in parts:
         x, y = part.position[:2]
@@ -53,7 +60,7 @@ def extent(parts: Sequence[Part]) -> tuple[tuple[float, float], tuple[float, flo
 
 
 def _height(part: Part) -> float:
-    """Height of an upright part; 0 for a sphere and for a tilted part, which are drawn whole."""
+    """Return the height of an upright part, or 0 for a sphere or a tilted part, which are never cut."""
     qx, qy, *_ = part.quaternion or UPRIGHT
     if isinstance(part, Sphere) or abs(qx) + abs(qy) > 0.01:
         return 0.0
@@ -61,8 +68,9 @@ def _height(part: Part) -> float:
 
 
 def _is_wall(part: Part) -> bool:
-    """Whether it is as high as a room, and thin: everybody knows how walls go on, and a room's edges in the
-    air would be most of the lines of the picture.
+    """Return whether a part is thin and as high as a room.
+
+    Outlines of walls would be most of the lines of the picture, and viewers know how walls continue.
     """
     return isinstance(part, Box) and _height(part) > _WALL_HEIGHT and min(part.size[:2]) < _WALL_WIDTH
 
@@ -79,7 +87,7 @@ def _cut(part: Part) -> Part:
 
 
 def _dimmed(part: Part) -> Part:
-    """A floor is dark, so that laser and trail stand out on it."""
+    """Return a darker floor, so that laser and trail are clearly visible."""
     return _lit(part, _FLOOR_LIGHT) if 0.0 < _height(part) < _FLAT else part
 
 

@@ -1,4 +1,4 @@
-"""Where a recording goes: a viewer's window, a viewer elsewhere, a file, a browser."""
+"""The destinations of a recording: a viewer's window, a viewer elsewhere, a file, a browser."""
 
 import contextlib
 import importlib.util
@@ -17,24 +17,26 @@ from btcore_monitor.screen.page import PageServer, free_port
 
 
 class ScreenError(MonitorError):
-    """What was asked of the screen can't be had here; the message says what can."""
+    """The viewer, a display, a driver or a port is not available; the message names alternatives."""
 
 
 @dataclass(slots=True)
 class RecordingSinks:
-    """Where recordings go. *save* is an ``.rrd`` file (a robot's second tree goes to ``NAME.2.rrd``, and so
-    on); *viewer* the address of a running viewer or relay, from :func:`open_window` or :func:`serve_web`.
+    """The destinations of recordings.
+
+    *save* is an ``.rrd`` file; a robot's second tree goes to ``NAME.2.rrd``, and so on. *viewer* is the
+    address of a running viewer or relay, from :func:`open_window` or :func:`serve_web`.
     """
 
     save: Path | None = None
     viewer: str | None = None
     keep: object = None
-    """What has to live as long as the sinks do (a served web view)."""
+    """An object that has to live as long as the sinks, for example a served web view."""
     _trees: int = field(default=0, init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def attach(self, recording: rr.RecordingStream) -> Path | None:
-        """Send *recording* to every outlet; returns the file it is written to, if one is."""
+        """Send *recording* to all destinations, and return its file, or None without a file."""
         with self._lock:
             self._trees += 1
             count = self._trees
@@ -52,7 +54,13 @@ class RecordingSinks:
 
 
 def viewer_program() -> Path:
-    """The viewer itself. ``bin/rerun`` is a wrapper that would leave it running when ended."""
+    """Return the viewer's program.
+
+    Not ``bin/rerun``, a wrapper that leaves the viewer running when it is terminated.
+
+    Raises:
+        ScreenError: The viewer is not installed.
+    """
     found = importlib.util.find_spec("rerun_cli")
     places = list(found.submodule_search_locations or []) if found else []
     for place in places:
@@ -60,17 +68,26 @@ def viewer_program() -> Path:
             program = Path(place) / name
             if program.exists():
                 return program
-    raise ScreenError("the rerun viewer is not installed: pip install 'btcore[monitor]' brings it")
+    raise ScreenError("the rerun viewer is not installed: pip install 'btcore[monitor]'")
 
 
 def open_window(memory_limit: str = "25%", port: int = 9876, files: Sequence[Path] = ()) -> str:
-    """Start the viewer (or find the one on *port*), have it open *files*, and return its address.
+    """Start the viewer, or use a viewer that runs already. The viewer stays open when this process ends.
 
-    It stays open when we go: what was seen can be looked through. Raises ScreenError without a display.
+    Args:
+        memory_limit: The viewer's memory, such as ``2GB`` or ``25%``.
+        port: The viewer's port.
+        files: Recordings to open.
+
+    Returns:
+        The viewer's address.
+
+    Raises:
+        ScreenError: There is no display, or the viewer is not installed.
     """
     if not has_display():
         raise ScreenError(
-            "there is no display here. Use --serve-web to look from a browser, --save FILE.rrd to look "
+            "there is no display here. Use --serve-web to watch in a browser, --save FILE.rrd to watch "
             "later, or --screenshot FILE.png for a picture"
         )
     from rerun.experimental import ViewerClient
@@ -87,7 +104,7 @@ def open_window(memory_limit: str = "25%", port: int = 9876, files: Sequence[Pat
 
 
 def is_viewer_open(address: str) -> bool:
-    """Whether a viewer listens at *address* (``rerun+http://HOST:PORT/proxy``); a closed one does not."""
+    """Return whether a viewer listens at *address* (``rerun+http://HOST:PORT/proxy``)."""
     place = urlsplit(address)
     with contextlib.suppress(OSError), socket.create_connection((place.hostname, place.port), timeout=1.0):
         return True
@@ -96,7 +113,7 @@ def is_viewer_open(address: str) -> bool:
 
 @dataclass(slots=True)
 class WebView:
-    """A web viewer being served. *page* is for the browser, *address* for recordings. Keep it alive."""
+    """A served web viewer; keep the object alive. *page* is for the browser, *address* for recordings."""
 
     page: str
     address: str
@@ -104,15 +121,21 @@ class WebView:
     _server: PageServer
 
     def show(self, files: Sequence[Path]) -> None:
-        """Hand the recordings in *files* to whoever looks."""
+        """Send the recordings in *files* to all browsers."""
         for file in files:
             self._relay.log_file_from_path(file)
 
 
 def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "25%") -> WebView:
-    """Serve the web viewer on *web_port*, to browsers of this machine; opens none.
+    """Serve the web viewer to browsers of this machine, without opening a browser.
 
-    The relay for recordings is on *grpc_port*, or another one if that is taken. Raises ScreenError.
+    Args:
+        web_port: The port of the page.
+        grpc_port: The preferred port of the relay for recordings; another port is used if it is taken.
+        memory_limit: The relay's memory, such as ``2GB`` or ``25%``.
+
+    Raises:
+        ScreenError: The page cannot be served on *web_port*.
     """
     relay = rr.RecordingStream("btcore")
     source = free_port()
@@ -122,6 +145,6 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
         address = rr.serve_grpc(recording=relay, grpc_port=relayed, server_memory_limit=memory_limit)
         rr.serve_web_viewer(web_port=source, open_browser=False, connect_to=address)
     except (RuntimeError, OSError) as fault:
-        raise ScreenError(f"the web viewer can't be served on port {web_port}: {fault}") from fault
+        raise ScreenError(f"cannot serve the web viewer on port {web_port}: {fault}") from fault
     page = f"http://127.0.0.1:{web_port}/?hide_welcome_screen&url={quote(address, safe='')}"
     return WebView(page, address, relay, server)

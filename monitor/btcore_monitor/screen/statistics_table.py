@@ -1,4 +1,4 @@
-"""How often each node came to which result, and how long it ran: a table beside the tree."""
+"""A table of each node's results, success rate and running time."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -12,18 +12,19 @@ from btcore_monitor.screen.tree import leaves
 
 STATISTICS: Final = "statistics"
 EVERY_NS: Final = 1_000_000_000
-"""The least time (of the tree's clock) between two tables."""
+"""Shortest time (ns of the tree's clock) between two updates."""
 ROWS_AT_MOST: Final = 60
 PATH_ROOM: Final = 56
-"""Characters of a path, which tells leaves of a big tree apart."""
+"""Characters of a displayed path; big trees show paths to distinguish their leaves."""
 _INDENT: Final = "\u2003"
 
 
 class StatisticsTable:
-    """Counts results and time running of every node of a tree, as seen.
+    """The observed results and running times of every node of a tree.
 
-    What happened while nobody looked isn't counted; a node that was RUNNING when it was first seen runs from
-    then on. Trees of more than ROWS_AT_MOST nodes show the leaves that ran longest, then the most frequent.
+    Only the time during which the monitor is connected counts. A node that is RUNNING at the connection
+    counts from then on. Trees of more than ROWS_AT_MOST nodes show the leaves with the longest running time,
+    then the leaves with the most results.
     """
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
@@ -38,7 +39,13 @@ class StatisticsTable:
         self._fresh = False
 
     def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
-        """The nodes stand as in *statuses* from *t* on; what went before is not known."""
+        """Begin with known statuses; earlier changes are unknown.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            statuses: The nodes' statuses by uid.
+        """
         self._since = {uid: t for uid, status in statuses.items() if status == RUNNING}
         self._fresh = True
         self.show(t, wall)
@@ -58,12 +65,12 @@ class StatisticsTable:
             counts[event.status - SUCCESS] += 1
 
     def look(self, t: int, wall: int) -> None:
-        """A row for *t* if it is time for one."""
+        """Update the table at *t* (ns) if the last update is old enough."""
         if self._next is None or t >= self._next:
             self.show(t, wall)
 
     def show(self, t: int, wall: int) -> None:
-        """A row for *t* if anything changed, or runs."""
+        """Update the table at *t* (ns) if a node has changed or runs."""
         if self._fresh or (self._since and t != self._shown_at):
             self._fresh = False
             self._shown_at = t
@@ -71,7 +78,7 @@ class StatisticsTable:
             self._series.add(t, wall, self.markdown(t))
 
     def markdown(self, t: int) -> str:
-        """The table as of *t* (ns)."""
+        """Return the table as of *t* (ns)."""
         running = {
             uid: ns + (max(0, t - self._since[uid]) if uid in self._since else 0)
             for uid, ns in self._running_ns.items()
@@ -88,11 +95,11 @@ class StatisticsTable:
             ended = succeeded + failed
             rate = f"{100 * succeeded / ended:.0f} %" if ended else "–"
             seconds = running[node.uid] / 1e9
-            told = f"{ended}" + (f" + {skipped} skipped" if skipped else "")
+            results = f"{ended}" + (f" + {skipped} skipped" if skipped else "")
             each = f"{seconds / ended:.2f} s" if ended and seconds else "–"
             name = _INDENT * self._depth[node.uid] + node.name if indented else elide(node.path, PATH_ROOM)
             ran = f"{seconds:.1f} s" if seconds else "–"
-            lines.append(f"| {escape_markdown(name)} | {told} | {rate} | {ran} | {each} |")
+            lines.append(f"| {escape_markdown(name)} | {results} | {rate} | {ran} | {each} |")
         if not indented:
             lines += ["", f"*the {len(nodes)} leaves that ran longest, of {len(self._nodes)} nodes*"]
         return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Colours and sizes: everything about the monitor's look that is a number."""
+"""Colours and sizes of the monitor's drawings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-# Sizes of the tree's drawing, in scene units (one unit is a pixel of a 12-node tree in a full-HD window).
+# Sizes of the tree's drawing in scene units. A unit is a pixel of a 12-node tree in a full-HD window.
 PILL_HEIGHT: Final = 42.0
 RIM: Final = 2.6
 TEXT_HEIGHT: Final = 14.5
@@ -19,9 +19,9 @@ PATH_STROKE: Final = 2.6
 FRAME_STROKE: Final = 1.1
 RING: Final = 6.0
 HALO: Final = 7.0
-"""How far the ring of a node that raised, and the halo of one that was searched, stand out of its pill."""
+"""Width of the ring around the pill of a node that raised, and of the halo of a node that was searched."""
 NAME_ROOM: Final = 30
-"""Characters of a name shown in a pill; the whole name is in its hover label."""
+"""Characters of a name in a pill; the complete name is in the hover label."""
 NOTE_ROOM: Final = 30
 NOTE_HEIGHT: Final = 7.6
 NOTE_STROKE: Final = 0.68
@@ -36,10 +36,11 @@ Colours = NDArray[np.uint32]
 class Palette:
     """Colours as 0xRRGGBBAA.
 
-    *fill* paints a pill and *rim* its border, by what is shown of a node: a status (0 IDLE … 4 SKIPPED), or a
-    result said in this tick by a node that was reset since (5 … 7). *busy* fills a RUNNING node that has
-    children, so that the leaf at work stands out. *rest* is the border of an idle pill by the node's last
-    result, so that what came of it stays visible. *ink*, by status, is for text on a dark ground.
+    *fill* is the colour of a pill and *rim* of its border, by the displayed state: a status (0 IDLE …
+    4 SKIPPED), or the result of a node that was reset in the same tick (5 … 7). *busy* is the fill of a
+    RUNNING node with children, so that the running leaf is more prominent. *rest* is the border of an idle
+    node by its last result, so that the result stays visible. *ink*, by status, is for text on a dark
+    background.
     """
 
     fill: Colours
@@ -97,9 +98,10 @@ COLOUR_BLIND: Final = Palette(
     raised=0xFFFFFFFF,
     found=0x7CF5FFFF,
 )
-"""For eyes that don't tell red from green: RUNNING yellow, SUCCESS blue, FAILURE dark vermilion, SKIPPED pale
-grey. They differ in lightness too, so that a print in grey is read as well.
+"""Colours for red-green colour blindness: RUNNING yellow, SUCCESS blue, FAILURE vermilion, SKIPPED pale grey.
+
+The colours also differ in lightness, so that they are distinct in a greyscale print.
 """
 
 PALETTES: Final[Mapping[str, Palette]] = {"groot": GROOT, "colour-blind": COLOUR_BLIND}
-"""Palettes by the name that ``--palette`` takes."""
+"""Palettes by their names for ``--palette``."""

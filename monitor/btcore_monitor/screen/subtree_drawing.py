@@ -1,7 +1,7 @@
-"""The part of a tree's drawing that lies below one entity: hiding that folds a subtree.
+"""The drawing of a subtree below an entity of its own. Hiding the entity in the viewer hides the subtree.
 
-Where a tree is drawn, its entities stand as its nodes do. Below ``tree`` lie a subtree's parts (``pills``,
-``rims``, …) and an entity for each node, by its path; a subtree's content lies below its SubTree node's.
+The entities are nested like the nodes. Below ``tree`` are the parts of the drawing (``pills``, ``rims``, …)
+and an entity for each node, by its path. The content of a subtree is below the entity of its SubTree node.
 """
 
 import re
@@ -17,18 +17,18 @@ from btcore_monitor.screen.row_buffer import RowBuffer, Series, strip_colours
 from btcore_monitor.screen.style import EDGE_STROKE, PATH_STROKE, PILL_HEIGHT, RIM, RING, Colours, Palette
 
 PARTS: Final = ("frames", "edges", "path", "raised", "found", "rims", "pills", "badges", "ink")
-"""Names of the parts, the lowest first; only pills can be hovered and clicked."""
+"""Names of the parts from the lowest layer to the highest; only pills react to the mouse."""
 BRANCHES_AT_MOST: Final = 8
-"""Subtrees with a branch of their own: each that changes is three chunks more whenever rows are sent."""
+"""Greatest number of subtrees with their own entity. Each changed subtree adds three chunks to each send."""
 
 Indices = NDArray[np.intp]
 Strip = NDArray[np.float32]
 
 
 class SubtreeDrawing:
-    """The nodes *at* (indices in their tree) of one subtree, drawn below *entity*.
+    """The drawing of a subtree's nodes *at* (indices in the tree) below *entity*.
 
-    *pills* and *edges* are the strips of all nodes of the tree.
+    *pills* and *edges* are the line strips of all nodes of the tree.
     """
 
     def __init__(
@@ -56,7 +56,15 @@ class SubtreeDrawing:
         self._last_rings: list[int] = []
 
     def colour(self, t: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]) -> None:
-        """Rows for what changed; *pills*, *rims* and *running* are those of the whole tree."""
+        """Add rows for changed colours.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            pills: Fill colours of all nodes of the tree.
+            rims: Border colours of all nodes of the tree.
+            running: For all nodes of the tree, whether the node is RUNNING.
+        """
         own = pills[self.at]
         if not np.array_equal(own, self._last_pills):
             self._last_pills = own
@@ -71,16 +79,19 @@ class SubtreeDrawing:
             self._path.add(t, wall, [self._edges[one] for one in path])
 
     def ring(self, t: int, wall: int, raised: Iterable[int]) -> None:
-        """Ring those of *raised* (indices in the tree) that are here, and nobody else."""
+        """Draw rings around exactly those nodes of this subtree that are in *raised* (tree indices)."""
         here = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
         if here != self._last_rings:
             self._last_rings = here
             self._rings.add(t, wall, [self._strips[one] for one in here])
 
-    def draw(self, labels: Sequence[str], told: Mapping[str, Sequence[str]], stroke: float) -> None:
-        """Draw pills and edges; *labels* and what is *told* of a pill that is chosen are of all nodes.
+    def draw(self, labels: Sequence[str], hover: Mapping[str, Sequence[str]], stroke: float) -> None:
+        """Draw pills and edges.
 
-        *stroke* is the least radius of the running path, so that it is seen in a tree that is drawn small.
+        Args:
+            labels: The labels of all nodes of the tree.
+            hover: Values of all nodes of the tree that the viewer displays for a selected pill, by name.
+            stroke: The smallest radius of the running path, so that it is visible in a small drawing.
         """
         palette, half = self._palette, PILL_HEIGHT / 2
         edges = [one for one in self._edges if len(one)]
@@ -97,36 +108,50 @@ class SubtreeDrawing:
                 show_labels=False,
                 draw_order=5.0,
             ),
-            hover_values({name: [column[one] for one in self.at] for name, column in told.items()}),
+            hover_values({name: [column[one] for one in self.at] for name, column in hover.items()}),
             static=True,
         )
 
     def lines(self, part: str, strips: Sequence[Any], order: float, **look: Any) -> None:
-        """Draw *strips* that stay, if there are any, *order* deciding what covers what."""
+        """Draw static strips, if there are any.
+
+        Args:
+            part: The part of the drawing.
+            strips: The strips.
+            order: The drawing order; higher values cover lower values.
+            look: Further fields of the archetype.
+        """
         if len(strips):
             drawn = rr.LineStrips2D(strips, draw_order=order, **look)
             self._rows.log(f"{self.entity}/{part}", drawn, static=True)
 
     def look(self, part: str, order: float, **look: Any) -> None:
-        """How strips look that come and go."""
+        """Log the appearance of strips that change over time; see `lines` for the parameters."""
         fields = rr.LineStrips2D.from_fields(draw_order=order, **look)
         self._rows.log(f"{self.entity}/{part}", fields, static=True)
 
 
-def hover_values(told: Mapping[str, Any]) -> Any:
-    """What the viewer says of an entity that is chosen, by name."""
-    return rr.AnyValues(drop_untyped_nones=True, **told)
+def hover_values(values: Mapping[str, Any]) -> Any:
+    """Return the component with the *values* that the viewer displays for a selected entity, by name."""
+    return rr.AnyValues(drop_untyped_nones=True, **values)
 
 
 def strips(values: list[list[Strip]]) -> Iterable[Any]:
-    """Columns of strips that come and go: a list a row."""
+    """Return columns with a list of strips in each row."""
     columns = rr.LineStrips2D.columns(strips=[strip for row in values for strip in row])
     return columns.partition([len(row) for row in values])
 
 
 def split_by_subtree(tree: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[str, list[int]]:
-    """Subtrees with a branch of their own, by path: the outermost *most*, each with the indices of its nodes,
-    and of those of the subtrees in it that have none.
+    """Split a tree into subtrees with their own entities.
+
+    Args:
+        tree: The tree.
+        most: The greatest number of subtrees; the outermost subtrees come first.
+
+    Returns:
+        The indices of the nodes by the path of the subtree. Nodes of subtrees without an entity belong to the
+        enclosing subtree.
     """
     above: dict[str, str] = {}
     for node in tree.nodes:
@@ -147,7 +172,7 @@ def split_by_subtree(tree: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[s
 
 
 def node_entities(tree: ObservedTree, origin: str) -> list[str]:
-    """An entity for each node, by its path, in the order of the nodes."""
+    """Return the entity of each node, by its path below *origin*, in the order of the nodes."""
     taken: set[str] = set()
     found = []
     for node in tree.nodes:
@@ -160,7 +185,7 @@ def node_entities(tree: ObservedTree, origin: str) -> list[str]:
 
 
 def entity_path(origin: str, path: str) -> str:
-    """The entity of a subtree's or node's *path*; ``::`` and what rerun would escape is written otherwise."""
+    """Return the entity of a *path* below *origin*; ``::`` and special characters are replaced."""
     parts = [
         re.sub(r"[^\w.-]+", "_", one.replace("::", "."), flags=re.ASCII).strip("_") for one in path.split("/")
     ]

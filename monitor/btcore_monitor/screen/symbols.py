@@ -1,6 +1,6 @@
-"""What stands in a node's badge: its kind as a small drawing.
+"""The symbols in the badges of nodes: a small drawing of each kind.
 
-Drawings are in font.py's notation, within ±10 units around the origin, y pointing up.
+Drawings use the notation of font.py, within ±10 units around the origin; y points up.
 """
 
 from typing import Final
@@ -11,7 +11,7 @@ _ARROW: Final = "0 -8.5,0 8.5,0 / 3,5.5 8.5,0 3,-5.5"
 _ARROW_LOW: Final = "0 -8,-3 8,-3 / 3.4,1.6 8,-3 3.4,-7.6"
 _QUESTION: Final = "0 0,4.2,4.4,4.8,165,-50 0,-1.2 0,-4 / 0,-9 0,-8.3"
 _QUESTION_LOW: Final = "0 0,1.6,3.8,4,165,-50 0,-3 0,-4.8 / 0,-9.4 0,-8.8"
-# A node that asks all its children anew on every tick has a wave above its arrow; one with a memory, a dot.
+# A reactive node, which ticks all its children again, has a wave above its arrow; a node with memory, a dot.
 _WAVE: Final = " / -3.6,7.4,3.6,2.2,180,0 3.6,7.4,3.6,2.2,180,360"
 _MEMORY: Final = " / -1,7 1,7"
 _PARALLEL: Final = "0 -8,4.5 8,4.5 / 4,8.5 8,4.5 4,0.5 / -8,-4.5 8,-4.5 / 4,-0.5 8,-4.5 4,-8.5"
@@ -96,7 +96,7 @@ _BY_KIND: Final[dict[str, str]] = {
 
 
 def symbol(node_id: str, kind: str) -> list[Stroke]:
-    """Strokes for a node of registration ID *node_id*; an unknown ID is drawn by its *kind*."""
+    """Return the strokes for a registration ID; an unknown *node_id* is drawn by its *kind*."""
     drawing = _BY_ID.get(node_id)
     if drawing is None:
         drawing = next((one for prefix, one in _BY_PREFIX if node_id.startswith(prefix)), None)
@@ -106,6 +106,13 @@ def symbol(node_id: str, kind: str) -> list[Stroke]:
 
 
 def placed(strokes: list[Stroke], x: float, y: float, radius: float) -> list[Stroke]:
-    """*strokes* around (x, y) in a picture whose y points down; *radius* is what 10 units become."""
+    """Move and scale strokes.
+
+    Args:
+        strokes: The strokes, with y pointing up.
+        x: The middle in a picture whose y points down.
+        y: As *x*.
+        radius: The length of 10 units of the strokes.
+    """
     scale = radius / 10.0
     return [[(x + px * scale, y - py * scale) for px, py in stroke] for stroke in strokes]

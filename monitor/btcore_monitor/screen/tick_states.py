@@ -1,8 +1,8 @@
-"""How the nodes of a tree stand, tick by tick: what pills and lanes show.
+"""The displayed states of a tree's nodes, tick by tick, for pills and lanes.
 
-A node that ends is often reset by its parent within the same tick: a condition under an Inverter would be
-IDLE whenever one looks. So beside the stored status there is what a node said in this tick, and its last
-result.
+A parent often resets a finished node within the same tick. A condition below an Inverter, for example, would
+always be displayed as IDLE. So there is, besides the stored status, the node's result in this tick, and its
+last result.
 """
 
 from collections.abc import Mapping
@@ -14,22 +14,22 @@ from numpy.typing import NDArray
 from btcore_monitor.events import IDLE, RUNNING, STATUS_NAMES, ObservedTree, StatusChanged
 
 RESET_OFFSET: Final = 3
-"""Added to a result (SUCCESS 2, FAILURE 3, SKIPPED 4): said in this tick, and reset since."""
+"""Added to a result (SUCCESS 2, FAILURE 3, SKIPPED 4) of a node that was reset in the same tick."""
 SHOWN_NAMES: Final = (*STATUS_NAMES, *STATUS_NAMES[2:])
 
 QUIET: Final = 1_000_000
 LONG: Final = 20_000_000
-"""Where there are no numbers of ticks, what changes within 1 ms (of ns) is of one tick, up to 20 ms."""
+"""Grouping of changes without tick numbers (ns): a tick has pauses of up to 1 ms and lasts up to 20 ms."""
 
 States = NDArray[np.uint8]
 
 
 class TickStates:
-    """The nodes of a tree, by their index in it.
+    """The states of a tree's nodes, by their index in the tree.
 
-    *shown* holds each node's stored status, or ``RESET_OFFSET + result`` where it ended and was reset
-    within the
-    tick; *results* its last result ever (0: none yet). *t* and *wall* (ns) are those of the last change.
+    *shown* has each node's stored status, or ``RESET_OFFSET + result`` if the node ended and was reset within
+    the tick. *results* has each node's last result (0 for none). *t* and *wall* (ns) are the times of the
+    last change.
     """
 
     def __init__(self, tree: ObservedTree) -> None:
@@ -46,7 +46,13 @@ class TickStates:
         self._began = 0
 
     def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
-        """Everything stands as in *statuses* from *t* on."""
+        """Begin with known statuses.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            statuses: The nodes' statuses by uid.
+        """
         self.t, self.wall = t, wall
         for uid, status in statuses.items():
             at = self.index.get(uid)
@@ -60,17 +66,17 @@ class TickStates:
 
     @property
     def is_open(self) -> bool:
-        """Whether anything was noted since the last close()."""
+        """Whether there are changes since the last call of `close`."""
         return self._tick is not None
 
     def is_over(self, event: StatusChanged) -> bool:
-        """Whether *event* belongs to a later tick than what was noted since the last close()."""
+        """Return whether *event* belongs to a later tick than the changes since the last call of `close`."""
         if self._tick is None or event.tick != self._tick:
             return self._tick is not None
         return event.tick == 0 and (event.t - self.t >= QUIET or event.t - self._began >= LONG)
 
     def change(self, event: StatusChanged) -> None:
-        """Note a transition."""
+        """Apply a transition."""
         if self._tick is None:
             self._began = event.t
         self._tick = event.tick
@@ -90,9 +96,14 @@ class TickStates:
                 self._ended[at] = self.results[at] = event.status
 
     def close(self, t: int, wall: int) -> list[int]:
-        """A tick is over at *t*. What was said in the one before and not again is gone.
+        """End a tick. Results of the previous tick that did not occur again are forgotten.
 
-        Returns the indices of the nodes that look otherwise than after the last close().
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+
+        Returns:
+            The indices of the nodes whose displayed state differs from the state after the last call.
         """
         if not self._touched and self._held:
             self.t, self.wall = t, wall

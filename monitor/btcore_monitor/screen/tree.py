@@ -1,4 +1,4 @@
-"""The tree as a drawing: pills, badges and edges drawn once, then nothing but colours."""
+"""The drawing of a tree. Pills, badges and edges are drawn once; afterwards only their colours change."""
 
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -33,23 +33,32 @@ ORIGIN: Final = "tree"
 FOLDED: Final = "folded"
 LEGEND: Final = "legend"
 FOLDED_AT_MOST: Final = 90
-"""Nodes of a folded tree: so many can be read in a window."""
+"""Greatest number of nodes of a folded tree, which are readable in a window."""
 BIG: Final = 200
-"""Trees of more nodes are drawn folded too."""
+"""Number of nodes above which a tree also has a folded drawing."""
 _LEGIBLE: Final = 0.62
-"""Pixels a unit: a tree that is drawn no smaller than this needs no wrapping."""
+"""Scale (pixels per unit) at which a tree needs no wrapping."""
 _NOTE_LEGIBLE: Final = 0.78
-"""Pixels a unit: a tree that is drawn smaller than this goes without notes."""
+"""Scale (pixels per unit) below which a tree is drawn without notes."""
 _PATH_SEEN: Final = 1.2
-"""Pixels: the least radius of the running path."""
+"""Smallest radius (pixels) of the running path."""
 _MARGIN: Final = 8.0
-"""Pixels around the tree."""
+"""Margin (pixels) around the tree."""
 _LARGEST: Final = 1.35
-"""Pixels a unit of a tree of a few nodes, which would fill the window otherwise."""
+"""Largest scale (pixels per unit), so that a tree of a few nodes does not fill the window."""
 
 
 class TreeView:
-    """The drawing of *tree*, and the status of each of its nodes, made for a view of *room* (pixels)."""
+    """The drawing of a tree with the statuses of its nodes.
+
+    Args:
+        rows: The buffer of rows.
+        tree: The tree to draw, which may be a folded version of *whole*.
+        palette: The colours.
+        room: Width and height of the view (pixels).
+        found: The uids of the nodes to highlight.
+        whole: The complete tree, if *tree* is folded.
+    """
 
     def __init__(
         self,
@@ -89,19 +98,19 @@ class TreeView:
 
     @property
     def drawn_only(self) -> tuple[str, ...]:
-        """Entities that are there to be seen; hovering and clicking are for the pills."""
-        parts = [f"{one.entity}/{part}" for one in self.subtrees for part in PARTS if part != "pills"]
+        """The entities that do not react to the mouse; only pills do."""
+        parts = [f"{subtree.entity}/{part}" for subtree in self.subtrees for part in PARTS if part != "pills"]
         return (*parts, f"{self.origin}/{LEGEND}")
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """x0, y0, x1, y1 of what is to be in view: the tree, and the legend at the lower left."""
+        """Return x0, y0, x1, y1 of the visible area: the tree, and the legend at the lower left."""
         (width, height), (across, down) = self.layout.size, self._room
         pixel = _pixel(self.layout, self._room)
         left, top = (width - across * pixel) / 2, (height - (down - LEGEND_HEIGHT) * pixel) / 2
         return left, top, left + across * pixel, top + down * pixel
 
     def colour(self, states: TickStates) -> None:
-        """Rows for what *states* shows now; nothing where nothing looks otherwise."""
+        """Add rows for the nodes whose colours change with *states*."""
         palette, t, wall = self.palette, states.t, states.wall
         shown = states.shown[self._index]
         running = shown == RUNNING
@@ -118,7 +127,13 @@ class TreeView:
             self._ring(t, wall)
 
     def raised(self, uid: int, t: int, wall: int) -> None:
-        """Ring the node *uid*, or the folded subtree that it is in, until it runs again."""
+        """Draw a ring around a node that raised, or around its folded subtree, until the node runs again.
+
+        Args:
+            uid: The node.
+            t: Tree time (ns).
+            wall: Wall time (ns).
+        """
         at = self._nearest_of(uid)
         if at is not None:
             self._raised[at] = False
@@ -129,7 +144,7 @@ class TreeView:
             subtree.ring(t, wall, self._raised)
 
     def _nearest(self, whole: ObservedTree) -> Callable[[int], int | None]:
-        """From a uid of *whole* to the index here of that node, or of the closest above it that is here."""
+        """Return a function from a uid of *whole* to the index of the node or its nearest ancestor."""
 
         def nearest(uid: int) -> int | None:
             above = (uid, *(node.uid for node in whole.ancestors(uid)))
@@ -138,18 +153,18 @@ class TreeView:
         return nearest
 
     def draw(self) -> None:
-        """Draw what never changes."""
+        """Draw the parts that never change."""
         tree, palette = self.tree, self.palette
         half = style.PILL_HEIGHT / 2
         labels = [node.name for node in tree.nodes]
-        told = {
+        hover = {
             "path": [node.path for node in tree.nodes],
             "ID": [node.id for node in tree.nodes],
             "ports": [ports(node) for node in tree.nodes],
         }
         stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self._room))
         for subtree in self.subtrees:
-            subtree.draw(labels, told, stroke)
+            subtree.draw(labels, hover, stroke)
             places = [self.layout.places[at] for at in subtree.at]
             frames = [frame for at in subtree.at for frame in self._frames.get(int(at), ())]
             subtree.lines("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
@@ -166,14 +181,15 @@ class TreeView:
             self._name_nodes()
 
     def _name_nodes(self) -> None:
-        """An entity for each node: found by its name in the viewer's list of entities, and with its values.
+        """Log an entity with values for each node, so that nodes are in the viewer's list of entities.
 
-        In trees that aren't big it has the pill's shape, below the pill, so that it is marked when chosen.
+        In trees that are not big the entity has the pill's shape, below the pill, so that the viewer marks a
+        selected node.
         """
         shaped = len(self.tree.nodes) <= BIG
         entities = node_entities(self.tree, self.origin)
         for node, pill, entity in zip(self.tree.nodes, self._pills, entities, strict=True):
-            # One component: each takes a kilobyte of the file.
+            # A single component, because each component takes a kilobyte of the file.
             what = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
             if shaped:
                 radius = style.PILL_HEIGHT / 2 - style.RIM
@@ -183,7 +199,7 @@ class TreeView:
             self._rows.log(entity, *what, static=True)
 
     def _ink(self, indices: Sequence[int]) -> tuple[list[Strip], list[int], list[float]]:
-        """Names, notes and symbols of the nodes at *indices*: strokes, their colours and radii."""
+        """Return the strokes of names, notes and symbols of the nodes at *indices*, with colours and radii."""
         strokes: list[Stroke] = []
         colours: list[int] = []
         radii: list[float] = []
@@ -206,7 +222,12 @@ class TreeView:
 
 
 def fold_subtrees(tree: ObservedTree, most: int = FOLDED_AT_MOST) -> ObservedTree:
-    """*tree* with subtrees folded into their SubTree nodes, the outermost unfolded up to *most* nodes."""
+    """Return *tree* with subtrees folded into their SubTree nodes.
+
+    Args:
+        tree: The tree.
+        most: The greatest number of nodes; outer subtrees stay unfolded as long as the tree has fewer nodes.
+    """
     content: dict[str, list[ObservedNode]] = {}
     for node in tree.nodes:
         content.setdefault(node.subtree, []).append(node)
@@ -232,7 +253,13 @@ def fold_subtrees(tree: ObservedTree, most: int = FOLDED_AT_MOST) -> ObservedTre
 
 
 def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[float, float]) -> Layout:
-    """Where the nodes of *tree* go, with pills wide enough for what is *written* in them."""
+    """Return the layout of a tree.
+
+    Args:
+        tree: The tree.
+        written: The nodes' captions by uid, which determine the widths of the pills.
+        room: Width and height of the view (pixels).
+    """
     index = {node.uid: at for at, node in enumerate(tree.nodes)}
     boxes = [
         Box(
@@ -250,7 +277,7 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[floa
 def _written(
     tree: ObservedTree, whole: ObservedTree, room: tuple[float, float]
 ) -> tuple[Mapping[int, Caption], Layout]:
-    """What the pills say and where they are: with notes, if those can be read without zooming in."""
+    """Return captions and layout, with notes if these are readable without zooming in."""
     if len(tree.nodes) <= BIG:
         noted = captions(tree, whole, noted=True)
         layout = arrange(tree, noted, room)

@@ -1,7 +1,7 @@
-"""Where trees are shown: each in a recording of its own, or those of several robots in one window.
+"""The windows of trees: a recording for each tree, or a shared window for several robots.
 
-A window of several has a tab with all robots side by side, and one for each with all that is known of it.
-It goes by wall time: the clocks of trees have nothing to do with one another.
+A shared window has a tab with all robots side by side, and for each robot a tab with all its views. The
+window uses wall time, because the clocks of the trees are unrelated.
 """
 
 import contextlib
@@ -20,36 +20,36 @@ from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 
 FLUSH_WITHIN: Final = 20.0
-"""s of wall time that sinks have to take in the rest at the end."""
+"""Wall time (s) for sinks to receive the remaining data at the end."""
 ROOM: Final = (960.0, 505.0)
-"""Width and height (pixels) of a tree's view beside another one; in its own tab it has more than it needs."""
+"""Width and height (pixels) of a tree's view beside another view; in its own tab the tree has more room."""
 EARLIER: Final = 6
-"""Trees of before a restart that keep a tab."""
+"""Number of trees from before a restart that keep a tab."""
 _BESIDE: Final = 3
-"""So many robots stand side by side with log and lanes; more of them with lanes only, in several rows."""
+"""Greatest number of robots side by side with log and lanes; more robots have only lanes, in several rows."""
 
 
 class RobotWindow(Protocol):
-    """Where one robot's trees are shown, one after the other."""
+    """The window of a robot's successive trees."""
 
     label: str
-    """What people call the robot; empty where there is no other one."""
+    """The robot's name for users; empty if there is only a single robot."""
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
-        """The recording for a tree called *name*, the place in it, and the file that it is written to."""
+        """Return the recording for a tree *name*, the tree's place in it, and the file, or None."""
         ...
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
-        """Have the window show *pane*, which may have been there before."""
+        """Show *pane*, which may replace an earlier version of the same pane."""
         ...
 
     def end(self, recording: rr.RecordingStream) -> None:
-        """Nothing more comes of the tree."""
+        """End the tree's recording."""
         ...
 
 
 class SingleRobotWindow:
-    """A recording for each tree, so that a restarted robot does not write over what was seen."""
+    """A recording for each tree, so that a restarted robot does not overwrite earlier data."""
 
     label = ""
 
@@ -57,27 +57,27 @@ class SingleRobotWindow:
         self._sinks = sinks
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
-        """A new recording."""
+        """Begin a new recording."""
         recording = _recording(f"btcore {name}", name)
         return recording, "", self._sinks.attach(recording)
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
-        """The window has nothing else."""
+        """Show *pane* as the only content of the window."""
         recording.send_blueprint(blueprint(pane))
 
     def end(self, recording: rr.RecordingStream) -> None:
-        """The recording is over."""
+        """Finish the recording."""
         _finish(recording)
 
 
 class SharedWindow:
-    """One recording for the robots called *labels*, begun when the first tree is seen; for any thread."""
+    """A shared recording for the robots *labels*, begun with the first tree. The class is thread-safe."""
 
     def __init__(self, sinks: RecordingSinks, labels: Sequence[str]) -> None:
         self.slots = [SharedWindowSlot(self, label) for label in labels]
         """A window for each robot."""
         self.files: list[Path] = []
-        """The file that is written, once there is one."""
+        """The file of the recording, once it has begun."""
         self._sinks = sinks
         self._name = " and ".join(labels)
         self._recording: rr.RecordingStream | None = None
@@ -86,7 +86,7 @@ class SharedWindow:
         self._earlier: list[Pane] = []
 
     def begin(self, slot: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
-        """The recording, and a new place in it."""
+        """Return the recording, and a new place in it."""
         with self._lock:
             if self._recording is None:
                 self._recording = _recording(f"btcore {self._name}", self._name)
@@ -101,7 +101,7 @@ class SharedWindow:
             return self._recording, place, self.files[0] if self.files else None
 
     def show(self, recording: rr.RecordingStream, slot: "SharedWindowSlot", pane: Pane) -> None:
-        """Have *slot* show *pane*; what it showed of another tree is to be found behind the others."""
+        """Show *pane* in *slot*; an earlier tree of the slot moves to a tab behind the others."""
         with self._lock:
             if slot.pane is not None and slot.pane.place != pane.place:
                 self._earlier = [*self._earlier, slot.pane][-EARLIER:]
@@ -112,31 +112,31 @@ class SharedWindow:
             recording.send_blueprint(windowed(rrb.Tabs(_side_by_side(panes), *tabs), WALL_TIME))
 
     def close(self) -> None:
-        """Nothing more comes of any robot."""
+        """Finish the recording of all robots."""
         recording, self._recording = self._recording, None
         if recording is not None:
             _finish(recording)
 
 
 class SharedWindowSlot:
-    """Where the trees of one robot among several are shown."""
+    """A robot's part of a shared window."""
 
     def __init__(self, together: SharedWindow, label: str) -> None:
         self.label = label
         self.pane: Pane | None = None
-        """What is shown now."""
+        """The present content."""
         self._together = together
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
-        """The recording of all."""
+        """Return the shared recording."""
         return self._together.begin(self)
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
-        """The others stay as they are."""
+        """Show *pane* without changing other robots' panes."""
         self._together.show(recording, self, pane)
 
     def end(self, recording: rr.RecordingStream) -> None:
-        """The recording goes on: others may write it."""
+        """Do nothing: other robots may still write to the recording."""
 
 
 def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:

@@ -168,7 +168,7 @@ def test_a_recording_for_the_viewer_looks_as_asked_for(endless, record, tmp_path
         endless.tick_exactly_once()
         publisher.finish()
         assert recorder.end() == 0, recorder.stderr_text
-    assert any("no node's name or path is like 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
+    assert any("no node's name or path matches 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
 
 
 def _lines(path: Path) -> Iterator[str]:

@@ -130,7 +130,7 @@ def test_found_nodes_stand_out_and_have_the_lanes(run, tmp_path, recorded):
     lanes = sorted({entity for entity, component in recording.rows if component == "StateChange:state"})
     assert lanes == ["/1_escape", "/2_Turn"]
     lines = [values[0] for _, values in recording.of("/log", "TextLog:text")]
-    assert any("no node's name or path is like 'nowhere'" in line for line in lines)
+    assert any("no node's name or path matches 'nowhere'" in line for line in lines)
 
 
 def test_a_node_that_raised_is_ringed_until_it_runs_again(run, tmp_path, recorded):

@@ -71,7 +71,7 @@ def test_a_taken_port_is_named(command):
     address_of(first)
     second = command("replay", LOG, "--serve-web", port)
     assert second.end() == 2
-    assert f"the web viewer can't be served on port {port}: " in second.stderr_text
+    assert f"cannot serve the web viewer on port {port}: " in second.stderr_text
     assert "Traceback" not in second.stderr_text
 
 
