@@ -1,1 +1,1 @@
-"""The wire and the screen: publishes a running tree, watches any that publishes, shows and records it."""
+"""The monitor: publishes a running tree, and shows or records any tree that is published."""

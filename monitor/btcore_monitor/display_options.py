@@ -1,4 +1,4 @@
-"""How a tree is shown: what every command that shows one lets people choose."""
+"""The display options of all commands that show a tree."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = {
     "--find": {
         "multiple": True,
         "metavar": "PATTERN",
-        "help": "Let nodes stand out whose name or path is so, such as 'Dock*', and give them the lanes; "
+        "help": "Highlight nodes whose name or path matches, such as 'Dock*', and show them in the lanes; "
         "may be given several times.",
     },
     "--log-level": {
@@ -43,7 +43,7 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = {
 
 @dataclass(frozen=True, slots=True)
 class DisplayOptions:
-    """What was chosen: a palette, patterns of nodes to be found, and the least level in the log."""
+    """The chosen options: a palette, patterns of nodes to highlight, and the lowest level in the log."""
 
     palette: str = PALETTE_NAMES[0]
     find: Sequence[str] = ()
@@ -51,16 +51,16 @@ class DisplayOptions:
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """The one in the *settings* of a command with the options of :func:`display_options`."""
+        """Return the options in the *settings* of a command with :func:`display_options`."""
         return cls(settings["palette"], settings["find"], settings["log_level"])
 
     def arguments(self) -> list[str]:
-        """The same on the command line of another command."""
+        """Return the options as arguments for the command line of another command."""
         found = [part for pattern in self.find for part in ("--find", pattern)]
         return ["--palette", self.palette, "--log-level", self.log_level, *found]
 
     def screen(self, shown_in: "RecordingSinks | RobotWindow") -> "RobotView":
-        """A screen that looks so."""
+        """Return a view of a robot with these options."""
         from btcore_monitor.screen.robot_view import RobotView
         from btcore_monitor.screen.style import PALETTES
 
@@ -68,7 +68,7 @@ class DisplayOptions:
 
 
 def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give *command* the display options; it takes the parameter ``display``, a :class:`DisplayOptions`."""
+    """Add the display options to *command*, as its parameter ``display``, a :class:`DisplayOptions`."""
 
     @functools.wraps(command)
     def with_display(*arguments: Any, **settings: Any) -> Any:
@@ -82,12 +82,12 @@ def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def create_options() -> list[click.Option]:
-    """The display options, for a command that is not made by a decorator."""
+    """Return the display options, for a command that is not made by a decorator."""
     return [click.Option([option], **attributes) for option, attributes in _OPTIONS.items()]
 
 
 def explicit_options() -> list[str]:
-    """Those display options that are on the command line of the command that runs now."""
+    """Return the display options that are present on the command line of the current command."""
     context = click.get_current_context(silent=True)
     if context is None:
         return []

@@ -1,4 +1,4 @@
-"""A process of the monitor that listens to one run of ``btcore run``: it records, or shows."""
+"""A process of the monitor that records or shows a run of ``btcore run``."""
 
 import os
 import subprocess
@@ -15,20 +15,20 @@ from btcore_monitor.serve import Publisher
 from btcore_monitor.viewer_setup import stop_on_signals
 
 START_TIMEOUT: Final = 30.0
-"""Seconds (wall clock) that a viewer or saver has to come up before the first tick."""
+"""Time (s, wall clock) for a monitor process to start before the first tick."""
 
 WRITE_TIMEOUT: Final = 60.0
-"""Seconds (wall clock) that the saver has to finish its file after the last tick."""
+"""Time (s, wall clock) for a recording process to finish its file after the last tick."""
 
 VIEWER_GRACE: Final = 10.0
-"""Seconds (wall clock) that the viewer has to catch up after the last tick."""
+"""Time (s, wall clock) for the viewer to receive the remaining data after the last tick."""
 
 _SAY_AFTER: Final = 2.0
 _LOOK_EVERY: Final = 0.2
 
 
 class MonitorProcess:
-    """``btcore monitor`` with *options*, which is called *name*. Who *stays* does so after the run."""
+    """A process of ``btcore monitor`` with *options*, called *name* in messages; it may outlive the run."""
 
     def __init__(self, publisher: Publisher, options: Sequence[str], name: str, stays: bool = False) -> None:
         self.name = name
@@ -37,7 +37,7 @@ class MonitorProcess:
         home = str(Path(__file__).parent.parent)
         path = os.pathsep.join([home, *filter(None, [os.environ.get("PYTHONPATH")])])
         until = [] if stays else ["--until-end"]
-        # its own session: Ctrl-C ends the run, and the recording is still completed
+        # In its own session, Ctrl-C ends only the run, and the recording is still completed.
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-m", "btcore_monitor", publisher.address, *until, *options],
             stdin=subprocess.DEVNULL,
@@ -47,9 +47,9 @@ class MonitorProcess:
         )
 
     def finish(self, interrupted: bool) -> None:
-        """Wait, with a bound, until it has taken in everything; if it stays, for a signal.
+        """Wait, with a timeout, until the process has received everything, or for a signal if it stays.
 
-        Nobody looks any more at a run that was *interrupted*.
+        After an *interrupted* run a viewer does not stay.
         """
         if self.stays:
             self._stay(interrupted)
@@ -72,7 +72,7 @@ class MonitorProcess:
         try:
             return self.process.wait(_SAY_AFTER)
         except subprocess.TimeoutExpired:
-            print_message(f"{self.name}: waiting until everything is taken in")
+            print_message(f"{self.name}: waiting until all data is received")
             return self.process.wait(max(0.0, deadline - time.monotonic()))
 
     def _stay(self, interrupted: bool) -> None:
@@ -91,9 +91,14 @@ class MonitorProcess:
 
 
 def wait_until_listening(publisher: Publisher, monitors: Sequence[MonitorProcess]) -> None:
-    """Return once all *monitors* listen, so that the run begins before its eyes.
+    """Wait until all monitors have connected, so that they receive the run from its beginning.
 
-    Raises click.ClickException where one ends at once.
+    Args:
+        publisher: The publisher to which they connect.
+        monitors: The processes.
+
+    Raises:
+        click.ClickException: A process ends early.
     """
     deadline = time.monotonic() + START_TIMEOUT
     while not publisher.wait_for_clients(len(monitors), 0.1):
@@ -111,5 +116,5 @@ def wait_until_listening(publisher: Publisher, monitors: Sequence[MonitorProcess
 
 
 def print_message(text: str) -> None:
-    """Say *text*, not among a run's results."""
+    """Print *text* to stderr, separate from the results of the run."""
     click.echo(f"monitor: {text}", err=True)

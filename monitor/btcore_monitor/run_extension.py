@@ -1,7 +1,7 @@
-"""What the monitor brings to ``btcore run``: publishing, the viewer, and the recording.
+"""The monitor's part of ``btcore run``: publishing, the viewer, and the recording.
 
-The viewer and the recording are processes of their own that listen to what is published, so that
-the robot's process never draws. Everything said here goes to stderr.
+The viewer and the recording are separate processes that subscribe to the published data, so that the robot's
+process never draws. All messages go to stderr.
 """
 
 import importlib.util
@@ -24,18 +24,18 @@ from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
 _APART: Final = BESIDE_GROOT2 - DEFAULT_PORT
-"""How far Groot 1's ports are behind Groot 2's, if both are served: 1667 and 2666."""
+"""Offset of Groot 1's ports from Groot 2's ports if both are served: 1667 and 2666."""
 
 
 class MonitorExtension(RunExtension):
-    """What ``run`` is told of publishing and showing: ``--publish``, ``--monitor``, ``--save`` and more."""
+    """The options of ``run`` for publishing and showing: ``--publish``, ``--monitor``, ``--save``, …"""
 
     options: Sequence[click.Option] = (
         click.Option(
             ["--publish"],
             type=click.Choice(["groot2", "groot1"]),
             multiple=True,
-            help="Let monitors in: Groot 2 or Groot 1 (or both: say it twice), and btcore's own.",
+            help="Publish the run for Groot 2 or Groot 1 (or both: give it twice), and btcore's monitor.",
         ),
         click.Option(
             ["--bind"],
@@ -53,7 +53,7 @@ class MonitorExtension(RunExtension):
         click.Option(
             ["--allow-control"],
             is_flag=True,
-            help="Let whoever reaches the port set breakpoints and inject statuses (btcore hook).",
+            help="Let any client that reaches the port set breakpoints and inject statuses (btcore hook).",
         ),
         click.Option(["--monitor"], is_flag=True, help="Start the viewer and show the run live."),
         click.Option(
@@ -81,7 +81,7 @@ class MonitorExtension(RunExtension):
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """Nothing for leaves; the options are checked here, before a world is built in vain."""
+        """Check the options, before other extensions build a world. There are no resources for leaves."""
         _ports(settings)
         if "groot1" in settings["publish"] and importlib.util.find_spec("flatbuffers") is None:
             raise click.ClickException(
@@ -114,7 +114,7 @@ class MonitorExtension(RunExtension):
     def attach(
         self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> AbstractContextManager[None]:
-        """Publish *tree* while the run lasts, as the options say."""
+        """Publish *tree* during the run, according to the options."""
         return self._published(tree, resources, settings)
 
     def replace_tree(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
@@ -179,7 +179,7 @@ class MonitorExtension(RunExtension):
 
 
 def _shown(settings: Mapping[str, Any]) -> list[str]:
-    """The options by which the run is shown or recorded for the viewer."""
+    """Return the given options that show or record the run."""
     asked = {
         "--save": settings["save"] is not None,
         "--monitor": settings["monitor"],
@@ -189,7 +189,7 @@ def _shown(settings: Mapping[str, Any]) -> list[str]:
 
 
 def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
-    """The first ports for Groot 2 and for Groot 1; None: not for it. Raises click.UsageError."""
+    """Return the first port for Groot 2 and for Groot 1, or None if not served. Raises click.UsageError."""
     publish, first = settings["publish"], settings["port"]
     if "groot1" not in publish:
         return (DEFAULT_PORT if publish else 0) if first is None else first, None

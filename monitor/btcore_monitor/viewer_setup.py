@@ -1,6 +1,6 @@
-"""Where a tree is shown, and what that needs: for every command that shows one.
+"""The destinations of a tree's view, with their options, for all commands that show a tree.
 
-Nothing heavy is imported before it is needed, so that ``--help`` is quick, and there without rerun.
+Large packages are imported only when they are needed, so that ``--help`` is fast and works without rerun.
 """
 
 import contextlib
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give *command* the options of where and how to show.
+    """Add the options for the viewer to *command*.
 
-    They are save, serve_web, screenshot, at, size and memory_limit, and display, a
+    The parameters are save, serve_web, screenshot, at, size and memory_limit, and display, a
     :class:`~btcore_monitor.display_options.DisplayOptions`.
     """
     command = display_options(command)
@@ -33,19 +33,19 @@ def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 duration_option = click.option(
-    "--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after so many seconds."
+    "--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after this time."
 )
 
 
 def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give *command* the options of what a robot is asked for: no_record and blackboard_rate."""
+    """Add the options for requests to a robot to *command*: no_record and blackboard_rate."""
     for option in reversed(
         [
             click.option(
                 "--no-record",
                 is_flag=True,
-                help="Leave a C++ robot's recording of transitions to others: it is whoever's reads it "
-                "first.",
+                help="Do not read a C++ robot's recording of transitions: the first client to read it "
+                "consumes it.",
             ),
             click.option(
                 "--blackboard-rate",
@@ -53,7 +53,7 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
                 default=2.0,
                 show_default=True,
                 metavar="HZ",
-                help="How often a C++ robot is asked for its blackboards; 0: never.",
+                help="How often to request a C++ robot's blackboards; 0: never.",
             ),
         ]
     ):
@@ -71,17 +71,17 @@ def check_installed(*modules: str) -> None:
 
 
 def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:
-    """The callback of ``--size``: width and height in *value*."""
+    """Return width and height (pixels) of the option ``--size`` (a click callback)."""
     width, _, height = value.partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
-        raise click.BadParameter(f"'{value}' is no size: write WIDTHxHEIGHT in pixels, such as 1920x1080")
+        raise click.BadParameter(f"'{value}' is not a size: use WIDTHxHEIGHT in pixels, such as 1920x1080")
     return int(width), int(height)
 
 
 def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
     file = click.Path(dir_okay=False, path_type=Path)
     return [
-        click.option("--save", type=file, metavar="FILE.rrd", help="Record it."),
+        click.option("--save", type=file, metavar="FILE.rrd", help="Write a recording."),
         click.option(
             "--serve-web",
             type=click.IntRange(1, 65535),
@@ -122,7 +122,7 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
 
 
 def check_is_recording(save: Path) -> None:
-    """Raise click.UsageError where the file of ``--save`` is not called as rerun's recordings are."""
+    """Raise click.UsageError if the file of ``--save`` has not the suffix ``.rrd``."""
     if save.suffix.lower() != ".rrd":
         raise click.UsageError(
             f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
@@ -130,13 +130,13 @@ def check_is_recording(save: Path) -> None:
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Raise click.UsageError where the folder of *option*'s file isn't there."""
+    """Raise click.UsageError if the folder of *option*'s file does not exist."""
     if not path.resolve().parent.is_dir():
         raise click.UsageError(f"{option} {path}: there is no folder {path.resolve().parent}")
 
 
 def check_writable(option: str, path: Path) -> None:
-    """Raise click.UsageError where *option*'s file can't be written; an existing file stays as it is."""
+    """Raise click.UsageError if *option*'s file cannot be written; an existing file is not changed."""
     check_folder(option, path)
     is_new = not path.exists()
     try:
@@ -149,7 +149,18 @@ def check_writable(option: str, path: Path) -> None:
 
 
 def open_sinks(save: Path | None, web_port: int | None, window: bool, memory_limit: str) -> "RecordingSinks":
-    """Open where a run is shown: a file, a window, browsers. Raises click.UsageError, ScreenError."""
+    """Open the destinations of a view.
+
+    Args:
+        save: The file of the recording, or None.
+        web_port: The port of the web viewer, or None.
+        window: Whether to open a window.
+        memory_limit: The viewer's memory, such as ``2GB`` or ``25%``.
+
+    Raises:
+        click.UsageError: There is no destination.
+        ScreenError: The viewer or a display is not available.
+    """
     from btcore_monitor.screen.sinks import RecordingSinks, open_window, serve_web
 
     if save is not None:
@@ -170,7 +181,7 @@ def open_sinks(save: Path | None, web_port: int | None, window: bool, memory_lim
 
 @contextlib.contextmanager
 def stop_on_signals(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C and a kind request to end set *stop*, so that files are finished."""
+    """Set *stop* on SIGINT (Ctrl-C) and SIGTERM, so that files are completed."""
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop.set()
@@ -184,7 +195,17 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
 
 
 def save_screenshot(recording: Path, picture: Path, at: float | None, size: tuple[int, int]) -> None:
-    """Write *picture* of *recording* at *at* (s; None: its end). Raises ScreenError."""
+    """Write a screenshot.
+
+    Args:
+        recording: The recording.
+        picture: The PNG file to write.
+        at: Tree time (s), or None for the recording's end.
+        size: Width and height (pixels).
+
+    Raises:
+        ScreenError: The viewer or a driver is not available.
+    """
     from btcore_monitor.screen.screenshot import screenshot
 
     screenshot(recording, picture, at, size)

@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from btcore_monitor.wire.hooks import WireHook
 
 _LOOK_EVERY: Final = 0.1
-"""s between two looks whether to stop."""
+"""Time (s) between two checks whether to stop."""
 
 _SILENCE: Final = (
-    "a robot that hears nothing for 5 s disables its hooks and goes on; any btcore hook in time keeps them"
+    "a robot without requests for 5 s disables its hooks; any btcore hook command before that keeps them"
 )
 
 
 class Hooked(click.Group):
-    """A group whose ADDRESS may be left out: then it is this machine's port 1667."""
+    """A command group with an optional ADDRESS, port 1667 of this machine by default."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As click does, with the address filled in where a command stands in its place."""
-        if len(args) > 2 and args[1] == "--wait":  # the address first reads well, too
+        """Parse the arguments, and insert the default address if a command is in its place."""
+        if len(args) > 2 and args[1] == "--wait":  # --wait may follow the address, too
             args = [*args[1:3], args[0], *args[3:]]
         at = 2 if args[:1] == ["--wait"] else 0
         if len(args) == at + 1 and args[at].isalpha() and args[at] not in self.commands:
@@ -50,21 +50,21 @@ class Hooked(click.Group):
     default=3.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long the robot may take to come.",
+    help="How long to wait for the robot.",
 )
 @click.pass_context
 def hook(context: click.Context, address: str, patience: float) -> None:
-    """Stop, step and mislead the tree that runs at ADDRESS, on any robot that speaks Groot 2's protocol.
+    """Set breakpoints, step, and inject statuses in the tree at ADDRESS, on any robot with Groot 2's port.
 
-    ADDRESS is as for `btcore monitor` (default: tcp://127.0.0.1:1667). A robot of btcore wants to be
-    started with --allow-control. A PATTERN is a node's path or name, or has * ? [] for many.
+    ADDRESS is as for `btcore monitor` (default: tcp://127.0.0.1:1667). A btcore robot has to be started with
+    --allow-control. A PATTERN is a node's path or name, with the wildcards * ? [] for several nodes.
     """
     context.obj = (address, patience)
 
 
 @contextlib.contextmanager
 def _robot() -> Iterator["BreakpointClient"]:
-    """The robot that the command line names; what it refuses is a user's mistake."""
+    """Connect to the robot of the command line. Its errors become click.ClickException."""
     check_installed("zmq", "msgpack", "lxml")
     from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
 
@@ -76,18 +76,18 @@ def _robot() -> Iterator["BreakpointClient"]:
         raise click.ClickException(str(fault)) from None
 
 
-_after = click.option("--after", is_flag=True, help="After the tick, not before it.")
+_after = click.option("--after", is_flag=True, help="After the node's tick instead of before.")
 _status = click.Choice(["SUCCESS", "FAILURE"], case_sensitive=False)
 
 
 @hook.command("break")
 @click.argument("patterns", nargs=-1, required=True, metavar="PATTERN...")
 @_after
-@click.option("--once", is_flag=True, help="Each breakpoint goes when it is released; stop after the last.")
-@click.option("--leave", is_flag=True, help="Set them and go; they last 5 s unless somebody keeps talking.")
+@click.option("--once", is_flag=True, help="Remove each breakpoint when it is released; stop after the last.")
+@click.option("--leave", is_flag=True, help="Set them and exit; they last 5 s without further requests.")
 @duration_option
 def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, duration: float | None) -> None:
-    """Set breakpoints and stay: say which is reached, and clear them at the end (Ctrl-C).
+    """Set breakpoints, print each breakpoint that is reached, and clear them at the end (Ctrl-C).
 
     From another terminal, `btcore hook release` lets the tree go on.
     """
@@ -109,11 +109,11 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, dura
 @hook.command()
 @click.argument("pattern", default="*")
 @click.option(
-    "--status", type=_status, metavar="STATUS", help="What the node's status is to be, instead of its tick's."
+    "--status", type=_status, metavar="STATUS", help="Status of the node, instead of the result of its tick."
 )
-@click.option("--remove", is_flag=True, help="Take the breakpoint away too.")
+@click.option("--remove", is_flag=True, help="Remove the breakpoint too.")
 def release(pattern: str, status: str | None, remove: bool) -> None:
-    """Let the tree go on from where it stands."""
+    """Let a tree continue that waits at a breakpoint."""
     with _robot() as robot:
         for path in robot.release(pattern, status, remove):
             click.echo(f"released {path}")
@@ -127,10 +127,10 @@ def release(pattern: str, status: str | None, remove: bool) -> None:
     default=5.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long a tick may take to come.",
+    help="How long to wait for a tick.",
 )
 def step(count: int | None, within: float) -> None:
-    """Stop the tree before its root, and let it do one tick (or COUNT).
+    """Stop the tree before its root, and run a single tick (or COUNT ticks).
 
     At a terminal, without COUNT, each Enter is one tick, and q lets the tree run.
     """
@@ -154,18 +154,18 @@ def step(count: int | None, within: float) -> None:
 @click.argument("pattern")
 @click.argument("status", type=_status, metavar="STATUS")
 @_after
-@click.option("--keep", is_flag=True, help="Every tick, until Ctrl-C; else only the next one.")
+@click.option("--keep", is_flag=True, help="Every tick, until Ctrl-C, instead of only the next tick.")
 @click.option(
     "--within",
     type=click.FloatRange(min=0),
     default=5.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long the next tick may take to come.",
+    help="How long to wait for the next tick.",
 )
 @duration_option
 def inject(pattern: str, status: str, after: bool, keep: bool, within: float, duration: float | None) -> None:
-    """Let the next tick of the nodes that fit PATTERN end with STATUS (SUCCESS or FAILURE)."""
+    """Let the next tick of the nodes that match PATTERN end with STATUS (SUCCESS or FAILURE)."""
     with _robot() as robot:
         paths = robot.inject(pattern, status, after=after, once=not keep)
         if keep:
@@ -190,7 +190,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
 
 @hook.command("list")
 def list_() -> None:
-    """Say which hooks the robot has, whoever set them."""
+    """List the robot's hooks, also those of other clients."""
     with _robot() as robot:
         found = robot.hooks()
         for one in found:
@@ -201,9 +201,9 @@ def list_() -> None:
 
 @hook.command()
 @click.argument("pattern", default="*")
-@click.option("--disable", is_flag=True, help="Keep them, all, without effect, instead.")
+@click.option("--disable", is_flag=True, help="Disable all hooks instead of removing them.")
 def clear(pattern: str, disable: bool) -> None:
-    """Take hooks away (default: all); a tree that stands at one goes on."""
+    """Remove hooks (default: all); a tree that waits at a removed breakpoint continues."""
     with _robot() as robot:
         if disable:
             robot.disable()

@@ -1,4 +1,4 @@
-"""``btcore monitor``: watch a robot live, record it, or take its picture."""
+"""``btcore monitor``: watch a robot live, record it, or take a screenshot."""
 
 import contextlib
 import tempfile
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 DEFAULT_ADDRESS: Final = "tcp://127.0.0.1:1667"
 _RECORDING: Final = b"RRF"
-"""What rerun's files begin with."""
+"""The first bytes of rerun's files."""
 _WAIT: Final = 0.2
-"""s between two looks at a feed that says nothing."""
+"""Time (s) between two checks of an idle feed."""
 _LOOK_EVERY: Final = 2.0
-"""s between two looks whether the viewer is still open."""
+"""Time (s) between two checks whether the viewer is still open."""
 
 
 @click.command()
@@ -40,7 +40,7 @@ _LOOK_EVERY: Final = 2.0
 @viewer_options
 @robot_options
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
-@click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
+@click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @duration_option
 def monitor(
     addresses: tuple[str, ...],
@@ -57,10 +57,10 @@ def monitor(
     until_end: bool,
     duration: float | None,
 ) -> None:
-    """Watch trees that run at ADDRESS: btcore's, BehaviorTree.CPP's, Nav2's.
+    """Watch the behavior trees at ADDRESS: of btcore, BehaviorTree.CPP or Nav2.
 
     ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667), or a recording
-    FILE.rrd. The robot may come later, go, and come back. Ctrl-C stops.
+    FILE.rrd. The robot may start later, stop, and restart. Ctrl-C stops the monitor.
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
     from btcore_monitor.screen.sinks import ScreenError
@@ -100,7 +100,7 @@ def monitor(
 
 
 def _check_is_live() -> None:
-    """Raise click.UsageError for display options: a recording has those that it was made with."""
+    """Raise click.UsageError if there are display options, because a recording keeps its own options."""
     for option in explicit_options():
         raise click.UsageError(
             f"a recording is shown as it was made: {option} goes with watching a robot, and with btcore "
@@ -129,7 +129,7 @@ def _watch(
     until_end: bool,
     duration: float | None,
 ) -> list[Path]:
-    """Show every feed until told to stop; returns the files written, in the order of their trees."""
+    """Show every feed until the end, and return the files written, in the order of their trees."""
     from btcore_monitor.screen.sinks import is_viewer_open
     from btcore_monitor.screen.viewer_windows import SharedWindow
 
@@ -177,7 +177,7 @@ def _watch(
 
 
 def _called(feed: "Feed") -> str:
-    """What people call a robot among several: its address, as short as it may be."""
+    """Return the name of a robot among several: the shortest form of its address."""
     from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
     host, port = feed.address.host, feed.address.port

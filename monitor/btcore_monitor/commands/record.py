@@ -1,4 +1,4 @@
-"""``btcore record``: attach to a running robot and write what it tells into files."""
+"""``btcore record``: connect to a running robot and write its data into files."""
 
 import contextlib
 import threading
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _RERUN: Final = ".rrd"
 _WAIT: Final = 0.2
-"""s between two looks at a feed that says nothing."""
+"""Time (s) between two checks of an idle feed."""
 _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd"
 
 
@@ -41,10 +41,10 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
     multiple=True,
     required=True,
     metavar="FILE",
-    help="Where to: .btlog (Groot 2), .db3 or .btdb (SQLite), .rrd (rerun); may be given several times.",
+    help="Output file: .btlog (Groot 2), .db3 or .btdb (SQLite), .rrd (rerun); may be given several times.",
 )
 @duration_option
-@click.option("--until-end", is_flag=True, help="Stop when the robot says that its run is over.")
+@click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @robot_options
 @display_options
 def record(
@@ -56,11 +56,11 @@ def record(
     blackboard_rate: float,
     display: DisplayOptions,
 ) -> None:
-    """Record what the tree at ADDRESS does; any robot will do that btcore monitor shows.
+    """Record the tree at ADDRESS, on any robot that btcore monitor can show.
 
-    ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667). The robot may come
-    later, go, and come back: another tree gets files of its own, run.2.btlog after run.btlog. Ctrl-C stops,
-    and the files are whole. What is missing is marked in the files, and counted at the end.
+    ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667). The robot may start
+    later, stop, and restart: another tree gets its own files, run.2.btlog after run.btlog. Ctrl-C stops and
+    completes the files. Gaps are marked in the files, and counted at the end.
     """
     check_installed("zmq", "msgpack", *(["rerun", "numpy"] if _recordings(outputs) else []))
     from btcore.logs import LogError
@@ -79,18 +79,18 @@ def record(
     except (AddressError, LogError) as fault:
         raise click.ClickException(str(fault)) from None
     except WRITE_ERRORS as fault:
-        text = f"the recording ends here, it can't be written any more: {fault}"
+        text = f"the recording ends here, because writing failed: {fault}"
         raise click.ClickException(text) from None
     if not files.written:
         raise click.ClickException(f"no tree was seen at {address}, so nothing is recorded")
     log = files.log
     lost = f"; {log.gaps} gaps are marked in them" if log.gaps else ""
-    told = f"{log.transitions} transitions in " if log.paths else ""
-    _say(f"{told}{join_names((str(one) for one in files.written), most=20)}{lost}")
+    count = f"{log.transitions} transitions in " if log.paths else ""
+    _say(f"{count}{join_names(map(str, files.written), most=20)}{lost}")
 
 
 class _Files:
-    """All that is written: log files, and recordings for the viewer."""
+    """The output files: logs, and recordings for the viewer."""
 
     def __init__(self, outputs: Sequence[Path], display: DisplayOptions) -> None:
         from btcore_monitor.log_writer import LogWriter
@@ -101,23 +101,23 @@ class _Files:
 
     @property
     def written(self) -> list[Path]:
-        """The files that there are now."""
+        """The files that exist now."""
         return [*self.log.files, *(path for screen in self.screens for path in screen.files)]
 
     def show(self, event: "Event") -> None:
-        """Take in one event."""
+        """Process an event."""
         self.log.show(event)
         for screen in self.screens:
             screen.show(event)
 
     def flush(self) -> None:
-        """Write what has gathered."""
+        """Write buffered data."""
         self.log.flush()
         for screen in self.screens:
             screen.flush()
 
     def close(self) -> None:
-        """Finish every file, whatever becomes of the others."""
+        """Finish every file, even if closing another file fails."""
         with contextlib.ExitStack() as stack:
             stack.callback(self.log.close)
             for screen in self.screens:
@@ -158,7 +158,7 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
 
 
 def _tell(event: "TreeSeen", files: _Files) -> None:
-    """Say what the files will lack."""
+    """Print which data the files will not contain."""
     _say(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
     for topic, sentence in event.source.unavailable.items():
         _say(f"{topic}: {sentence}")

@@ -47,7 +47,7 @@ _NOT_KEPT: Final = "not in a log file"
 LOG_FILE: Final = DataSource(
     "a log file", {"ticks": _NOT_KEPT, "exceptions": _NOT_KEPT, "blackboard": _NOT_KEPT}
 )
-"""How a log tells of its tree."""
+"""The data source of a log file."""
 
 _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILURE: "red"}
 
@@ -60,10 +60,18 @@ _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILU
     "patterns",
     multiple=True,
     metavar="PATTERN",
-    help="With --text: only nodes whose path is so, such as 'Patrol/*'; may be given several times.",
+    help="With --text: only nodes whose path matches, such as 'Patrol/*'; may be given several times.",
 )
-@click.option("--from", "begin", type=float, metavar="SECONDS", help="Begin so late.  [default: the start]")
-@click.option("--to", "end", type=float, metavar="SECONDS", help="End there.  [default: the end]")
+@click.option(
+    "--from",
+    "begin",
+    type=float,
+    metavar="SECONDS",
+    help="Time of the first transition.  [default: the start]",
+)
+@click.option(
+    "--to", "end", type=float, metavar="SECONDS", help="Time of the last transition.  [default: the end]"
+)
 @viewer_options
 def replay(
     log: str,
@@ -79,16 +87,17 @@ def replay(
     memory_limit: str,
     display: DisplayOptions,
 ) -> None:
-    """Show LOG again: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2) or a format-3 .fbl.
+    """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2) or a format-3 .fbl.
 
-    Without options it opens the viewer, where time runs back and forth. --save, --serve-web and --screenshot
-    need no display. Times are in seconds since the log began. A file that was cut off is shown up to the cut.
+    Without options it opens the viewer, where the time can be moved back and forth. --save, --serve-web and
+    --screenshot need no display. Times are in seconds since the log began. A truncated file is shown up to
+    its end.
     """
     shown = [option for option, given in _given(save, serve_web, screenshot) if given]
     if text and shown:
         raise click.UsageError(f"--text and {shown[0]} are two answers: ask for one.")
     if patterns and not text:
-        raise click.UsageError("--node picks lines: it goes with --text.")
+        raise click.UsageError("--node selects lines, so it needs --text.")
     if begin is not None and end is not None and begin > end:
         raise click.UsageError(f"--from {begin:g} is after --to {end:g}.")
     recording = read_log(log)
@@ -103,7 +112,7 @@ def replay(
 
 
 def observed_tree(recording: Recording) -> ObservedTree:
-    """The tree of *recording* as the monitor draws it."""
+    """Return the tree of *recording* as the monitor draws it."""
     parents = {child: node.uid for node in recording.nodes.values() for child in node.children}
     inside: dict[int, str] = {}
     trees: dict[str, str] = {}
@@ -114,7 +123,7 @@ def observed_tree(recording: Recording) -> ObservedTree:
         kind = _KINDS.get(node.type, "control" if node.children else "action")
         if kind == "subtree":
             trees[node.path] = node.name
-            # What is below it looks up its parent's subtree.
+            # The nodes below look up their parent's subtree.
             inside[uid] = node.path
         nodes.append(
             ObservedNode(uid, node.name, node.id, kind, node.path, parent, node.children, node.ports, subtree)
@@ -124,7 +133,7 @@ def observed_tree(recording: Recording) -> ObservedTree:
 
 
 def events(recording: Recording, window: range) -> Iterator[Event]:
-    """The transitions of *recording* with an index in *window*, as a robot would tell them."""
+    """Yield the transitions of *recording* with an index in *window*, as events of a robot."""
     first = recording.transitions[window.start].stamp if window.start else recording.start
     since, stamp = first - recording.start, first
     statuses = dict(recording.statuses(window.start))
@@ -152,7 +161,7 @@ def _given(save: Path | None, serve_web: int | None, screenshot: Path | None) ->
 
 
 def _window(recording: Recording, begin: float | None, end: float | None) -> range:
-    """The indices of the changes between *begin* and *end* (s since the start, both included)."""
+    """Return the indices of the changes between *begin* and *end* (s since the start, inclusive)."""
     since = [change.stamp - recording.start for change in recording.transitions]
     chosen = [
         index

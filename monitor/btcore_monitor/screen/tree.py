@@ -199,7 +199,7 @@ class TreeView:
             self._rows.log(entity, *what, static=True)
 
     def _ink(self, indices: Sequence[int]) -> tuple[list[Strip], list[int], list[float]]:
-        """Return the strokes of names, notes and symbols of the nodes at *indices*, with colours and radii."""
+        """Return the strokes, colours and radii of names, notes and symbols of the nodes at *indices*."""
         strokes: list[Stroke] = []
         colours: list[int] = []
         radii: list[float] = []

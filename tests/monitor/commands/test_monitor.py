@@ -47,7 +47,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         ),
         (["x.rrd", "--find", "Dock*"], "a recording is shown as it was made: --find goes with"),
         (["--palette", "rainbow"], "'rainbow' is not one of 'groot', 'colour-blind'"),
-        (["--screenshot", "x.png", "--size", "big"], "'big' is no size: write WIDTHxHEIGHT"),
+        (["--screenshot", "x.png", "--size", "big"], "'big' is not a size: use WIDTHxHEIGHT"),
     ],
 )
 def test_a_mistake_is_one_sentence_and_exit_code_2(arguments, said):
