@@ -73,7 +73,7 @@ class Camera:
         """The picture that was rendered last."""
 
     def picture(self, model: PhysicsBody, link: int, now: int, dead: bool) -> CameraImage | None:
-        """Return the newest picture, and render a new one first if the camera's rate allows it.
+        """Return the newest picture; render another picture first if the camera's rate allows it.
 
         Args:
             model: The robot's body.

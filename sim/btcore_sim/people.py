@@ -99,7 +99,7 @@ class Person:
 
 
 class PeopleSimulation:
-    """The people of a world, who walk at `SPEED`.
+    """The walking people of a world. Their speed is `SPEED`.
 
     *robot* returns the robot's pose, and *radius* (m) is the robot's. A person stops when the robot is ahead
     and nearer than `POLITE`. After a while the person chooses a goal in a direction away from the robot.
