@@ -1,4 +1,4 @@
-"""The words of a script: text → tokens."""
+"""The lexer of scripts: text → tokens."""
 
 from typing import Final
 

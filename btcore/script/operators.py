@@ -1,4 +1,4 @@
-"""What the operators of a script do to two values.
+"""The operators of scripts, with the typing rules of BehaviorTree.CPP 4.10.
 
 All of them raise ConversionError, whose sentence the caller puts at its place in the script.
 """

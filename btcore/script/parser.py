@@ -1,4 +1,4 @@
-"""Tokens → syntax tree, by the precedences of BehaviorTree.CPP's operators.hpp."""
+"""The parser of scripts: tokens → syntax tree, with the operator precedences of BehaviorTree.CPP."""
 
 from collections.abc import Mapping
 from typing import Final

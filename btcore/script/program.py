@@ -43,7 +43,7 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
 
 
 def condition_result(value: object) -> bool:
-    """The result of a condition's script as a bool.
+    """Return the result of a condition's script as a bool.
 
     A float is true unless it is zero; of the integers only 0 and 1 count; negative numbers, texts
     and entries without a value raise ScriptError.

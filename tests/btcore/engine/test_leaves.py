@@ -575,7 +575,7 @@ def test_an_output_that_is_no_entry_is_named(make_tree: Grow) -> None:
         text("one")
         return True
 
-    assert "name one in braces, {like_this}" in raised(make_tree('<Note text="t"/>', note))
+    assert "write the key in braces, {like_this}" in raised(make_tree('<Note text="t"/>', note))
 
 
 # --- what goes wrong at registration
