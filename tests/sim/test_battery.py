@@ -56,7 +56,7 @@ def test_an_empty_battery_drives_no_more_and_a_filled_one_does(robot_at, steer, 
     body = robot_at(battery=0.3)
     steer(body, 6.0, (0.3, 0.0))
     assert [one.getMessage() for one in caplog.records] == [
-        "the robot's battery is empty: it stands until it is recharged"
+        "the robot's battery is empty: the robot stands until it is recharged"
     ]
     assert body.battery().level == 0.0
     assert body.odometry().twist.v == pytest.approx(0.0, abs=0.005)

@@ -113,7 +113,8 @@ def test_a_plugin_that_does_not_exist(cli: Cli, tree_file: TreeFile) -> None:
 
 def test_a_plugin_without_a_name(cli: Cli, tree_file: TreeFile) -> None:
     refused(
-        cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", ""), "error: a plugin has no name: give that"
+        cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", ""),
+        "error: a plugin has no name: give the name of a module",
     )
 
 

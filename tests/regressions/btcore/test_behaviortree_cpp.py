@@ -202,7 +202,7 @@ def test_cpp_716_empty_output_ports_are_refused_at_load_by_name_and_place(grow: 
 
 def test_cpp_716_in_format_3_writing_one_names_the_port_and_never_a_clash_of_types(grow: Grow) -> None:
     tree = grow(EMPTY_OUTPUTS, Measure, Ask, format=3)
-    with pytest.raises(NodeExecutionError, match=r"<Measure>.*port \[length\].*no blackboard entry"):
+    with pytest.raises(NodeExecutionError, match=r"<Measure>.*port \[length\].*not a blackboard entry"):
         tree.tick_once()
     assert list(tree.blackboard) == []
 
@@ -298,7 +298,7 @@ def test_cpp_672_trees_that_contain_themselves_are_refused(trees: dict[str, str]
         f'<BehaviorTree ID="{ID}"><Inverter><SubTree ID="{called}"/></Inverter></BehaviorTree>'
         for ID, called in trees.items()
     )
-    with pytest.raises(TreeError, match=f"in a circle: {circle}"):
+    with pytest.raises(TreeError, match=f"call each other recursively: {circle}"):
         btcore.loads(f'<root BTCPP_format="4" main_tree_to_execute="Main">{text}</root>')
 
 
