@@ -13,9 +13,12 @@ from click.testing import Result
 
 from btcore.cli.extension import gather_resources
 from btcore.run_extension import RunExtension
-from btcore_monitor.run_extension import MonitorExtension
-from btcore_robot.run_extension import NavigationExtension
-from btcore_sim.run_extension import RobotExtension
+
+for needed in ("zmq", "cv2", "pybullet"):
+    pytest.importorskip(needed)
+from btcore_monitor.run_extension import MonitorExtension  # noqa: E402
+from btcore_robot.run_extension import NavigationExtension  # noqa: E402
+from btcore_sim.run_extension import RobotExtension  # noqa: E402
 
 Cli = Callable[..., Result]
 TreeFile = Callable[..., Path]
