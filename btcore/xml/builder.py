@@ -33,9 +33,7 @@ from btcore.values import to_text
 from btcore.xml.build import build
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.document import Document, parse_text
-from btcore.xml.read.element import Element
-from btcore.xml.read.positions import ElementPart
-from btcore.xml.read.tinyxml2_compat import EscapedText
+from btcore.xml.read.element import Element, ElementPart
 
 _STEP: Final = "    "
 MAX_BUILDER_DEPTH: Final = 2_000
@@ -258,7 +256,7 @@ class _BuiltDocument(Document):
     max_depth = MAX_BUILDER_DEPTH
 
     def __init__(self, root: Element, text: str, file: str, specs: Sequence[NodeSpec | None]) -> None:
-        super().__init__(root, EscapedText(text, ()), text, file)
+        super().__init__(root, text, file)
         self._specs = specs
 
     @property

@@ -5,8 +5,7 @@ from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.convert.rewrite import Rewriter
 from btcore.xml.read.document import Document
-from btcore.xml.read.element import Element
-from btcore.xml.read.positions import ElementPart
+from btcore.xml.read.element import Element, ElementPart
 
 
 class ConversionContext:

@@ -9,7 +9,7 @@ from btcore.xml.models.stand_ins import StubAction, StubCondition, StubControl, 
 from btcore.xml.plan.plan import NodePlan
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
-from btcore.xml.read.positions import ElementPart
+from btcore.xml.read.element import ElementPart
 
 _STAND_INS: Final = (StubAction, StubCondition, StubControl, StubDecorator)
 

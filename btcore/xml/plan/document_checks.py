@@ -66,9 +66,7 @@ def analyse_document(
             diagnostics.add(warning)
     dialect = select_dialect(documents, format, diagnostics)
     definitions = TreeDefinitions(documents, dialect, diagnostics)
-    palette = NodePalette(
-        registry.manifests_of(dialect.format), registry.manifests_of(7 - dialect.format), dialect.format
-    )
+    palette = NodePalette(registry, dialect.format)
     outlines = StructureChecker(definitions, palette, diagnostics).check()
     main = definitions.select_main(tree, diagnostics) if documents[-1].root.tag == "root" else None
     planner = TreePlanner(

@@ -3,19 +3,21 @@
 from collections.abc import Mapping
 
 from btcore.registry.manifest import Manifest
+from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
 
 class NodePalette:
-    """The manifests of one format, by ID."""
+    """The nodes of a registry in one format."""
 
-    def __init__(
-        self, manifests: Mapping[str, Manifest], other_format: Mapping[str, Manifest], format: int
-    ) -> None:
-        self.manifests = manifests
-        self._other = other_format
+    def __init__(self, registry: Registry, format: int) -> None:
+        self._registry = registry
         self._format = format
+
+    def get(self, id: str) -> Manifest | None:
+        """Return the manifest of the node *id*, or None."""
+        return self._registry.get(id, self._format)
 
     def unknown_node_hint(
         self, name: str, trees: Mapping[str, object], declared_in: str | None = None
@@ -30,10 +32,10 @@ class NodePalette:
         if name in trees:
             return f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>"
         successor = NODE_REPLACEMENTS.get(name)
-        if successor is not None and successor in self.manifests:
+        if successor is not None and self.get(successor) is not None:
             return f"use <{successor}>, which replaces it"
-        if name in self._other:
-            other = 3 if self._format == 4 else 4
+        other = 7 - self._format
+        if self._registry.get(name, other) is not None:
             return f'<{name}> belongs to format {other}: load the document as one (BTCPP_format="{other}")'
         if declared_in is not None:
             model = f"--model {declared_in or 'FILE'}"
@@ -41,17 +43,18 @@ class NodePalette:
                 "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
                 f"or {model} to work without the code"
             )
-        if not self.manifests:
+        manifests = self._registry.manifests_of(self._format)
+        if not manifests:
             return "the registry is empty: start with Registry.standard(), which has the built-in nodes"
         searched = "searched: " + ", ".join(self.distributions())
-        near = nearest_name(name, [*self.manifests, *EXPLICIT_TAGS])
+        near = nearest_name(name, [*manifests, *EXPLICIT_TAGS])
         if near is None:
             return f"{searched}; load a plugin that provides it (--plugin, or nodes.add_plugin)"
         return f"did you mean <{near}>?   {searched}"
 
     def distributions(self) -> list[str]:
         """Return the names of the distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self.manifests.values()}
+        names = {manifest.distribution for manifest in self._registry.manifests_of(self._format).values()}
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}
         return sorted(names, key=lambda name: (name != "btcore", name))

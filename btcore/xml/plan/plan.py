@@ -30,8 +30,7 @@ from btcore.xml.read.dialect import (
     SCRIPT_ATTRIBUTES,
     Dialect,
 )
-from btcore.xml.read.element import Element
-from btcore.xml.read.positions import ElementPart
+from btcore.xml.read.element import Element, ElementPart
 
 _DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
@@ -210,7 +209,7 @@ class TreePlanner:
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
         known = self._known.get(id)
         if known is None:
-            manifest = self._palette.manifests.get(id)
+            manifest = self._palette.get(id)
             if manifest is None:
                 return None
             self._known[id] = known = BindingCache(id, manifest, self.dialect.format)
@@ -325,7 +324,7 @@ class TreePlanner:
         element = plan.element
         id = element.get("ID") or ""
         plan.id = tag
-        plan.manifest = self._palette.manifests.get(tag)
+        plan.manifest = self._palette.get(tag)
         call = SubtreeCall(id)
         plan.call = call
         tree.calls.append(plan)

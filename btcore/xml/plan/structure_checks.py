@@ -114,7 +114,7 @@ class StructureChecker:
 
     def _compact(self, tag: str) -> NodeType | None:
         """Return the node type that limits the children of *tag*; None if *tag* is no compact node."""
-        manifest = self._palette.manifests.get(tag)
+        manifest = self._palette.get(tag)
         kind = None
         if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT_TAGS:
             kind = manifest.type
@@ -152,7 +152,7 @@ class StructureChecker:
             hint = f'write <{tag} ID="…"/>'
             self._error(MISSING_ID, message, element, hint=hint)
             return
-        manifest = self._palette.manifests.get(node)
+        manifest = self._palette.get(node)
         if manifest is None:
             self._error(UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._unknown(node))
             return
@@ -180,7 +180,7 @@ class StructureChecker:
                     WRONG_CHILD_COUNT, f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint
                 )
         elif kind is NodeType.CONTROL:
-            manifest = self._palette.manifests.get(node)
+            manifest = self._palette.get(node)
             least = 1 if manifest is None else max(manifest.cls.child_count_at_load[0], 1)
             if count < least:
                 message = (
@@ -230,7 +230,7 @@ class StructureChecker:
             self._error(WRONG_CHILD_COUNT, message, children[0])
 
     def _not_a_node(self, name: str, element: Element) -> None:
-        known = self._palette.manifests.get(name)
+        known = self._palette.get(name)
         if known is not None and not known.is_overridable:
             message = f"invalid tree ID '{name}': a node has this name"
             self._error(TREE_NAMED_AS_NODE, message, element, "ID", "rename the tree")

@@ -14,8 +14,7 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import DIALECTS, Dialect, parse_format
 from btcore.xml.read.document import Document
-from btcore.xml.read.element import Element
-from btcore.xml.read.syntax_errors import EXAMPLE
+from btcore.xml.read.element import EXAMPLE, Element
 
 
 @dataclass(frozen=True, slots=True, eq=False)

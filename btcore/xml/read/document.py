@@ -5,9 +5,7 @@ Invalid XML is reported with file, line and column. A document type with content
 
 import os
 from pathlib import Path
-from typing import Final
-
-from lxml import etree
+from typing import TYPE_CHECKING, Any, Final
 
 from btcore.diagnostic_codes import (
     BARE_MARKUP,
@@ -20,16 +18,12 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Diagnostic, XmlSyntaxError
 from btcore.suggestions import nearest_name
-from btcore.xml.read.element import Element, parse_lxml_tree, parse_with_expat, parse_with_libxml2
-from btcore.xml.read.positions import ElementPart, SourceMap, SourceSpan, span_at
-from btcore.xml.read.syntax_errors import EXAMPLE, diagnose_xml_error
-from btcore.xml.read.tinyxml2_compat import (
-    EscapedText,
-    escape_attribute_values,
-    has_one_line_tags,
-    iter_markup,
-    may_keep_line_breaks,
-)
+from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, parse_with_expat
+
+if TYPE_CHECKING:
+    # Imported where they are used: a correct document with one-line tags needs none of them.
+    from btcore.xml.read.positions import SourceMap, SourceSpan
+    from btcore.xml.read.tinyxml2_compat import EscapedText
 
 _BYTE_ORDER_MARKS: Final = (
     (b"\xff\xfe\x00\x00", "UTF-32"),
@@ -53,15 +47,20 @@ class Document:
     max_depth: int | None = None
 
     def __init__(
-        self, root: Element, lenient: EscapedText, text: str, file: str, knows_lines: bool = False
+        self,
+        root: Element,
+        text: str,
+        file: str,
+        escaped: "EscapedText | None" = None,
+        knows_lines: bool = False,
     ) -> None:
         self.root = root
         self.text = text
         self.file = file
-        self._lenient = lenient
+        self._escaped = escaped
         self._places: SourceMap | None = None
         self.knows_lines = knows_lines
-        self._parsed: list[etree._Element] = []
+        self._parsed: list[Any] = []
 
     @property
     def folder(self) -> Path:
@@ -69,8 +68,10 @@ class Document:
         return Path(self.file).parent if self.file else Path()
 
     @property
-    def source_map(self) -> SourceMap:
+    def source_map(self) -> "SourceMap":
         """The positions of the elements, computed on first use."""
+        from btcore.xml.read.positions import SourceMap
+
         if self._places is None:
             self._places = SourceMap(self.text, self.root)
         return self._places
@@ -83,12 +84,15 @@ class Document:
         """Return the text in *element* up to its first child."""
         # Only descriptions in models need it, so the text is parsed a second time, on first use.
         if not self._parsed:
-            self._parsed = list(parse_lxml_tree(_encoded(self._lenient.text)).iter("*"))
+            from btcore.xml.read.libxml2 import parse_lxml_tree
+
+            parsed = self.text if self._escaped is None else self._escaped.text
+            self._parsed = list(parse_lxml_tree(encoded(parsed)).iter("*"))
         return self._parsed[self.source_map.index(element)].text or ""
 
     def span(
         self, element: Element | int, attribute: str = "", part: ElementPart = "value", within: int = 0
-    ) -> SourceSpan | None:
+    ) -> "SourceSpan | None":
         """Return the position of an element or an attribute of it, or None if it is unknown.
 
         Args:
@@ -128,12 +132,16 @@ class Document:
     @property
     def warnings(self) -> list[Diagnostic]:
         """A warning for every attribute value that contains an unescaped ``<`` or ``&``."""
+        if self._escaped is None:
+            return []
+        from btcore.xml.read.positions import span_at
+
         warnings: list[Diagnostic] = []
         end = 0
-        for escape in self._lenient.escapes:
+        for escape in self._escaped.escapes:
             if escape.original not in "<&" or escape.offset < end:
                 continue
-            value, end = self._escaped_value(escape.offset)
+            value, end = self._escaped_value(self._escaped, escape.offset)
             place = span_at(self.text, escape.offset)
             message = f"unescaped '{escape.original}' in an attribute value is read as text"
             hint = f"other XML tools reject it; write {value}"
@@ -142,14 +150,14 @@ class Document:
             )
         return warnings
 
-    def _escaped_value(self, offset: int) -> tuple[str, int]:
+    def _escaped_value(self, escaped: "EscapedText", offset: int) -> tuple[str, int]:
         """Return the attribute around *offset*, correctly escaped, and the offset of its end."""
         text = self.text
         quote_at = max(text.rfind('="', 0, offset), text.rfind("='", 0, offset)) + 1
         start = max(text.rfind(gap, 0, quote_at) for gap in " \t\r\n<") + 1
         end = text.find(text[quote_at], offset) + 1
         pieces: list[str] = []
-        for escape in self._lenient.escapes:
+        for escape in escaped.escapes:
             if start <= escape.offset < end and escape.original in "<&":
                 pieces += (text[start : escape.offset], escape.written)
                 start = escape.offset + 1
@@ -175,23 +183,30 @@ def parse_text(text: str, file: str = "") -> Document:
     zero = text.find("\0")
     if zero >= 0:
         raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
-    is_kept = has_one_line_tags(text) or not may_keep_line_breaks(text)
-    lenient = EscapedText(text, ()) if is_kept else escape_attribute_values(text)
-    plain = parse_with_expat(_encoded(lenient.text))
+    escaped = None
+    if not _has_one_line_tags(text):
+        from btcore.xml.read.tinyxml2_compat import escape_attribute_values, may_keep_line_breaks
+
+        if may_keep_line_breaks(text):
+            escaped = escape_attribute_values(text)
+    plain = parse_with_expat(encoded(text if escaped is None else escaped.text))
     if plain is not None:
-        return Document(plain, lenient, text, file, knows_lines=not lenient.escapes)
-    try:
-        root = parse_with_libxml2(_encoded(lenient.text))
-    except etree.XMLSyntaxError as error:
-        if not lenient.escapes:
-            lenient = escape_attribute_values(text)
-        if not lenient.escapes:
-            raise XmlSyntaxError([diagnose_xml_error(error, lenient, text, file)]) from None
-        try:
-            root = parse_with_libxml2(_encoded(lenient.text))
-        except etree.XMLSyntaxError as second:
-            raise XmlSyntaxError([diagnose_xml_error(second, lenient, text, file)]) from None
-    return Document(root, lenient, text, file)
+        return Document(plain, text, file, escaped, knows_lines=escaped is None or not escaped.escapes)
+    from btcore.xml.read.libxml2 import parse_leniently
+
+    root, escaped = parse_leniently(text, escaped, file)
+    return Document(root, text, file, escaped)
+
+
+def _has_one_line_tags(text: str) -> bool:
+    """Return whether certainly no tag contains a line break or a tab (cheap; errs towards False)."""
+    if any(odd in text for odd in "\t\r'") or ("!" in text and "<!" in text):
+        return False
+    # Searching for one character is much faster than for two, so the rare "?" narrows the search.
+    if text.rfind("<?", 0, text.rfind("?") + 1) > 0:
+        return False
+    # Then every line break follows a ">", and every ">" ends a tag.
+    return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
 
 
 def parse_file(path: str | os.PathLike[str]) -> Document:
@@ -202,11 +217,6 @@ def parse_file(path: str | os.PathLike[str]) -> Document:
     except OSError as error:
         raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
     return parse_text(_decoded(data, name), name)
-
-
-def _encoded(text: str) -> bytes:
-    # A lone surrogate has no UTF-8 form; it becomes '?', in a document that was no text anyway.
-    return text.encode("utf-8", "replace")
 
 
 def _unreadable(path: Path, error: OSError) -> Diagnostic:
@@ -246,6 +256,8 @@ def _decoded(data: bytes, file: str) -> str:
 
 def _refuse_document_type(text: str, file: str) -> None:
     """Raise XmlSyntaxError for a document type that defines or fetches something; a bare name is allowed."""
+    from btcore.xml.read.tinyxml2_compat import iter_markup
+
     for at, tag in iter_markup(text):
         if tag is None and text.startswith("<!DOCTYPE", at):
             inside = text[at + len("<!DOCTYPE") : text.find(">", at)].split()
@@ -258,6 +270,8 @@ def _refuse_document_type(text: str, file: str) -> None:
 def _syntax_error(
     code: DiagnosticCode, message: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
 ) -> XmlSyntaxError:
+    from btcore.xml.read.positions import span_at
+
     place = span_at(text, offset, width)
     return XmlSyntaxError(
         [Diagnostic(code, message, file, place.line, place.column, hint, place.source, place.width)]

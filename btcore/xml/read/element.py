@@ -1,14 +1,18 @@
-"""The elements of a document, and the parsers that create them.
+"""The elements of a document, and their parser for plain texts: expat, which comes with Python.
 
-Expat, which comes with Python, parses a plain text in one pass. Texts that expat rejects, and texts that
-libxml2 may parse differently, are parsed by libxml2, which decides what is valid XML.
+Texts that expat rejects, and texts that libxml2 may parse differently, are parsed by libxml2, which decides
+what is valid XML (libxml2.py).
 """
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final, Literal
 from xml.parsers import expat
 
-from lxml import etree
+ElementPart = Literal["tag", "name", "value"]
+"""What a position refers to: the tag of an element, or the name or the value of an attribute."""
+
+EXAMPLE: Final = 'a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>'
+"""A hint for documents without a tree."""
 
 # Below libxml2's own limit of 2,048 levels, so that libxml2 reports deeper documents.
 _MOST_LEVELS: Final = 2_000
@@ -44,6 +48,12 @@ class Element:
             if not tags or element.tag in tags:
                 yield element
             pending += reversed(element.children)
+
+
+def encoded(text: str) -> bytes:
+    """Return *text* as UTF-8 for a parser."""
+    # A lone surrogate has no UTF-8 form; it becomes '?', in a document that was no text anyway.
+    return text.encode("utf-8", "replace")
 
 
 class _Unusual(Exception):
@@ -91,38 +101,3 @@ def _declaration(version: str, encoding: str | None, standalone: int) -> None:
 
 def _unusual(*_: object) -> None:
     raise _Unusual
-
-
-def parse_with_libxml2(data: bytes) -> Element:
-    """Return the outermost element of *data* (UTF-8), parsed by libxml2, without lines.
-
-    Raises:
-        lxml.etree.XMLSyntaxError: *data* is not valid XML.
-    """
-    top: list[Element] = []
-    pending: list[tuple[Any, list[Element]]] = [(parse_lxml_tree(data), top)]
-    while pending:
-        parsed, siblings = pending.pop()
-        element = Element(parsed.tag, dict(parsed.items()), 0)
-        siblings.append(element)
-        pending += [(child, element.children) for child in parsed.iterchildren("*", reversed=True)]
-    return top[0]
-
-
-def parse_lxml_tree(data: bytes) -> etree._Element:
-    """Parse *data* (UTF-8) with libxml2, without document types, custom entities and network access.
-
-    Raises:
-        lxml.etree.XMLSyntaxError: *data* is not valid XML.
-    """
-    # By default libxml2 allows 256 levels counted from <root>. With huge_tree it allows 2,048, so that
-    # the limit of the format, which counts from the BehaviorTree, takes effect.
-    parser = etree.XMLParser(
-        encoding="utf-8",
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        collect_ids=False,
-        huge_tree=True,
-    )
-    return etree.fromstring(data, parser)

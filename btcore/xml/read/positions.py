@@ -1,12 +1,11 @@
 """Positions in a document, computed only when a message needs them."""
 
 import re
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
-from btcore.xml.read.element import Element
+from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.tinyxml2_compat import REFERENCE, find_attribute, iter_start_tags, value_span
 
-ElementPart = Literal["tag", "name", "value"]
 _LINE: Final = re.compile(r"[^\r\n]*")
 
 

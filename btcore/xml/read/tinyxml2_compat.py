@@ -106,17 +106,6 @@ def value_span(attribute: re.Match[str]) -> tuple[int, int]:
     return attribute.span(2 if attribute[2] is not None else 3)
 
 
-def has_one_line_tags(text: str) -> bool:
-    """Return whether certainly no tag contains a line break or a tab (cheap; errs towards False)."""
-    if any(odd in text for odd in "\t\r'") or ("!" in text and "<!" in text):
-        return False
-    # Searching for one character is much faster than for two, so the rare "?" narrows the search.
-    if text.rfind("<?", 0, text.rfind("?") + 1) > 0:
-        return False
-    # Then every line break follows a ">", and every ">" ends a tag.
-    return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
-
-
 def may_keep_line_breaks(text: str) -> bool:
     """Return whether an attribute value may contain a line break or a tab (cheap; errs towards True)."""
     return _LINE_BREAK_IN_VALUE.search(text) is not None

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore.xml.read.element import Element, parse_with_expat, parse_with_libxml2
+from btcore.xml.read.element import Element, parse_with_expat
+from btcore.xml.read.libxml2 import parse_with_libxml2
 
 PIECES = (
     "<a>",

@@ -3,7 +3,8 @@
 import pytest
 
 from btcore.xml.read.document import Document, parse_text
-from btcore.xml.read.positions import ElementPart, span_at
+from btcore.xml.read.element import ElementPart
+from btcore.xml.read.positions import span_at
 
 TEXT = """<?xml version="1.0"?>
 <!-- <A/> is a comment -->

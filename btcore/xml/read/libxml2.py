@@ -1,16 +1,82 @@
-"""Explain XML syntax errors in terms that the author of a document understands."""
+"""Parse with libxml2, and explain its syntax errors in terms that the author of a document understands.
+
+Imported only for documents that need it: lxml takes longer to import than a small tree takes to load.
+"""
 
 import re
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from lxml import etree
 
 from btcore.diagnostic_codes import NOT_XML
-from btcore.errors import Diagnostic
+from btcore.errors import Diagnostic, XmlSyntaxError
+from btcore.xml.read.element import EXAMPLE, Element, encoded
 from btcore.xml.read.positions import span_at
-from btcore.xml.read.tinyxml2_compat import OPEN_TAG, EscapedText, iter_markup
+from btcore.xml.read.tinyxml2_compat import OPEN_TAG, EscapedText, escape_attribute_values, iter_markup
 
-EXAMPLE: Final = 'a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>'
+
+def parse_leniently(text: str, escaped: EscapedText | None, file: str) -> tuple[Element, EscapedText]:
+    """Parse a text that expat does not parse, with its attribute values escaped where necessary.
+
+    Args:
+        text: The text as the user wrote it.
+        escaped: The text as expat got it, if it was escaped.
+        file: Name of the file in messages, or "".
+
+    Returns:
+        The outermost element, without lines, and the text that libxml2 parsed.
+
+    Raises:
+        XmlSyntaxError: *text* is not valid XML.
+    """
+    if escaped is None:
+        escaped = EscapedText(text, ())
+    try:
+        return parse_with_libxml2(encoded(escaped.text)), escaped
+    except etree.XMLSyntaxError as error:
+        if not escaped.escapes:
+            escaped = escape_attribute_values(text)
+        if not escaped.escapes:
+            raise XmlSyntaxError([_diagnose(error, escaped, text, file)]) from None
+    try:
+        return parse_with_libxml2(encoded(escaped.text)), escaped
+    except etree.XMLSyntaxError as error:
+        raise XmlSyntaxError([_diagnose(error, escaped, text, file)]) from None
+
+
+def parse_with_libxml2(data: bytes) -> Element:
+    """Return the outermost element of *data* (UTF-8), parsed by libxml2, without lines.
+
+    Raises:
+        lxml.etree.XMLSyntaxError: *data* is not valid XML.
+    """
+    top: list[Element] = []
+    pending: list[tuple[Any, list[Element]]] = [(parse_lxml_tree(data), top)]
+    while pending:
+        parsed, siblings = pending.pop()
+        element = Element(parsed.tag, dict(parsed.items()), 0)
+        siblings.append(element)
+        pending += [(child, element.children) for child in parsed.iterchildren("*", reversed=True)]
+    return top[0]
+
+
+def parse_lxml_tree(data: bytes) -> etree._Element:
+    """Parse *data* (UTF-8) with libxml2, without document types, custom entities and network access.
+
+    Raises:
+        lxml.etree.XMLSyntaxError: *data* is not valid XML.
+    """
+    # By default libxml2 allows 256 levels counted from <root>. With huge_tree it allows 2,048, so that
+    # the limit of the format, which counts from the BehaviorTree, takes effect.
+    parser = etree.XMLParser(
+        encoding="utf-8",
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        collect_ids=False,
+        huge_tree=True,
+    )
+    return etree.fromstring(data, parser)
 
 
 class _Explanation(NamedTuple):
@@ -90,12 +156,12 @@ _EXPLANATIONS: Final = (
 )
 
 
-def diagnose_xml_error(error: etree.XMLSyntaxError, lenient: EscapedText, text: str, file: str) -> Diagnostic:
+def _diagnose(error: etree.XMLSyntaxError, escaped: EscapedText, text: str, file: str) -> Diagnostic:
     """Return the diagnostic for a text that libxml2 rejected.
 
     Args:
         error: The error of libxml2.
-        lenient: The text that libxml2 parsed.
+        escaped: The text that libxml2 parsed.
         text: The text as the user wrote it.
         file: Name of the file in messages, or "".
     """
@@ -105,7 +171,7 @@ def diagnose_xml_error(error: etree.XMLSyntaxError, lenient: EscapedText, text: 
         place = span_at(text, offset, width)
         return Diagnostic(NOT_XML, message, file, place.line, place.column, hint, place.source, place.width)
     line, column = error.position
-    at = lenient.to_original(_offset(lenient.text, line or 1, column or 1))
+    at = escaped.to_original(_offset(escaped.text, line or 1, column or 1))
     message, hint, anchor = _sentence(str(error.msg))
     if "<" not in text and text.strip().lower().endswith((".xml", ".btproj")):
         hint = "if it is the path of a file, use btcore.load(path)"
