@@ -4,6 +4,7 @@ Each is a new process, and what counts is its processor time beyond that of a ba
 and loading stand beside the modules that any such library needs, ``--version`` beside click alone.
 """
 
+import os
 import resource
 import subprocess
 import sys
@@ -26,6 +27,7 @@ PROGRAMS = {
 }
 BESIDE_MODULES = at_most(pure=1.8, compiled=1.8)
 BESIDE_CLICK = at_most(pure=1.5, compiled=1.5)
+ENVIRONMENT = {name: text for name, text in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 RUNS = 5
 """The least of so many runs counts: it is the run that the rest of the machine disturbed least."""
 
@@ -33,7 +35,7 @@ RUNS = 5
 def processor_time(program: str) -> float:
     """Return the processor time (s) of a new Python that runs *program*."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, "-c", program], env=ENVIRONMENT, check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -1,14 +1,12 @@
 """The exceptions of the engine, and diagnostics: messages with a position and a hint."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnostic:
+class Diagnostic(NamedTuple):
     """One error or warning about a document.
 
     Attributes:

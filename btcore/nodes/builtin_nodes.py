@@ -1,21 +1,21 @@
 """The table of built-in nodes, collected from the modules of this package."""
 
-import pkgutil
 from collections.abc import Iterator
 from importlib import import_module
+from pathlib import Path
 from typing import Final
 
-import btcore.nodes
 from btcore.engine.node import TreeNode
 
 
 def node_classes() -> Iterator[type[TreeNode]]:
     """Yield the node classes defined in the modules of the package, in alphabetical order of the modules."""
-    for module in pkgutil.iter_modules(btcore.nodes.__path__, "btcore.nodes."):
-        if module.name != __name__:
-            for thing in vars(import_module(module.name)).values():
-                own = isinstance(thing, type) and thing.__module__ == module.name
-                if own and issubclass(thing, TreeNode):
+    # Not by pkgutil, because importing it takes longer than this.
+    stems = sorted(file.stem for file in Path(__file__).parent.glob("*.py") if file.stem != "__init__")
+    for module in (f"btcore.nodes.{stem}" for stem in stems):
+        if module != __name__:
+            for thing in vars(import_module(module)).values():
+                if isinstance(thing, type) and thing.__module__ == module and issubclass(thing, TreeNode):
                     yield thing
 
 

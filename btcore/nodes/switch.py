@@ -13,9 +13,10 @@ from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.status import RUNNING, SKIPPED, Status
 from btcore.values import STRING
 
-# The syntax of std::from_chars, applied to the whole text: no leading space and no plus sign.
-_INTEGER: Final = re.compile(r"-?[0-9]+\Z")
-_REAL: Final = re.compile(r"-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|inf(?:inity)?|nan)\Z", re.I)
+# The syntax of std::from_chars, applied to the whole text: no leading space and no plus sign. Python refuses
+# to convert more than 4,300 digits. Compiled on first use, because most trees have no switch.
+_INTEGER: Final = r"-?[0-9]{1,4000}"
+_REAL: Final = r"(?i)-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|inf(?:inity)?|nan)"
 FLOAT_EPSILON: Final = 1.1920928955078125e-07
 """Real numbers that differ by no more than this are equal: C's FLT_EPSILON."""
 
@@ -23,7 +24,7 @@ FLOAT_EPSILON: Final = 1.1920928955078125e-07
 def _integer(text: str, enums: dict[str, int]) -> int | None:
     if text in enums:
         return enums[text]
-    if _INTEGER.match(text):
+    if re.fullmatch(_INTEGER, text):
         value = int(text)
         if -(2**31) <= value < 2**31:
             return value
@@ -33,7 +34,7 @@ def _integer(text: str, enums: dict[str, int]) -> int | None:
 def _real(text: str, enums: dict[str, int]) -> float | None:
     if text in enums:
         return float(enums[text])
-    return float(text) if _REAL.match(text) else None
+    return float(text) if re.fullmatch(_REAL, text) else None
 
 
 def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:

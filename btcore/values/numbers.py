@@ -22,8 +22,9 @@ _UNSIGNED = re.compile(r"[0-9]+")
 _REAL = re.compile(
     r"-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN])"
 )
-_C_INTEGER = re.compile(r"[ \t\n\v\f\r]*([+-]?)([0-9]+)")
-_C_REAL = re.compile(
+# For format 3 only. Compiled on first use; the re module keeps the result.
+_C_INTEGER: Final = r"[ \t\n\v\f\r]*([+-]?)([0-9]+)"
+_C_REAL: Final = (
     r"[ \t\n\v\f\r]*([+-]?(?:0[xX](?:[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)(?:[pP][+-]?[0-9]+)?"
     r"|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN]))"
 )
@@ -77,7 +78,7 @@ def whole_int(text: str) -> int | None:
 
 def c_int(text: str, low: int, high: int) -> int:
     """The integer that C's ``strtol`` finds in *text*, if it lies in *low* … *high* (format 3)."""
-    found = _C_INTEGER.match(text)
+    found = re.match(_C_INTEGER, text)
     if found is None:
         raise ConversionError(f"'{text}' is no integer")
     value = _bounded(found.group(1) + found.group(2))
@@ -94,7 +95,7 @@ def c_unsigned(text: str, bits: int) -> int:
 
 def c_float(text: str, single: bool = False) -> float:
     """The real number that C's ``strtod`` (or ``strtof``) finds in *text* (format 3)."""
-    found = _C_REAL.match(text)
+    found = re.match(_C_REAL, text)
     if found is None:
         raise ConversionError(f"'{text}' is no number")
     number = found.group(1)
@@ -109,7 +110,7 @@ def c_float(text: str, single: bool = False) -> float:
 
 def lenient_int(text: str) -> int:
     """An item of format 3's ``vector<int>``: no number is 0, and what is too large wraps to 32 bits."""
-    found = _C_INTEGER.match(text)
+    found = re.match(_C_INTEGER, text)
     if found is None:
         return 0
     value = max(MIN_INT64, min(MAX_INT64, _bounded(found.group(1) + found.group(2))))
@@ -118,7 +119,7 @@ def lenient_int(text: str) -> int:
 
 def lenient_float(text: str) -> float:
     """An item of format 3's ``vector<double>``: no number is 0."""
-    found = _C_REAL.match(text)
+    found = re.match(_C_REAL, text)
     if found is None:
         return 0.0
     number = found.group(1)

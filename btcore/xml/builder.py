@@ -10,7 +10,6 @@ The tree is written as XML and then loaded like any other document::
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import Any, Final
@@ -284,11 +283,10 @@ class _BuiltDocument(Document):
         index = element if isinstance(element, int) else self.source_map.index(element)
         spec = self._specs[index]
         if spec is None:
-            return replace(diagnostic, line=0, column=0, source="", width=1)
+            return diagnostic._replace(line=0, column=0, source="", width=1)
         file, line = spec.where
         shown = f"the generated XML is {diagnostic.source.strip()}"
-        return replace(
-            diagnostic,
+        return diagnostic._replace(
             file=file,
             line=line,
             column=0,

@@ -1,6 +1,5 @@
 """Report warnings about nodes, name nodes in messages, and tell built-in nodes and stand-ins apart."""
 
-from dataclasses import replace
 from typing import Final
 
 from btcore.diagnostic_codes import DiagnosticCode
@@ -50,7 +49,7 @@ class LintReporter:
         """
         diagnostic = document.diagnostic(code, message, node.element, attribute, part, hint, within)
         if width and diagnostic.width < width:
-            diagnostic = replace(diagnostic, width=width)
+            diagnostic = diagnostic._replace(width=width)
         place = (code, diagnostic.file, diagnostic.line, diagnostic.column)
         if place not in self._reported:
             self._reported.add(place)

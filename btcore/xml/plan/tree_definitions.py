@@ -1,7 +1,7 @@
 """The trees that documents define, by ID, and the selection of the main tree."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
     AMBIGUOUS_MAIN_TREE,
@@ -17,8 +17,7 @@ from btcore.xml.read.document import Document
 from btcore.xml.read.element import EXAMPLE, Element
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TreeDefinition:
+class TreeDefinition(NamedTuple):
     """One ``<BehaviorTree>``."""
 
     id: str

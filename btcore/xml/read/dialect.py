@@ -1,7 +1,6 @@
 """The table of differences between the XML of BehaviorTree.CPP 4 and 3, and the names of attributes."""
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from btcore.status import NodeType
 
@@ -27,8 +26,7 @@ NODE_REPLACEMENTS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Dialect:
+class Dialect(NamedTuple):
     """The rules of one format.
 
     - *subtree_tags*: the tags that call a subtree.
