@@ -1,9 +1,9 @@
-"""The compiled build of the engine: mypyc over its hot modules, one group, all or nothing.
+"""Compile the engine's hot modules with mypyc, and install the packages and their data.
 
-``BTCORE_PURE=1`` builds without it; ``BTCORE_COMPILED=1`` makes its failure the install's failure.
-Without either, a machine where the C compiler is missing or broken gets the pure build: the same
-source, slower. A development install (``pip install -e``) is always pure, since a compiled file
-would hide the source beside it.
+``BTCORE_PURE=1`` skips the compilation. ``BTCORE_COMPILED=1`` makes the installation fail if the compilation
+fails. Without either variable, the pure build is installed where the C compiler is missing or fails: the same
+source, slower. An editable install (``pip install -e``) is always pure, because a compiled file would hide
+the source beside it.
 """
 
 import os
@@ -22,14 +22,13 @@ from setuptools.command.editable_wheel import editable_wheel
 HERE = Path(__file__).parent
 GROUP = "btcore"
 
-# The import packages' parent folders; pyproject.toml names the same.
+# The parent folders of the import packages, as in pyproject.toml.
 ROOTS = (".", "monitor", "robot_nodes", "sim")
-# Folders of data that belong to btcore: beside it in a checkout, inside it where it is installed.
+# Data folders of btcore: beside the package in a checkout, inside the package in an installation.
 DATA = ("benchmarks", "trees")
 
-# Modules that run once, or only talk to people, stay interpreted. So does every __init__.py, and
-# btcore/builds.py,
-# which chooses the build.
+# Modules that run once, or only produce output for people, are not compiled. Neither is any __init__.py, nor
+# btcore/builds.py, which selects the build.
 COLD_FOLDERS = {"cli", "loading", "logs", "registry", "sweep", "testing", "xml"}
 COLD_FILES = {
     "__init__.py",
@@ -46,14 +45,14 @@ COLD_FILES = {
     "btcore/tree/hooks.py",
     "btcore/tree/tick_thread.py",
     "btcore/engine/signature.py",
-    "btcore/nodes/manual_selector.py",  # it has an __init__, whose parameters compiled code does not tell
-    # Of a batch, what users call and derive from.
+    "btcore/nodes/manual_selector.py",  # compiled code hides the parameters of its __init__
+    # The classes of a batch that users call and subclass.
     "btcore/batch/blackboard.py",
     "btcore/batch/leaf_declaration.py",
     "btcore/batch/compile.py",
     "btcore/batch/tree.py",
 }
-# Compiled all the same: what every node of a document passes through while it is loaded.
+# Compiled although their folders are not: every node of a document passes through them while loading.
 HOT_FILES = {
     "btcore/registry/substitution.py",
     "btcore/xml/read/element.py",
@@ -63,28 +62,28 @@ HOT_FILES = {
 }
 
 
-def says(variable: str) -> bool:
-    """Whether the environment's *variable* says yes."""
+def env_flag(variable: str) -> bool:
+    """Return whether the environment *variable* is set, but not to 0."""
     return os.environ.get(variable, "0") not in ("", "0")
 
 
-def wanted() -> bool:
-    """Whether this command is to compile at all."""
-    if says("BTCORE_PURE"):
+def should_compile() -> bool:
+    """Return whether this command compiles, where that is possible."""
+    if env_flag("BTCORE_PURE"):
         return False
-    # mypyc is made for CPython, and what it makes relies on the interpreter's lock.
+    # mypyc supports CPython only, and its code relies on the global interpreter lock.
     if sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
         return False
     return not {"editable_wheel", "develop", "sdist", "egg_info", "dist_info"} & set(sys.argv)
 
 
 def must_compile() -> bool:
-    """Whether a build without compiled modules counts as a failure."""
-    return says("BTCORE_COMPILED")
+    """Return whether the build fails if the modules cannot be compiled."""
+    return env_flag("BTCORE_COMPILED")
 
 
 def hot_modules() -> list[str]:
-    """The engine's source files that are compiled."""
+    """Return the source files of the engine that are compiled."""
     files = [path.relative_to(HERE) for path in sorted((HERE / "btcore").rglob("*.py"))]
     return [
         str(file)
@@ -95,8 +94,8 @@ def hot_modules() -> list[str]:
 
 
 def extensions() -> list[Extension]:
-    """The hot modules as C extensions, or nothing where mypyc can't make them."""
-    if not wanted():
+    """Return the hot modules as C extensions, or an empty list if mypyc fails."""
+    if not should_compile():
         return []
     try:
         from mypyc.build import mypycify
@@ -111,29 +110,29 @@ def extensions() -> list[Extension]:
     except (Exception, SystemExit) as error:
         if must_compile():
             raise
-        told(f"mypyc can't translate the engine ({error})")
+        warn(f"mypyc failed ({error})")
         return []
     for extension in made:
-        # Another compiler's new warning is no reason to go without the compiled build.
+        # Compilers differ in their warnings, so a warning must not fail the build.
         extension.extra_compile_args = [
             flag for flag in extension.extra_compile_args if flag not in ("-Werror", "/WX")
         ]
     return made
 
 
-def told(reason: str) -> None:
-    """Say why this is the pure build."""
-    print(f"warning: {reason}: this is the pure build of btcore", file=sys.stderr)
+def warn(reason: str) -> None:
+    """Print a warning that the pure build is installed, with the reason."""
+    print(f"warning: {reason}: installing the pure build of btcore", file=sys.stderr)
 
 
 # --- commands
 
 
 class Build(build):
-    """Takes what an earlier build left out of the folder that is installed from."""
+    """Remove files of earlier builds from the build folder: they would be installed otherwise."""
 
     def run(self) -> None:
-        """Build, then remove each file of our packages that this build did not make."""
+        """Build, then remove the files of our packages that this build did not create."""
         super().run()
         parts: list[Any] = [self.get_finalized_command(name) for name in self.get_sub_commands()]
         made = {Path(file).resolve() for part in parts for file in part.get_outputs()}
@@ -145,10 +144,10 @@ class Build(build):
 
 
 class BuildWithData(build_py):
-    """Copies the folders of data into the package."""
+    """Copy the data folders into the package."""
 
     def run(self) -> None:
-        """Build the packages, then copy the data; an editable install finds them beside the package."""
+        """Build the packages, then copy the data. An editable install finds the data beside the package."""
         super().run()
         if not self.editable_mode:
             for source, target in self._data():
@@ -156,7 +155,7 @@ class BuildWithData(build_py):
                 self.copy_file(str(source), str(target))
 
     def get_outputs(self, include_bytecode: bool = True) -> list[str]:
-        """Return the paths of everything that this command makes, the data included."""
+        """Return the paths of all files that this command creates, including the data."""
         return [*super().get_outputs(include_bytecode), *(str(target) for _, target in self._data())]
 
     def _data(self) -> list[tuple[Path, Path]]:
@@ -166,10 +165,10 @@ class BuildWithData(build_py):
 
 
 class EditableRoots:
-    """Makes an editable install of a plain ``.pth`` file that lists the parent folders of the packages.
+    """A strategy for editable installs: a plain ``.pth`` file with the parent folders of the packages.
 
-    setuptools' own import hook for several folders comes too late in sys.meta_path where a folder beside
-    the script is called btcore, and type checkers do not follow it.
+    setuptools' own import hook comes too late in sys.meta_path if a folder beside the script is called
+    btcore, and type checkers do not follow it.
     """
 
     def __enter__(self) -> "EditableRoots":
@@ -183,17 +182,17 @@ class EditableRoots:
 
 
 class Editable(editable_wheel):
-    """Installs by :class:`EditableRoots` in every mode."""
+    """Use :class:`EditableRoots` in every mode."""
 
     def _select_strategy(self, *_: object) -> Any:
         return EditableRoots()
 
 
 class AllOrNothing(build_ext):
-    """Removes what was built when a part failed: a module's shim without its group can't be imported."""
+    """Remove all extensions if one fails: the extension of a module cannot be imported without its group."""
 
     def run(self) -> None:
-        """Build every extension; at the first that fails give all of them up."""
+        """Build the extensions. After the first failure, remove them all."""
         try:
             super().run()
         except Exception as error:
@@ -202,21 +201,21 @@ class AllOrNothing(build_ext):
             for extension in self.extensions:
                 Path(self.get_ext_fullpath(extension.name)).unlink(missing_ok=True)
             self.extensions.clear()
-            told(f"the C compiler failed ({str(error) or type(error).__name__})")
+            warn(f"the C compiler failed ({str(error) or type(error).__name__})")
 
 
 class Wheel(bdist_wheel):
-    """Tags a wheel by what is in it: one for every Python when nothing was compiled."""
+    """Tag the wheel as independent of the Python version if nothing was compiled."""
 
     def run_command(self, command: str) -> None:
-        """Run *command*; once the build is done it is known whether there are extensions."""
+        """Run *command*. Only after the build it is known whether there are extensions."""
         super().run_command(command)
         if command == "build":
             self.root_is_pure = not self.distribution.has_ext_modules()
 
 
 if __name__ == "__main__":
-    if says("BTCORE_PURE") and must_compile():
+    if env_flag("BTCORE_PURE") and must_compile():
         sys.exit("BTCORE_PURE=1 and BTCORE_COMPILED=1 contradict each other: set one of them")
     setup(
         ext_modules=extensions(),

@@ -162,7 +162,7 @@ def test_the_commands_of_a_development_install_compile_nothing(monkeypatch: pyte
     monkeypatch.delenv("BTCORE_PURE", raising=False)
     for command, compiles in {"bdist_wheel": True, "build_ext": True, "editable_wheel": False}.items():
         monkeypatch.setattr(sys, "argv", ["setup.py", command])
-        assert script.wanted() is compiles
+        assert script.should_compile() is compiles
     monkeypatch.setenv("BTCORE_PURE", "1")
     monkeypatch.setattr(sys, "argv", ["setup.py", "bdist_wheel"])
-    assert script.wanted() is False
+    assert script.should_compile() is False
