@@ -9,11 +9,12 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
-from btcore.xml.build import build, required_resources_of
+from btcore.xml.build import build, pause_gc, required_resources_of
 from btcore.xml.read.document import parse_file, parse_text
 from btcore.xml.read.includes import PackageResolver
 
 
+@pause_gc()
 def load(
     path: str | PathLike[str],
     *,
@@ -53,6 +54,7 @@ def load(
     )
 
 
+@pause_gc()
 def loads(
     text: str,
     *,

@@ -1,6 +1,8 @@
 """The nodes that a document of one format may use, with hints for unknown nodes and ports."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from typing import Final
 
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -14,10 +16,8 @@ class NodePalette:
     def __init__(self, registry: Registry, format: int) -> None:
         self._registry = registry
         self._format = format
-
-    def get(self, id: str) -> Manifest | None:
-        """Return the manifest of the node *id*, or None."""
-        return self._registry.get(id, self._format)
+        # Every node of a document is looked up, several times.
+        self.get: Final[Callable[[str], Manifest | None]] = cache(partial(registry.get, format=format))
 
     def unknown_node_hint(
         self, name: str, trees: Mapping[str, object], declared_in: str | None = None

@@ -1,5 +1,6 @@
 """From XML to nodes: who is who, under which path, with which ports, on which blackboard."""
 
+import gc
 from pathlib import Path
 
 import pytest
@@ -273,3 +274,20 @@ def test_one_blackboard_may_serve_two_trees() -> None:
     made("<Script code='a := 1'/>", blackboard=board).tick_once()
     second = made("<ScriptCondition code='a == 1'/>", blackboard=board)
     assert second.tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+@pytest.mark.parametrize("frozen", [True, False])
+def test_loading_leaves_the_garbage_collector_as_it_was(enabled: bool, frozen: bool) -> None:
+    was_enabled = gc.isenabled()
+    (gc.enable if enabled else gc.disable)()
+    try:
+        if frozen:
+            gc.freeze()
+        count = gc.get_freeze_count()
+        made("<AlwaysSuccess/>")
+        assert gc.isenabled() is enabled
+        assert gc.get_freeze_count() == count
+    finally:
+        gc.unfreeze()
+        (gc.enable if was_enabled else gc.disable)()
