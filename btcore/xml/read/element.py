@@ -56,7 +56,7 @@ def encoded(text: str) -> bytes:
     return text.encode("utf-8", "replace")
 
 
-class _Unusual(Exception):
+class _NeedsLibxml2Error(Exception):
     """Expat found something that libxml2 must parse."""
 
 
@@ -74,7 +74,7 @@ def parse_with_expat(data: bytes) -> Element | None:
 
     def end(_: str) -> None:
         if len(around) > _MOST_LEVELS:
-            raise _Unusual
+            raise _NeedsLibxml2Error
         around.pop()
 
     parser.StartElementHandler = start
@@ -83,7 +83,7 @@ def parse_with_expat(data: bytes) -> Element | None:
     parser.ProcessingInstructionHandler = parser.StartDoctypeDeclHandler = _unusual
     try:
         parser.Parse(data, True)
-    except (expat.ExpatError, _Unusual):
+    except (expat.ExpatError, _NeedsLibxml2Error):
         return None
     finally:
         # Break the reference cycle between the handler and the parser.
@@ -96,8 +96,8 @@ def parse_with_expat(data: bytes) -> Element | None:
 
 def _declaration(version: str, encoding: str | None, standalone: int) -> None:
     if version != "1.0" or standalone != -1 or (encoding or "utf-8").lower() != "utf-8":
-        raise _Unusual
+        raise _NeedsLibxml2Error
 
 
 def _unusual(*_: object) -> None:
-    raise _Unusual
+    raise _NeedsLibxml2Error

@@ -33,7 +33,7 @@ def frames(name: str) -> list[bytes]:
     return found
 
 
-class Refusal(Exception):
+class RefusalError(Exception):
     """An error reply."""
 
 
@@ -121,12 +121,12 @@ class CppRobot:
         header = bytes([2]) + request[0][1:] + self.tree_id
         try:
             if letter in self.refused:
-                raise Refusal(self.refused[letter])
+                raise RefusalError(self.refused[letter])
             if letter in "BIRUr" and len(request) != 2:
-                raise Refusal("must be 2 parts message")
+                raise RefusalError("must be 2 parts message")
             with self.lock:
                 body = self._body(letter, request)
-        except Refusal as refusal:
+        except RefusalError as refusal:
             return [b"error", str(refusal).encode()]
         return [header] if body is None else [header, body]
 
@@ -149,7 +149,7 @@ class CppRobot:
             self._recorded.clear()
             self._began = time.time_ns() // 1000
             return str(self._began).encode()
-        raise Refusal("Request not recognized")
+        raise RefusalError("Request not recognized")
 
     def _blackboards(self, names: bytes) -> bytes:
         return self.boards if names else b"\xc0"
