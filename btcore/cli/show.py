@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -11,7 +12,7 @@ from rich.tree import Tree as Drawing
 from btcore.cli import files, node_libraries, node_models, terminal, trees
 from btcore.cli.dataflow_table import print_data
 from btcore.status import NodeType
-from btcore.xml.lint.data_flow import dataflow_to_dicts, trace_dataflow
+from btcore.xml.lint.data_flow import trace_dataflow
 from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_file
 from btcore.xml.render.svg import diagram_to_svg
@@ -63,7 +64,7 @@ def show(
     if as_table:
         rows = trace_dataflow(examined, libraries.nodes)
         if as_json:
-            _print_json(dataflow_to_dicts(rows))
+            _print_json([asdict(row) for row in rows])
         else:
             print_data(rows)
         return

@@ -122,7 +122,13 @@ def required_resources_of(
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class TreeInstantiator:
-    """Creates the nodes of one tree, depth-first, and collects the errors."""
+    """Creates the nodes of one tree, depth-first, and collects the errors.
+
+    Attributes:
+        format: The format of the tree, 3 or 4.
+        blackboard: The main tree's blackboard.
+        subtrees: The subtrees with their blackboards, the main tree first.
+    """
 
     def __init__(
         self,
@@ -137,15 +143,15 @@ class TreeInstantiator:
         assert analysis.main is not None
         self._main = analysis.main
         self._planner = analysis.planner
-        self._format = analysis.planner.dialect.format
+        self.format = analysis.planner.dialect.format
         self._registry = registry
         self._rules = registry.substitutions
         self._enums = registry.types.enums
         self._resources = Resources(resources)
         self._context = TreeContext(clock)
-        self._scopes = Blackboard if self._format == 4 else LegacyBlackboard
-        self._blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
-        self._subtrees: list[Subtree] = []
+        self._scopes = Blackboard if self.format == 4 else LegacyBlackboard
+        self.blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
+        self.subtrees: list[Subtree] = []
         self._nodes: list[TreeNode] = []
         self._paths: set[str] = set()
         self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
@@ -154,14 +160,14 @@ class TreeInstantiator:
 
     def instantiate(self) -> Tree:
         """Return the tree. Raises TreeError with all errors in creating its nodes."""
-        self._instance(self._planner.plan(self._main), "", self._blackboard)
+        self._instance(self._planner.plan(self._main), "", self.blackboard)
         self._diagnostics.raise_errors()
-        return Tree(self._main.id, self._format, self._subtrees, self._nodes, self._context, self._registry)
+        return Tree(self._main.id, self.format, self.subtrees, self._nodes, self._context, self._registry)
 
     def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
         """Create an instance of a definition. Returns its root, or None if the root could not be created."""
         subtree = Subtree(plan.definition.id, path, blackboard)
-        self._subtrees.append(subtree)
+        self.subtrees.append(subtree)
         assert plan.root is not None
         return self._node(plan.root, plan, subtree, f"{path}/" if path else "")
 
@@ -172,7 +178,7 @@ class TreeInstantiator:
         id = plan.id
         name = id if plan.name is None else plan.name
         config = NodeConfig(
-            id, name, uid, self._format, document.file, line, plan.scripts, plan.attributes, self._enums
+            id, name, uid, self.format, document.file, line, plan.scripts, plan.attributes, self._enums
         )
         if plan.call is not None:
             return self._subtree(plan, plan.call, config, tree, subtree, prefix)
@@ -304,7 +310,7 @@ class TreeInstantiator:
     ) -> TreeNode | None:
         document = tree.definition.document
         config.name = plan.name if plan.name is not None else call.tree
-        own_name = plan.name if self._format == 4 else None
+        own_name = plan.name if self.format == 4 else None
         config.path = prefix + (own_name if own_name is not None else f"{call.tree}::{config.uid}")
         config.attributes = {**call.written, **plan.attributes}
         if config.path in self._paths:
@@ -337,7 +343,7 @@ class TreeInstantiator:
             inner.remap(key, outer_key)
         # Constants are set before autoremap is enabled, so that they stay in the inner blackboard.
         for key, text in call.constants.items():
-            value = parse_constant(text) if self._format == 4 else text
+            value = parse_constant(text) if self.format == 4 else text
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:

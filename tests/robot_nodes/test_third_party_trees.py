@@ -13,7 +13,8 @@ from click.testing import CliRunner, Result
 
 from btcore import Registry
 from btcore.cli.main import main
-from btcore.xml.lint.validate import validate
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_file
 
 FOLDER = Path(__file__).parent / "third_party_trees"
 GIVEN = ("goal", "goals", "low")
@@ -44,7 +45,7 @@ def test_they_have_no_faults(path: Path) -> None:
     nodes = Registry.standard()
     assert nodes.add_plugins() == []
     nodes.add_plugin(FOLDER / "nod.py")
-    assert validate(path, nodes=nodes, given=GIVEN) == []
+    assert validate_document(parse_file(path), nodes=nodes, given=GIVEN) == []
 
 
 def test_the_patrol_of_the_books_text_ends_after_one_waypoint() -> None:

@@ -1,1 +1,1 @@
-"""What a tree can be made with, and is probably not meant: every warning of `btcore validate`."""
+"""Find mistakes in trees that can be loaded: all warnings of `btcore validate`."""

@@ -1,11 +1,10 @@
 """Find the writers and readers of each blackboard entry, across subtrees, remappings and scripts."""
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
-from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.registry.registry import Registry
-from btcore.xml.lint.dry_run import AccessKind, DryRun, EntryUse
+from btcore.xml.lint.dry_run import DryRun, EntryUse
+from btcore.xml.lint.scripts import AccessKind
 from btcore.xml.plan.document_checks import DocumentAnalysis
 
 
@@ -62,11 +61,11 @@ def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[Dataf
     dry_run = DryRun(analysis.planner, analysis.main, registry)
     dry_run.run()
     paths = {subtree.blackboard: subtree.path for subtree in reversed(dry_run.subtrees)}
-    homes = _homes(paths)
+    homes = dry_run.entry_homes()
     rows: list[DataflowRow] = []
     for entry, uses in dry_run.uses.items():
-        scope, key = homes[entry]
-        row = DataflowRow(scope, key, entry.declared.name if entry.declared.strong else "")
+        subtree, key = homes[entry]
+        row = DataflowRow(subtree.path, key, entry.declared.name if entry.declared.strong else "")
         for use in uses:
             access = _access(use, paths[use.scope])
             if use.access in _WRITING and access not in row.writers:
@@ -78,15 +77,6 @@ def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[Dataf
     return sorted(rows, key=lambda row: (row.scope, row.key))
 
 
-def _homes(paths: dict[Blackboard, str]) -> dict[Entry, tuple[str, str]]:
-    """Return for each entry the path of the outermost subtree that holds it, and its key there."""
-    homes: dict[Entry, tuple[str, str]] = {}
-    for board, path in reversed(paths.items()):
-        for key, entry in board.local_entries().items():
-            homes.setdefault(entry, (path, key))
-    return homes
-
-
 def _access(use: EntryUse, path: str) -> DataflowAccess:
     call = use.node.call
     name = use.node.name or (call.tree if call is not None else use.node.id)
@@ -95,18 +85,3 @@ def _access(use: EntryUse, path: str) -> DataflowAccess:
         full = path  # a constant is written to the inner blackboard, whose path is that of the SubTree node
     where = f"{use.document.file or '<text>'}:{use.document.line(use.node.element)}"
     return DataflowAccess(full, use.attribute, use.key, where)
-
-
-def dataflow_to_dicts(rows: Iterable[DataflowRow]) -> list[dict[str, object]]:
-    """Return *rows* as dictionaries, for JSON."""
-
-    return [
-        {
-            "scope": row.scope,
-            "key": row.key,
-            "type": row.type,
-            "writers": [asdict(access) for access in row.writers],
-            "readers": [asdict(access) for access in row.readers],
-        }
-        for row in rows
-    ]

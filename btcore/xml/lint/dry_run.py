@@ -4,7 +4,6 @@ The dry run is the tree builder itself, with the same blackboards. It therefore 
 in the same words, except for errors raised by the leaves' own code.
 """
 
-import enum
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -18,27 +17,14 @@ from btcore.registry.registry import Registry
 from btcore.tree.tree import Subtree
 from btcore.values import ValueType
 from btcore.xml.build import TreeInstantiator
-from btcore.xml.lint.advice import is_built_in, is_stub
-from btcore.xml.lint.script_analysis import NameAccess, find_name_uses
+from btcore.xml.lint.possible_results import is_built_in
+from btcore.xml.lint.scripts import AccessKind, find_name_uses
+from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.document_checks import DocumentAnalysis
 from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlanner
 from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
-
-
-class AccessKind(enum.Enum):
-    """How an entry is used.
-
-    READS_AS_KEY reads the name of another entry from it, ASSIGNS requires that the entry exists, and
-    MENTIONS neither reads nor writes it.
-    """
-
-    READS = enum.auto()
-    WRITES = enum.auto()
-    READS_AS_KEY = enum.auto()
-    ASSIGNS = enum.auto()
-    MENTIONS = enum.auto()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +66,7 @@ class DryRun(TreeInstantiator):
 
     def run(self) -> DiagnosticCollector:
         """Connect all ports. Returns the errors that the builder would report."""
-        self._instance(self._planner.plan(self._main), "", self._blackboard)
+        self._instance(self._planner.plan(self._main), "", self.blackboard)
         for use in self._found:
             entry = self._entry(use)
             if entry is not None:
@@ -92,20 +78,13 @@ class DryRun(TreeInstantiator):
         )
         return self._diagnostics
 
-    @property
-    def root(self) -> Blackboard:
-        """The main tree's blackboard."""
-        return self._blackboard
-
-    @property
-    def subtrees(self) -> list[Subtree]:
-        """The subtrees with their blackboards, the main tree first."""
-        return self._subtrees
-
-    @property
-    def format(self) -> int:
-        """The format of the tree: 3 or 4."""
-        return self._format
+    def entry_homes(self) -> dict[Entry, tuple[Subtree, str]]:
+        """Return for each entry the outermost subtree that holds it, and its key there."""
+        homes: dict[Entry, tuple[Subtree, str]] = {}
+        for subtree in self.subtrees:
+            for key, entry in subtree.blackboard.local_entries().items():
+                homes.setdefault(entry, (subtree, key))
+        return homes
 
     def _entry(self, use: EntryUse) -> Entry | None:
         entry = use.scope.find(use.key)
@@ -127,7 +106,7 @@ class DryRun(TreeInstantiator):
         blackboard: Blackboard,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
-        if manifest is None or not is_built_in(manifest):
+        if manifest is None or not is_built_in(manifest.cls):
             return TreeNode()
         for bound in config.inputs.values():
             if bound.port.role in SCRIPT_ROLES and bound.key is not None:
@@ -142,12 +121,12 @@ class DryRun(TreeInstantiator):
             self._script(plan, attribute, text, document, blackboard)
         if plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(plan.manifest)
-            self.has_stubs = self.has_stubs or is_stub(plan.manifest)
+            self.has_stubs = self.has_stubs or is_stub(plan.manifest.cls)
 
     def _uses_of_port(
         self, plan: NodePlan, port: Port, text: str, written: bool, document: Document, board: Blackboard
     ) -> Iterator[EntryUse]:
-        key = remapped_key(text, port.name, self._format)
+        key = remapped_key(text, port.name, self.format)
         is_script = port.role in SCRIPT_ROLES
         writes = port.writes and port.role is not PortRole.QUEUE
         how = []
@@ -156,7 +135,7 @@ class DryRun(TreeInstantiator):
                 self._script(plan, port.name, text, document, board)
             elif port.role in _ACCESS_BY_NAME:
                 how = [_ACCESS_BY_NAME[port.role]]
-            elif writes and self._format == 3 and written:
+            elif writes and self.format == 3 and written:
                 how = [AccessKind.WRITES]
             if text:
                 key = text
@@ -168,7 +147,7 @@ class DryRun(TreeInstantiator):
         else:
             if port.reads:
                 how.append(AccessKind.READS)
-            if writes and (written or self._format == 4):
+            if writes and (written or self.format == 4):
                 how.append(AccessKind.WRITES)
         for access in how if key else ():
             yield EntryUse(access, key or "", board, document, plan, port.name, 0, port, port.type)
@@ -181,9 +160,7 @@ class DryRun(TreeInstantiator):
         except ScriptError:
             return  # check_scripts has reported it
         for use in names:
-            self._found.append(
-                EntryUse(_HOW[use.access], use.name, board, document, plan, attribute, use.column)
-            )
+            self._found.append(EntryUse(use.access, use.name, board, document, plan, attribute, use.column))
 
     def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
         inner = super()._scope(plan, call, document, outer)
@@ -202,11 +179,6 @@ _ACCESS_BY_NAME = {
     PortRole.WRITTEN_ENTRY: AccessKind.WRITES,
     PortRole.WATCHED_ENTRY: AccessKind.READS,
     PortRole.REMOVED_ENTRY: AccessKind.MENTIONS,
-}
-_HOW = {
-    NameAccess.READ: AccessKind.READS,
-    NameAccess.MADE: AccessKind.WRITES,
-    NameAccess.ASSIGNED: AccessKind.ASSIGNS,
 }
 
 

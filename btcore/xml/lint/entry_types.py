@@ -6,9 +6,9 @@ from btcore.diagnostic_codes import REFUSED_ENTRY_VALUE
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.script.expressions import Assignment, Name
 from btcore.values import STRING
-from btcore.xml.lint.advice import LintReporter, node_label
-from btcore.xml.lint.dry_run import AccessKind, DryRun, EntryUse
-from btcore.xml.lint.script_analysis import is_constant, parse_statements
+from btcore.xml.lint.dry_run import DryRun, EntryUse
+from btcore.xml.lint.reporter import LintReporter, node_label
+from btcore.xml.lint.scripts import AccessKind, is_constant, parse_statements
 
 
 def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintReporter) -> None:

@@ -4,10 +4,18 @@ from typing import Final
 
 from btcore.engine.node import TreeNode
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
-from btcore.xml.lint.advice import is_builtin_class, is_stub
-from btcore.xml.plan.plan import NodePlan
+from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.plan.plan import NodePlan, TreePlanner
+from btcore.xml.plan.structure_checks import element_children
 
 _DECLARATIONS: Final = frozenset({"possible_results", "may_return", "continue_on", "branch_results"})
+# The result of each pre-condition that takes effect before the node itself is ticked.
+_EARLY_RESULTS: Final = {"_failureIf": FAILURE, "_successIf": SUCCESS, "_skipIf": SKIPPED, "_while": SKIPPED}
+
+
+def is_built_in(cls: type) -> bool:
+    """Return whether *cls* is a built-in node or a base class of built-in nodes."""
+    return cls.__module__.startswith("btcore.nodes.")
 
 
 def behaviour_of(cls: type[TreeNode]) -> type[TreeNode]:
@@ -17,48 +25,50 @@ def behaviour_of(cls: type[TreeNode]) -> type[TreeNode]:
     declares its results, only the base class of its kind (leaf, control, decorator) is trusted.
     """
     parents = cls.__mro__
-    first = next((index for index, base in enumerate(parents) if is_builtin_class(base)), 0)
+    first = next((index for index, base in enumerate(parents) if is_built_in(base)), 0)
     if first == 0 or any(_DECLARATIONS & vars(base).keys() for base in parents[:first]):
         return cls
     return next(base for base in parents if base.__module__.startswith("btcore.engine."))
 
 
-def infer_results(node: NodePlan, children: list[PossibleResults]) -> PossibleResults:
-    """Return the possible results of *node* without its pre-conditions.
+def all_children_known(node: NodePlan) -> bool:
+    """Return whether all children of *node* are known nodes."""
+    return not node.element.children or len(node.children) == len(element_children(node.element))
 
-    Args:
-        node: The node.
-        children: The possible results of its children, in order.
+
+class ResultAnalysis:
+    """The possible results of the nodes of a document, computed on first use.
+
+    *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
     """
-    manifest = node.manifest
-    if manifest is None or is_stub(manifest):
-        return UNKNOWN_RESULTS
-    cls = behaviour_of(manifest.cls)
-    if len(children) < cls.child_count_at_load[0]:
-        return UNKNOWN_RESULTS  # format 3 loads control nodes without children
-    literals = {
-        bound.name: bound.literal
-        for bound in node.bindings
-        if bound.key is None and bound.literal is not None
-    }
-    return cls.possible_results(children, literals)
 
+    def __init__(self, planner: TreePlanner, bounded: bool) -> None:
+        self._planner = planner
+        self._bounded = bounded
+        self._known: dict[NodePlan, PossibleResults] = {}
 
-def with_conditions(node: NodePlan, bare: PossibleResults) -> PossibleResults:
-    """Return the possible results of *node* with its pre-conditions.
+    def results_of(self, node: NodePlan) -> PossibleResults:
+        """Return the possible results of *node*, including the effect of its pre-conditions."""
+        results = self._known.get(node)
+        if results is None:
+            bare = self._without_conditions(node)
+            early = {result for attribute, result in _EARLY_RESULTS.items() if attribute in node.scripts}
+            self._known[node] = results = bare._replace(in_first_tick=bare.in_first_tick | early)
+        return results
 
-    Args:
-        node: The node.
-        bare: The possible results without pre-conditions.
-    """
-    early = {
-        result
-        for attribute, result in (
-            ("_failureIf", FAILURE),
-            ("_successIf", SUCCESS),
-            ("_skipIf", SKIPPED),
-            ("_while", SKIPPED),
-        )
-        if attribute in node.scripts
-    }
-    return bare._replace(in_first_tick=bare.in_first_tick | early)
+    def _without_conditions(self, node: NodePlan) -> PossibleResults:
+        if node.call is not None:
+            inner = self._planner.definitions.by_id.get(node.call.tree) if self._bounded else None
+            root = self._planner.plan(inner).root if inner is not None else None
+            return self.results_of(root) if root is not None else UNKNOWN_RESULTS
+        if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
+            return UNKNOWN_RESULTS
+        cls = behaviour_of(node.manifest.cls)
+        if len(node.children) < cls.child_count_at_load[0]:
+            return UNKNOWN_RESULTS  # format 3 loads control nodes without children
+        literals = {
+            bound.name: bound.literal
+            for bound in node.bindings
+            if bound.key is None and bound.literal is not None
+        }
+        return cls.possible_results([self.results_of(child) for child in node.children], literals)

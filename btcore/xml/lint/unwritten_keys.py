@@ -2,12 +2,13 @@
 
 from collections.abc import Collection, Sequence
 
-from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
 from btcore.suggestions import nearest_name
-from btcore.xml.lint.advice import LintReporter, line_of, node_label
-from btcore.xml.lint.dry_run import AccessKind, DryRun, EntryUse, has_writer
+from btcore.xml.lint.dry_run import DryRun, EntryUse, has_writer
+from btcore.xml.lint.reporter import LintReporter, line_of, node_label
+from btcore.xml.lint.scripts import AccessKind
 
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 MAX_COMPARISONS = 20_000
@@ -15,17 +16,13 @@ MAX_COMPARISONS = 20_000
 
 
 class KeyIndex:
-    """The entries of a dry run: the outermost blackboard that holds each entry, and its key there."""
+    """The keys that are written in a dry run, to suggest them in place of unwritten keys."""
 
     def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
         self.dry_run = dry_run
         self._given = given
         self._comparisons = MAX_COMPARISONS
         self._written: dict[Blackboard, list[str]] = {}
-        self.homes: dict[Entry, tuple[Blackboard, str]] = {}
-        for subtree in dry_run.subtrees:
-            for key, entry in subtree.blackboard.local_entries().items():
-                self.homes.setdefault(entry, (subtree.blackboard, key))
 
     def guess(self, key: str, names: list[str]) -> str | None:
         """Return the name in *names* that is most similar to *key*, or None.
@@ -43,7 +40,7 @@ class KeyIndex:
         if known is None:
             uses = self.dry_run.uses
             known = [key for key, entry in board.local_entries().items() if has_writer(uses.get(entry, ()))]
-            known += sorted(self._given) if board is self.dry_run.root else []
+            known += sorted(self._given) if board is self.dry_run.blackboard else []
             self._written[board] = known
         return known
 
@@ -61,12 +58,13 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         reporter: Collects the warnings.
     """
     keys = KeyIndex(dry_run, given)
+    homes = dry_run.entry_homes()
     for entry, uses in dry_run.uses.items():
-        home = keys.homes.get(entry)
-        if home is None or entry.value is not None:
+        if entry not in homes or entry.value is not None:
             continue
-        board, key = home
-        of_root = board is dry_run.root
+        subtree, key = homes[entry]
+        board = subtree.blackboard
+        of_root = board is dry_run.blackboard
         if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
             continue
         if _warn_empty_script_entry(uses, reporter, of_root) or dry_run.has_untracked_access:

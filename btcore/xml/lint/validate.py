@@ -1,48 +1,48 @@
-"""Find all errors and warnings in a file, without building its tree."""
+"""Find all errors and warnings in a document, without building its tree."""
 
-import os
 from collections.abc import Collection
+from typing import Final
 
-from btcore.diagnostic_codes import AMBIGUOUS_MAIN_TREE
-from btcore.errors import Diagnostic, TreeError
+from btcore.diagnostic_codes import (
+    AMBIGUOUS_MAIN_TREE,
+    FIRST_TICK_REFUSED,
+    INCONVERTIBLE_TEXT,
+    RECURSIVE_TREES,
+    TOO_LARGE,
+)
+from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
-from btcore.xml.lint.all_checks import run_lint
-from btcore.xml.plan.document_checks import analyse_document, check_scripts, reachable_plans
-from btcore.xml.plan.plan import topological_order
-from btcore.xml.read.diagnostics import sort_diagnostics
-from btcore.xml.read.document import Document, parse_file
+from btcore.xml.lint.children import check_child_count, check_reachable_children
+from btcore.xml.lint.dry_run import DryRun
+from btcore.xml.lint.entry_types import check_value_types
+from btcore.xml.lint.loose_text import check_stray_text
+from btcore.xml.lint.ports import check_ignored_attributes, check_missing_ports, check_port_literals
+from btcore.xml.lint.possible_results import ResultAnalysis
+from btcore.xml.lint.reporter import LintReporter
+from btcore.xml.lint.scripts import check_script_results
+from btcore.xml.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
+from btcore.xml.lint.unwritten_keys import check_keys
+from btcore.xml.models.tree_nodes_model import subtree_models
+from btcore.xml.plan.document_checks import (
+    DocumentAnalysis,
+    analyse_document,
+    check_scripts,
+    check_size,
+    nodes_of,
+    reachable_plans,
+)
+from btcore.xml.plan.plan import TreePlanner, topological_order
+from btcore.xml.plan.tree_definitions import TreeDefinition
+from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
+from btcore.xml.read.document import Document
 from btcore.xml.read.includes import PackageResolver
 
-
-def validate(
-    path: str | os.PathLike[str],
-    *,
-    nodes: Registry,
-    tree: str | None = None,
-    format: int | None = None,
-    packages: PackageResolver | None = None,
-    given: Collection[str] = (),
-) -> list[Diagnostic]:
-    """Return the errors, then the warnings, of the file *path* and its includes, each in text order.
-
-    Errors are the reasons why loading the tree fails (except for errors that only the code of leaves
-    can detect), and the reasons why a tick certainly raises (E119, and E202 in format 3). Warnings never
-    prevent loading. Every tree in the file is checked, called or not, including its scripts. A file with
-    several trees and no main tree is a library, which is valid.
-
-    Args:
-        path: The XML file.
-        nodes: The registered nodes.
-        tree: ID of the tree to load; by default the document's main tree.
-        format: 3 or 4, overriding the document's ``BTCPP_format``.
-        packages: Finds the share directory of a ROS package.
-        given: Keys that the main tree's blackboard holds before the first tick.
-    """
-    try:
-        document = parse_file(path)
-    except TreeError as error:  # not XML: without elements there is nothing more to check
-        return list(error.diagnostics)
-    return validate_document(document, nodes=nodes, tree=tree, format=format, packages=packages, given=given)
+# Errors that leave a dry run of each tree possible: the main tree is not selected, or only a tick raises.
+_HARMLESS: Final = frozenset({AMBIGUOUS_MAIN_TREE, FIRST_TICK_REFUSED})
+# In format 3 the tree is built; only the node that reads the text raises.
+_HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
+# With these errors, following SubTree calls might not terminate in reasonable time.
+_UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
 
 
 def validate_document(
@@ -54,7 +54,12 @@ def validate_document(
     packages: PackageResolver | None = None,
     given: Collection[str] = (),
 ) -> list[Diagnostic]:
-    """Return the errors, then the warnings, of a parsed *document* and its includes.
+    """Return the errors, then the warnings, of *document* and its includes, each in text order.
+
+    Errors are the reasons why loading the tree fails (except for errors that only the code of leaves
+    can detect), and the reasons why a tick certainly raises (E119, and E202 in format 3). Warnings never
+    prevent loading. Every tree in the document is checked, called or not, including its scripts. A document
+    with several trees and no main tree is a library, which is valid.
 
     Args:
         document: The parsed document.
@@ -65,8 +70,8 @@ def validate_document(
         given: Keys that the main tree's blackboard holds before the first tick.
     """
     analysis = analyse_document(document, nodes, tree, format, packages)
-    planner, diagnostics = analysis.planner, analysis.diagnostics
-    used_plans = reachable_plans(planner, analysis.main) if analysis.main is not None else []
+    planner, main, diagnostics = analysis
+    used_plans = reachable_plans(planner, main) if main is not None else []
     used = {plan.definition.id for plan in used_plans}
     checked = set(used)
     for definition in planner.definitions.by_id.values():
@@ -74,8 +79,65 @@ def validate_document(
             topological_order(planner, definition, diagnostics)
             checked |= {plan.definition.id for plan in reachable_plans(planner, definition)}
         check_scripts(planner.plan(definition), nodes, diagnostics)
-    if tree is None and planner.definitions.all and document.root.get("main_tree_to_execute") is None:
-        # The file is a library: no main tree is needed.
+    names_main = document.root.get("main_tree_to_execute") is not None
+    if tree is None and planner.definitions.all and not names_main:
+        # The document is a library: no main tree is needed.
         diagnostics.errors = [error for error in diagnostics.errors if error.code != AMBIGUOUS_MAIN_TREE]
-    run_lint(analysis, used, nodes, given, is_tree_requested=tree is not None)
+    roots = [root for root in _roots(analysis, used) if _is_bounded(planner, root, diagnostics)]
+    models = subtree_models(planner.definitions.documents, planner.dialect, DiagnosticCollector())
+    reporter = LintReporter(diagnostics)
+    _check_nodes(planner, nodes.types.enums, models, reporter)
+    for parsed in planner.definitions.documents:
+        check_stray_text(parsed, diagnostics)
+    if main is not None and names_main and tree is None:
+        check_unused_trees(planner, main, used, reporter)
+    harmless = _HARMLESS_IN_FORMAT_3 if planner.dialect.format == 3 else _HARMLESS
+    if all(error.code in harmless for error in diagnostics.errors):
+        for root in roots:
+            dry_run = DryRun(planner, root, nodes)
+            for error in dry_run.run().errors:
+                diagnostics.add(error)
+            # A subtree model declares ports that callers of the tree provide.
+            check_keys(dry_run, root is main, {*given, *models.get(root.id, ())}, reporter)
+            check_value_types(dry_run, nodes.types.enums, reporter)
     return [*sort_diagnostics(diagnostics.errors), *sort_diagnostics(diagnostics.warnings)]
+
+
+def _check_nodes(
+    planner: TreePlanner,
+    enums: dict[str, int],
+    models: dict[str, dict[str, str | None]],
+    reporter: LintReporter,
+) -> None:
+    """Check every node of all trees by itself and with its children."""
+    bounded = not any(error.code in _UNBOUNDED for error in reporter.diagnostics.errors)
+    results = ResultAnalysis(planner, bounded)
+    tree_keys = TreeKeys(planner, enums, bounded)
+    for definition in planner.definitions.by_id.values():
+        document = definition.document
+        for node in nodes_of(planner.plan(definition)):
+            check_child_count(node, document, reporter)
+            check_ignored_attributes(node, document, reporter)
+            check_port_literals(node, document, planner.dialect.format, reporter)
+            check_missing_ports(node, document, reporter)
+            check_script_results(node, document, enums, reporter)
+            check_reachable_children(node, document, results, reporter)
+            check_remappings(node, document, tree_keys, models, reporter)
+
+
+def _roots(analysis: DocumentAnalysis, used: Collection[str]) -> list[TreeDefinition]:
+    """Return the main tree and the trees that no other tree calls."""
+    planner, main, _ = analysis
+    others = [tree for tree in planner.definitions.by_id.values() if tree.id not in used]
+    called = {call.tree for tree in others for call in planner.plan(tree).calls}
+    return [*([main] if main is not None else []), *(tree for tree in others if tree.id not in called)]
+
+
+def _is_bounded(planner: TreePlanner, root: TreeDefinition, diagnostics: DiagnosticCollector) -> bool:
+    """Return whether the tree is neither recursive nor too large; add an error to *diagnostics* if it is."""
+    order = topological_order(planner, root, diagnostics)
+    if order is None:
+        return False
+    before = len(diagnostics.errors)
+    check_size(order, root, diagnostics)
+    return len(diagnostics.errors) == before

@@ -104,6 +104,11 @@ _OF_TYPE: Final[dict[NodeType, type[TreeNode]]] = {
 }
 
 
+def is_stub(cls: type[TreeNode]) -> bool:
+    """Return whether *cls* is a stand-in made from a model: its results and optional ports are unknown."""
+    return issubclass(cls, tuple(_OF_TYPE.values()))
+
+
 def make_stub_class(
     id: str, kind: NodeType, ports: Sequence[Port], description: str, origin: str
 ) -> type[TreeNode]:

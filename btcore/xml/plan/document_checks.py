@@ -98,7 +98,7 @@ def reachable_plans(planner: TreePlanner, main: TreeDefinition) -> list[TreePlan
         if id in plans or id not in planner.definitions.by_id:
             continue
         plans[id] = plan = planner.plan(planner.definitions.by_id[id])
-        pending += [node.call.tree for node in reversed(plan.calls) if node.call is not None]
+        pending += [call.tree for call in reversed(plan.calls)]
     return list(plans.values())
 
 
@@ -126,7 +126,7 @@ def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: Diagnos
     sizes: dict[str, int] = {}
     depths: dict[str, int] = {}
     for plan in plans:
-        called = [node.call.tree for node in plan.calls if node.call is not None]
+        called = [call.tree for call in plan.calls]
         size = plan.size + sum(sizes.get(tree, 0) for tree in called)
         sizes[plan.definition.id] = min(MAX_NODES + 1, size)
         deepest = max((depths.get(tree, 0) for tree in called), default=0)

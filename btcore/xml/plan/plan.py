@@ -41,6 +41,7 @@ class SubtreeCall:
 
     Attributes:
         tree: ID of the called tree.
+        element: The SubTree element.
         remaps: Outer key of each remapped inner key.
         constants: Texts of inner keys.
         written: The ports as written in the document, or as the default in the model.
@@ -49,10 +50,13 @@ class SubtreeCall:
         legacy_autoremap: Whether the keys in ports of the inner tree are mapped (format 3).
     """
 
-    __slots__ = ("autoremap", "constants", "legacy_autoremap", "remaps", "shared", "tree", "written")
+    __slots__ = (
+        "autoremap", "constants", "element", "legacy_autoremap", "remaps", "shared", "tree", "written",
+    )  # fmt: skip
 
-    def __init__(self, tree: str) -> None:
+    def __init__(self, tree: str, element: Element) -> None:
         self.tree = tree
+        self.element = element
         self.remaps: dict[str, str] = {}
         self.constants: dict[str, str] = {}
         self.written: dict[str, str] = {}
@@ -114,13 +118,14 @@ class BindingCache:
 class TreePlan:
     """A definition with the plans of its nodes.
 
-    *calls* holds its SubTree nodes, *depth* is the number of its levels, *size* the number of its nodes.
+    *calls* holds the calls of its SubTree nodes. *depth* is the number of its levels, *size* the number
+    of its nodes.
     """
 
     def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
         self.definition = definition
         self.root = root
-        self.calls: list[NodePlan] = []
+        self.calls: list[SubtreeCall] = []
         self.depth = 0
         self.size = 0
 
@@ -325,9 +330,9 @@ class TreePlanner:
         id = element.get("ID") or ""
         plan.id = tag
         plan.manifest = self._palette.get(tag)
-        call = SubtreeCall(id)
+        call = SubtreeCall(id, element)
         plan.call = call
-        tree.calls.append(plan)
+        tree.calls.append(call)
         if self.dialect.format == 3:
             self._call_of_3(plan, call, tag)
         else:
@@ -437,15 +442,14 @@ def topological_order(
         path[id] = None
         pending.append((id, True))
         plan = planner.plan(planner.definitions.by_id[id])
-        for node in plan.calls:
-            called = node.call.tree if node.call is not None else ""
-            if called in path:
+        for call in plan.calls:
+            if call.tree in path:
                 is_recursive = True
-                way = [*path, called]
-                message = f"the trees call each other recursively: {' → '.join(way[way.index(called) :])}"
+                way = [*path, call.tree]
+                message = f"the trees call each other recursively: {' → '.join(way[way.index(call.tree) :])}"
                 document = plan.definition.document
                 hint = "a tree can't contain itself"
-                diagnostics.add(document.diagnostic(RECURSIVE_TREES, message, node.element, "ID", hint=hint))
-            elif called in planner.definitions.by_id and called not in order:
-                pending.append((called, False))
+                diagnostics.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))
+            elif call.tree in planner.definitions.by_id and call.tree not in order:
+                pending.append((call.tree, False))
     return None if is_recursive else list(order.values())

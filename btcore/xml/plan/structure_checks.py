@@ -36,6 +36,11 @@ def element_children(element: Element) -> list[Element]:
     return [child for child in element.children if child.tag != "Root"]
 
 
+def count_text(count: int) -> str:
+    """Return a number of children as text, such as ``2 children``."""
+    return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
+
+
 class StructureChecker:
     """Checks all tree definitions of the documents, whether they are used or not."""
 
@@ -172,7 +177,7 @@ class StructureChecker:
     def _count(self, node: str, kind: NodeType, element: Element, children: list[Element]) -> None:
         """Add an error if *children* are too few or too many for *node*, which is of *kind*."""
         count = len(children)
-        has = "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
+        has = count_text(count)
         if kind is NodeType.DECORATOR:
             if count != 1:
                 hint = "put them into a <Sequence>" if count else ""
@@ -213,8 +218,7 @@ class StructureChecker:
             elif is_reserved(name):
                 self._error(INVALID_NAME, f"invalid tree ID '{name}': the name is reserved", element, "ID")
         if len(children) != 1:
-            count = f"{len(children)} children" if children else "no child"
-            message = f"{label} has {count}; a tree has exactly 1"
+            message = f"{label} has {count_text(len(children))}; a tree has exactly 1"
             hint = "put them into a <Sequence>" if children else ""
             self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
 

@@ -1,7 +1,9 @@
 """Who writes and who reads each entry: across subtrees, remappings, constants and scripts."""
 
+from dataclasses import asdict
+
 from btcore import In, Put, Registry, action
-from btcore.xml.lint.data_flow import DataflowRow, dataflow_to_dicts, trace_dataflow
+from btcore.xml.lint.data_flow import DataflowRow, trace_dataflow
 from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text
 
@@ -83,7 +85,7 @@ def test_set_blackboard_writes_the_entry_that_it_names() -> None:
 
 
 def test_rows_come_sorted_and_as_plain_data_with_lines() -> None:
-    data = dataflow_to_dicts(table().values())
+    data = [asdict(row) for row in table().values()]
     names = [(row["scope"], row["key"]) for row in data]
     assert names == sorted(names)
     goal = next(row for row in data if row["key"] == "goal")

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from btcore import Registry, Status, TreeError, load, loads
-from btcore.xml.lint.validate import validate
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import parse_file
 
 
 def write(path: Path, *trees: str, include: str = "", main: str = "") -> Path:
@@ -76,7 +77,7 @@ def test_a_package_is_ignored_with_a_warning_where_the_path_is_absolute(tmp_path
     include = f'<include ros_pkg="nav" path="{other}"/>'
     main = write(tmp_path / "m.xml", 'M=<SubTree ID="A"/>', include=include, main="M")
     assert load(main).tick_once() is Status.FAILURE
-    assert [one.code for one in validate(main, nodes=Registry.standard())] == ["W107"]
+    assert [one.code for one in validate_document(parse_file(main), nodes=Registry.standard())] == ["W107"]
 
 
 def test_a_package_that_the_resolver_does_not_know_is_a_fault(tmp_path: Path) -> None:

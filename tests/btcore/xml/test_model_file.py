@@ -6,7 +6,7 @@ import pytest
 
 import btcore
 from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
-from btcore.xml.lint.validate import validate
+from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_explicit_nodes, add_models, read_project
 from btcore.xml.models.stand_ins import StubPlans
 from btcore.xml.models.tree_nodes_model import write_models
@@ -104,8 +104,11 @@ def test_a_tree_of_such_nodes_is_checked_as_any_other(tmp_path: Path, models: Pa
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
     good.write_text(TREE, encoding="utf-8")
     bad.write_text(TREE.replace('speed="0.3"', 'speed="fast"').replace("goal=", "gaol="), encoding="utf-8")
-    assert [one for one in validate(good, nodes=nodes) if one.is_error] == []
-    assert [one.code for one in validate(bad, nodes=nodes) if one.is_error] == ["E201", "E202"]
+    assert [one for one in validate_document(parse_file(good), nodes=nodes) if one.is_error] == []
+    assert [one.code for one in validate_document(parse_file(bad), nodes=nodes) if one.is_error] == [
+        "E201",
+        "E202",
+    ]
 
 
 def test_a_stand_in_succeeds_at_once_or_does_as_planned(models: Path) -> None:

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from btcore import Registry
-from btcore.xml.lint.validate import validate
+from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
+from btcore.xml.read.document import parse_file
 
 PALETTE = """<root BTCPP_format="4"><TreeNodesModel>
   <Control ID="Alternate"/>
@@ -55,7 +56,7 @@ class Files:
 
     def said_of(self, text: str, given: Collection[str] = ()) -> list[str]:
         self.tree.write_text(text, encoding="utf-8")
-        found = validate(self.tree, nodes=self.nodes, given=given)
+        found = validate_document(parse_file(self.tree), nodes=self.nodes, given=given)
         return [f"{one.line}:{one.column}: {one.code} {one.message}" for one in found]
 
 

@@ -6,8 +6,9 @@ import pytest
 
 import btcore
 from btcore import In, PortError, Put, Registry, action
-from btcore.xml.lint.validate import validate
+from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
+from btcore.xml.read.document import parse_file
 
 # As Groot saves it after its palette was of another version than the robot's nodes.
 TREE = """<root BTCPP_format="{format}" main_tree_to_execute="Navigate">
@@ -57,7 +58,8 @@ def test_nav2_3413_a_palette_without_code_finds_them_before_the_robot_does(tmp_p
     (tmp_path / "tree.xml").write_text(TREE.format(format=4), encoding="utf-8")
     nodes = Registry.standard()
     add_models(nodes, tmp_path / "palette.xml")
-    errors = [one for one in validate(tmp_path / "tree.xml", nodes=nodes) if one.is_error]
+    found = validate_document(parse_file(tmp_path / "tree.xml"), nodes=nodes)
+    errors = [one for one in found if one.is_error]
     assert [(one.line, one.column, one.message) for one in errors] == UNKNOWN
 
 

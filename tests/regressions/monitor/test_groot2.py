@@ -10,9 +10,9 @@ import zmq
 import btcore
 from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, SyncAction, values
 from btcore.errors import RegistrationError
-from btcore.xml.lint.validate import validate, validate_document
+from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.document import parse_file, parse_text
 from btcore_monitor.events import ObservedNode
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.watch.address import parse_address
@@ -175,7 +175,7 @@ def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_
     add_models(nodes, tmp_path / "palette.xml")
     assert list(nodes.manifests_of(4)["LoadController"].ports) == []
     assert list(nodes.manifests_of(3)["LoadController"].ports) == ["request.name", "response.ok"]
-    found = validate(tmp_path / "palette.xml", nodes=nodes)
+    found = validate_document(parse_file(tmp_path / "palette.xml"), nodes=nodes)
     assert [(one.code, one.line, one.message) for one in found] == [
         (
             "W212",

@@ -1,18 +1,42 @@
-"""W204, W205: attributes of SubTree elements that have no effect."""
+"""Check calls of trees: unused trees (W104), and SubTree attributes without effect (W204, W205)."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
-from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, USELESS_REMAPPING
+from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, UNUSED_TREE, USELESS_REMAPPING
 from btcore.errors import ScriptError
 from btcore.suggestions import join_names, nearest_name
-from btcore.xml.lint.advice import LintReporter, node_label
 from btcore.xml.lint.dry_run import uses_whole_blackboard
-from btcore.xml.lint.script_analysis import find_name_uses
+from btcore.xml.lint.reporter import LintReporter, node_label
+from btcore.xml.lint.scripts import find_name_uses
 from btcore.xml.plan.document_checks import nodes_of
-from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner
+from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlan, TreePlanner
+from btcore.xml.plan.tree_definitions import TreeDefinition
+from btcore.xml.read.document import Document
 
 _OF_THE_ELEMENT = ("name", "_description")
+
+
+def check_unused_trees(
+    planner: TreePlanner, main: TreeDefinition, used: Collection[str], reporter: LintReporter
+) -> None:
+    """Warn about trees of the main document that neither *main* nor another unused tree calls.
+
+    Args:
+        planner: Plans the trees.
+        main: The main tree.
+        used: IDs of the main tree and of the trees that it calls, directly or indirectly.
+        reporter: Collects the warnings.
+    """
+    document = planner.definitions.documents[-1]
+    trees = planner.definitions.by_id.values()
+    unused = [tree for tree in trees if tree.id not in used and tree.document is document]
+    called = {call.tree for tree in unused for call in planner.plan(tree).calls if call.tree != tree.id}
+    for tree in unused:
+        if tree.id not in called and tree.element.get("ID") is not None:
+            message = f"the tree '{tree.id}' is unused: '{main.id}' doesn't call it, directly or indirectly"
+            hint = f'call it with <SubTree ID="{tree.id}"/>, or remove it'
+            reporter.diagnostics.add(document.diagnostic(UNUSED_TREE, message, tree.element, "ID", hint=hint))
 
 
 class TreeKeys:
@@ -40,7 +64,7 @@ class TreeKeys:
     def _of(self, plan: TreePlan) -> set[str] | None:
         keys: set[str] = set()
         for node in nodes_of(plan):
-            own = self._of_call(node) if node.call is not None else self._of_node(node)
+            own = self._of_node(node) if node.call is None else self._of_call(node.call)
             if own is None:
                 return None
             for text in node.scripts.values():
@@ -72,9 +96,7 @@ class TreeKeys:
         except ScriptError:
             return set()
 
-    def _of_call(self, node: NodePlan) -> set[str] | None:
-        call = node.call
-        assert call is not None
+    def _of_call(self, call: SubtreeCall) -> set[str] | None:
         keys = {outer for key, outer in call.remaps.items() if key not in _OF_THE_ELEMENT}
         if call.shared or call.autoremap or call.legacy_autoremap:
             inner = self.keys_of(call.tree) if self._bounded else None
@@ -84,43 +106,39 @@ class TreeKeys:
         return keys
 
 
-def check_remaps(
-    plan: TreePlan,
+def check_remappings(
+    node: NodePlan,
+    document: Document,
     tree_keys: TreeKeys,
     models: Mapping[str, Mapping[str, str | None]],
     reporter: LintReporter,
 ) -> None:
-    """Warn about attributes of the SubTree elements in *plan* that the called trees don't use.
+    """Warn about attributes of a SubTree element that the called tree doesn't use.
 
     Args:
-        plan: The tree to check.
+        node: The node to check; nodes other than SubTree are ignored.
+        document: The document that contains *node*.
         tree_keys: The keys that each tree uses.
         models: The ports that subtree models declare, by ID of the tree.
         reporter: Collects the warnings.
     """
-    document = plan.definition.document
-    for node in plan.calls:
-        call = node.call
-        if call is None:
+    call = node.call
+    if call is None:
+        return
+    used = tree_keys.keys_of(call.tree)
+    declared = models.get(call.tree, {})
+    for key, text in call.written.items():
+        if key in _OF_THE_ELEMENT:
             continue
-        used = tree_keys.keys_of(call.tree)
-        declared = models.get(call.tree, {})
-        for key, text in call.written.items():
-            if key in _OF_THE_ELEMENT:
-                continue
-            if (
-                node.id == "SubTree"
-                and call.remaps.get(key) == text
-                and remapped_key(text, key, 3) is not None
-            ):
-                message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
-                hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
-                reporter.warn(BRACES_IN_FORMAT_3, message, document, node, key, hint)
-            if used is None or key in used or key in declared or node.element.get(key) is None:
-                continue
-            message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
-            hint = _unused_key_hint(key, used, call.written)
-            reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
+        if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
+            message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
+            hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
+            reporter.warn(BRACES_IN_FORMAT_3, message, document, node, key, hint)
+        if used is None or key in used or key in declared or node.element.get(key) is None:
+            continue
+        message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
+        hint = _unused_key_hint(key, used, call.written)
+        reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 
 
 def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:

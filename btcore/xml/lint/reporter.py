@@ -1,16 +1,10 @@
-"""Report warnings about nodes, name nodes in messages, and tell built-in nodes and stand-ins apart."""
-
-from typing import Final
+"""Report warnings about nodes, and name nodes in messages."""
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.registry.manifest import Manifest
-from btcore.xml.models.stand_ins import StubAction, StubCondition, StubControl, StubDecorator
 from btcore.xml.plan.plan import NodePlan
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import ElementPart
-
-_STAND_INS: Final = (StubAction, StubCondition, StubControl, StubDecorator)
 
 
 class LintReporter:
@@ -58,26 +52,9 @@ class LintReporter:
 
 def node_label(node: NodePlan) -> str:
     """Return the text that names *node* in messages, such as ``<Sleep>`` or ``<SubTree ID="Dock">``."""
-    if node.call is not None:
-        return f'<SubTree ID="{node.call.tree}">'
-    return f"<{node.id}>"
+    return f"<{node.id}>" if node.call is None else f'<SubTree ID="{node.call.tree}">'
 
 
 def line_of(document: Document, node: NodePlan) -> str:
     """Return the line of *node* as text, such as ``line 4``."""
     return f"line {document.line(node.element)}"
-
-
-def is_stub(manifest: Manifest) -> bool:
-    """Return whether the node is a stand-in made from a model: its results and optional ports are unknown."""
-    return issubclass(manifest.cls, _STAND_INS)
-
-
-def is_built_in(manifest: Manifest) -> bool:
-    """Return whether the node is a built-in node of btcore."""
-    return manifest.function is None and is_builtin_class(manifest.cls)
-
-
-def is_builtin_class(cls: type) -> bool:
-    """Return whether *cls* is a built-in node or a base class of built-in nodes."""
-    return cls.__module__.startswith("btcore.nodes.")

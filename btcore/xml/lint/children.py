@@ -1,0 +1,136 @@
+"""Check the children of nodes: numbers that every tick rejects, and children that are not ticked as intended.
+
+The codes are E119 (number of children), W105 (unreachable child) and W106 (second asynchronous child).
+"""
+
+from collections.abc import Iterator
+from typing import Final
+
+from btcore.blackboard.ports import PortRole
+from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
+from btcore.engine.control import ControlNode, results_in_order
+from btcore.engine.node import TreeNode
+from btcore.nodes.parallel import threshold
+from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
+from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
+from btcore.xml.lint.reporter import LintReporter, line_of, node_label
+from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.plan.plan import NodePlan
+from btcore.xml.plan.structure_checks import count_text, element_children
+from btcore.xml.read.document import Document
+
+_THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
+_TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node raises when it is ticked"
+_WORD: Final = {SUCCESS: "succeeds", FAILURE: "fails"}
+
+
+def check_child_count(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+    """Report *node* if the loader accepts the number of its children, but every tick raises."""
+    if node.manifest is None:
+        return
+    # Unknown nodes are not in the plan, but count as children.
+    count = len(element_children(node.element))
+    has = f"<{node.id}> has {count_text(count)}"
+    requirement = _child_requirement(node.manifest.cls, count)
+    if requirement:
+        reporter.warn(FIRST_TICK_REFUSED, f"{has}; {requirement}", document, node, hint=_TICK_RAISES)
+    for port, number, results in _thresholds(node, count):
+        message = f"{has}, too few for {number} {results}"
+        reporter.warn(FIRST_TICK_REFUSED, message, document, node, port, _TICK_RAISES)
+
+
+def _child_requirement(cls: type[TreeNode], count: int) -> str:
+    """Return what a node of *cls* needs instead of *count* children, or "" if *count* is valid."""
+    least, most = cls.child_count
+    if cls.child_count == cls.child_count_at_load or (least <= count and (most is None or count <= most)):
+        return ""
+    if most is None:
+        needed = f"at least {least}"
+    else:
+        needed = str(least) if most == least else f"{least} {'or' if most == least + 1 else 'to'} {most}"
+    return f"it needs {needed}" + (f": {cls.child_roles}" if cls.child_roles else "")
+
+
+def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
+    """Yield name, number and kind of result for each port that requires more results than *count*."""
+    for bound in node.bindings:
+        results = _THRESHOLDS.get(bound.port.role)
+        if results is not None and bound.key is None and isinstance(bound.literal, int):
+            number = threshold(bound.literal, count)
+            if number > count:
+                yield bound.name, number, results
+
+
+def check_reachable_children(
+    node: NodePlan, document: Document, analysis: ResultAnalysis, reporter: LintReporter
+) -> None:
+    """Warn about children of *node* that are never ticked, or that each tick halts.
+
+    Args:
+        node: The node to check.
+        document: The document that contains *node*.
+        analysis: The possible results of the nodes.
+        reporter: Collects the warnings.
+    """
+    if node.manifest is None or node.call is not None or len(node.children) < 2:
+        return
+    cls = behaviour_of(node.manifest.cls)
+    if is_stub(node.manifest.cls) or not issubclass(cls, ControlNode) or not all_children_known(node):
+        return
+    children = [analysis.results_of(child) for child in node.children]
+    going = cls.continue_on
+    if going is not None:
+        tried = children if cls.handler_port is None else children[:-1]
+        _check_order(document, node, tried, going, reporter)
+        never_fails = FAILURE not in results_in_order(tried, going).results
+        if (
+            cls.handler_port is not None
+            and never_fails
+            and not any(bound.name == cls.handler_port and bound.is_explicit for bound in node.bindings)
+        ):
+            _warn_unreached(document, node.children[-1], "the children before it never fail", reporter)
+        if cls.runs_one_child:
+            _check_asynchronous_children(document, node, children, going, reporter)
+    for chosen, branch in zip(cls.branch_results, node.children[1:], strict=False):
+        if chosen not in children[0].results:
+            reason = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
+            _warn_unreached(document, branch, reason, reporter)
+
+
+def _check_order(
+    document: Document, node: NodePlan, children: list[PossibleResults], going: Status, reporter: LintReporter
+) -> None:
+    """Warn about the first child that follows a child which never returns *going*."""
+    for index, outcome in enumerate(children[:-1]):
+        if not outcome.passes(going):
+            before = node.children[index]
+            never = "ends" if not outcome.results else _WORD[going]
+            reason = f"{node_label(before)} before it ({line_of(document, before)}) never {never}"
+            _warn_unreached(document, node.children[index + 1], reason, reporter)
+            return  # the children after that are unreachable for the same reason
+
+
+def _warn_unreached(document: Document, node: NodePlan, reason: str, reporter: LintReporter) -> None:
+    message = f"{node_label(node)} is never ticked: {reason}"
+    reporter.warn(UNREACHABLE_CHILD, message, document, node, hint="remove it, or the cause")
+
+
+def _check_asynchronous_children(
+    document: Document, node: NodePlan, children: list[PossibleResults], going: Status, reporter: LintReporter
+) -> None:
+    """Warn if an asynchronous child follows a child that is asynchronous in its first tick."""
+    first: NodePlan | None = None
+    for child, outcome in zip(node.children, children, strict=True):
+        if first is not None and outcome.may_run:
+            before = f"{node_label(first)} ({line_of(document, first)})"
+            message = (
+                f"{node_label(child)} is a second asynchronous child of <{node.id}>: each tick begins with "
+                f"{before}, which halts {node_label(child)} unless it completes at once"
+            )
+            hint = f"put both into a <{'Sequence' if going is SUCCESS else 'Fallback'}>"
+            reporter.warn(SECOND_ASYNC_CHILD, message, document, child, hint=hint)
+            return
+        if not outcome.passes(going):
+            return
+        if first is None and outcome.may_run and not PossibleResults(outcome.in_first_tick).passes(going):
+            first = child

@@ -1,0 +1,200 @@
+"""Check the attributes of nodes: missing ports, ignored attributes, texts that are probably misread.
+
+The codes are W202, W203, W210, W211 and W212, and in format 3 also E202.
+"""
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from btcore.blackboard.ports import (
+    LOAD_TIME_ROLES,
+    SCRIPT_ROLES,
+    UNSET,
+    Direction,
+    Port,
+    PortRole,
+    remapped_key,
+)
+from btcore.diagnostic_codes import (
+    EMPTY_PORT,
+    IGNORED_ATTRIBUTE,
+    INCOMPLETE_POINTER,
+    INCONVERTIBLE_TEXT,
+    PARTIAL_NUMBER,
+    UNCONNECTED_OUTPUT,
+)
+from btcore.engine.signature import PortAttribute
+from btcore.errors import ConversionError
+from btcore.names import is_port_name, port_name_error
+from btcore.registry.manifest import Manifest
+from btcore.suggestions import join_names
+from btcore.values import IntegerType, RealType, ValueType, VectorType
+from btcore.values.numbers import whole_float
+from btcore.xml.lint.possible_results import is_built_in
+from btcore.xml.lint.reporter import LintReporter, node_label
+from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.plan.plan import NodePlan
+from btcore.xml.read.document import Document
+
+# Longer texts are no numbers; the search for the longest number takes quadratic time.
+_LONGEST: Final = 64
+_INTEGER: Final = re.compile(r"-?[0-9]+")
+_HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
+
+
+def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+    """Warn about attributes that are ignored, except for names that begin with an underscore."""
+    for key in node.attributes:
+        if key[0] != "_" and key not in ("ID", "name"):
+            reason = port_name_error(key)
+            message = f"the attribute '{key}' of {node_label(node)} is ignored: invalid port name ({reason})"
+            hint = "rename the port, here and in the code that registers it"
+            reporter.warn(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
+
+
+def check_missing_ports(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+    """Warn if *node* raises as soon as it uses a missing port."""
+    manifest = node.manifest
+    if manifest is None or node.call is not None or is_stub(manifest.cls):
+        return
+    given = {port.name for port, _, _ in node.ports}
+    if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
+        return  # reported as an unknown port, which is probably a misspelt required port
+    missing = [
+        port for port in manifest.ports.values() if port.name not in given and is_required(manifest, port)
+    ]
+    if not missing:
+        return
+    names = join_names([f"'{port.name}'" for port in missing])
+    if len(missing) == 1:
+        message = f"the port {names} of <{node.id}> is missing and has no default"
+    else:
+        message = f"the ports {names} of <{node.id}> are missing and have no default"
+    examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
+    reporter.warn(EMPTY_PORT, message, document, node, hint="write " + " ".join(examples))
+
+
+def is_required(manifest: Manifest, port: Port) -> bool:
+    """Return whether the node of *manifest* raises without *port*."""
+    # A missing port with a load-time role is an error of the builder (E205).
+    if port.default is not None or port.value is not UNSET or port.optional or port.role in LOAD_TIME_ROLES:
+        return False
+    if is_built_in(manifest.cls):
+        return port.reads
+    # A leaf that lists its ports in provided_ports may check whether an output is connected.
+    attribute = getattr(manifest.cls, port.name, None)
+    listed = manifest.function is None and not isinstance(attribute, PortAttribute)
+    return port.reads or not listed
+
+
+def check_port_literals(node: NodePlan, document: Document, format: int, reporter: LintReporter) -> None:
+    """Warn about literals of *node* that are read only in part, or were probably meant as keys.
+
+    Args:
+        node: The node to check.
+        document: The document that contains *node*.
+        format: The format of the tree, 3 or 4.
+        reporter: Collects the warnings.
+    """
+    for port, text, is_written in node.ports:
+        if not is_written or remapped_key(text, port.name, format) is not None or port.role in SCRIPT_ROLES:
+            continue
+        label = f"port '{port.name}' of {node_label(node)}"
+        intended = intended_key(text)
+        error = _conversion_error(port.type, text, format)
+        if error is not None:
+            # The planner reports it in format 4; in format 3 it accepts every literal.
+            if format == 3 and port.reads and node.manifest and not is_stub(node.manifest.cls):
+                message = f"the {label} has the type {port.type.name}: {error}"
+                key = intended or (text if is_port_name(text) else "")
+                hint = f"to use the blackboard entry, write {{{key}}}" if key else ""
+                reporter.warn(INCONVERTIBLE_TEXT, message, document, node, port.name, hint)
+        elif intended:
+            message = f"the {label} is the text '{text}', not an entry"
+            hint = f"to use the entry, write {{{intended}}}"
+            reporter.warn(INCOMPLETE_POINTER, message, document, node, port.name, hint)
+        elif port.direction is Direction.OUT and format == 4:
+            message = f"the output {label} has no entry: '{text}' is only a text"
+            hint = f'write {port.name}="{{{text if text.isidentifier() else "…"}}}"'
+            reporter.warn(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
+        else:
+            for item, part, kind in partly_read(text, _literal_type(node, port), format):
+                message = f"the {label} has the type {kind}: only '{part}' of '{item}' is read"
+                hint = f"write {_replacement(item, part, kind)}"
+                reporter.warn(PARTIAL_NUMBER, message, document, node, port.name, hint)
+    for key, text in node.call.constants.items() if node.call is not None else ():
+        intended = intended_key(text)
+        if intended:
+            message = f"'{key}' of {node_label(node)} is the text '{text}', not an entry"
+            hint = f"to use the entry, write {{{intended}}}"
+            reporter.warn(INCOMPLETE_POINTER, message, document, node, key, hint)
+
+
+def _conversion_error(kind: ValueType, text: str, format: int) -> ConversionError | None:
+    """Return why the literal *text* doesn't convert to *kind*, or None if it does or *kind* is not strict."""
+    try:
+        kind.from_text(text, format)
+    except ConversionError as error:
+        return error if kind.strong and kind.converts else None
+    return None
+
+
+def intended_key(text: str) -> str:
+    """Return the key that *text* probably names if its braces are incomplete or have a ``$``, else ""."""
+    match = _HALF_A_POINTER.fullmatch(text.strip(" "))
+    return "" if match is None else match["open"] or match["closed"]
+
+
+def _literal_type(node: NodePlan, port: Port) -> ValueType:
+    """Return the type that a literal of *port* has; for a queue, a vector of the output port's type."""
+    if port.role is not PortRole.QUEUE or node.manifest is None:
+        return port.type
+    elements = [other.type for other in node.manifest.ports.values() if not other.reads]
+    return VectorType(elements[0]) if elements else port.type
+
+
+def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, str, str]]:
+    """Yield the numbers of *text* that are read only in part, as (number, part that is read, type name).
+
+    Args:
+        text: The literal.
+        kind: The type of the port.
+        format: The format of the tree, 3 or 4.
+    """
+    if isinstance(kind, VectorType):
+        if not (text.startswith("json:") and format == 4):
+            for item in text.split(";"):
+                yield from partly_read(item, kind.item, format)
+        return
+    if not isinstance(kind, (IntegerType, RealType)) or len(text) > _LONGEST:
+        return
+    try:
+        kind.from_text(text, format)
+    except ConversionError:
+        return  # an error, when the tree is loaded or when a node reads the port
+    shown = text.strip()
+    # Format 3 skips spaces and a plus sign, and accepts hexadecimal reals.
+    bare = shown.removeprefix("+") if format == 3 else shown
+    part = _read_part(bare, isinstance(kind, IntegerType))
+    if part is None or part == bare or re.fullmatch(r"\.0*", bare[len(part) :]):
+        return
+    if format == 3 and isinstance(kind, RealType) and "x" in bare.lower():
+        return
+    yield shown, part, kind.name
+
+
+def _read_part(text: str, integer: bool) -> str | None:
+    """Return the longest beginning of *text* that is a number, or None."""
+    if integer:
+        match = _INTEGER.match(text)
+        return None if match is None else match.group()
+    ends = range(len(text), 0, -1)
+    return next((text[:end] for end in ends if whole_float(text[:end]) is not None), None)
+
+
+def _replacement(item: str, part: str, kind: str) -> str:
+    with_point = item.replace(",", ".", 1)
+    if kind in ("double", "float") and whole_float(with_point) is not None:
+        return with_point
+    return f"{part} if that is the intended value"

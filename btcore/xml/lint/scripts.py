@@ -1,0 +1,205 @@
+"""Analyse scripts: the entries that they use, scripts that always raise (W207), misused conditions (W208)."""
+
+import enum
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import SCRIPT_ROLES, PortRole
+from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
+from btcore.errors import ScriptError
+from btcore.script.expressions import (
+    Assignment,
+    Comparison,
+    ConditionalExpression,
+    Expression,
+    Name,
+    OperatorChain,
+    UnaryOperation,
+)
+from btcore.script.parser import Parser
+from btcore.script.program import condition_result
+from btcore.xml.lint.reporter import LintReporter, node_label
+from btcore.xml.plan.plan import NodePlan
+from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
+from btcore.xml.read.document import Document
+
+
+class AccessKind(enum.Enum):
+    """How a script or a port uses an entry.
+
+    READS_AS_KEY reads the name of another entry from it, ASSIGNS requires that the entry exists, and
+    MENTIONS neither reads nor writes it.
+    """
+
+    READS = enum.auto()
+    WRITES = enum.auto()
+    READS_AS_KEY = enum.auto()
+    ASSIGNS = enum.auto()
+    MENTIONS = enum.auto()
+
+
+class NameUse(NamedTuple):
+    """One use of a name in a script; *column* counts from 1."""
+
+    access: AccessKind
+    name: str
+    column: int
+
+
+def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
+    """Parse a script into statements.
+
+    Args:
+        text: The script.
+        enums: Values of the registered enum names.
+
+    Raises:
+        ScriptError: *text* is not a valid script.
+    """
+    return Parser(text, enums).statements()
+
+
+def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
+    """Return every use of an entry in a script, in the order of evaluation.
+
+    Args:
+        text: The script.
+        enums: Values of the registered enum names, which are no entries.
+
+    Raises:
+        ScriptError: *text* is not a valid script.
+    """
+    uses: list[NameUse] = []
+    for statement in parse_statements(text, enums):
+        for part in iter_subexpressions(statement):
+            if isinstance(part, Assignment) and isinstance(part.target, Name):
+                target = part.target
+                # ":=" creates the entry; "=" and operators such as "+=" require that it exists.
+                access = AccessKind.WRITES if part.operator == ":=" else AccessKind.ASSIGNS
+                uses.append(NameUse(access, target.name, target.column))
+            elif isinstance(part, Name) and part.name not in enums:
+                uses.append(NameUse(AccessKind.READS, part.name, part.column))
+    return uses
+
+
+def iter_subexpressions(whole: Expression) -> Iterator[Expression]:
+    """Yield *whole* and all expressions in it, except for the names that it assigns to."""
+    pending = [whole]
+    while pending:
+        part = pending.pop()
+        yield part
+        pending += reversed(_inner(part))
+
+
+def _inner(part: Expression) -> list[Expression]:
+    if isinstance(part, Assignment):
+        return [part.value] if isinstance(part.target, Name) else [part.target, part.value]
+    if isinstance(part, (OperatorChain, Comparison)):
+        return [part.first, *part.operands]
+    if isinstance(part, ConditionalExpression):
+        return [part.condition, part.then, part.other]
+    if isinstance(part, UnaryOperation):
+        return [part.operand]
+    return []
+
+
+def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
+    """Return whether *expression* has the same value for any content of the blackboard."""
+    return all(
+        not isinstance(part, Assignment) and (not isinstance(part, Name) or part.name in enums)
+        for part in iter_subexpressions(expression)
+    )
+
+
+def find_certain_error(text: str, enums: Mapping[str, int]) -> ScriptError | None:
+    """Return the error that every run of a script raises, or None if no error is certain.
+
+    Args:
+        text: The script.
+        enums: Values of the registered enum names.
+
+    Raises:
+        ScriptError: *text* is not a valid script.
+    """
+    for statement in parse_statements(text, enums):
+        for part in iter_subexpressions(statement):
+            if isinstance(part, Assignment) and not isinstance(part.target, Name):
+                return part.fault(f"the left side of '{part.operator}' is not the name of an entry")
+        value = statement.value if isinstance(statement, Assignment) else statement
+        if is_constant(value, enums):
+            try:
+                value.evaluate(Blackboard())
+            except ScriptError as error:
+                return error
+    return None
+
+
+def check_script_results(
+    node: NodePlan, document: Document, enums: Mapping[str, int], reporter: LintReporter
+) -> None:
+    """Warn about scripts of *node* that always raise, or whose result is no valid condition.
+
+    Args:
+        node: The node to check.
+        document: The document that contains *node*.
+        enums: Values of the registered enum names.
+        reporter: Collects the warnings.
+    """
+    for attribute, text, is_condition in _scripts(node):
+        try:
+            error = find_certain_error(text, enums)
+            last = parse_statements(text, enums)[-1]
+        except ScriptError:
+            continue  # check_scripts has reported it
+        if error is not None:
+            message = f"the script in '{attribute}' of {node_label(node)} always raises: {error.message}"
+            reporter.warn(
+                SCRIPT_RAISES, message, document, node, attribute, within=error.column, width=error.width
+            )
+        elif is_condition:
+            _check_condition(node, attribute, last, enums, document, reporter)
+
+
+def _scripts(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
+    """Yield attribute, text, and whether the result is a condition, for each script of *node*."""
+    for attribute, text in node.scripts.items():
+        yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
+    for bound in node.bindings:
+        if bound.port.role in SCRIPT_ROLES and bound.key is None:
+            yield bound.name, bound.text, bound.port.role is PortRole.CONDITION
+
+
+def _check_condition(
+    node: NodePlan,
+    attribute: str,
+    last: Expression,
+    enums: Mapping[str, int],
+    document: Document,
+    reporter: LintReporter,
+) -> None:
+    """Check *last*, the statement of a condition whose value is the result."""
+    if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
+        message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
+        hint = f"to compare, write {last.target.name} == …"
+        reporter.warn(
+            CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
+        )
+        return
+    value = last.value if isinstance(last, Assignment) else last
+    if not is_constant(value, enums):
+        return
+    result = value.evaluate(Blackboard())
+    try:
+        condition_result(result)
+    except ScriptError:
+        failure = f"'{attribute}' of {node_label(node)} always raises"
+        if isinstance(result, str):
+            message = f"{failure}: its result is the text '{result}'"
+            hint = f"write {result} without quotes" if result in ("true", "false") else "compare the text"
+        else:
+            message = f"{failure}: its result is {result}, neither true nor false"
+            hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
+        reporter.warn(
+            SCRIPT_RAISES, message, document, node, attribute, hint, within=value.column, width=value.width
+        )
