@@ -1,1 +1,1 @@
-"""From format 3 to format 4, keeping every byte that needn't change."""
+"""Convert documents from format 3 to format 4, and keep every byte that needn't change."""

@@ -1,25 +1,41 @@
 """The changes of a conversion: edits of the document's text, and a diagnostic for each."""
 
+import re
+from typing import Final
+
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
-from btcore.xml.convert.rewrite import Rewriter
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.tinyxml2_compat import find_attribute, iter_markup, value_span
+
+_IN_VALUE: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 
 
-class ConversionContext:
-    """The changes to *document*: make each with *rewriter*, and describe it with :meth:`note`.
+def escape_value(text: str, quote: str = '"') -> str:
+    """Return *text* escaped for an attribute value in quotes of the kind *quote*, as little as possible."""
+    quoted = {**_IN_VALUE, quote: "&quot;" if quote == '"' else "&apos;"}
+    return "".join(quoted.get(char, char) for char in text)
 
-    Codes classify changes: ``C1…`` keeps the meaning, ``C2…`` has another meaning in format 4, ``C3…``
-    is left to the user.
+
+class ConversionChanges:
+    """Collects the edits of *document*, which leave all other text unchanged, and describes them.
+
+    Elements and attributes are identified by their original names, also after a change. The codes of
+    the diagnostics classify the changes: ``C1…`` keeps the meaning, ``C2…`` has another meaning in
+    format 4, ``C3…`` is left to the user.
     """
 
     def __init__(self, document: Document, registry: Registry) -> None:
         self.document = document
         self.registry = registry
-        self.rewriter = Rewriter(document)
-        self.found: list[Diagnostic] = []
+        self.diagnostics: list[Diagnostic] = []
+        self._source = document.text
+        self._starts: list[re.Match[str]] = []
+        self._ends: dict[int, int] = {}
+        self._edits: list[tuple[int, int, str]] = []
+        self._match_tags()
 
     def note(
         self,
@@ -40,4 +56,104 @@ class ConversionContext:
             hint: Further advice, or "".
             part: Whether the place is the attribute's name or its value.
         """
-        self.found.append(self.document.diagnostic(code, message, element, attribute, part, hint))
+        self.diagnostics.append(self.document.diagnostic(code, message, element, attribute, part, hint))
+
+    def _match_tags(self) -> None:
+        """Find every start tag with its end tag."""
+        open_tags: list[int] = []
+        for at, tag in iter_markup(self._source):
+            if tag is not None:
+                if not tag[0].endswith("/>"):
+                    open_tags.append(len(self._starts))
+                self._starts.append(tag)
+            elif self._source.startswith("</", at) and open_tags:
+                self._ends[open_tags.pop()] = at + 2
+
+    def _tag(self, element: Element) -> re.Match[str]:
+        return self._starts[self.document.source_map.index(element)]
+
+    def rename_element(self, element: Element, name: str) -> None:
+        """Rename an element, in its start tag and its end tag.
+
+        Args:
+            element: The element.
+            name: The new name.
+        """
+        index = self.document.source_map.index(element)
+        tag = self._starts[index]
+        self._edits.append((tag.start(1), tag.end(1), name))
+        end = self._ends.get(index)
+        if end is not None:
+            self._edits.append((end, end + len(tag[1]), name))
+
+    def insert_attribute(self, element: Element, name: str, text: str) -> None:
+        """Insert an attribute before all others.
+
+        Args:
+            element: The element.
+            name: Name of the attribute.
+            text: The value, not escaped.
+        """
+        at = self._tag(element).end(1)
+        self._edits.append((at, at, f' {name}="{escape_value(text)}"'))
+
+    def set_attribute(self, element: Element, attribute: str, text: str) -> None:
+        """Replace the value of an attribute, and keep its quotes.
+
+        Args:
+            element: The element.
+            attribute: Name of the attribute.
+            text: The new value, not escaped.
+
+        Raises:
+            KeyError: The element has no such attribute.
+        """
+        start, end = value_span(self._attribute(element, attribute))
+        self._edits.append((start, end, escape_value(text, self._source[end])))
+
+    def rename_attribute(self, element: Element, attribute: str, name: str) -> None:
+        """Rename an attribute.
+
+        Args:
+            element: The element.
+            attribute: The original name of the attribute.
+            name: The new name.
+
+        Raises:
+            KeyError: The element has no such attribute.
+        """
+        match = self._attribute(element, attribute)
+        self._edits.append((match.start(1), match.end(1), name))
+
+    def remove_attribute(self, element: Element, attribute: str) -> None:
+        """Remove an attribute and the space before it.
+
+        Args:
+            element: The element.
+            attribute: Name of the attribute.
+
+        Raises:
+            KeyError: The element has no such attribute.
+        """
+        match = self._attribute(element, attribute)
+        start = match.start()
+        while self._source[start - 1].isspace():
+            start -= 1
+        self._edits.append((start, match.end(), ""))
+
+    def _attribute(self, element: Element, name: str) -> re.Match[str]:
+        match = find_attribute(self._tag(element), name)
+        if match is None:
+            raise KeyError(name)
+        return match
+
+    def text(self) -> str:
+        """Return the text of the document with all edits applied."""
+        pieces: list[str] = []
+        done = 0
+        for start, end, replacement in sorted(self._edits, key=lambda edit: edit[:2]):
+            if start < done:  # an edit inside a removed attribute
+                continue
+            pieces += (self._source[done:start], replacement)
+            done = end
+        return "".join([*pieces, self._source[done:]])

@@ -1,7 +1,7 @@
-"""Format 3 becomes format 4: what must be written differently is, and all else keeps its bytes."""
+"""Convert a document from format 3 to format 4. Text that needn't change keeps its bytes."""
 
 import re
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
     AMBIGUOUS_MAIN_TREE,
@@ -10,22 +10,18 @@ from btcore.diagnostic_codes import (
     MANUAL_STEP,
     NODE_RENAMED,
     NOT_A_ROOT,
-    TAG_MADE_COMPACT,
     UNKNOWN_FORMAT,
 )
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry.registry import Registry
-from btcore.xml.convert.changes import ConversionContext
+from btcore.xml.convert.changes import ConversionChanges
 from btcore.xml.convert.nodes import convert_node
-from btcore.xml.convert.ports import convert_ports
 from btcore.xml.convert.subtree import convert_subtree
 from btcore.xml.plan.document_checks import analyse_document, check_scripts
 from btcore.xml.read.diagnostics import sort_diagnostics
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, parse_format
+from btcore.xml.read.dialect import DIALECTS, parse_format
 from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import Element
-
-_TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
 
 
 class Conversion(NamedTuple):
@@ -66,76 +62,48 @@ def convert(document: Document, registry: Registry) -> Conversion:
         raise TreeError([document.diagnostic(UNKNOWN_FORMAT, message, root, "BTCPP_format")])
     if format == 4:
         return Conversion(document.text, [], [])
-    changes = ConversionContext(document, registry)
-    _root(changes, root)
-    _Trees(changes).convert()
-    text = changes.rewriter.text()
-    return Conversion(text, sort_diagnostics(changes.found), _remaining(document, text, registry))
+    changes = ConversionChanges(document, registry)
+    _convert_root(changes, root)
+    _convert_trees(changes)
+    text = changes.text()
+    return Conversion(text, sort_diagnostics(changes.diagnostics), _remaining(document, text, registry))
 
 
-def _root(changes: ConversionContext, root: Element) -> None:
+def _convert_root(changes: ConversionChanges, root: Element) -> None:
     if root.get("BTCPP_format") is None:
-        changes.rewriter.insert_attribute(root, "BTCPP_format", "4")
+        changes.insert_attribute(root, "BTCPP_format", "4")
     else:
-        changes.rewriter.set_attribute(root, "BTCPP_format", "4")
+        changes.set_attribute(root, "BTCPP_format", "4")
     changes.note(FORMAT_WRITTEN, 'BTCPP_format="4" is written', root)
     for models in root.iterchildren("TreeNodesModel"):
         for model in models.iterchildren("SubTreePlus"):
-            changes.rewriter.rename_element(model, "SubTree")
+            changes.rename_element(model, "SubTree")
             changes.note(NODE_RENAMED, "the model of a <SubTreePlus> becomes one of a <SubTree>", model)
     for include in root.iterchildren("include"):
         message = "the included file is read in the format of this document: convert it too"
         changes.note(MANUAL_STEP, message, include, "path")
 
 
-class _Trees:
-    """Converts the trees of a document one by one."""
-
-    def __init__(self, changes: ConversionContext) -> None:
-        self._changes = changes
-        self._tags = DIALECTS[3].subtree_tags
-
-    def convert(self) -> None:
-        """Convert all trees."""
-        seen: set[str] = set()
-        for tree in self._changes.document.root.iterchildren("BehaviorTree"):
-            id = tree.get("ID") or ""
-            if id in seen:
-                message = f"duplicate tree '{id}': format 4 uses the last tree, format 3 the first"
-                self._changes.note(
-                    LAST_TREE_COUNTS, message, tree, "ID", hint="remove the tree that is not needed"
-                )
-            seen.add(id)
-            names: set[str] = set()
-            pending = [(child, tree) for child in reversed(tree.children)]
-            while pending:
-                element, parent = pending.pop()
-                if element.tag != "Root":
-                    self._element(element, parent, names)
-                    pending += [(child, element) for child in reversed(element.children)]
-
-    def _element(self, element: Element, parent: Element, names: set[str]) -> None:
-        tag = element.tag
-        if tag in self._tags:
-            convert_subtree(self._changes, element, names)
-            return
-        id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
-        new = convert_node(self._changes, element, id)
-        if new != id:
-            self._changes.note(NODE_RENAMED, f"<{id}> becomes <{new}>", element)
-        if new != "Precondition" or id == new:
-            convert_ports(self._changes, element, id, new)
-        if tag not in EXPLICIT_TAGS:
-            if new != id:
-                self._changes.rewriter.rename_element(element, new)
-        elif "ReactiveSequence" in (parent.tag, parent.get("ID")) and _TAG.match(new):
-            self._changes.rewriter.rename_element(element, new)
-            self._changes.rewriter.remove_attribute(element, "ID")
-            reason = f"BehaviorTree.CPP 4 rejects <{tag}> in a ReactiveSequence"
-            message = f'<{tag} ID="{new}"> becomes <{new}>: {reason}'
-            self._changes.note(TAG_MADE_COMPACT, message, element)
-        elif new != id:
-            self._changes.rewriter.set_attribute(element, "ID", new)
+def _convert_trees(changes: ConversionChanges) -> None:
+    seen: set[str] = set()
+    for tree in changes.document.root.iterchildren("BehaviorTree"):
+        id = tree.get("ID") or ""
+        if id in seen:
+            message = f"duplicate tree '{id}': format 4 uses the last tree, format 3 the first"
+            changes.note(LAST_TREE_COUNTS, message, tree, "ID", hint="remove the tree that is not needed")
+        seen.add(id)
+        # Names of SubTree elements are unique within a tree in format 4.
+        names: set[str] = set()
+        pending = [(child, tree) for child in reversed(tree.children)]
+        while pending:
+            element, parent = pending.pop()
+            if element.tag == "Root":
+                continue
+            if element.tag in DIALECTS[3].subtree_tags:
+                convert_subtree(changes, element, names)
+            else:
+                convert_node(changes, element, parent)
+            pending += [(child, element) for child in reversed(element.children)]
 
 
 def _remaining(document: Document, text: str, registry: Registry) -> list[Diagnostic]:
@@ -156,5 +124,7 @@ def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
         check_scripts(planner.plan(definition), registry, diagnostics)
     # Only this file is converted, so its main tree may be in another file.
     return [
-        one for one in diagnostics.errors if one.file == document.file and one.code != AMBIGUOUS_MAIN_TREE
+        error
+        for error in diagnostics.errors
+        if error.file == document.file and error.code != AMBIGUOUS_MAIN_TREE
     ]

@@ -1,51 +1,79 @@
-"""Convert nodes that have another name or another behavior in format 4."""
+"""Convert nodes: their IDs, their ports, and what behaves differently in format 4."""
 
 import re
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import Direction, Port, remapped_key
 from btcore.diagnostic_codes import (
     ATTRIBUTE_RENAMED,
     CHECKED_ONCE,
+    EMPTY_ATTRIBUTE_REMOVED,
     ENTRY_TYPE_KEPT,
     LOOP_YIELDS,
     MANUAL_STEP,
+    NODE_RENAMED,
     PARALLEL_THRESHOLDS,
     SEQUENCE_MEMORY,
     SWITCH_COMPARISON,
+    TAG_MADE_COMPACT,
+    TEXT_REINTERPRETED,
+    TEXT_REWRITTEN,
 )
 from btcore.errors import ConversionError
 from btcore.script.lexer import NAME, tokenize
 from btcore.values import BOOL, DOUBLE, INT, STRING, ValueType
-from btcore.xml.convert.changes import ConversionContext
+from btcore.xml.convert.changes import ConversionChanges
 from btcore.xml.plan.structure_checks import element_children
-from btcore.xml.read.dialect import NODE_REPLACEMENTS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 from btcore.xml.read.element import Element
+
+_TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
 
 # Texts that std::from_chars may read as a number: such cases can be equal although the texts differ.
 _NUMBER: Final = re.compile(r"-?(?:[0-9.]|inf|nan)", re.I)
-_ELEMENT: Final[Mapping[str, ValueType]] = {
+_CHECKED_TYPES: Final[Mapping[str, ValueType]] = {
     "BlackboardCheckInt": INT,
     "BlackboardCheckDouble": DOUBLE,
     "BlackboardCheckBool": BOOL,
     "BlackboardCheckString": STRING,
 }
+_NO_PORTS: Final = ("name", "ID", "_description")
+_RENAMED_PORTS: Final = {"success_threshold": "success_count", "failure_threshold": "failure_count"}
 
 
-def convert_node(changes: ConversionContext, element: Element, id: str) -> str:
-    """Convert a node except for its port texts, and note how its behavior differs in format 4.
+def convert_node(changes: ConversionChanges, element: Element, parent: Element) -> None:
+    """Convert a node with its ports, and note how its behavior differs in format 4.
 
     Args:
         changes: Collects the changes.
         element: The element of the node.
-        id: The ID of the node in format 3.
-
-    Returns:
-        The ID of the node in format 4.
+        parent: The element that contains *element*.
     """
+    tag = element.tag
+    id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
+    new = _convert_behavior(changes, element, id)
+    if new != id:
+        changes.note(NODE_RENAMED, f"<{id}> becomes <{new}>", element)
+    if new != "Precondition" or id == new:
+        _convert_ports(changes, element, id, new)
+    if tag not in EXPLICIT_TAGS:
+        if new != id:
+            changes.rename_element(element, new)
+    elif "ReactiveSequence" in (parent.tag, parent.get("ID")) and _TAG.match(new):
+        changes.rename_element(element, new)
+        changes.remove_attribute(element, "ID")
+        reason = f"BehaviorTree.CPP 4 rejects <{tag}> in a ReactiveSequence"
+        message = f'<{tag} ID="{new}"> becomes <{new}>: {reason}'
+        changes.note(TAG_MADE_COMPACT, message, element)
+    elif new != id:
+        changes.set_attribute(element, "ID", new)
+
+
+def _convert_behavior(changes: ConversionChanges, element: Element, id: str) -> str:
+    """Convert what depends on the kind of the node *id*. Returns the ID of the node in format 4."""
     new = NODE_REPLACEMENTS.get(id, id)
-    if id in _ELEMENT:
+    if id in _CHECKED_TYPES:
         return new if _check(changes, element, id) else id
     rule = _RULES.get(id)
     if rule is not None:
@@ -58,7 +86,7 @@ def convert_node(changes: ConversionContext, element: Element, id: str) -> str:
     return new
 
 
-def _star(changes: ConversionContext, element: Element, id: str) -> None:
+def _star(changes: ConversionChanges, element: Element, id: str) -> None:
     if len(element_children(element)) < 2:
         return
     message = (
@@ -68,7 +96,7 @@ def _star(changes: ConversionContext, element: Element, id: str) -> None:
     changes.note(SEQUENCE_MEMORY, message, element)
 
 
-def _repeated(changes: ConversionContext, element: Element, id: str) -> None:
+def _repeated(changes: ConversionChanges, element: Element, id: str) -> None:
     port, again = ("num_cycles", "succeeds") if id == "Repeat" else ("num_attempts", "fails")
     limit = element.attributes.get(port, "")
     if limit in ("0", "1"):
@@ -79,16 +107,16 @@ def _repeated(changes: ConversionContext, element: Element, id: str) -> None:
     changes.note(LOOP_YIELDS, message, element, hint=hint)
 
 
-def _parallel(changes: ConversionContext, element: Element, id: str) -> None:
+def _parallel(changes: ConversionChanges, element: Element, id: str) -> None:
     given = element.attributes
     message = (
         "<Parallel> is RUNNING before its children are ticked, in format 3 only afterwards: observers see it"
     )
     changes.note(PARALLEL_THRESHOLDS, message, element)
-    for old, new in (("success_threshold", "success_count"), ("failure_threshold", "failure_count")):
+    for old, new in _RENAMED_PORTS.items():
         if old not in given:
             continue
-        changes.rewriter.rename_attribute(element, old, new)
+        changes.rename_attribute(element, old, new)
         changes.note(ATTRIBUTE_RENAMED, f"'{old}' becomes '{new}'", element, old, part="name")
         if given[old].strip() == "0" or remapped_key(given[old], old, 3) is not None:
             message = (
@@ -100,7 +128,7 @@ def _parallel(changes: ConversionContext, element: Element, id: str) -> None:
         changes.note(PARALLEL_THRESHOLDS, message, element)
 
 
-def _switch(changes: ConversionContext, element: Element, id: str) -> None:
+def _switch(changes: ConversionChanges, element: Element, id: str) -> None:
     enums = changes.registry.types.enums
     for name, text in element.attributes.items():
         if not name.startswith("case_"):
@@ -110,7 +138,7 @@ def _switch(changes: ConversionContext, element: Element, id: str) -> None:
             changes.note(SWITCH_COMPARISON, message, element, name)
 
 
-def _store(changes: ConversionContext, element: Element, id: str) -> None:
+def _store(changes: ConversionChanges, element: Element, id: str) -> None:
     value = element.attributes.get("value", "")
     if remapped_key(value, "value", 3) is not None:
         message = f"<SetBlackboard> fails if the entry {value} is empty; format 3 copies an empty entry"
@@ -122,10 +150,10 @@ def _store(changes: ConversionContext, element: Element, id: str) -> None:
     changes.note(ENTRY_TYPE_KEPT, message, element, "value")
 
 
-def _check(changes: ConversionContext, element: Element, id: str) -> bool:
+def _check(changes: ConversionChanges, element: Element, id: str) -> bool:
     """Convert a BlackboardCheck to a Precondition. Returns whether that is possible."""
     given = element.attributes
-    script = _comparison(given, _ELEMENT[id])
+    script = _comparison(given, _CHECKED_TYPES[id])
     if script is None:
         message = (
             f"<{id}> is not converted: format 4 lacks the node, and a script can't express the comparison"
@@ -134,12 +162,11 @@ def _check(changes: ConversionContext, element: Element, id: str) -> bool:
         changes.note(MANUAL_STEP, message, element, hint=hint)
         return False
     first, second = (name for name in given if name in ("value_A", "value_B"))
-    rewriter = changes.rewriter
-    rewriter.rename_attribute(element, first, "if")
-    rewriter.set_attribute(element, first, script)
-    rewriter.remove_attribute(element, second)
+    changes.rename_attribute(element, first, "if")
+    changes.set_attribute(element, first, script)
+    changes.remove_attribute(element, second)
     if "return_on_mismatch" in given:
-        rewriter.rename_attribute(element, "return_on_mismatch", "else")
+        changes.rename_attribute(element, "return_on_mismatch", "else")
     message = (
         "<Precondition> checks before the child starts, not while it runs, and a missing entry is an error; "
         f"<{id}> checks on every tick, and a missing entry is a mismatch"
@@ -183,7 +210,78 @@ def _literal(text: str, kind: ValueType) -> str | None:
     return shown if shown not in ("inf", "-inf", "nan") else None
 
 
-_RULES: Final[dict[str, Callable[[ConversionContext, Element, str], None]]] = {
+def _convert_ports(changes: ConversionChanges, element: Element, id: str, new_id: str) -> None:
+    """Rewrite the port texts of a node. For unknown nodes only pointers to entries are rewritten.
+
+    Args:
+        changes: Collects the changes.
+        element: The element of the node.
+        id: The ID of the node in format 3.
+        new_id: The ID of the node in format 4.
+    """
+    old = changes.registry.get(id, 3)
+    new = changes.registry.get(new_id, 4)
+    for name, text in element.attributes.items():
+        if name in _NO_PORTS:
+            continue
+        port = old.ports.get(name) if old is not None else None
+        new_name = _RENAMED_PORTS.get(name, name) if id == "Parallel" else name
+        target = new.ports.get(new_name) if new is not None else None
+        _convert_port(changes, element, name, text, port, target)
+
+
+def _convert_port(
+    changes: ConversionChanges, element: Element, name: str, text: str, old: Port | None, new: Port | None
+) -> None:
+    key = remapped_key(text, name, 3)
+    if key is None and old is not None and old.direction is Direction.OUT:
+        key = text or None
+    if key is not None:
+        _convert_pointer(changes, element, name, text, key)
+    elif remapped_key(text, name, 4) is not None:
+        message = f"'{name}' is the text '{text}' in format 3, and an entry of the blackboard in format 4"
+        changes.note(TEXT_REINTERPRETED, message, element, name)
+    elif new is not None and new.type.strong and new.type is not STRING:
+        _convert_literal(changes, element, name, text, new)
+
+
+def _convert_pointer(changes: ConversionChanges, element: Element, name: str, text: str, key: str) -> None:
+    if key == "=" and text != "=":
+        message = f"'{name}' is the entry '=' in format 3, and the entry '{name}' in format 4"
+        changes.note(TEXT_REINTERPRETED, message, element, name)
+        return
+    new_text = "{=}" if text == "=" else f"{{{key}}}"
+    if text != new_text:
+        changes.set_attribute(element, name, new_text)
+        changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{new_text}"', element, name)
+
+
+def _convert_literal(changes: ConversionChanges, element: Element, name: str, text: str, port: Port) -> None:
+    if not text:
+        changes.remove_attribute(element, name)
+        effect = "the default is used" if port.default is not None else "the port is missing in ticks"
+        message = f"the empty '{name}' is removed, as it is no {port.type.name} in format 4: {effect}"
+        changes.note(EMPTY_ATTRIBUTE_REMOVED, message, element, name)
+        return
+    if not port.type.converts:
+        return
+    try:
+        value = port.type.from_text(text, 3)
+    except ConversionError:
+        return
+    try:
+        same = port.type.from_text(text, 4) == value
+    except ConversionError:
+        same = False
+    if same or not isinstance(value, (int, float)):
+        return
+    new_text = str(value).lower() if isinstance(value, bool) else repr(value)
+    changes.set_attribute(element, name, new_text)
+    message = f'{name}="{text}" becomes {name}="{new_text}", as format 3 reads it'
+    changes.note(TEXT_REWRITTEN, message, element, name)
+
+
+_RULES: Final[dict[str, Callable[[ConversionChanges, Element, str], None]]] = {
     "SequenceStar": _star,
     "Repeat": _repeated,
     "RetryUntilSuccessful": _repeated,

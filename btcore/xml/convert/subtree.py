@@ -20,13 +20,13 @@ from btcore.diagnostic_codes import (
 from btcore.errors import ConversionError
 from btcore.names import is_port_name
 from btcore.values import BOOL, parse_constant
-from btcore.xml.convert.changes import ConversionContext
+from btcore.xml.convert.changes import ConversionChanges
 from btcore.xml.read.element import Element
 
 _BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
 
 
-def convert_subtree(changes: ConversionContext, element: Element, names: set[str]) -> None:
+def convert_subtree(changes: ConversionChanges, element: Element, names: set[str]) -> None:
     """Convert a SubTree or SubTreePlus element.
 
     Args:
@@ -37,7 +37,7 @@ def convert_subtree(changes: ConversionContext, element: Element, names: set[str
     given = element.attributes
     _name(changes, element, names)
     if element.tag == "SubTreePlus":
-        changes.rewriter.rename_element(element, "SubTree")
+        changes.rename_element(element, "SubTree")
         changes.note(NODE_RENAMED, "<SubTreePlus> becomes <SubTree>", element)
         _plus(changes, element)
         return
@@ -46,7 +46,7 @@ def convert_subtree(changes: ConversionContext, element: Element, names: set[str
         _share(changes, element)
         return
     if shared is not None:
-        changes.rewriter.remove_attribute(element, "__shared_blackboard")
+        changes.remove_attribute(element, "__shared_blackboard")
         message = "'__shared_blackboard' is removed: by default a tree has its own blackboard"
         changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, "__shared_blackboard", part="name")
     for name, text in given.items():
@@ -54,12 +54,12 @@ def convert_subtree(changes: ConversionContext, element: Element, names: set[str
             _remap(changes, element, name, text)
 
 
-def _name(changes: ConversionContext, element: Element, names: set[str]) -> None:
+def _name(changes: ConversionChanges, element: Element, names: set[str]) -> None:
     name = element.attributes.get("name")
     if name is None:
         return
     if name in names:
-        changes.rewriter.remove_attribute(element, "name")
+        changes.remove_attribute(element, "name")
         message = (
             f"the name '{name}' is removed: format 3 ignores it, and in format 4 names of calls are unique"
         )
@@ -77,10 +77,10 @@ def _true(text: str) -> bool:
         return False
 
 
-def _share(changes: ConversionContext, element: Element) -> None:
+def _share(changes: ConversionChanges, element: Element) -> None:
     """Convert a shared blackboard; autoremapping every name to the outer tree is the closest equivalent."""
-    changes.rewriter.rename_attribute(element, "__shared_blackboard", "_autoremap")
-    changes.rewriter.set_attribute(element, "__shared_blackboard", "true")
+    changes.rename_attribute(element, "__shared_blackboard", "_autoremap")
+    changes.set_attribute(element, "__shared_blackboard", "true")
     message = (
         "'__shared_blackboard' becomes '_autoremap': names that begin with '_' are no longer shared with "
         "the outer tree"
@@ -88,42 +88,45 @@ def _share(changes: ConversionContext, element: Element) -> None:
     changes.note(SHARED_BLACKBOARD, message, element, "__shared_blackboard", part="name")
     for name in element.attributes:
         if name not in ("ID", "name", "__shared_blackboard"):
-            changes.rewriter.remove_attribute(element, name)
+            changes.remove_attribute(element, name)
             message = f"'{name}' is removed: it has no effect in format 3 if both trees share a blackboard"
             changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, name, part="name")
 
 
-def _remap(changes: ConversionContext, element: Element, name: str, text: str) -> None:
+def _remap(changes: ConversionChanges, element: Element, name: str, text: str) -> None:
     """Convert a remapping ``inner="outer"``, which has braces in format 4."""
     braced = _BRACED.match(text)
     if not is_port_name(name):
-        message = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
-        changes.note(
-            REMAPPING_CHANGED, message, element, name, hint="rename it, here and inside the tree", part="name"
-        )
+        _note_lost_connection(changes, element, name)
     elif not text:
-        changes.rewriter.remove_attribute(element, name)
+        changes.remove_attribute(element, name)
         message = f"the empty '{name}' is removed: in format 4 it would be a constant, the empty text"
         changes.note(EMPTY_ATTRIBUTE_REMOVED, message, element, name)
     elif braced is not None:
         if text != f"{{{braced[1]}}}":
-            changes.rewriter.set_attribute(element, name, f"{{{braced[1]}}}")
+            changes.set_attribute(element, name, f"{{{braced[1]}}}")
         message = (
             f"'{name}' is connected with the entry '{braced[1]}'; in format 3 the braces are part of the "
             "key, so that it is connected with no other entry"
         )
         changes.note(REMAPPING_CHANGED, message, element, name)
     else:
-        changes.rewriter.set_attribute(element, name, f"{{{text}}}")
+        changes.set_attribute(element, name, f"{{{text}}}")
         changes.note(BRACES_ADDED, f'{name}="{text}" becomes {name}="{{{text}}}"', element, name)
 
 
-def _plus(changes: ConversionContext, element: Element) -> None:
+def _note_lost_connection(changes: ConversionChanges, element: Element, name: str) -> None:
+    message = f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
+    hint = "rename it, here and inside the tree"
+    changes.note(REMAPPING_CHANGED, message, element, name, hint, part="name")
+
+
+def _plus(changes: ConversionChanges, element: Element) -> None:
     for name, text in element.attributes.items():
         if name in ("ID", "name"):
             continue
         if name == "__autoremap":
-            changes.rewriter.rename_attribute(element, name, "_autoremap")
+            changes.rename_attribute(element, name, "_autoremap")
             if _true(text):
                 message = (
                     "'__autoremap' becomes '_autoremap': it connects all names except those that begin with "
@@ -136,13 +139,9 @@ def _plus(changes: ConversionContext, element: Element) -> None:
             continue
         key = remapped_key(text, name, 3) if text != "=" else None
         if not is_port_name(name):
-            message = (
-                f"'{name}' is connected in format 3, but not in format 4: a name begins with a letter there"
-            )
-            hint = "rename it, here and inside the tree"
-            changes.note(REMAPPING_CHANGED, message, element, name, hint=hint, part="name")
+            _note_lost_connection(changes, element, name)
         elif key is not None and text != f"{{{key}}}":
-            changes.rewriter.set_attribute(element, name, f"{{{key}}}")
+            changes.set_attribute(element, name, f"{{{key}}}")
             changes.note(TEXT_REWRITTEN, f'{name}="{text}" becomes {name}="{{{key}}}"', element, name)
         elif key is None and not isinstance(parse_constant(text), str):
             number = parse_constant(text)

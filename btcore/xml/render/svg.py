@@ -1,24 +1,20 @@
 """Draw a tree as a self-contained SVG: without embedded fonts, scripts and external files."""
 
-from typing import Final, Literal
+from collections.abc import Iterator
+from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
 
 from btcore.status import NodeType
-from btcore.tree.tree import Tree
 from btcore.xml.render.node_card import FAMILY_COLOURS, Card, card_of, text_width
 from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
-from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_tree
-
-Direction = Literal["auto", "down", "right"]
+from btcore.xml.render.tree_drawing import DiagramNode
 
 _MARGIN: Final = 28.0
 _HEAD: Final = 52.0
 _FOOT: Final = 40.0
 _WIDEST: Final = 1700.0
-_GAPS: Final = {
-    "down": Spacing(siblings=18, levels=44, frame=14),
-    "right": Spacing(siblings=12, levels=58, frame=14),
-}
+_GAPS_DOWN: Final = Spacing(siblings=18, levels=44, frame=14)
+_GAPS_RIGHT: Final = Spacing(siblings=12, levels=58, frame=14)
 _CORNER: Final = 8.0
 _SANS: Final = "Inter, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
 _MONO: Final = "'JetBrains Mono', 'SF Mono', Menlo, Consolas, 'DejaVu Sans Mono', monospace"
@@ -45,81 +41,60 @@ _STYLE: Final = f"""
 """
 
 
-def tree_to_svg(tree: Tree, direction: Direction = "auto") -> str:
-    """Return *tree* as an SVG document.
+class _PlacedNode(NamedTuple):
+    """A node with its card, and the box of the layout that holds the card."""
 
-    Args:
-        tree: The tree.
-        direction: Where children are placed; see :func:`diagram_to_svg`.
-    """
-    return diagram_to_svg(diagram_of_tree(tree), tree.id, tree.format, direction)
+    node: DiagramNode
+    card: Card
+    box: LayoutBox
 
 
-def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, direction: Direction = "auto") -> str:
+def diagram_to_svg(root: DiagramNode, title: str, format: int = 4) -> str:
     """Return a drawing of a tree as an SVG document.
 
     Cards are coloured by kind, and show the attributes of the node. The content of a SubTree has a frame.
+    Children are placed below their parents, or to the right of them if the drawing becomes too wide.
 
     Args:
         root: The root of the tree.
         title: The title above the drawing.
         format: The format of the tree, 3 or 4.
-        direction: Where children are placed; "auto" is "down", or "right" if "down" becomes too wide.
     """
-    cards: dict[int, Card] = {}
-    for node in _nodes(root):
-        cards[node.uid] = card_of(node)
-    if direction == "auto":
-        box, sizes = _layout(root, cards, "down")
-        if sizes[0] <= _WIDEST:
-            return _document(root, title, format, cards, box, sizes, down=True)
-        direction = "right"
-    box, sizes = _layout(root, cards, direction)
-    return _document(root, title, format, cards, box, sizes, down=direction == "down")
+    placed, width, height = _layout(root, down=True)
+    down = width <= _WIDEST
+    if not down:
+        placed, width, height = _layout(root, down=False)
+    return _document(placed, title, format, width, height, down)
 
 
-def _nodes(root: DiagramNode) -> list[DiagramNode]:
-    nodes: list[DiagramNode] = []
-    pending = [root]
-    while pending:
-        node = pending.pop()
-        nodes.append(node)
-        pending += reversed(node.children)
-    return nodes
-
-
-def _layout(
-    root: DiagramNode, cards: dict[int, Card], direction: str
-) -> tuple[LayoutBox, tuple[float, float]]:
-    """Return the placed boxes, and the width and height of the drawing in px."""
+def _layout(root: DiagramNode, down: bool) -> tuple[list[_PlacedNode], float, float]:
+    """Return the placed nodes in pre-order, and the width and height of the drawing in px."""
+    placed: list[_PlacedNode] = []
 
     def box_of(node: DiagramNode) -> LayoutBox:
-        card = cards[node.uid]
-        sizes = (card.width, card.height) if direction == "down" else (card.height, card.width)
-        children = [box_of(child) for child in node.children]
-        return LayoutBox(*sizes, framed=node.type is NodeType.SUBTREE, children=children)
+        card = card_of(node)
+        sizes = (card.width, card.height) if down else (card.height, card.width)
+        box = LayoutBox(*sizes, framed=node.type is NodeType.SUBTREE)
+        placed.append(_PlacedNode(node, card, box))
+        box.children = [box_of(child) for child in node.children]
+        return box
 
-    box = box_of(root)
-    breadth, depth = layout_tree(box, _GAPS[direction])
-    return box, (breadth, depth) if direction == "down" else (depth, breadth)
+    breadth, depth = layout_tree(box_of(root), _GAPS_DOWN if down else _GAPS_RIGHT)
+    return (placed, breadth, depth) if down else (placed, depth, breadth)
 
 
 def _document(
-    root: DiagramNode,
-    title: str,
-    format: int,
-    cards: dict[int, Card],
-    box: LayoutBox,
-    sizes: tuple[float, float],
-    down: bool,
+    placed: list[_PlacedNode], title: str, format: int, drawing_width: float, height: float, down: bool
 ) -> str:
-    nodes = _nodes(root)
-    about = f"format {format} · {len(nodes)} node{'' if len(nodes) == 1 else 's'}"
-    kinds = [kind for kind in FAMILY_COLOURS if any(node.type is kind for node in nodes)]
-    needed = max(text_width(title, 19, bold=True) + 10, 92.0 * len(kinds))
-    width = max(sizes[0], needed) + 2 * _MARGIN
-    height = sizes[1] + _HEAD + _FOOT + _MARGIN
-    left = (width - sizes[0]) / 2
+    about = f"format {format} · {len(placed)} node{'' if len(placed) == 1 else 's'}"
+    kinds = [kind for kind in FAMILY_COLOURS if any(item.node.type is kind for item in placed)]
+    title_width = text_width(title, 19, bold=True)
+    width = max(drawing_width, title_width + 10, 92.0 * len(kinds)) + 2 * _MARGIN
+    height += _HEAD + _FOOT + _MARGIN
+    left = (width - drawing_width) / 2
+    # The number of nodes is written after the title, or below it if there is no space.
+    beside = title_width + text_width(about, 12) + 12 <= width - 2 * _MARGIN
+    place = f'x="{_MARGIN + title_width + 12:.1f}" y="36"' if beside else f'x="{_MARGIN:g}" y="51"'
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.1f} {height:.1f}" role="img">',
@@ -127,19 +102,17 @@ def _document(
         f"<style>{_STYLE}{_colours()}</style>",
         '<rect width="100%" height="100%" fill="#f7f8fb"/>',
         f'<text class="title" x="{_MARGIN:g}" y="36">{escape(title)}</text>',
-        f'<text class="about" x="{_MARGIN + text_width(title, 19, bold=True) + 12:.1f}" y="36">{about}</text>'
-        if text_width(title, 19, bold=True) + text_width(about, 12) + 12 <= width - 2 * _MARGIN
-        else f'<text class="about" x="{_MARGIN:g}" y="51">{about}</text>',
+        f'<text class="about" {place}>{about}</text>',
         f'<g transform="translate({left:.1f} {_HEAD + 14:g})">',
     ]
-    frames: list[str] = []
-    edges: list[str] = []
-    drawn: list[str] = []
-    for node, node_box in _pairs(root, box):
-        _draw(node, node_box, cards[node.uid], down, frames, edges, drawn)
-    lines += [*frames, *edges, *drawn, "</g>"]
-    lines += [_legend(kinds, height - 18), "</svg>"]
-    return "\n".join(lines) + "\n"
+    # Later elements cover earlier elements: cards are drawn last.
+    lines += [_frame(*item.box.frame, down) for item in placed if item.box.frame is not None]
+    for item in placed:
+        lines += _edges(item.box, down)
+    for _, card, box in placed:
+        x, y = (box.middle - card.width / 2, box.top) if down else (box.top, box.middle - card.height / 2)
+        lines.append(f'<g transform="translate({x:.1f} {y:.1f})">{"".join(card.drawing)}</g>')
+    return "\n".join([*lines, "</g>", _legend(kinds, height - 18), "</svg>"]) + "\n"
 
 
 def _colours() -> str:
@@ -150,39 +123,18 @@ def _colours() -> str:
     )
 
 
-def _pairs(root: DiagramNode, box: LayoutBox) -> list[tuple[DiagramNode, LayoutBox]]:
-    pairs: list[tuple[DiagramNode, LayoutBox]] = []
-    pending = [(root, box)]
-    while pending:
-        node, node_box = pending.pop()
-        pairs.append((node, node_box))
-        pending += reversed(list(zip(node.children, node_box.children, strict=True)))
-    return pairs
+def _frame(b0: float, d0: float, b1: float, d1: float, down: bool) -> str:
+    x0, y0, x1, y1 = (b0, d0, b1, d1) if down else (d0, b0, d1, b1)
+    size = f'width="{x1 - x0:.1f}" height="{y1 - y0:.1f}"'
+    return f'<rect class="frame" x="{x0:.1f}" y="{y0:.1f}" {size} rx="12"/>'
 
 
-def _draw(
-    node: DiagramNode,
-    box: LayoutBox,
-    card: Card,
-    down: bool,
-    frames: list[str],
-    edges: list[str],
-    drawn: list[str],
-) -> None:
-    """Add the card of *node*, its frame, and the edges to its children."""
-    x, y = (box.middle - card.width / 2, box.top) if down else (box.top, box.middle - card.height / 2)
-    drawn.append(f'<g transform="translate({x:.1f} {y:.1f})">{"".join(card.drawing)}</g>')
-    if box.frame is not None:
-        b0, d0, b1, d1 = box.frame
-        x0, y0, x1, y1 = (b0, d0, b1, d1) if down else (d0, b0, d1, b1)
-        size = f'width="{x1 - x0:.1f}" height="{y1 - y0:.1f}"'
-        frames.append(f'<rect class="frame" x="{x0:.1f}" y="{y0:.1f}" {size} rx="12"/>')
-    if box.children:
-        gap = _GAPS["down" if down else "right"].levels
-        begin = box.children[0].top - (_GAPS["down"].frame if box.framed else 0)
-        turn = begin - gap / 2
-        for child in box.children:
-            edges.append(_edge(box.middle, box.top + box.depth, child.middle, child.top, turn, down))
+def _edges(box: LayoutBox, down: bool) -> Iterator[str]:
+    """Yield the edges from *box* to its children."""
+    gaps = _GAPS_DOWN if down else _GAPS_RIGHT
+    for child in box.children:
+        turn = child.top - (gaps.frame if box.framed else 0) - gaps.levels / 2
+        yield _edge(box.middle, box.top + box.depth, child.middle, child.top, turn, down)
 
 
 def _edge(b0: float, d0: float, b1: float, d1: float, turn: float, down: bool) -> str:
