@@ -7,18 +7,17 @@ from btcore.errors import BtcoreError
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
 from btcore.xml.build import TreeInstantiator
-from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
+from btcore.xml.plan.document_checks import DocumentAnalysis
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import parse_file
-from btcore.xml.read.includes import PackageResolver, resolve_includes
+from btcore.xml.read.includes import resolve_includes
 
 
 class FileWatcher:
     """A check whether the file *path* or a file that it includes was changed since the last check."""
 
-    def __init__(self, path: Path, packages: PackageResolver | None = None) -> None:
-        self.path = path
-        self.packages = packages
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._files = self._all_files()
         self._stamps = _stamps(self._files)
 
@@ -34,10 +33,10 @@ class FileWatcher:
 
     def _all_files(self) -> set[Path]:
         try:
-            documents = resolve_includes(parse_file(self.path), DiagnosticCollector(), self.packages)
+            documents = resolve_includes(parse_file(self._path), DiagnosticCollector())
         except BtcoreError:
-            return {self.path}
-        return {self.path, *(Path(document.file) for document in documents if document.file)}
+            return {self._path}
+        return {self._path, *(Path(document.file) for document in documents if document.file)}
 
 
 def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
@@ -50,7 +49,7 @@ def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
 
 
 def rebuild_tree(
-    tree: Tree, examined: DocumentAnalysis, resources: Sequence[object] = (), nodes: Registry | None = None
+    tree: Tree, examined: DocumentAnalysis, resources: Sequence[object], nodes: Registry
 ) -> Tree:
     """Return the tree of a document, with the blackboard and the clock of *tree*, which is not changed.
 
@@ -60,7 +59,7 @@ def rebuild_tree(
         tree: The tree to replace.
         examined: The analysed document.
         resources: The resources of the new tree.
-        nodes: The registry with which the document was analysed; default the registry of *tree*.
+        nodes: The registry with which the document was analysed.
 
     Raises:
         TreeError: The document has errors. The blackboard is unchanged.
@@ -69,28 +68,8 @@ def rebuild_tree(
     before = set(board.local_entries())
     try:
         examined.diagnostics.raise_errors()
-        return TreeInstantiator(examined, nodes or tree.registry, board, resources, tree.clock).instantiate()
+        return TreeInstantiator(examined, nodes, board, resources, tree.clock).instantiate()
     except BtcoreError:
-        for key in [key for key in board.local_entries() if key not in before]:
+        for key in board.local_entries().keys() - before:
             board.unset(key)
         raise
-
-
-def reload_tree(
-    tree: Tree, path: Path, resources: Sequence[object] = (), packages: PackageResolver | None = None
-) -> Tree:
-    """Halt *tree*, and return the tree in the file *path* with the same blackboard, clock and registry.
-
-    Args:
-        tree: The tree to replace.
-        path: The XML file.
-        resources: The resources of the new tree.
-        packages: Returns the folder of a ROS package that an ``<include>`` names.
-
-    Raises:
-        TreeError: The file has errors. *tree* is unchanged and can be ticked further.
-    """
-    examined = analyse_document(parse_file(path), tree.registry, tree.id, packages=packages)
-    new_tree = rebuild_tree(tree, examined, resources)
-    tree.halt()
-    return new_tree

@@ -9,7 +9,8 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
-from btcore.xml.build import build, pause_gc, required_resources_of
+from btcore.xml.build import build, pause_gc
+from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_file, parse_text
 from btcore.xml.read.includes import PackageResolver
 
@@ -43,14 +44,7 @@ def load(
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
     """
     return build(
-        parse_file(path),
-        _registry(nodes),
-        tree=tree,
-        format=format,
-        blackboard=blackboard,
-        resources=_listed(resources),
-        clock=clock,
-        packages=packages,
+        parse_file(path), _registry(nodes), tree, format, blackboard, _listed(resources), clock, packages
     )
 
 
@@ -83,14 +77,7 @@ def loads(
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
     """
     return build(
-        parse_text(text),
-        _registry(nodes),
-        tree=tree,
-        format=format,
-        blackboard=blackboard,
-        resources=_listed(resources),
-        clock=clock,
-        packages=packages,
+        parse_text(text), _registry(nodes), tree, format, blackboard, _listed(resources), clock, packages
     )
 
 
@@ -102,7 +89,7 @@ def required_resources(
     format: int | None = None,
     packages: PackageResolver | None = None,
 ) -> list[Any]:
-    """Return the types of the resources that the leaves of a tree need.
+    """Return the types of the resources that the leaves of a tree need, each once.
 
     Args:
         path: The XML file.
@@ -115,9 +102,12 @@ def required_resources(
         TreeError: The document has errors.
         TypeError: *nodes* is not a Registry.
     """
-    return required_resources_of(
-        parse_file(path), _registry(nodes), tree=tree, format=format, packages=packages
-    )
+    analysis = analyse_document(parse_file(path), _registry(nodes), tree, format, packages)
+    analysis.diagnostics.raise_errors()
+    types: list[Any] = []
+    for manifest in analysis.used_manifests():
+        types += (resource for resource in manifest.required_resources if resource not in types)
+    return types
 
 
 def _registry(nodes: object) -> Registry:

@@ -3,7 +3,7 @@
 import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import cast
 
 from mypy_extensions import mypyc_attr
 
@@ -64,7 +64,6 @@ def pause_gc() -> Iterator[None]:
 def build(
     document: Document,
     registry: Registry,
-    *,
     tree: str | None = None,
     format: int | None = None,
     blackboard: Blackboard | None = None,
@@ -90,34 +89,6 @@ def build(
     analysis = analyse_document(document, registry, tree, format, packages)
     analysis.diagnostics.raise_errors()
     return TreeInstantiator(analysis, registry, blackboard, resources, clock).instantiate()
-
-
-def required_resources_of(
-    document: Document,
-    registry: Registry,
-    *,
-    tree: str | None = None,
-    format: int | None = None,
-    packages: PackageResolver | None = None,
-) -> list[Any]:
-    """Return the types of the resources that the leaves of the tree require, each once.
-
-    Args:
-        document: The parsed document.
-        registry: The registered nodes.
-        tree: ID of the tree; by default the document's main tree.
-        format: 3 or 4, overriding the document's ``BTCPP_format``.
-        packages: Finds the share directory of a ROS package.
-
-    Raises:
-        TreeError: The document has errors; the exception contains all of them.
-    """
-    analysis = analyse_document(document, registry, tree, format, packages)
-    analysis.diagnostics.raise_errors()
-    types: list[Any] = []
-    for manifest in analysis.used_manifests():
-        types += (resource for resource in manifest.required_resources if resource not in types)
-    return types
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
