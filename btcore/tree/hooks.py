@@ -7,6 +7,7 @@ has no other effect: a node that was RUNNING is not halted.
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final
 
@@ -37,6 +38,7 @@ class HookMode(IntEnum):
     REPLACE = 1
 
 
+@dataclass(eq=False, repr=False)
 class Hook:
     """A breakpoint or an injected status, before or after the ticks of one node.
 
@@ -47,27 +49,18 @@ class Hook:
         desired_status: SUCCESS or FAILURE replaces the status of the node; any other value has no effect.
         once: Whether the hook is removed after it has fired.
         enabled: False = the hook has no effect.
+        waiting: Whether a tick is stopped at this hook now.
+        ready: Whether the tick that is stopped here, or the next tick that arrives here, may continue.
     """
 
-    def __init__(
-        self,
-        uid: int,
-        position: HookPosition = HookPosition.PRE,
-        mode: HookMode = HookMode.BREAKPOINT,
-        desired_status: Status = SKIPPED,
-        once: bool = False,
-        enabled: bool = True,
-    ) -> None:
-        self.uid = uid
-        self.position = position
-        self.mode = mode
-        self.desired_status = desired_status
-        self.once = once
-        self.enabled = enabled
-        self.waiting = False
-        """Whether a tick is stopped at this hook now."""
-        self.ready = False
-        """Whether the tick that is stopped here, or the next tick that arrives here, may continue."""
+    uid: int
+    position: HookPosition = HookPosition.PRE
+    mode: HookMode = HookMode.BREAKPOINT
+    desired_status: Status = SKIPPED
+    once: bool = False
+    enabled: bool = True
+    waiting: bool = field(default=False, init=False)
+    ready: bool = field(default=False, init=False)
 
     def __repr__(self) -> str:
         words = [self.mode.name, self.position.name, f"node {self.uid}", self.desired_status.name]
@@ -85,7 +78,7 @@ class Hooks:
         self._nodes = {node.uid: node for node in nodes}
         self._context = context
         self._change = threading.Condition()
-        self._tables: dict[HookPosition, dict[int, Hook]] = {HookPosition.PRE: {}, HookPosition.POST: {}}
+        self._hooks: dict[tuple[HookPosition, int], Hook] = {}
         self._listeners: list[Callable[[Hook], object]] = []
         self._ignoring_breakpoints = False
         self._tick_thread: TickThread | None = None
@@ -102,8 +95,7 @@ class Hooks:
         if node is None:
             return False
         with self._change:
-            table = self._tables[hook.position]
-            known = table.get(hook.uid)
+            known = self._hooks.get((hook.position, hook.uid))
             if known is not None:
                 if known.waiting and hook.mode is HookMode.REPLACE:
                     known.ready = True
@@ -111,9 +103,8 @@ class Hooks:
                 known.desired_status = hook.desired_status
                 self._change.notify_all()
                 return True
-            own = _copy(hook)
-            table[hook.uid] = own
-            if own.position is HookPosition.PRE:
+            self._hooks[hook.position, hook.uid] = _copy(hook)
+            if hook.position is HookPosition.PRE:
                 node.set_pre_tick_function(self._before)
             else:
                 node.set_post_tick_function(self._after)
@@ -138,7 +129,7 @@ class Hooks:
             Whether there is such a hook.
         """
         with self._change:
-            hook = self._tables[position].get(uid)
+            hook = self._hooks.get((position, uid))
             if hook is None:
                 return False
             hook.desired_status = desired_status
@@ -159,7 +150,7 @@ class Hooks:
             Whether there was such a hook.
         """
         with self._change:
-            hook = self._tables[position].get(uid)
+            hook = self._hooks.get((position, uid))
             if hook is None:
                 return False
             self._forget(hook)
@@ -169,17 +160,15 @@ class Hooks:
     def remove_all(self) -> None:
         """Remove all hooks. A tick that is stopped at a hook continues."""
         with self._change:
-            for table in self._tables.values():
-                for hook in list(table.values()):
-                    self._forget(hook)
+            for hook in list(self._hooks.values()):
+                self._forget(hook)
             self._change.notify_all()
 
     def enable_all(self, enabled: bool) -> None:
         """Enable or disable all hooks. A tick that is stopped at a disabled hook continues."""
         with self._change:
-            for table in self._tables.values():
-                for hook in table.values():
-                    hook.enabled = enabled
+            for hook in self._hooks.values():
+                hook.enabled = enabled
             self._change.notify_all()
 
     def ignore_breakpoints(self, free: bool = True) -> None:
@@ -193,7 +182,7 @@ class Hooks:
     def all(self) -> list[Hook]:
         """Return copies of all hooks: first those with position PRE, then those with position POST."""
         with self._change:
-            return [_copy(hook) for table in self._tables.values() for hook in table.values()]
+            return [_copy(hook) for hook in sorted(self._hooks.values(), key=lambda hook: hook.position)]
 
     def subscribe(self, listener: Callable[[Hook], object]) -> Callable[[], None]:
         """Subscribe *listener*, which is called when a hook fires. Return a function that unsubscribes it.
@@ -217,9 +206,7 @@ class Hooks:
         """Whether a breakpoint is set that could stop the next tick."""
         with self._change:
             return not self._ignoring_breakpoints and any(
-                hook.enabled and hook.mode is HookMode.BREAKPOINT
-                for table in self._tables.values()
-                for hook in table.values()
+                hook.enabled and hook.mode is HookMode.BREAKPOINT for hook in self._hooks.values()
             )
 
     async def tick_in_thread(self, tick: Callable[[], Status]) -> Status:
@@ -235,10 +222,10 @@ class Hooks:
             tick_thread.close()
 
     def _before(self, node: TreeNode) -> Status:
-        return self._fire(self._tables[HookPosition.PRE].get(node.uid))
+        return self._fire(self._hooks.get((HookPosition.PRE, node.uid)))
 
     def _after(self, node: TreeNode, status: Status) -> Status:
-        return self._fire(self._tables[HookPosition.POST].get(node.uid))
+        return self._fire(self._hooks.get((HookPosition.POST, node.uid)))
 
     def _fire(self, hook: Hook | None) -> Status:
         """Return the status that *hook* injects, or SKIPPED, after the tick was unlocked."""
@@ -283,7 +270,7 @@ class Hooks:
 
     def _forget(self, hook: Hook) -> None:
         hook.enabled = False
-        del self._tables[hook.position][hook.uid]
+        del self._hooks[hook.position, hook.uid]
         node = self._nodes[hook.uid]
         if hook.position is HookPosition.PRE:
             node.set_pre_tick_function(None)
@@ -292,6 +279,6 @@ class Hooks:
 
 
 def _copy(hook: Hook) -> Hook:
-    copy = Hook(hook.uid, hook.position, hook.mode, hook.desired_status, hook.once, hook.enabled)
+    copy = replace(hook)
     copy.waiting = hook.waiting
     return copy
