@@ -272,25 +272,15 @@ class _BuiltDocument(Document):
         self,
         code: DiagnosticCode,
         message: str,
-        element: Element | int,
+        element: Element,
         attribute: str = "",
         part: ElementPart = "value",
         hint: str = "",
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
-        diagnostic = super().diagnostic(code, message, element, attribute, part, hint, within)
-        index = element if isinstance(element, int) else self.source_map.index(element)
-        spec = self._specs[index]
+        spec = self._specs[self.source_map.index(element)]
         if spec is None:
-            return diagnostic._replace(line=0, column=0, source="", width=1)
-        file, line = spec.where
-        shown = f"the generated XML is {diagnostic.source.strip()}"
-        return diagnostic._replace(
-            file=file,
-            line=line,
-            column=0,
-            source="",
-            width=1,
-            hint=f"{hint}; {shown}" if hint else shown,
-        )
+            return Diagnostic(code, message, self.file, hint=hint)
+        shown = f"the generated XML is {super().diagnostic(code, message, element).source.strip()}"
+        return Diagnostic(code, message, *spec.where, hint=f"{hint}; {shown}" if hint else shown)

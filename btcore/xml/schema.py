@@ -34,13 +34,8 @@ _TYPES: Final[Mapping[str, str]] = {
 class _SchemaElement:
     """An element of a schema."""
 
-    def __init__(self, tag: str, parent: "_SchemaElement | None" = None, **attributes: str) -> None:
-        name = f"{{{_XS}}}{tag}"
-        self.element: etree._Element = (
-            etree.Element(name, attributes, nsmap={"xs": _XS})
-            if parent is None
-            else etree.SubElement(parent.element, name, attributes)
-        )
+    def __init__(self, element: etree._Element) -> None:
+        self.element = element
 
     def add(self, tag: str, /, **attributes: str) -> "_SchemaElement":
         """Append a new child element and return it.
@@ -49,11 +44,7 @@ class _SchemaElement:
             tag: Name of the element, without the namespace.
             **attributes: Its attributes.
         """
-        return _SchemaElement(tag, self, **attributes)
-
-    def has(self, tag: str, name: str) -> bool:
-        """Return whether the element has a child *tag* with the name *name*."""
-        return any(child.get("name") == name for child in self.element.iterchildren(f"{{{_XS}}}{tag}"))
+        return _SchemaElement(etree.SubElement(self.element, f"{{{_XS}}}{tag}", attributes))
 
 
 def _add_documentation(part: _SchemaElement, text: str) -> None:
@@ -94,7 +85,8 @@ def write_schema(registry: Registry, format: int = 4) -> str:
         format: The format of the trees, 3 or 4.
     """
     manifests = registry.manifests_of(format)
-    schema = _SchemaElement("schema", elementFormDefault="qualified")
+    root = etree.Element(f"{{{_XS}}}schema", elementFormDefault="qualified", nsmap={"xs": _XS})
+    schema = _SchemaElement(root)
     _simple_types(schema)
     _groups(schema, format)
     nodes = schema.add("group", name="nodeGroup").add("choice")
@@ -110,7 +102,7 @@ def write_schema(registry: Registry, format: int = 4) -> str:
         nodes.add("element", name=tag, type=f"{tag}Type")
         _subtree(schema, tag, manifests.get(tag))
     _add_document_types(schema, format)
-    text: bytes = etree.tostring(schema.element, pretty_print=True, xml_declaration=True, encoding="UTF-8")
+    text: bytes = etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="UTF-8")
     return text.decode()
 
 
@@ -188,7 +180,7 @@ def _type_of(schema: _SchemaElement, kind: ValueType) -> str:
     """Return the name of the attribute type for *kind*; add the type if it is a new enum."""
     if isinstance(kind, EnumType) and issubclass(kind.python_type, Enum):
         name = re.sub(r"\W", "_", kind.name)
-        if not schema.has("simpleType", name):
+        if schema.element.find(f"{{{_XS}}}simpleType[@name='{name}']") is None:
             schema.add("simpleType", name=name).add("union", memberTypes=f"{name}Name xs:integer")
             _add_enumeration(schema, f"{name}Name", list(kind.python_type.__members__))
             _add_union(schema, name)

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from typing import Final
 
 from btcore.diagnostic_codes import LOOSE_TEXT
-from btcore.errors import Diagnostic
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
 from btcore.xml.read.positions import span_at
@@ -17,15 +16,11 @@ _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTA
 def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> None:
     """Warn about each text between the elements of *document*, in its trees and between them."""
     for start, text in _loose(document.text):
-        place = span_at(document.text, start, len(text))
         shown = text if len(text) <= 40 else f"{text[:39]}…"
         message = f"the text {shown!r} between the elements of a tree is ignored"
         hint = "pass values to a node in its attributes; write comments as <!-- … -->"
-        diagnostics.add(
-            Diagnostic(
-                LOOSE_TEXT, message, document.file, place.line, place.column, hint, place.source, place.width
-            )
-        )
+        place = span_at(document.text, start, len(text))
+        diagnostics.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
 
 
 def _loose(text: str) -> Iterator[tuple[int, str]]:

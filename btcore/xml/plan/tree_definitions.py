@@ -88,7 +88,7 @@ class TreeDefinitions:
         if earlier is None:
             self.by_id[definition.id] = definition
             return
-        place = earlier.document.span(earlier.element, "ID")
+        place = earlier.document.source_map.span(earlier.element, "ID")
         where = f"{earlier.document.file or '<text>'}:{place.line}" if place else earlier.document.file
         if self.dialect.last_tree_wins:
             self.by_id[definition.id] = definition

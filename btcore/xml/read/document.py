@@ -22,7 +22,7 @@ from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, pars
 
 if TYPE_CHECKING:
     # Imported where they are used: a correct document with one-line tags needs none of them.
-    from btcore.xml.read.positions import SourceMap, SourceSpan
+    from btcore.xml.read.positions import SourceMap
     from btcore.xml.read.tinyxml2_compat import EscapedText
 
 _BYTE_ORDER_MARKS: Final = (
@@ -58,7 +58,7 @@ class Document:
         self.text = text
         self.file = file
         self._escaped = escaped
-        self._places: SourceMap | None = None
+        self._source_map: SourceMap | None = None
         self.knows_lines = knows_lines
         self._parsed: list[Any] = []
 
@@ -70,11 +70,11 @@ class Document:
     @property
     def source_map(self) -> "SourceMap":
         """The positions of the elements, computed on first use."""
-        from btcore.xml.read.positions import SourceMap
+        if self._source_map is None:
+            from btcore.xml.read.positions import SourceMap
 
-        if self._places is None:
-            self._places = SourceMap(self.text, self.root)
-        return self._places
+            self._source_map = SourceMap(self.text, self.root)
+        return self._source_map
 
     def line(self, element: Element) -> int:
         """Return the line (from 1) in which *element* begins."""
@@ -90,24 +90,11 @@ class Document:
             self._parsed = list(parse_lxml_tree(encoded(parsed)).iter("*"))
         return self._parsed[self.source_map.index(element)].text or ""
 
-    def span(
-        self, element: Element | int, attribute: str = "", part: ElementPart = "value", within: int = 0
-    ) -> "SourceSpan | None":
-        """Return the position of an element or an attribute of it, or None if it is unknown.
-
-        Args:
-            element: The element, or its index in the document from 0.
-            attribute: Name of the attribute; "" means the element itself.
-            part: Whether to return the position of the attribute's name or value.
-            within: Number of a character in the value, from 1; 0 means the whole value.
-        """
-        return self.source_map.span(element, attribute, part, within)
-
     def diagnostic(
         self,
         code: DiagnosticCode,
         message: str,
-        element: Element | int,
+        element: Element,
         attribute: str = "",
         part: ElementPart = "value",
         hint: str = "",
@@ -118,16 +105,16 @@ class Document:
         Args:
             code: The diagnostic code.
             message: What is wrong.
-            element: The element, or its index in the document from 0.
+            element: The element.
             attribute: Name of the attribute; "" means the element itself.
             part: Whether the place is the attribute's name or its value.
             hint: How to fix the problem, or "".
             within: Number of a character in the value, from 1; 0 means the whole value.
         """
-        place = self.span(element, attribute, part, within)
+        place = self.source_map.span(element, attribute, part, within)
         if place is None:
             return Diagnostic(code, message, self.file, hint=hint)
-        return Diagnostic(code, message, self.file, place.line, place.column, hint, place.source, place.width)
+        return place.diagnostic(code, message, self.file, hint)
 
     @property
     def warnings(self) -> list[Diagnostic]:
@@ -142,12 +129,10 @@ class Document:
             if escape.original not in "<&" or escape.offset < end:
                 continue
             value, end = self._escaped_value(self._escaped, escape.offset)
-            place = span_at(self.text, escape.offset)
             message = f"unescaped '{escape.original}' in an attribute value is read as text"
             hint = f"other XML tools reject it; write {value}"
-            warnings.append(
-                Diagnostic(BARE_MARKUP, message, self.file, place.line, place.column, hint, place.source)
-            )
+            place = span_at(self.text, escape.offset)
+            warnings.append(place.diagnostic(BARE_MARKUP, message, self.file, hint))
         return warnings
 
     def _escaped_value(self, escaped: "EscapedText", offset: int) -> tuple[str, int]:
@@ -272,7 +257,4 @@ def _syntax_error(
 ) -> XmlSyntaxError:
     from btcore.xml.read.positions import span_at
 
-    place = span_at(text, offset, width)
-    return XmlSyntaxError(
-        [Diagnostic(code, message, file, place.line, place.column, hint, place.source, place.width)]
-    )
+    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, hint)])

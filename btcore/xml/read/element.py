@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from typing import Final, Literal
 from xml.parsers import expat
 
-ElementPart = Literal["tag", "name", "value"]
-"""What a position refers to: the tag of an element, or the name or the value of an attribute."""
+ElementPart = Literal["name", "value"]
+"""The part of an attribute that a position refers to."""
 
 EXAMPLE: Final = 'a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>'
 """A hint for documents without a tree."""

@@ -30,14 +30,8 @@ def parse_leniently(text: str, escaped: EscapedText | None, file: str) -> tuple[
         XmlSyntaxError: *text* is not valid XML.
     """
     if escaped is None:
-        escaped = EscapedText(text, ())
-    try:
-        return parse_with_libxml2(encoded(escaped.text)), escaped
-    except etree.XMLSyntaxError as error:
-        if not escaped.escapes:
-            escaped = escape_attribute_values(text)
-        if not escaped.escapes:
-            raise XmlSyntaxError([_diagnose(error, escaped, text, file)]) from None
+        # An unescaped "<" or "&" may be the reason why expat rejected the text.
+        escaped = escape_attribute_values(text)
     try:
         return parse_with_libxml2(encoded(escaped.text)), escaped
     except etree.XMLSyntaxError as error:
@@ -110,11 +104,7 @@ _EXPLANATIONS: Final = (
         "something follows the end of the document",
         "all trees must be inside one <root>…</root>",
     ),
-    _Explanation(
-        r"Start tag expected",
-        "not XML: the document does not begin with a tag",
-        EXAMPLE,
-    ),
+    _Explanation(r"Start tag expected", "not XML: the document does not begin with a tag", EXAMPLE),
     _Explanation(
         r"Namespace prefix ([^\s,]+) (?:for \S+ )?on ([^\s,]+) is not defined",
         "the prefix {0}: of {1} is not defined",
@@ -168,8 +158,7 @@ def _diagnose(error: etree.XMLSyntaxError, escaped: EscapedText, text: str, file
     unbalanced = _unbalanced(text)
     if unbalanced is not None:
         offset, width, message, hint = unbalanced
-        place = span_at(text, offset, width)
-        return Diagnostic(NOT_XML, message, file, place.line, place.column, hint, place.source, place.width)
+        return span_at(text, offset, width).diagnostic(NOT_XML, message, file, hint)
     line, column = error.position
     at = escaped.to_original(_offset(escaped.text, line or 1, column or 1))
     message, hint, anchor = _sentence(str(error.msg))
@@ -177,7 +166,7 @@ def _diagnose(error: etree.XMLSyntaxError, escaped: EscapedText, text: str, file
         hint = "if it is the path of a file, use btcore.load(path)"
     anchor_at = text.rfind(anchor, 0, at + 1) if anchor else -1
     place = span_at(text, anchor_at, len(anchor)) if anchor_at >= 0 else span_at(text, at)
-    return Diagnostic(NOT_XML, message, file, place.line, place.column, hint, place.source, place.width)
+    return place.diagnostic(NOT_XML, message, file, hint)
 
 
 def _offset(text: str, line: int, column: int) -> int:

@@ -3,6 +3,8 @@
 import re
 from typing import Final, NamedTuple
 
+from btcore.diagnostic_codes import DiagnosticCode
+from btcore.errors import Diagnostic
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.tinyxml2_compat import REFERENCE, find_attribute, iter_start_tags, value_span
 
@@ -16,6 +18,17 @@ class SourceSpan(NamedTuple):
     column: int
     width: int
     source: str
+
+    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: str = "") -> Diagnostic:
+        """Return a diagnostic about this range of *file*.
+
+        Args:
+            code: The diagnostic code.
+            message: What is wrong.
+            file: Name of the file in messages, or "".
+            hint: How to fix the problem, or "".
+        """
+        return Diagnostic(code, message, file, self.line, self.column, hint, self.source, self.width)
 
 
 def span_at(text: str, offset: int, width: int = 1, lines: dict[int, str] | None = None) -> SourceSpan:
@@ -85,18 +98,18 @@ class SourceMap:
         return self._lines[self._index[element]]
 
     def span(
-        self, element: Element | int, attribute: str = "", part: ElementPart = "tag", within: int = 0
+        self, element: Element, attribute: str = "", part: ElementPart = "value", within: int = 0
     ) -> SourceSpan | None:
         """Return the position of an element or an attribute of it, or None if it is unknown.
 
         Args:
-            element: The element, or its index in the document from 0.
+            element: The element.
             attribute: Name of the attribute; "" means the element itself.
             part: Whether to return the position of the attribute's name or value.
             within: Number of a character in the value, from 1; 0 means the whole value.
         """
-        index = element if isinstance(element, int) else self._index.get(element, -1)
-        if not 0 <= index < len(self._tags):
+        index = self._index[element]
+        if index >= len(self._tags):
             return None
         tag = self._tags[index]
         start, end = tag.start(), tag.end(1)
