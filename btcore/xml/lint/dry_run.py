@@ -15,7 +15,6 @@ from btcore.errors import BlackboardError, ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Subtree
-from btcore.values import ValueType
 from btcore.xml.build import TreeInstantiator
 from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.scripts import AccessKind, find_name_uses
@@ -43,7 +42,6 @@ class EntryUse:
     attribute: str
     within: int = 0
     port: Port | None = None
-    value_type: ValueType | None = None
 
 
 class DryRun(TreeInstantiator):
@@ -150,7 +148,7 @@ class DryRun(TreeInstantiator):
             if writes and (written or self.format == 4):
                 how.append(AccessKind.WRITES)
         for access in how if key else ():
-            yield EntryUse(access, key or "", board, document, plan, port.name, 0, port, port.type)
+            yield EntryUse(access, key or "", board, document, plan, port.name, 0, port)
 
     def _script(
         self, plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard

@@ -1,7 +1,7 @@
 """W206: writes of a value that certainly doesn't convert to the entry's type."""
 
 from btcore.blackboard.blackboard import Entry
-from btcore.blackboard.ports import PortRole
+from btcore.blackboard.ports import Port, PortRole
 from btcore.diagnostic_codes import REFUSED_ENTRY_VALUE
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.script.expressions import Assignment, Name
@@ -21,11 +21,11 @@ def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintRepo
     """
     for entry, uses in dry_run.uses.items():
         for use in uses:
-            if use.access is AccessKind.WRITES and use.port is not None and use.value_type is not None:
-                _port(dry_run, entry, use, reporter)
+            if use.access is AccessKind.WRITES and use.port is not None:
+                _check_port(dry_run, entry, use, use.port, reporter)
             elif use.access in (AccessKind.WRITES, AccessKind.ASSIGNS) and use.within:
-                _script(dry_run, entry, use, enums, reporter)
-        _constant(uses, entry, reporter)
+                _check_script(dry_run, entry, use, enums, reporter)
+        _check_constant(uses, entry, reporter)
 
 
 def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: LintReporter) -> None:
@@ -37,18 +37,16 @@ def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: Li
     )
 
 
-def _port(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
-    kind = use.value_type
-    assert kind is not None
-    assert use.port is not None
-    if use.port.role is PortRole.WRITTEN_ENTRY:
-        _copied_text(dry_run, entry, use, reporter)
-    elif entry.declared is STRING and kind.strong and not issubclass(kind.python_type, str):
-        write = f"the port '{use.attribute}' of {node_label(use.node)} writes {kind.name}"
+def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter) -> None:
+    """Warn if *port* writes another type than that of the entry."""
+    if port.role is PortRole.WRITTEN_ENTRY:
+        _check_copied_text(dry_run, entry, use, reporter)
+    elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
+        write = f"the port '{use.attribute}' of {node_label(use.node)} writes {port.type.name}"
         _warn(dry_run, entry, use, write, reporter)
 
 
-def _copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
+def _check_copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
     """Warn if the literal that a SetBlackboard writes doesn't convert to the type of the entry."""
     written = [bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE]
     if not written or written[0].key is not None or not entry.declared.strong:
@@ -60,7 +58,7 @@ def _copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintRep
         _warn(dry_run, entry, use, f"{node_label(use.node)} writes '{text}'", reporter)
 
 
-def _script(
+def _check_script(
     dry_run: DryRun, entry: Entry, use: EntryUse, enums: dict[str, int], reporter: LintReporter
 ) -> None:
     """Warn if a constant that a script assigns doesn't convert to the type of the entry."""
@@ -97,7 +95,7 @@ def _script(
                 entry.value = None
 
 
-def _constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
+def _check_constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
     """Warn if a port of an inner tree can't convert the constant that the SubTree element passes."""
     writers = [use for use in uses if use.access in (AccessKind.WRITES, AccessKind.ASSIGNS)]
     constants = [use for use in writers if use.node.call is not None and not use.within]
@@ -105,8 +103,10 @@ def _constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> Non
         return
     use = constants[0]
     for reader in uses:
-        kind = reader.value_type
-        if reader.access is not AccessKind.READS or kind is None or not kind.strong or not kind.converts:
+        if reader.access is not AccessKind.READS or reader.port is None:
+            continue
+        kind = reader.port.type
+        if not kind.strong or not kind.converts:
             continue
         try:
             kind.from_text(entry.value)

@@ -35,7 +35,6 @@ from btcore.xml.plan.plan import TreePlanner, topological_order
 from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.document import Document
-from btcore.xml.read.includes import PackageResolver
 
 # Errors that leave a dry run of each tree possible: the main tree is not selected, or only a tick raises.
 _HARMLESS: Final = frozenset({AMBIGUOUS_MAIN_TREE, FIRST_TICK_REFUSED})
@@ -51,7 +50,6 @@ def validate_document(
     nodes: Registry,
     tree: str | None = None,
     format: int | None = None,
-    packages: PackageResolver | None = None,
     given: Collection[str] = (),
 ) -> list[Diagnostic]:
     """Return the errors, then the warnings, of *document* and its includes, each in text order.
@@ -66,10 +64,9 @@ def validate_document(
         nodes: The registered nodes.
         tree: ID of the tree to load; by default the document's main tree.
         format: 3 or 4, overriding the document's ``BTCPP_format``.
-        packages: Finds the share directory of a ROS package.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
-    analysis = analyse_document(document, nodes, tree, format, packages)
+    analysis = analyse_document(document, nodes, tree, format)
     planner, main, diagnostics = analysis
     used_plans = reachable_plans(planner, main) if main is not None else []
     used = {plan.definition.id for plan in used_plans}

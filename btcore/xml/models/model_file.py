@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from btcore.blackboard.ports import Direction, Port, remapped_key
 from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
@@ -23,7 +23,7 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
 from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
-from btcore.xml.read.includes import PackageResolver, resolve_includes
+from btcore.xml.read.includes import resolve_includes
 
 _DIRECTIONS: Final = {
     "input_port": Direction.IN,
@@ -50,50 +50,25 @@ _ALIASES: Final = {
 }
 
 
-class Project(NamedTuple):
-    """A Groot 2 project: its *name*, and its *documents*, included documents before including documents."""
-
-    name: str
-    documents: list[Document]
-
-
-def read_project(path: str | os.PathLike[str], packages: PackageResolver | None = None) -> Project:
-    """Read a project (``.btproj``), or any other document, with everything that it includes.
-
-    Args:
-        path: The file.
-        packages: Finds the share directory of a ROS package.
-
-    Raises:
-        TreeError: The file or an included file can't be read or is not valid XML.
-    """
-    diagnostics = DiagnosticCollector()
-    document = parse_file(path)
-    documents = resolve_includes(document, diagnostics, packages)
-    diagnostics.raise_errors()
-    name = str(document.root.get("project_name") or Path(path).stem)
-    return Project(name, documents)
-
-
-def add_models(
-    nodes: Registry, path: str | os.PathLike[str], packages: PackageResolver | None = None
-) -> list[str]:
+def add_models(nodes: Registry, path: str | os.PathLike[str]) -> list[str]:
     """Register a stand-in for every model in a file, and for every explicit tag in its trees.
 
     Registered nodes are not replaced, except for nodes of an installed library.
 
     Args:
         nodes: The registry to extend.
-        path: A palette exported by Groot, a project of Groot 2, or a file of trees with their models.
-        packages: Finds the share directory of a ROS package.
+        path: A palette exported by Groot, a project of Groot 2 (``.btproj``), or a file of trees with
+            their models.
 
     Returns:
         The IDs of the new stand-ins.
 
     Raises:
-        TreeError: The file can't be read, or contains no valid model.
+        TreeError: The file or an included file can't be read, or the file contains no valid model.
     """
-    documents = read_project(path, packages).documents
+    diagnostics = DiagnosticCollector()
+    documents = resolve_includes(parse_file(path), diagnostics)
+    diagnostics.raise_errors()
     added = [id for document in documents for id in _add_models(nodes, document)]
     added += add_explicit_nodes(nodes, documents)
     if not added and not any(_models(document) for document in documents):
@@ -115,29 +90,29 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
     Returns:
         The IDs of the new stand-ins.
     """
-    found: dict[str, tuple[Document, str, dict[str, Port]]] = {}
+    unknown: dict[str, tuple[Document, str, dict[str, Port]]] = {}
     for document in documents:
         format = parse_format(document.root.get("BTCPP_format")) or 4
         for tree in document.root.iterchildren("BehaviorTree"):
             for element in tree.iter(*EXPLICIT_TAGS):
                 id = str(element.get("ID") or "")
                 if id and nodes.get(id, 3) is None and nodes.get(id, 4) is None:
-                    ports = found.setdefault(id, (document, str(element.tag), {}))[2]
-                    _seen_ports(element, ports, format)
-    for id, (document, tag, seen) in found.items():
+                    ports = unknown.setdefault(id, (document, str(element.tag), {}))[2]
+                    _add_seen_ports(element, ports, format)
+    for id, (document, tag, seen) in unknown.items():
         _add(nodes, id, EXPLICIT_TAGS[tag], list(seen.values()), "", document)
-    return list(found)
+    return list(unknown)
 
 
-def _seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
+def _add_seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
     """Add the attributes of *element* to *ports*; an attribute with a ``{key}`` may be input and output."""
     for name, text in element.attributes.items():
         is_port = is_port_name(name) if format == 4 else not port_name_error(name, 3)
         if is_port and name not in SCRIPT_ATTRIBUTES:
             known = ports.get(str(name))
-            leads = remapped_key(str(text), str(name), 3) is not None
-            if known is None or (leads and known.direction is Direction.IN):
-                ports[str(name)] = Port(str(name), Direction.INOUT if leads else Direction.IN)
+            is_key = remapped_key(str(text), str(name), 3) is not None
+            if known is None or (is_key and known.direction is Direction.IN):
+                ports[str(name)] = Port(str(name), Direction.INOUT if is_key else Direction.IN)
 
 
 def _models(document: Document) -> list[Element]:

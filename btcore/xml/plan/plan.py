@@ -342,7 +342,7 @@ class TreePlanner:
         if element.get("ID") is not None and self.definitions.complete:
             self._error(
                 UNKNOWN_TREE,
-                f"unknown tree '{id}'",
+                f"unknown subtree '{id}'",
                 element,
                 "ID",
                 tree_hint(id, self.definitions.by_id),

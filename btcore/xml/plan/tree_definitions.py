@@ -1,6 +1,6 @@
 """The trees that documents define, by ID, and the selection of the main tree."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
@@ -110,15 +110,15 @@ class TreeDefinitions:
         document = self.documents[-1]
         if requested is not None:
             if requested not in self.by_id and self.complete:
-                hint = self.suggestion(requested)
-                message = f"unknown tree '{requested}'"
+                hint = tree_hint(requested, self.by_id)
+                message = f"unknown main tree '{requested}'"
                 diagnostics.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, document.root, hint=hint))
             return self.by_id.get(requested)
         written = document.root.get("main_tree_to_execute")
         if written is not None:
             if written not in self.by_id and self.complete:
-                message = f"unknown tree '{written}' in main_tree_to_execute"
-                hint = self.suggestion(written)
+                message = f"unknown main tree '{written}' in main_tree_to_execute"
+                hint = tree_hint(written, self.by_id)
                 diagnostics.add(
                     document.diagnostic(
                         AMBIGUOUS_MAIN_TREE, message, document.root, "main_tree_to_execute", hint=hint
@@ -141,12 +141,8 @@ class TreeDefinitions:
         diagnostics.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, document.root, hint=hint))
         return None
 
-    def suggestion(self, name: str) -> str:
-        """Return a hint for the unknown tree *name*."""
-        return tree_hint(name, self.by_id)
 
-
-def tree_hint(name: str, known: Mapping[str, object] | Iterable[str]) -> str:
+def tree_hint(name: str, known: Iterable[str]) -> str:
     """Return a hint for an unknown tree.
 
     Args:

@@ -89,7 +89,7 @@ def test_the_main_tree_may_be_named(cli: Cli, tmp_path: Path) -> None:
     assert cli("validate", "--strict", file).exit_code == 0
     assert "W201" in cli("validate", "--tree", "B", file).stdout
     assert cli("validate", "--strict", "--tree", "B", "--given", "goal", file).exit_code == 0
-    assert "E108 unknown tree 'C'" in cli("validate", "--tree", "C", file).stdout
+    assert "E108 unknown main tree 'C'" in cli("validate", "--tree", "C", file).stdout
 
 
 def test_what_only_the_first_tick_refuses_is_an_error_here_and_not_when_it_is_loaded(

@@ -87,7 +87,7 @@ CASES = {
         ('<SubTree ID="Chrage"/>', {"Charge": "<AlwaysSuccess/>"}),
         TreeError,
         """
-        t.xml:3:18: E109 unknown tree 'Chrage'
+        t.xml:3:18: E109 unknown subtree 'Chrage'
            3 |      <SubTree ID="Chrage"/>
              |                   ^^^^^^
               did you mean 'Charge'?
@@ -167,7 +167,7 @@ CASES = {
         ("<Say/>", {}, 'BTCPP_format="4" main_tree_to_execute="Mian"'),
         TreeError,
         """
-        t.xml:1:46: E108 unknown tree 'Mian' in main_tree_to_execute
+        t.xml:1:46: E108 unknown main tree 'Mian' in main_tree_to_execute
            1 |  <root BTCPP_format="4" main_tree_to_execute="Mian">
              |                                               ^^^^
               did you mean 'Main'?

@@ -7,7 +7,7 @@ import pytest
 import btcore
 from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.models.model_file import add_explicit_nodes, add_models, read_project
+from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.models.stand_ins import StubPlans
 from btcore.xml.models.tree_nodes_model import write_models
 from btcore.xml.read.document import parse_file, parse_text
@@ -195,9 +195,6 @@ def project(tmp_path: Path) -> Path:
 
 
 def test_a_project_is_its_documents_and_its_models(project: Path) -> None:
-    name, documents = read_project(project)
-    assert name == "Robot"
-    assert [Path(one.file).name for one in documents] == ["main.xml", "open.xml", "robot.btproj"]
     nodes = Registry.standard()
     assert add_models(nodes, project) == ["Push"]
     assert btcore.load(project, nodes=nodes, tree="Main").tick_exactly_once() is Status.SUCCESS
@@ -206,10 +203,4 @@ def test_a_project_is_its_documents_and_its_models(project: Path) -> None:
 def test_a_project_that_names_a_missing_file_says_where(project: Path) -> None:
     (project.parent / "trees" / "open.xml").unlink()
     with pytest.raises(TreeError, match=r"robot\.btproj:4:\d+: E007 the included file"):
-        read_project(project)
-
-
-def test_any_tree_can_be_read_as_a_project(project: Path) -> None:
-    path = project.parent / "trees" / "main.xml"
-    assert read_project(path).name == "main"
-    assert read_project(path).documents[0].text == parse_file(path).text
+        add_models(Registry.standard(), project)
