@@ -70,6 +70,7 @@ def rebuild_tree(
         examined.diagnostics.raise_errors()
         return TreeInstantiator(examined, nodes, board, resources, tree.clock).instantiate()
     except BtcoreError:
+        # Creating nodes has created the entries of their ports.
         for key in board.local_entries().keys() - before:
             board.unset(key)
         raise

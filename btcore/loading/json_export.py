@@ -33,9 +33,8 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
         data: Entries in the form of :func:`export_tree`.
 
     Raises:
-        BlackboardError: The subtrees of *tree* are not those of *data*, in which case nothing is written,
-        or a
-            value does not fit the type of its entry.
+        BlackboardError: *tree* and *data* have different subtrees, and nothing is written; or a value does
+            not fit the type of its entry.
     """
     boards = {_name(tree, subtree): subtree.blackboard for subtree in tree.subtrees}
     for name in data:
@@ -80,7 +79,8 @@ def _name(tree: Tree, subtree: Subtree) -> str:
 
 
 def _exported(value: object) -> Any:
-    if isinstance(value, (bool, int)):
+    # BehaviorTree.CPP exports bools as numbers. An IntEnum is an int, too.
+    if isinstance(value, int):
         return int(value)
     if value is None or isinstance(value, (str, float)):
         return value
@@ -100,6 +100,6 @@ def _imported(value: Any, types: TypeRegistry) -> object:
     name = value.get(TYPE)
     kind = None if name is None else types.named(str(name))
     if kind is None:
-        what = f"an object without '{TYPE}'" if name is None else f"a '{name}'"
-        raise ConversionError(f"{what} is no type that is registered; add_type(…) makes one known")
+        problem = f"the object has no '{TYPE}'" if name is None else f"unknown type '{name}'"
+        raise ConversionError(f"{problem}; register types with add_type(…)")
     return kind.from_text("json:" + json.dumps(value))

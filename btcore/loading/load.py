@@ -123,6 +123,7 @@ def _registry(nodes: object) -> Registry:
 
 def _listed(resources: object) -> Sequence[object]:
     """Return *resources* as a list. Raise TypeError for a single object."""
+    # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return list(resources)

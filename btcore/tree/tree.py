@@ -227,6 +227,8 @@ class Tree:
 
     def _halt_everything(self) -> list[NodeExecutionError]:
         errors: list[NodeExecutionError] = []
+        # The root first, because halting it halts the tree in its own order. Then every node, because a node
+        # may fail to halt its children.
         for node in [self.root, *self.nodes]:
             try:
                 halt_node(node)

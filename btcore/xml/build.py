@@ -116,6 +116,7 @@ class TreeInstantiator:
         self._planner = analysis.planner
         self.format = analysis.planner.dialect.format
         self._registry = registry
+        # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions
         self._enums = registry.types.enums
         self._resources = Resources(resources)
@@ -154,6 +155,7 @@ class TreeInstantiator:
         if plan.call is not None:
             return self._subtree(plan, plan.call, config, tree, subtree, prefix)
         if name == id:
+            # BehaviorTree.CPP appends the uid to the path of a node without a name.
             config.path = f"{prefix}{name}::{uid}"
         elif prefix:
             config.path = prefix + name
@@ -192,10 +194,12 @@ class TreeInstantiator:
                 except BlackboardError as error:
                     self._diagnostics.add(self._clash(document, plan, port, blackboard.find(key), error))
                 else:
+                    # The first port with a type declares the type; later ports are compared with it.
                     if entry not in self._declared and port.type.strong:
                         self._declared[entry] = (bound, config)
             if isinstance(bound, Input):
                 inputs[port.name] = bound if bound.blackboard is blackboard else bound.bind_to(blackboard)
+            # In format 3 the default of an output port is not connected.
             if port.writes and (bound.is_explicit or (key is not None and bound.format == 4)):
                 outputs[port.name] = Output(bound, blackboard)
         config.inputs = inputs
@@ -245,7 +249,7 @@ class TreeInstantiator:
         except (NodeError, BlackboardError, ConversionError) as error:
             self._diagnostics.add(document.diagnostic(_code_of(error, plan), str(error), plan.element))
         except BtcoreError:
-            raise
+            raise  # an error of the program, not of the document
         except Exception as error:
             message = f"<{plan.id}> raised while it was created: {type(error).__name__}: {error}"
             self._diagnostics.add(document.diagnostic(LEAF_INIT_RAISED, message, plan.element))
@@ -255,6 +259,7 @@ class TreeInstantiator:
         """Return the manifest after the registry's substitution rules, or None after an error."""
         if plan.manifest is None:
             return None
+        # A SubTree node has the root of the called tree as its only child.
         children = len(plan.children) if plan.call is None else 1
         try:
             return self._registry.apply_substitutions(config, plan.manifest, children)
@@ -281,6 +286,7 @@ class TreeInstantiator:
     ) -> TreeNode | None:
         document = tree.definition.document
         config.name = plan.name if plan.name is not None else call.tree
+        # Format 3 ignores the name of a SubTree node in paths.
         own_name = plan.name if self.format == 4 else None
         config.path = prefix + (own_name if own_name is not None else f"{call.tree}::{config.uid}")
         config.attributes = {**call.written, **plan.attributes}

@@ -156,6 +156,7 @@ class Builder:
         self, manifest: Manifest, children: Sequence[Any], ports: Mapping[str, object], where: tuple[str, int]
     ) -> NodeSpec:
         attributes: dict[str, str] = {}
+        # The first argument of b.SubTree("Dock") is an ID, not a child.
         if manifest.id == "SubTree" and children and isinstance(children[0], str):
             attributes["ID"], *children = children
         for child in children:
@@ -164,6 +165,7 @@ class Builder:
                 hint = "to set a port, use its name as keyword" if manifest.ports else ""
                 raise TreeError([Diagnostic(WRONG_CHILD_COUNT, message, *where, hint=hint)])
         for name, value in ports.items():
+            # "if_" stands for the port "if", unless a port has the name "if_".
             bare = name[:-1] if name.endswith("_") and name not in manifest.ports else name
             attributes[bare] = _text(value, manifest, bare, where)
         return NodeSpec(manifest.id, children, attributes, where)
@@ -206,6 +208,7 @@ class _Writer:
     """
 
     def __init__(self, main: NodeSpec, id: str, subtrees: Mapping[str, NodeSpec], step: str) -> None:
+        # One item for each element in document order; <root> has no spec.
         self._specs: list[NodeSpec | None] = [None]
         self._lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
         self._main = main

@@ -19,6 +19,7 @@ _XS: Final = "http://www.w3.org/2001/XMLSchema"
 _MODELS: Final = ("Action", "Condition", "Control", "Decorator", "SubTree")
 _PORTS: Final = ("input_port", "output_port", "inout_port")
 _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
+# A key in braces, or "=" for the key with the name of the port.
 _POINTER: Final = r"\s*\{.+\}\s*|="
 _TYPES: Final[Mapping[str, str]] = {
     BOOL.name: "boolean",
@@ -165,8 +166,9 @@ def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | Non
         return 1, 1
     if manifest.type is not NodeType.CONTROL:
         return 0, 0
-    needy = DIALECTS[format].controls_need_children
-    may_be_empty = least == 1 and needy is not None and manifest.id not in needy
+    # Format 3 requires children of some control nodes only.
+    needed = DIALECTS[format].controls_need_children
+    may_be_empty = least == 1 and needed is not None and manifest.id not in needed
     return (0 if may_be_empty else least), most
 
 

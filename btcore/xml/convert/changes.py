@@ -10,6 +10,7 @@ from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.tinyxml2_compat import find_attribute, iter_markup, value_span
 
+# XML parsers other than tinyxml2 read line breaks and tabs in values as spaces.
 _IN_VALUE: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 
 
@@ -67,7 +68,7 @@ class ConversionChanges:
                     open_tags.append(len(self._starts))
                 self._starts.append(tag)
             elif self._source.startswith("</", at) and open_tags:
-                self._ends[open_tags.pop()] = at + 2
+                self._ends[open_tags.pop()] = at + len("</")
 
     def _tag(self, element: Element) -> re.Match[str]:
         return self._starts[self.document.source_map.index(element)]
@@ -151,6 +152,7 @@ class ConversionChanges:
         """Return the text of the document with all edits applied."""
         pieces: list[str] = []
         done = 0
+        # The sort is stable, so edits at the same place keep their order.
         for start, end, replacement in sorted(self._edits, key=lambda edit: edit[:2]):
             if start < done:  # an edit inside a removed attribute
                 continue

@@ -55,6 +55,7 @@ def convert_node(changes: ConversionChanges, element: Element, parent: Element) 
     new = _convert_behavior(changes, element, id)
     if new != id:
         changes.note(NODE_RENAMED, f"<{id}> becomes <{new}>", element)
+    # The attributes of a BlackboardCheck were converted together with the node.
     if new != "Precondition" or id == new:
         _convert_ports(changes, element, id, new)
     if tag not in EXPLICIT_TAGS:
@@ -74,7 +75,7 @@ def _convert_behavior(changes: ConversionChanges, element: Element, id: str) -> 
     """Convert what depends on the kind of the node *id*. Returns the ID of the node in format 4."""
     new = NODE_REPLACEMENTS.get(id, id)
     if id in _CHECKED_TYPES:
-        return new if _check(changes, element, id) else id
+        return new if _convert_check(changes, element, id) else id
     rule = _RULES.get(id)
     if rule is not None:
         rule(changes, element, id)
@@ -86,7 +87,7 @@ def _convert_behavior(changes: ConversionChanges, element: Element, id: str) -> 
     return new
 
 
-def _star(changes: ConversionChanges, element: Element, id: str) -> None:
+def _convert_sequence_star(changes: ConversionChanges, element: Element, id: str) -> None:
     if len(element_children(element)) < 2:
         return
     message = (
@@ -96,18 +97,18 @@ def _star(changes: ConversionChanges, element: Element, id: str) -> None:
     changes.note(SEQUENCE_MEMORY, message, element)
 
 
-def _repeated(changes: ConversionChanges, element: Element, id: str) -> None:
+def _convert_loop(changes: ConversionChanges, element: Element, id: str) -> None:
     port, again = ("num_cycles", "succeeds") if id == "Repeat" else ("num_attempts", "fails")
     limit = element.attributes.get(port, "")
     if limit in ("0", "1"):
-        return
+        return  # without a second cycle there is no difference
     name = NODE_REPLACEMENTS.get(id, id)
     message = f"<{name}> yields: a child that {again} at once is ticked again in the next tick"
     hint = "format 3 ticks it again in the same tick; tick_once() ticks the whole tree again without a pause"
     changes.note(LOOP_YIELDS, message, element, hint=hint)
 
 
-def _parallel(changes: ConversionChanges, element: Element, id: str) -> None:
+def _convert_parallel(changes: ConversionChanges, element: Element, id: str) -> None:
     given = element.attributes
     message = (
         "<Parallel> is RUNNING before its children are ticked, in format 3 only afterwards: observers see it"
@@ -128,7 +129,7 @@ def _parallel(changes: ConversionChanges, element: Element, id: str) -> None:
         changes.note(PARALLEL_THRESHOLDS, message, element)
 
 
-def _switch(changes: ConversionChanges, element: Element, id: str) -> None:
+def _convert_switch(changes: ConversionChanges, element: Element, id: str) -> None:
     enums = changes.registry.types.enums
     for name, text in element.attributes.items():
         if not name.startswith("case_"):
@@ -138,7 +139,7 @@ def _switch(changes: ConversionChanges, element: Element, id: str) -> None:
             changes.note(SWITCH_COMPARISON, message, element, name)
 
 
-def _store(changes: ConversionChanges, element: Element, id: str) -> None:
+def _convert_set_blackboard(changes: ConversionChanges, element: Element, id: str) -> None:
     value = element.attributes.get("value", "")
     if remapped_key(value, "value", 3) is not None:
         message = f"<SetBlackboard> fails if the entry {value} is empty; format 3 copies an empty entry"
@@ -150,7 +151,7 @@ def _store(changes: ConversionChanges, element: Element, id: str) -> None:
     changes.note(ENTRY_TYPE_KEPT, message, element, "value")
 
 
-def _check(changes: ConversionChanges, element: Element, id: str) -> bool:
+def _convert_check(changes: ConversionChanges, element: Element, id: str) -> bool:
     """Convert a BlackboardCheck to a Precondition. Returns whether that is possible."""
     given = element.attributes
     script = _comparison(given, _CHECKED_TYPES[id])
@@ -192,6 +193,7 @@ def _comparison(given: Mapping[str, str], kind: ValueType) -> str | None:
 
 
 def _is_name(key: str) -> bool:
+    # The second token marks the end of the script.
     kinds = [token.kind for token in tokenize(key)]
     return len(kinds) == 2 and kinds[0] == NAME and not key.startswith("@")
 
@@ -206,6 +208,7 @@ def _literal(text: str, kind: ValueType) -> str | None:
         return "true" if value else "false"
     if isinstance(value, str):
         return None if "'" in value else f"'{value}'"
+    # A script has no literals for infinity and NaN.
     shown = repr(value)
     return shown if shown not in ("inf", "-inf", "nan") else None
 
@@ -234,6 +237,7 @@ def _convert_port(
     changes: ConversionChanges, element: Element, name: str, text: str, old: Port | None, new: Port | None
 ) -> None:
     key = remapped_key(text, name, 3)
+    # In format 3 an output port accepts the key without braces.
     if key is None and old is not None and old.direction is Direction.OUT:
         key = text or None
     if key is not None:
@@ -282,11 +286,11 @@ def _convert_literal(changes: ConversionChanges, element: Element, name: str, te
 
 
 _RULES: Final[dict[str, Callable[[ConversionChanges, Element, str], None]]] = {
-    "SequenceStar": _star,
-    "Repeat": _repeated,
-    "RetryUntilSuccessful": _repeated,
-    "RetryUntilSuccesful": _repeated,
-    "Parallel": _parallel,
-    **{f"Switch{number}": _switch for number in range(2, 7)},
-    "SetBlackboard": _store,
+    "SequenceStar": _convert_sequence_star,
+    "Repeat": _convert_loop,
+    "RetryUntilSuccessful": _convert_loop,
+    "RetryUntilSuccesful": _convert_loop,
+    "Parallel": _convert_parallel,
+    **{f"Switch{number}": _convert_switch for number in range(2, 7)},
+    "SetBlackboard": _convert_set_blackboard,
 }

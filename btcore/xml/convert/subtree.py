@@ -35,15 +35,15 @@ def convert_subtree(changes: ConversionChanges, element: Element, names: set[str
         names: Names of the calls in the same tree that were converted before; extended by this function.
     """
     given = element.attributes
-    _name(changes, element, names)
+    _convert_name(changes, element, names)
     if element.tag == "SubTreePlus":
         changes.rename_element(element, "SubTree")
         changes.note(NODE_RENAMED, "<SubTreePlus> becomes <SubTree>", element)
-        _plus(changes, element)
+        _convert_subtree_plus_attributes(changes, element)
         return
     shared = given.get("__shared_blackboard")
-    if shared is not None and _true(shared):
-        _share(changes, element)
+    if shared is not None and _is_true(shared):
+        _convert_shared_blackboard(changes, element)
         return
     if shared is not None:
         changes.remove_attribute(element, "__shared_blackboard")
@@ -51,10 +51,10 @@ def convert_subtree(changes: ConversionChanges, element: Element, names: set[str
         changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, "__shared_blackboard", part="name")
     for name, text in given.items():
         if name not in ("ID", "name", "__shared_blackboard"):
-            _remap(changes, element, name, text)
+            _convert_remapping(changes, element, name, text)
 
 
-def _name(changes: ConversionChanges, element: Element, names: set[str]) -> None:
+def _convert_name(changes: ConversionChanges, element: Element, names: set[str]) -> None:
     name = element.attributes.get("name")
     if name is None:
         return
@@ -70,14 +70,14 @@ def _name(changes: ConversionChanges, element: Element, names: set[str]) -> None
     changes.note(SUBTREE_NAME, message, element, "name")
 
 
-def _true(text: str) -> bool:
+def _is_true(text: str) -> bool:
     try:
         return BOOL.from_text(text, 3) is True
     except ConversionError:
         return False
 
 
-def _share(changes: ConversionChanges, element: Element) -> None:
+def _convert_shared_blackboard(changes: ConversionChanges, element: Element) -> None:
     """Convert a shared blackboard; autoremapping every name to the outer tree is the closest equivalent."""
     changes.rename_attribute(element, "__shared_blackboard", "_autoremap")
     changes.set_attribute(element, "__shared_blackboard", "true")
@@ -93,7 +93,7 @@ def _share(changes: ConversionChanges, element: Element) -> None:
             changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, name, part="name")
 
 
-def _remap(changes: ConversionChanges, element: Element, name: str, text: str) -> None:
+def _convert_remapping(changes: ConversionChanges, element: Element, name: str, text: str) -> None:
     """Convert a remapping ``inner="outer"``, which has braces in format 4."""
     braced = _BRACED.match(text)
     if not is_port_name(name):
@@ -121,13 +121,13 @@ def _note_lost_connection(changes: ConversionChanges, element: Element, name: st
     changes.note(REMAPPING_CHANGED, message, element, name, hint, part="name")
 
 
-def _plus(changes: ConversionChanges, element: Element) -> None:
+def _convert_subtree_plus_attributes(changes: ConversionChanges, element: Element) -> None:
     for name, text in element.attributes.items():
         if name in ("ID", "name"):
             continue
         if name == "__autoremap":
             changes.rename_attribute(element, name, "_autoremap")
-            if _true(text):
+            if _is_true(text):
                 message = (
                     "'__autoremap' becomes '_autoremap': it connects all names except those that begin with "
                     "'_'; in format 3 it connects the names in ports of the tree"
@@ -137,6 +137,7 @@ def _plus(changes: ConversionChanges, element: Element) -> None:
                 message = "'__autoremap' becomes '_autoremap'"
                 changes.note(ATTRIBUTE_RENAMED, message, element, name, part="name")
             continue
+        # In a SubTreePlus "=" is a constant, while it is a key in the ports of other nodes.
         key = remapped_key(text, name, 3) if text != "=" else None
         if not is_port_name(name):
             _note_lost_connection(changes, element, name)

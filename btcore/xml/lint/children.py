@@ -78,11 +78,12 @@ def check_reachable_children(
     if is_stub(node.manifest.cls) or not issubclass(cls, ControlNode) or not all_children_known(node):
         return
     children = [analysis.results_of(child) for child in node.children]
-    going = cls.continue_on
-    if going is not None:
+    continue_on = cls.continue_on
+    if continue_on is not None:
+        # The last child of a TryCatch is its handler, which is ticked after a failure of the others.
         tried = children if cls.handler_port is None else children[:-1]
-        _check_order(document, node, tried, going, reporter)
-        never_fails = FAILURE not in results_in_order(tried, going).results
+        _check_order(document, node, tried, continue_on, reporter)
+        never_fails = FAILURE not in results_in_order(tried, continue_on).results
         if (
             cls.handler_port is not None
             and never_fails
@@ -90,7 +91,7 @@ def check_reachable_children(
         ):
             _warn_unreached(document, node.children[-1], "the children before it never fail", reporter)
         if cls.runs_one_child:
-            _check_asynchronous_children(document, node, children, going, reporter)
+            _check_asynchronous_children(document, node, children, continue_on, reporter)
     for chosen, branch in zip(cls.branch_results, node.children[1:], strict=False):
         if chosen not in children[0].results:
             reason = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
@@ -98,13 +99,18 @@ def check_reachable_children(
 
 
 def _check_order(
-    document: Document, node: NodePlan, children: list[PossibleResults], going: Status, reporter: LintReporter
+    document: Document,
+    node: NodePlan,
+    children: list[PossibleResults],
+    continue_on: Status,
+    reporter: LintReporter,
 ) -> None:
-    """Warn about the first child that follows a child which never returns *going*."""
+    """Warn about the first child that follows a child which never returns *continue_on*."""
     for index, outcome in enumerate(children[:-1]):
-        if not outcome.passes(going):
+        if not outcome.passes(continue_on):
             before = node.children[index]
-            never = "ends" if not outcome.results else _WORD[going]
+            # A child that is always RUNNING has no results.
+            never = "ends" if not outcome.results else _WORD[continue_on]
             reason = f"{node_label(before)} before it ({line_of(document, before)}) never {never}"
             _warn_unreached(document, node.children[index + 1], reason, reporter)
             return  # the children after that are unreachable for the same reason
@@ -116,7 +122,11 @@ def _warn_unreached(document: Document, node: NodePlan, reason: str, reporter: L
 
 
 def _check_asynchronous_children(
-    document: Document, node: NodePlan, children: list[PossibleResults], going: Status, reporter: LintReporter
+    document: Document,
+    node: NodePlan,
+    children: list[PossibleResults],
+    continue_on: Status,
+    reporter: LintReporter,
 ) -> None:
     """Warn if an asynchronous child follows a child that is asynchronous in its first tick."""
     first: NodePlan | None = None
@@ -127,10 +137,11 @@ def _check_asynchronous_children(
                 f"{node_label(child)} is a second asynchronous child of <{node.id}>: each tick begins with "
                 f"{before}, which halts {node_label(child)} unless it completes at once"
             )
-            hint = f"put both into a <{'Sequence' if going is SUCCESS else 'Fallback'}>"
+            hint = f"put both into a <{'Sequence' if continue_on is SUCCESS else 'Fallback'}>"
             reporter.warn(SECOND_ASYNC_CHILD, message, document, child, hint=hint)
             return
-        if not outcome.passes(going):
+        if not outcome.passes(continue_on):
             return
-        if first is None and outcome.may_run and not PossibleResults(outcome.in_first_tick).passes(going):
+        passes_at_once = PossibleResults(outcome.in_first_tick).passes(continue_on)
+        if first is None and outcome.may_run and not passes_at_once:
             first = child

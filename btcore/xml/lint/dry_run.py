@@ -60,12 +60,12 @@ class DryRun(TreeInstantiator):
         self.has_untracked_access = False
         self.has_stubs = False
         self.entrances: dict[Blackboard, EntryUse] = {}
-        self._found: list[EntryUse] = []
+        self._recorded: list[EntryUse] = []
 
     def run(self) -> DiagnosticCollector:
         """Connect all ports. Returns the errors that the builder would report."""
         self._instance(self._planner.plan(self._main), "", self.blackboard)
-        for use in self._found:
+        for use in self._recorded:
             entry = self._entry(use)
             if entry is not None:
                 self.uses.setdefault(entry, []).append(use)
@@ -104,6 +104,7 @@ class DryRun(TreeInstantiator):
         blackboard: Blackboard,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
+        # Leaves of users are not created: they may need resources, and their code may have effects.
         if manifest is None or not is_built_in(manifest.cls):
             return TreeNode()
         for bound in config.inputs.values():
@@ -114,7 +115,7 @@ class DryRun(TreeInstantiator):
     def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
         super()._ports(plan, config, document, blackboard)
         for port, text, written in plan.ports:
-            self._found += self._uses_of_port(plan, port, text, written, document, blackboard)
+            self._recorded += self._uses_of_port(plan, port, text, written, document, blackboard)
         for attribute, text in plan.scripts.items():
             self._script(plan, attribute, text, document, blackboard)
         if plan.manifest is not None:
@@ -126,28 +127,30 @@ class DryRun(TreeInstantiator):
     ) -> Iterator[EntryUse]:
         key = remapped_key(text, port.name, self.format)
         is_script = port.role in SCRIPT_ROLES
+        # A loop takes items out of its queue, but never fills it.
         writes = port.writes and port.role is not PortRole.QUEUE
-        how = []
+        accesses: list[AccessKind] = []
         if key is None:
             if is_script:
                 self._script(plan, port.name, text, document, board)
             elif port.role in _ACCESS_BY_NAME:
-                how = [_ACCESS_BY_NAME[port.role]]
+                accesses = [_ACCESS_BY_NAME[port.role]]
             elif writes and self.format == 3 and written:
-                how = [AccessKind.WRITES]
+                # In format 3 an output port accepts the key without braces.
+                accesses = [AccessKind.WRITES]
             if text:
                 key = text
         elif is_script:
             self.has_untracked_access = True
-            how = [AccessKind.READS]
+            accesses = [AccessKind.READS]
         elif port.role is PortRole.WRITTEN_ENTRY:
-            how = [AccessKind.READS_AS_KEY]
+            accesses = [AccessKind.READS_AS_KEY]
         else:
             if port.reads:
-                how.append(AccessKind.READS)
+                accesses.append(AccessKind.READS)
             if writes and (written or self.format == 4):
-                how.append(AccessKind.WRITES)
-        for access in how if key else ():
+                accesses.append(AccessKind.WRITES)
+        for access in accesses if key else ():
             yield EntryUse(access, key or "", board, document, plan, port.name, 0, port)
 
     def _script(
@@ -158,7 +161,9 @@ class DryRun(TreeInstantiator):
         except ScriptError:
             return  # check_scripts has reported it
         for use in names:
-            self._found.append(EntryUse(use.access, use.name, board, document, plan, attribute, use.column))
+            self._recorded.append(
+                EntryUse(use.access, use.name, board, document, plan, attribute, use.column)
+            )
 
     def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
         inner = super()._scope(plan, call, document, outer)
@@ -167,9 +172,9 @@ class DryRun(TreeInstantiator):
         if inner is not outer:
             self.entrances[inner] = EntryUse(AccessKind.MENTIONS, call.tree, outer, document, plan, "ID")
             for key in call.constants:
-                self._found.append(EntryUse(AccessKind.WRITES, key, inner, document, plan, key))
+                self._recorded.append(EntryUse(AccessKind.WRITES, key, inner, document, plan, key))
             for key, outside in call.remaps.items():
-                self._found.append(EntryUse(AccessKind.MENTIONS, outside, outer, document, plan, key))
+                self._recorded.append(EntryUse(AccessKind.MENTIONS, outside, outer, document, plan, key))
         return inner
 
 

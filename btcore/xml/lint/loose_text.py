@@ -15,7 +15,7 @@ _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTA
 
 def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> None:
     """Warn about each text between the elements of *document*, in its trees and between them."""
-    for start, text in _loose(document.text):
+    for start, text in _iter_loose_text(document.text):
         shown = text if len(text) <= 40 else f"{text[:39]}…"
         message = f"the text {shown!r} between the elements of a tree is ignored"
         hint = "pass values to a node in its attributes; write comments as <!-- … -->"
@@ -23,21 +23,21 @@ def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> No
         diagnostics.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
 
 
-def _loose(text: str) -> Iterator[tuple[int, str]]:
+def _iter_loose_text(text: str) -> Iterator[tuple[int, str]]:
     """Yield the offset and the text of each text between elements."""
     # Blanks of the same length keep the offsets.
-    bare = _OPAQUE.sub(lambda match: " " * len(match[0]), text)
-    around: list[str] = []
-    for at, tag in iter_markup(bare):
-        end = tag.end() if tag is not None else bare.find(">", at) + 1
+    tags_only = _OPAQUE.sub(lambda match: " " * len(match[0]), text)
+    open_tags: list[str] = []
+    for at, tag in iter_markup(tags_only):
+        end = tag.end() if tag is not None else tags_only.find(">", at) + 1
         if tag is None:
-            if around and bare.startswith("</", at):
-                around.pop()
+            if open_tags and tags_only.startswith("</", at):
+                open_tags.pop()
         elif not tag[0].endswith("/>"):
-            around.append(tag[1])
+            open_tags.append(tag[1])
         # Text inside a TreeNodesModel is a description.
-        if around == ["root"] or around[1:2] == ["BehaviorTree"]:
-            following = bare.find("<", end)
-            stretch = bare[end:following]
-            if stretch.strip():
-                yield end + len(stretch) - len(stretch.lstrip()), " ".join(stretch.split())
+        if open_tags == ["root"] or open_tags[1:2] == ["BehaviorTree"]:
+            following = tags_only.find("<", end)
+            between = tags_only[end:following]
+            if between.strip():
+                yield end + len(between) - len(between.lstrip()), " ".join(between.split())

@@ -55,24 +55,24 @@ class TreeKeys:
     def keys_of(self, tree: str) -> set[str] | None:
         """Return the keys of *tree*, including keys of called trees that share its blackboard."""
         if tree not in self._known:
-            self._known[tree] = None  # while it is being computed
+            self._known[tree] = None  # ends the recursion of trees that call each other
             definition = self._planner.definitions.by_id.get(tree)
             if definition is not None:
-                self._known[tree] = self._of(self._planner.plan(definition))
+                self._known[tree] = self._plan_keys(self._planner.plan(definition))
         return self._known[tree]
 
-    def _of(self, plan: TreePlan) -> set[str] | None:
+    def _plan_keys(self, plan: TreePlan) -> set[str] | None:
         keys: set[str] = set()
         for node in nodes_of(plan):
-            own = self._of_node(node) if node.call is None else self._of_call(node.call)
+            own = self._node_keys(node) if node.call is None else self._call_keys(node.call)
             if own is None:
                 return None
             for text in node.scripts.values():
-                own |= self._of_script(text)
+                own |= self._script_keys(text)
             keys |= own
         return keys
 
-    def _of_node(self, node: NodePlan) -> set[str] | None:
+    def _node_keys(self, node: NodePlan) -> set[str] | None:
         manifest = node.manifest
         if manifest is None or uses_whole_blackboard(manifest):
             return None
@@ -85,18 +85,18 @@ class TreeKeys:
                     return None  # a script from an entry may use any key
                 keys.add(key)
             elif is_script:
-                keys |= self._of_script(text)
+                keys |= self._script_keys(text)
             elif port.role in KEY_ROLES or (port.writes and self._format == 3):
                 keys.add(text)
         return keys
 
-    def _of_script(self, text: str) -> set[str]:
+    def _script_keys(self, text: str) -> set[str]:
         try:
             return {use.name for use in find_name_uses(text, self._enums)}
         except ScriptError:
             return set()
 
-    def _of_call(self, call: SubtreeCall) -> set[str] | None:
+    def _call_keys(self, call: SubtreeCall) -> set[str] | None:
         keys = {outer for key, outer in call.remaps.items() if key not in _OF_THE_ELEMENT}
         if call.shared or call.autoremap or call.legacy_autoremap:
             inner = self.keys_of(call.tree) if self._bounded else None
@@ -142,6 +142,7 @@ def check_remappings(
 
 
 def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:
+    # A key with "@" is on the main tree's blackboard, whatever the remapping.
     free = sorted(name for name in used if name not in written and not name.startswith("@"))
     near = nearest_name(key, free)
     if near is not None:

@@ -15,7 +15,7 @@ MAX_COMPARISONS = 20_000
 """Maximum number of comparisons of misspelt keys with known keys, in one tree; each takes about 30 µs."""
 
 
-class KeyIndex:
+class WrittenKeys:
     """The keys that are written in a dry run, to suggest them in place of unwritten keys."""
 
     def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
@@ -57,7 +57,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         given: Keys that the tree's blackboard holds before the first tick.
         reporter: Collects the warnings.
     """
-    keys = KeyIndex(dry_run, given)
+    keys = WrittenKeys(dry_run, given)
     homes = dry_run.entry_homes()
     for entry, uses in dry_run.uses.items():
         if entry not in homes or entry.value is not None:
@@ -65,6 +65,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         subtree, key = homes[entry]
         board = subtree.blackboard
         of_root = board is dry_run.blackboard
+        # Braces in a key come from a <SubTree> of format 3, for which W205 is reported.
         if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
             continue
         if _warn_empty_script_entry(uses, reporter, of_root) or dry_run.has_untracked_access:
@@ -131,28 +132,26 @@ def fill_example(key: str) -> str:
 
 
 def _may_be_an_enum(uses: Sequence[EntryUse]) -> bool:
+    """Return whether scripts use the name as if it were an enum member that only the C++ code registers."""
     return all(use.within and use.key.isupper() for use in uses)
 
 
 def _warn_never_written(
-    keys: KeyIndex, uses: Sequence[EntryUse], board: Blackboard, key: str, reporter: LintReporter
+    keys: WrittenKeys, uses: Sequence[EntryUse], board: Blackboard, key: str, reporter: LintReporter
 ) -> None:
     readers = [use for use in uses if use.access in _READING]
     if not readers:
         return
+    # A tree that is called several times reads the key at one place.
+    places = {(use.document.file, use.node.element, use.attribute) for use in readers}
     use = readers[0]
-    places = {(reader.document.file, reader.node.element, reader.attribute) for reader in readers}
     others = len(places) - 1
     more = f" ({others} more {'place reads' if others == 1 else 'places read'} it)" if others else ""
-    if use.port is None:
-        read = f"the script in '{use.attribute}' of {node_label(use.node)} reads '{use.key}'"
-    elif is_pointer(use):
-        read = f"the port '{use.attribute}' of {node_label(use.node)} reads {{{use.key}}}"
-    else:
-        read = f"the port '{use.attribute}' of {node_label(use.node)} reads '{use.key}'"
+    reader = f"the {'script in' if use.port is None else 'port'} '{use.attribute}' of {node_label(use.node)}"
+    key_text = f"{{{use.key}}}" if use.port is not None and is_pointer(use) else f"'{use.key}'"
     reporter.warn(
         UNWRITTEN_KEY,
-        f"{read}, which is never written{more}",
+        f"{reader} reads {key_text}, which is never written{more}",
         use.document,
         use.node,
         use.attribute,
@@ -168,7 +167,7 @@ def is_pointer(use: EntryUse) -> bool:
     return text is None or str(text) != use.key
 
 
-def _unwritten_key_hint(keys: KeyIndex, use: EntryUse, board: Blackboard, key: str) -> str:
+def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> str:
     if use.access is AccessKind.READS_AS_KEY:
         return (
             f"{{{use.key}}} must hold the name of the entry to write; "
@@ -191,6 +190,6 @@ def _unwritten_key_hint(keys: KeyIndex, use: EntryUse, board: Blackboard, key: s
     called = f"{entrance.node.id} of '{entrance.key}' in {line_of(entrance.document, entrance.node)}"
     outer = keys.written_in(entrance.scope)
     passed = key if key in outer else keys.guess(key, outer) or "…"
-    bare = keys.dry_run.format == 3 and entrance.node.id == "SubTree"
-    value = passed if bare else f"{{{passed}}}"
+    # The <SubTree> of format 3 takes keys without braces.
+    value = passed if keys.dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
     return f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'

@@ -19,7 +19,7 @@ TAG_OF: Final = {
     NodeType.CONTROL: "Control",
     NodeType.DECORATOR: "Decorator",
     NodeType.SUBTREE: "SubTree",
-    NodeType.UNDEFINED: "Action",
+    NodeType.UNDEFINED: "Action",  # Groot has no tag for other kinds of nodes
 }
 _PORT_TAG: Final = {
     Direction.IN: "input_port",
@@ -53,7 +53,7 @@ def subtree_models(
     Returns:
         For each tree ID the names of the ports with their defaults; None means a required port.
     """
-    found: dict[str, dict[str, str | None]] = {}
+    models_by_id: dict[str, dict[str, str | None]] = {}
     for document in documents:
         for models in document.root.iterchildren("TreeNodesModel"):
             for model in models.iterchildren("SubTree"):
@@ -63,10 +63,10 @@ def subtree_models(
                     hint = 'write <SubTree ID="…">'
                     diagnostics.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
                     continue
-                ports = found.setdefault(id, {})
+                ports = models_by_id.setdefault(id, {})
                 for port in model.iterchildren("input_port", "output_port", "inout_port"):
                     _port(document, port, ports, dialect, diagnostics)
-    return found
+    return models_by_id
 
 
 def _port(

@@ -150,6 +150,7 @@ class TreePlanner:
         self._plans: dict[str, TreePlan] = {}
         self._known: dict[str, BindingCache] = {}
         self._by_tag: dict[str, BindingCache] = {}
+        # Attributes that _other_attributes() has kept before; what it does depends on their names only.
         self._kept: set[str] = set()
         self._document = definitions.documents[-1]
 
@@ -238,14 +239,14 @@ class TreePlanner:
                 others[key] = text
         if others:
             if not self._kept.issuperset(others):
-                others = self._sort_out(plan, known.manifest, others)
+                others = self._other_attributes(plan, known.manifest, others)
             plan.attributes = others
         if known.defaults and len(bindings) < len(known.bindings):
             given = {bound.port for bound in bindings}
             bindings += [bound for bound in known.defaults if bound.port not in given]
         plan.bindings = bindings
 
-    def _sort_out(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
+    def _other_attributes(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
         """Return the attributes to keep, out of those that are neither ports nor the name.
 
         Scripts go to ``plan.scripts``; other attributes are errors.
@@ -378,6 +379,7 @@ class TreePlanner:
                     given[port] = default
         call.written = given
         for key, text in given.items():
+            # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name.
             outer = remapped_key(text, key) if text != "=" else None
             if outer is not None:
                 call.remaps[key] = outer
@@ -403,6 +405,7 @@ class TreePlanner:
                     call.remaps[key] = outer
                 else:
                     call.constants[key] = text
+        # Format 3 ignores the name of a call.
         plan.name = call.tree
 
     def _truth(self, plan: NodePlan, key: str, text: str) -> bool:
@@ -445,8 +448,9 @@ def topological_order(
         for call in plan.calls:
             if call.tree in path:
                 is_recursive = True
-                way = [*path, call.tree]
-                message = f"the trees call each other recursively: {' → '.join(way[way.index(call.tree) :])}"
+                chain = [*path, call.tree]
+                cycle = chain[chain.index(call.tree) :]
+                message = f"the trees call each other recursively: {' → '.join(cycle)}"
                 document = plan.definition.document
                 hint = "a tree can't contain itself"
                 diagnostics.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))

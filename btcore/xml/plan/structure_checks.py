@@ -100,7 +100,7 @@ class StructureChecker:
             if children:
                 children = element_children(element)
                 if len(children) != len(element.children):
-                    self._obsolete(element)
+                    self._warn_obsolete_root(element)
             kind = kinds[tag] if tag in kinds else self._compact(tag)
             if kind is None:
                 self._special(tag, element, children)
@@ -108,12 +108,12 @@ class StructureChecker:
                 self._count(tag, kind, element, children)
             if not children:
                 continue
-            below = node.depth + 1
-            if below > limit:
+            depth = node.depth + 1
+            if depth > limit:
                 message = f"elements are nested more than {limit:,} deep"
                 self._error(TOO_DEEP, message, element, hint="split the tree into subtrees")
             elif tag not in closed:
-                node.children = [NodePlan(child, below) for child in children]
+                node.children = [NodePlan(child, depth) for child in children]
                 pending += reversed(node.children)
         return nodes
 
@@ -123,8 +123,9 @@ class StructureChecker:
         kind = None
         if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT_TAGS:
             kind = manifest.type
-            needy = self._dialect.controls_need_children
-            may_be_empty = kind is NodeType.CONTROL and needy is not None and tag not in needy
+            needed = self._dialect.controls_need_children
+            may_be_empty = kind is NodeType.CONTROL and needed is not None and tag not in needed
+            # UNDEFINED permits any number of children.
             if may_be_empty or (kind in _LEAVES and not self._dialect.leaves_checked):
                 kind = NodeType.UNDEFINED
         self._kinds[tag] = kind
@@ -132,7 +133,7 @@ class StructureChecker:
             self._leaves.add(tag)
         return kind
 
-    def _obsolete(self, element: Element) -> None:
+    def _warn_obsolete_root(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
             message = "the obsolete <Root> is ignored"
             self._diagnostics.add(
@@ -194,17 +195,17 @@ class StructureChecker:
                 hint = manifest.cls.child_roles if manifest is not None and least > 1 else ""
                 self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif node == "ReactiveSequence":
-                self._one_asynchronous(children)
+                self._check_asynchronous(children)
         elif count and kind in _LEAVES:
             self._error(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_A_NODE[kind]} has none", element)
 
-    def _one_asynchronous(self, children: list[Element]) -> None:
-        lasting = [child for child in children if child.tag == "AsyncSequence"]
-        if len(lasting) > 1 and self._dialect.explicit_by_id:
+    def _check_asynchronous(self, children: list[Element]) -> None:
+        # W106 covers other asynchronous children, whose results must be inferred.
+        asynchronous = [child for child in children if child.tag == "AsyncSequence"]
+        if len(asynchronous) > 1 and self._dialect.explicit_by_id:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
-            self._error(
-                SEVERAL_ASYNC_SEQUENCES, message, lasting[1], hint="only one child can be RUNNING at a time"
-            )
+            hint = "only one child can be RUNNING at a time"
+            self._error(SEVERAL_ASYNC_SEQUENCES, message, asynchronous[1], hint=hint)
 
     def _tree(self, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""

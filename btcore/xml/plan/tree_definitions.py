@@ -78,6 +78,7 @@ class TreeDefinitions:
                     diagnostics.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
                 name = written or ""
                 if not name:
+                    # The name that BehaviorTree.CPP gives to a tree without an ID.
                     name = f"BehaviorTree_{unnamed}"
                     unnamed += 1
                 self._define(TreeDefinition(name, document, element), diagnostics)
@@ -125,6 +126,7 @@ class TreeDefinitions:
                     )
                 )
             return self.by_id.get(written)
+        # Trees of the document itself take precedence over included trees.
         own = [definition for definition in self.all if definition.document is document]
         for candidates in (own, list(self.by_id.values())):
             if len(candidates) == 1:

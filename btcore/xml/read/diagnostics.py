@@ -27,6 +27,7 @@ class DiagnosticCollector:
 def make_tree_error(errors: list[Diagnostic]) -> TreeError:
     """Return the exception for *errors*, sorted by file and position."""
     ordered = sort_diagnostics(errors)
+    # E0… codes are about the document as XML, E2… codes about ports and scripts.
     if all(error.code.startswith("E0") for error in ordered):
         return XmlSyntaxError(ordered)
     if all(error.code == UNKNOWN_NODE for error in ordered):

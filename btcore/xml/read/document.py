@@ -168,6 +168,7 @@ def parse_text(text: str, file: str = "") -> Document:
     zero = text.find("\0")
     if zero >= 0:
         raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
+    # Escaping is slow, so it is skipped if certainly no value contains a line break or a tab.
     escaped = None
     if not _has_one_line_tags(text):
         from btcore.xml.read.tinyxml2_compat import escape_attribute_values, may_keep_line_breaks

@@ -43,15 +43,16 @@ def _gather(
     seen: set[Path],
     chain: list[Path],
 ) -> None:
-    own = [Path(document.file).resolve()] if document.file else []
-    seen.update(own)
+    # The files that include each other, from the outermost file to this one.
+    files = [*chain, Path(document.file).resolve()] if document.file else chain
+    seen.update(files)
     for element in document.root.iterchildren("include"):
         path = _path_of(document, element, diagnostics, packages)
         if path is None:
             continue
         resolved = path.resolve()
-        if resolved in [*chain, *own]:
-            cycle = [*chain, *own][[*chain, *own].index(resolved) :]
+        if resolved in files:
+            cycle = files[files.index(resolved) :]
             names = " → ".join(file.name for file in [*cycle, resolved])
             diagnostics.add(
                 document.diagnostic(INCLUDE_FAILED, f"the files include each other: {names}", element, "path")
@@ -61,9 +62,9 @@ def _gather(
                 included = parse_file(path)
             except XmlSyntaxError as error:
                 _add_errors(error, document, element, diagnostics)
-                seen.add(resolved)
+                seen.add(resolved)  # its errors are reported once
             else:
-                _gather(included, diagnostics, packages, documents, seen, [*chain, *own])
+                _gather(included, diagnostics, packages, documents, seen, files)
     documents.append(document)
 
 

@@ -85,6 +85,7 @@ class _Explanation(NamedTuple):
     anchor: str = ""
 
 
+# The first pattern that occurs in libxml2's message counts.
 _EXPLANATIONS: Final = (
     _Explanation(r"AttValue: \" or ' expected", "an attribute's value must be in quotes"),
     _Explanation(
@@ -227,6 +228,7 @@ def _broken_tag(text: str, at: int) -> tuple[int, int, str, str] | None:
     if name is None:
         return None
     width = len(name[0])
+    # Quoted values are blanked out, because they may contain "<".
     rest = text[at + width :]
     following = re.search(r"<", re.sub(r"\"[^\"]*\"|'[^']*'", lambda match: "x" * len(match[0]), rest))
     inside = rest[: following.start()] if following else rest

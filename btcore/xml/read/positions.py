@@ -52,6 +52,7 @@ def span_at(text: str, offset: int, width: int = 1, lines: dict[int, str] | None
 
 
 def _line_breaks(text: str, end: int, start: int = 0) -> int:
+    # "\r\n" is one line break.
     count = text.count("\n", start, end)
     if "\r" in text:
         count += text.count("\r", start, end) - text.count("\r\n", start, end)
@@ -61,6 +62,7 @@ def _line_breaks(text: str, end: int, start: int = 0) -> int:
 def _character(text: str, start: int, end: int, number: int) -> int:
     """Return the offset of character *number* (from 1) of the escaped value from *start* to *end*."""
     at = start
+    # A reference such as &amp;, and a line break of two characters, is one character of the value.
     for _ in range(number - 1):
         reference = REFERENCE.match(text, at, end)
         at = reference.end() if reference is not None else at + 1

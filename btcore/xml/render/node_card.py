@@ -67,6 +67,7 @@ def text_width(text: str, size: float, bold: bool = False) -> float:
         size: Font size in px.
         bold: Whether the font is bold.
     """
+    # Widths in em, rounded up, because the viewer's font is unknown.
     units = 0.0
     for char in text:
         if char in _NARROW:
@@ -100,6 +101,7 @@ def card_of(node: DiagramNode) -> Card:
     for length, _ in lines:
         width = max(width, 2 * _MARGIN + length * _MONO * _PORT_SIZE + 2)
     height = head + (len(lines) * _PORT_LINE + 8 if lines else 0)
+    # Cards of conditions have round ends.
     corner = 17 if node.type is NodeType.CONDITION else 7
     drawing = [f"<title>{escape(_hover(node))}</title>"]
     size = f'width="{width:.1f}" height="{height:.1f}" rx="{corner}"'

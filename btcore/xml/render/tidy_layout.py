@@ -102,6 +102,7 @@ def _side_by_side(children: Sequence[LayoutBox], contours: Sequence[_Contour], g
     merged = list(contours[0])
     children[0]._offset = 0.0
     for child, contour in zip(children[1:], contours[1:], strict=True):
+        # Only levels that both sides have can collide.
         shared = zip(merged, contour, strict=False)
         shift = max(left_side[1] - right_side[0] for left_side, right_side in shared) + gap
         child._offset = shift
@@ -119,6 +120,7 @@ def _side_by_side(children: Sequence[LayoutBox], contours: Sequence[_Contour], g
 def _levels(boxes: Sequence[LayoutBox], gaps: Spacing) -> tuple[list[float], list[float]]:
     """Return the start and the size of each level along the depth."""
     count = max(box.level for box in boxes) + 1
+    # Frames need additional space above the level where they begin, and below the level where they end.
     thickness = [0.0] * count
     opening = [0.0] * count
     closing = [0.0] * count

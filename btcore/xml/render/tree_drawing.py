@@ -44,6 +44,7 @@ def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
     """Return the main tree of a document without errors as a drawing, numbered as in a running tree."""
     assert analysis.main is not None, "a document without a main tree has errors"
     planner = analysis.planner
+    # TreeInstantiator numbers the nodes in the same order: a parent before its children.
     uids = itertools.count(1)
 
     def of_tree(id: str) -> DiagramNode:
