@@ -13,11 +13,10 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, ValueType
 from btcore.values.enums import EnumType
+from btcore.xml.models.tree_nodes_model import PORT_TAGS, TAG_OF
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 
 _XS: Final = "http://www.w3.org/2001/XMLSchema"
-_MODELS: Final = ("Action", "Condition", "Control", "Decorator", "SubTree")
-_PORTS: Final = ("input_port", "output_port", "inout_port")
 _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
 # A key in braces, or "=" for the key with the name of the port.
 _POINTER: Final = r"\s*\{.+\}\s*|="
@@ -242,11 +241,11 @@ def _models(schema: _SchemaElement) -> None:
     """Add the type of TreeNodesModel, the palette of an editor."""
     models = schema.add("complexType", name="TreeNodesModelType")
     choice = models.add("choice", minOccurs="0", maxOccurs="unbounded")
-    for tag in _MODELS:
+    for tag in dict.fromkeys(TAG_OF.values()):
         choice.add("element", name=tag, type="modelType")
     model = schema.add("complexType", name="modelType")
     inside = model.add("choice", minOccurs="0", maxOccurs="unbounded")
-    for tag in _PORTS:
+    for tag in PORT_TAGS:
         inside.add("element", name=tag, type="portType")
     inside.add("element", name="description", type="xs:string")
     fields = inside.add("element", name="MetadataFields").add("complexType").add("sequence")

@@ -11,7 +11,7 @@ from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES, Port, PortRole, remapped_key
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, ScriptError
+from btcore.errors import BlackboardError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Subtree
@@ -156,14 +156,10 @@ class DryRun(TreeInstantiator):
     def _script(
         self, plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard
     ) -> None:
-        try:
-            names = find_name_uses(text, self._enums)
-        except ScriptError:
-            return  # check_scripts has reported it
-        for use in names:
-            self._recorded.append(
-                EntryUse(use.access, use.name, board, document, plan, attribute, use.column)
-            )
+        self._recorded += (
+            EntryUse(use.access, use.name, board, document, plan, attribute, use.column)
+            for use in find_name_uses(text, self._enums)
+        )
 
     def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
         inner = super()._scope(plan, call, document, outer)

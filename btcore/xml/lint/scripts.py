@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.ports import SCRIPT_ROLES, PortRole
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.errors import ScriptError
 from btcore.script.expressions import (
@@ -20,8 +19,8 @@ from btcore.script.expressions import (
 from btcore.script.parser import Parser
 from btcore.script.program import condition_result
 from btcore.xml.lint.reporter import LintReporter, node_label
+from btcore.xml.plan.document_checks import scripts_of
 from btcore.xml.plan.plan import NodePlan
-from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
 from btcore.xml.read.document import Document
 
 
@@ -61,17 +60,18 @@ def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
 
 
 def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
-    """Return every use of an entry in a script, in the order of evaluation.
+    """Return every use of an entry in a script, in the order of evaluation; none if the script is invalid.
 
     Args:
         text: The script.
         enums: Values of the registered enum names, which are no entries.
-
-    Raises:
-        ScriptError: *text* is not a valid script.
     """
+    try:
+        statements = parse_statements(text, enums)
+    except ScriptError:
+        return []  # check_scripts has reported it
     uses: list[NameUse] = []
-    for statement in parse_statements(text, enums):
+    for statement in statements:
         for part in iter_subexpressions(statement):
             if isinstance(part, Assignment) and isinstance(part.target, Name):
                 target = part.target
@@ -146,7 +146,7 @@ def check_script_results(
         enums: Values of the registered enum names.
         reporter: Collects the warnings.
     """
-    for attribute, text, is_condition in _scripts(node):
+    for attribute, text, is_condition in scripts_of(node):
         try:
             error = find_certain_error(text, enums)
             last = parse_statements(text, enums)[-1]
@@ -159,15 +159,6 @@ def check_script_results(
             )
         elif is_condition:
             _check_condition(node, attribute, last, enums, document, reporter)
-
-
-def _scripts(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
-    """Yield attribute, text, and whether the result is a condition, for each script of *node*."""
-    for attribute, text in node.scripts.items():
-        yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
-    for bound in node.bindings:
-        if bound.port.role in SCRIPT_ROLES and bound.key is None:
-            yield bound.name, bound.text, bound.port.role is PortRole.CONDITION
 
 
 def _check_condition(

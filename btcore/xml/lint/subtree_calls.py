@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, UNUSED_TREE, USELESS_REMAPPING
-from btcore.errors import ScriptError
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.lint.dry_run import uses_whole_blackboard
 from btcore.xml.lint.reporter import LintReporter, node_label
@@ -91,10 +90,7 @@ class TreeKeys:
         return keys
 
     def _script_keys(self, text: str) -> set[str]:
-        try:
-            return {use.name for use in find_name_uses(text, self._enums)}
-        except ScriptError:
-            return set()
+        return {use.name for use in find_name_uses(text, self._enums)}
 
     def _call_keys(self, call: SubtreeCall) -> set[str] | None:
         keys = {outer for key, outer in call.remaps.items() if key not in _OF_THE_ELEMENT}

@@ -19,17 +19,13 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.models.stand_ins import make_stub_class
+from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
 from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
 from btcore.xml.read.includes import resolve_includes
 
-_DIRECTIONS: Final = {
-    "input_port": Direction.IN,
-    "output_port": Direction.OUT,
-    "inout_port": Direction.INOUT,
-}
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {
     "string": "std::string",
@@ -135,9 +131,7 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
         known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
         if known is not None and not known.is_overridable:
             continue
-        ports = [
-            _port(nodes, document, item) for item in model.iterchildren(*_DIRECTIONS) if item.get("name")
-        ]
+        ports = [_port(nodes, document, item) for item in model.iterchildren(*PORT_TAGS) if item.get("name")]
         described = next(model.iterchildren("description"), None)
         about = " ".join(document.text_in(described).split()) if described is not None else ""
         try:
@@ -152,7 +146,7 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
 def _port(nodes: Registry, document: Document, element: Element) -> Port:
     port = Port(
         str(element.get("name")),
-        _DIRECTIONS[element.tag],
+        PORT_TAGS[element.tag],
         _type(nodes, element.get("type") or ""),
         element.get("default") or None,
         " ".join((element.get("description") or document.text_in(element)).split()),

@@ -21,11 +21,7 @@ TAG_OF: Final = {
     NodeType.SUBTREE: "SubTree",
     NodeType.UNDEFINED: "Action",  # Groot has no tag for other kinds of nodes
 }
-_PORT_TAG: Final = {
-    Direction.IN: "input_port",
-    Direction.OUT: "output_port",
-    Direction.INOUT: "inout_port",
-}
+PORT_TAGS: Final = {f"{direction.value}_port": direction for direction in Direction}
 
 
 # xml.sax.saxutils has the same, and imports urllib.
@@ -64,7 +60,7 @@ def subtree_models(
                     diagnostics.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
                     continue
                 ports = models_by_id.setdefault(id, {})
-                for port in model.iterchildren("input_port", "output_port", "inout_port"):
+                for port in model.iterchildren(*PORT_TAGS):
                     _port(document, port, ports, dialect, diagnostics)
     return models_by_id
 
@@ -119,11 +115,11 @@ def _model(manifest: Manifest, format: int) -> list[str]:
     if not ports:
         return [start + "/>"]
     if format == 3:
-        order = list(_PORT_TAG)
+        order = list(Direction)
         ports.sort(key=lambda port: (order.index(port.direction), port.name))
     lines = [start + ">"]
     for port in ports:
-        port_tag = _PORT_TAG[port.direction]
+        port_tag = f"{port.direction.value}_port"
         text = f"            <{port_tag} name={quoted(port.name)} type={quoted(port.type.name)}"
         if port.default:
             text += f" default={quoted(port.default)}"

@@ -1,9 +1,10 @@
 """Check a document and everything that it includes, before any node is created."""
 
 import sys
+from collections.abc import Iterator
 from typing import NamedTuple
 
-from btcore.blackboard.ports import SCRIPT_ROLES
+from btcore.blackboard.ports import SCRIPT_ROLES, PortRole
 from btcore.diagnostic_codes import SCRIPT_SYNTAX, TOO_LARGE
 from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
@@ -16,6 +17,7 @@ from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner, topological_or
 from btcore.xml.plan.structure_checks import StructureChecker
 from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions, select_dialect
 from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
 from btcore.xml.read.document import Document
 from btcore.xml.read.includes import PackageResolver, resolve_includes
 
@@ -144,6 +146,15 @@ def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: Diagnos
     diagnostics.add(main.document.diagnostic(TOO_LARGE, message, main.element, "ID", hint=hint))
 
 
+def scripts_of(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
+    """Yield attribute, text, and whether the result is a condition, for each script of *node*."""
+    for attribute, text in node.scripts.items():
+        yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
+    for bound in node.bindings:
+        if bound.port.role in SCRIPT_ROLES and bound.key is None:
+            yield bound.name, bound.text, bound.port.role is PortRole.CONDITION
+
+
 def check_scripts(plan: TreePlan, registry: Registry, diagnostics: DiagnosticCollector) -> None:
     """Add an error for each invalid script of *plan*.
 
@@ -154,13 +165,7 @@ def check_scripts(plan: TreePlan, registry: Registry, diagnostics: DiagnosticCol
     """
     document = plan.definition.document
     for node in nodes_of(plan):
-        texts = dict(node.scripts)
-        texts.update(
-            (bound.name, bound.text)
-            for bound in node.bindings
-            if bound.port.role in SCRIPT_ROLES and bound.key is None
-        )
-        for key, text in texts.items():
+        for key, text, _ in scripts_of(node):
             try:
                 compile_script(text, registry.types.enums)
             except ScriptError as error:

@@ -279,12 +279,8 @@ class TreePlanner:
 
     def _check_name(self, plan: NodePlan, text: str) -> None:
         if self.dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
-            self._error(
-                CONTROL_CHARACTER_IN_NAME,
-                f"control character in the name {text!r}",
-                plan.element,
-                "name",
-            )
+            message = f"control character in the name {text!r}"
+            self._error(CONTROL_CHARACTER_IN_NAME, message, plan.element, "name")
 
     def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
@@ -341,13 +337,8 @@ class TreePlanner:
         if id in self.definitions.by_id:
             return True
         if element.get("ID") is not None and self.definitions.complete:
-            self._error(
-                UNKNOWN_TREE,
-                f"unknown subtree '{id}'",
-                element,
-                "ID",
-                tree_hint(id, self.definitions.by_id),
-            )
+            hint = tree_hint(id, self.definitions.by_id)
+            self._error(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
     def _call_of_4(self, plan: NodePlan, call: SubtreeCall) -> None:

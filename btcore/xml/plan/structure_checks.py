@@ -24,11 +24,7 @@ from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
 
-_A_NODE = {
-    NodeType.ACTION: "an action",
-    NodeType.CONDITION: "a condition",
-}
-_LEAVES = (NodeType.ACTION, NodeType.CONDITION)
+_LEAVES = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
 
 
 def element_children(element: Element) -> list[Element]:
@@ -197,7 +193,7 @@ class StructureChecker:
             elif node == "ReactiveSequence":
                 self._check_asynchronous(children)
         elif count and kind in _LEAVES:
-            self._error(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_A_NODE[kind]} has none", element)
+            self._error(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_LEAVES[kind]} has none", element)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
