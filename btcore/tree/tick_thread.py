@@ -27,10 +27,11 @@ class TickThread:
         self._done = False
         self._has_turn = False
         self._released = asyncio.Event()
-        self._go = threading.Semaphore(0)
-        self._back = threading.Semaphore(0)
+        # Released to give the turn to the tick thread, or back to the event loop's thread.
+        self._tick_turn = threading.Semaphore(0)
+        self._loop_turn = threading.Semaphore(0)
         self._thread = threading.Thread(
-            target=contextvars.copy_context().run, args=(self._work,), name="btcore-tick", daemon=True
+            target=contextvars.copy_context().run, args=(self._run_ticks,), name="btcore-tick", daemon=True
         )
         self._thread.start()
 
@@ -68,23 +69,23 @@ class TickThread:
         """End the thread."""
         if not self._has_turn:
             self._tick = None
-            self._go.release()
+            self._tick_turn.release()
             self._thread.join()
 
     def _give_turn(self) -> None:
         # In debug mode an event loop rejects calls from other threads. The tick thread acts as the event
         # loop's thread while it has its turn.
-        debugs = self._loop.get_debug()
-        if debugs:
+        is_debugging = self._loop.get_debug()
+        if is_debugging:
             self._loop.set_debug(False)
         try:
             if not self._has_turn:  # True if Ctrl-C interrupted the last call in acquire()
                 self._has_turn = True
-                self._go.release()
-            self._back.acquire()
+                self._tick_turn.release()
+            self._loop_turn.acquire()
             self._has_turn = False
         finally:
-            if debugs:
+            if is_debugging:
                 self._loop.set_debug(True)
 
     # --- the methods below run on the tick thread
@@ -96,20 +97,20 @@ class TickThread:
 
     def yield_to_loop(self) -> None:
         """Let the event loop run, because the tick is stopped."""
-        self._back.release()
+        self._loop_turn.release()
 
     def wait_for_turn(self) -> None:
         """Wait until the event loop yields to the tick, which may continue."""
         self._loop.call_soon_threadsafe(self._released.set)
-        self._go.acquire()
+        self._tick_turn.acquire()
 
-    def _work(self) -> None:
+    def _run_ticks(self) -> None:
         asyncio._set_running_loop(self._loop)
         if sys.version_info >= (3, 14) and self._task is not None:
             # From Python 3.14 on, the current task is stored per thread, and not per event loop.
             asyncio.tasks._enter_task(self._loop, self._task)
         while True:
-            self._go.acquire()
+            self._tick_turn.acquire()
             tick = self._tick
             if tick is None:
                 return
@@ -118,4 +119,4 @@ class TickThread:
             except BaseException as error:
                 self._error = error
             self._done = True
-            self._back.release()
+            self._loop_turn.release()

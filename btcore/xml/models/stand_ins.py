@@ -56,7 +56,7 @@ class StubAction(StatefulAction):
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Give the next letter."""
+        """Return the status of the next letter."""
         letter = self._segment[min(self._calls, len(self._segment) - 1)] if self._segment else ""
         self._calls += 1
         return _status(self, letter)
@@ -72,7 +72,7 @@ class StubCondition(Condition):
         self._ticks = 0
 
     def tick(self) -> Status:
-        """Give the next letter."""
+        """Return the status of the next letter."""
         letter = self._plan[self._ticks % len(self._plan)]
         self._ticks += 1
         return _status(self, letter)
