@@ -105,7 +105,7 @@ def _check_order(
     continue_on: Status,
     reporter: LintReporter,
 ) -> None:
-    """Warn about the first child that follows a child which never returns *continue_on*."""
+    """Warn about the first child that is never reached: a child before it never returns *continue_on*."""
     for index, outcome in enumerate(children[:-1]):
         if not outcome.passes(continue_on):
             before = node.children[index]

@@ -1,4 +1,4 @@
-"""W206: writes of a value that certainly doesn't convert to the entry's type."""
+"""Find writes of values that certainly don't convert to the type of the entry (W206)."""
 
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Port, PortRole

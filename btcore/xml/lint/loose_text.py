@@ -1,4 +1,4 @@
-"""W108: text between the elements of a tree, which is ignored."""
+"""Find text between the elements of a tree, which is ignored (W108)."""
 
 import re
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""W201, W209: keys that are read or assigned to, but never written or created."""
+"""Find keys that are read but never written (W201), or assigned to but never created (W209)."""
 
 from collections.abc import Collection, Sequence
 
