@@ -1,4 +1,4 @@
-"""One tree ticked for many agents at once, on numpy's arrays (``pip install btcore[batch]``).
+"""A tree that is ticked for many agents at once, with numpy arrays (``pip install btcore[batch]``).
 
 from btcore import batch
 from btcore.batch import BatchTree, Floats, Mask
@@ -12,8 +12,8 @@ statuses = swarm.tick()
 
 try:
     import numpy as _  # noqa: F401
-except ModuleNotFoundError as fault:
-    raise ModuleNotFoundError("btcore.batch needs numpy: pip install btcore[batch]", name="numpy") from fault
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("btcore.batch needs numpy: pip install btcore[batch]", name="numpy") from error
 
 from btcore.batch.agent_sets import Indices, Mask
 from btcore.batch.blackboard import BatchBlackboard

@@ -1,7 +1,6 @@
-"""Branches and switches for a batch."""
+"""Branches and switches of a batch."""
 
-from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any
 
 from btcore.batch.context import BatchContext
 from btcore.batch.node import NO_RESULTS, BatchNode, Results, merge_results
@@ -12,154 +11,148 @@ from btcore.nodes.switch import values_equal
 
 
 class BranchNode(BatchNode):
-    """A node of two or three children: a condition, then, and else."""
+    """A node with a condition and one or two branches."""
 
-    def are_enough(self, agents: int) -> bool:
-        """Whether there are two or three children; if not, the tick of *agents* fails."""
+    def check_child_count(self, agents: int) -> bool:
+        """Return whether there are two or three children; if not, fail for *agents*."""
         count = len(self.children)
         if count in (2, 3):
             return True
-        said = f"<{self.id}> takes a condition and one or two branches, not {count} children"
-        self.context.fail(self, agents, NodeError(said))
+        message = f"<{self.id}> takes a condition and one or two branches, not {count} children"
+        self.context.fail(self, agents, NodeError(message))
         return False
 
 
 class IfThenElse(BranchNode):
-    """Ticks the condition once, then the branch that it chose."""
+    """Ticks the condition once, then the branch that it has chosen."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
+        # For each child, the agents that have chosen it; nothing for the condition.
         self._chosen = [0, 0, 0]
 
     def tick(self, agents: int) -> Results:
-        """Choose a branch for whom none is chosen, and tick it."""
-        if not self.are_enough(agents):
+        """Tick the condition for agents that have not chosen a branch, then the branches."""
+        if not self.check_child_count(agents):
             return NO_RESULTS
         results = NO_RESULTS
         self.set_running(agents)
         chosen = self._chosen
-        asking = agents ^ (agents & (chosen[1] | chosen[2]))
-        if asking:
-            true, false, running, none = self.children[0].execute(asking)
-            if none:
-                fault = NodeError("the condition was skipped, so that no branch can be chosen")
-                self.context.fail(self, none, fault)
+        undecided = agents ^ (agents & (chosen[1] | chosen[2]))
+        if undecided:
+            true, false, running, skipped = self.children[0].execute(undecided)
+            if skipped:
+                error = NodeError("the condition was skipped, so that no branch can be chosen")
+                self.context.fail(self, skipped, error)
             chosen[1] |= true
             if len(self.children) == 3:
                 chosen[2] |= false
                 false = 0
             results = (0, false, running, 0)
-        for branch in range(1, len(self.children)):
-            going = chosen[branch] & agents
+        for index in range(1, len(self.children)):
+            going = chosen[index] & agents
             if going:
-                found = self.children[branch].execute(going)
-                ended = found[0] | found[1] | found[3]
-                chosen[branch] ^= chosen[branch] & ended
+                branch_results = self.children[index].execute(going)
+                ended = branch_results[0] | branch_results[1] | branch_results[3]
+                chosen[index] ^= chosen[index] & ended
                 self.reset_children(ended)
-                results = merge_results(results, found)
+                results = merge_results(results, branch_results)
         return results
 
     def halt(self, agents: int) -> None:
-        """Halt the children; the condition decides anew next time."""
-        for branch in (1, 2):
-            self._chosen[branch] ^= self._chosen[branch] & agents
-        self.reset_children(agents)
-        self.reset(agents)
+        """Halt the children; the condition is ticked again next time."""
+        for index in (1, 2):
+            self._chosen[index] ^= self._chosen[index] & agents
+        super().halt(agents)
 
 
 class WhileDoElse(BranchNode):
-    """Ticks the condition on every tick, and the branch that it asks for."""
+    """Ticks the condition in every tick, and the branch that it chooses."""
 
     def tick(self, agents: int) -> Results:
-        """Tick the condition, and the branch that it asks for."""
-        if not self.are_enough(agents):
+        """Tick the condition, and the branches that it chooses."""
+        if not self.check_child_count(agents):
             return NO_RESULTS
         self.set_running(agents)
         children = self.children
-        three = len(children) == 3
-        true, false, running, none = children[0].execute(agents)
-        success = failure = skipped = 0
-        if none:
-            self.reset_children(none)
-            fault = NodeError("the condition was skipped, so that no branch can be ticked")
-            self.context.fail(self, none, fault)
+        true, false, running, skipped = children[0].execute(agents)
+        if skipped:
+            self.reset_children(skipped)
+            error = NodeError("the condition was skipped, so that no branch can be ticked")
+            self.context.fail(self, skipped, error)
+        results: Results = (0, 0, running, 0)
         if true:
-            if three:
+            if len(children) == 3:
                 children[2].reset_by_parent(true)
                 true = self.drop_failed(true)
-            success, failure, runs, skipped = children[1].execute(true)
-            running |= runs
-        if false and three:
+            results = merge_results(results, children[1].execute(true))
+        if false and len(children) == 3:
             children[1].reset_by_parent(false)
-            succeeded, failed, runs, more = children[2].execute(self.drop_failed(false))
-            success |= succeeded
-            failure |= failed
-            running |= runs
-            skipped |= more
-        elif false:
-            failure |= false
-        ended = success | failure | skipped
+            results = merge_results(results, children[2].execute(self.drop_failed(false)))
+        else:
+            results = merge_results(results, (0, false, 0, 0))
+        ended = results[0] | results[1] | results[3]
         if ended:
             self.reset_children(ended)
-        return success, failure, running, skipped
+        return results
 
 
 class Switch(BatchNode):
     """Ticks the child whose case equals the variable, else the last child."""
 
-    input_ports: ClassVar[Mapping[str, str]] = {"variable": "variable"}
-    variable: BatchInput
-    cases: list[BatchInput]
-
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
+        self.variable = BatchInput(self, "variable")
+        self.cases = [BatchInput(self, f"case_{number}") for number in range(1, plan.child_count[0])]
         self._running = [0] * len(children)
-        self._known: dict[tuple[str | None, ...], int] = {}
+        # The chosen child by the values of the variable and the cases.
+        self._choices: dict[tuple[Any, ...], int] = {}
 
     def tick(self, agents: int) -> Results:
-        """Tick the child that is due."""
+        """Tick each agent's child, after halting another child that is RUNNING."""
         children = self.children
         if len(children) != len(self.cases) + 1:
-            said = f"<{self.id}> takes {len(self.cases)} cases and a default, not {len(children)} children"
-            self.context.fail(self, agents, NodeError(said))
+            message = f"<{self.id}> takes {len(self.cases)} cases and a default, not {len(children)} children"
+            self.context.fail(self, agents, NodeError(message))
             return NO_RESULTS
         results = NO_RESULTS
         for index, due in enumerate(self._chosen(agents)):
             if not due:
                 continue
-            for other, before in enumerate(self._running):
-                stopped = before & due
+            for other, running in enumerate(self._running):
+                stopped = running & due
                 if stopped and other != index:
                     children[other].reset_by_parent(stopped)
                     self._running[other] ^= stopped
             due = self.drop_failed(due)
-            found = children[index].execute(due)
-            self._running[index] = self._running[index] ^ (self._running[index] & due) | found[2]
-            self.reset_children(found[0] | found[1])
-            results = merge_results(results, found)
+            child_results = children[index].execute(due)
+            self._running[index] = self._running[index] ^ (self._running[index] & due) | child_results[2]
+            self.reset_children(child_results[0] | child_results[1])
+            results = merge_results(results, child_results)
         return results
 
     def _chosen(self, agents: int) -> list[int]:
-        """For each child, who is to tick it."""
+        """Return the agents that tick each child."""
         chosen = [0] * len(self.children)
-        groups: list[tuple[tuple[str | None, ...], int]] = [((), agents)]
+        groups: list[tuple[tuple[Any, ...], int]] = [((), agents)]
         for port in (self.variable, *self.cases):
             groups = [
-                ((*texts, text), some)
-                for texts, group in groups
-                for text, some in port.groups_or(group, None)
+                ((*values, value), subgroup)
+                for values, group in groups
+                for value, subgroup in port.groups_or(group, None)
             ]
-        for texts, some in groups:
-            index = self._known.get(texts)
+        for values, group in groups:
+            index = self._choices.get(values)
             if index is None:
-                if len(self._known) > 1000:
-                    self._known.clear()
-                self._known[texts] = index = self._choose(texts)
-            chosen[index] |= some
+                if len(self._choices) > 1000:
+                    self._choices.clear()
+                self._choices[values] = index = self._choose(values)
+            chosen[index] |= group
         return chosen
 
-    def _choose(self, texts: tuple[str | None, ...]) -> int:
-        variable, *cases = texts
+    def _choose(self, values: tuple[Any, ...]) -> int:
+        """Return the index of the first case that equals the variable, else of the last child."""
+        variable, *cases = values
         if variable is not None:
             for index, case in enumerate(cases):
                 if case is not None and values_equal(variable, case, self.config.enums):
@@ -167,8 +160,7 @@ class Switch(BatchNode):
         return len(cases)
 
     def halt(self, agents: int) -> None:
-        """Halt the children; nothing runs."""
+        """Halt the children."""
         for index, running in enumerate(self._running):
             self._running[index] = running ^ (running & agents)
-        self.reset_children(agents)
-        self.reset(agents)
+        super().halt(agents)

@@ -1,69 +1,78 @@
-"""What the nodes of one batch share: the agents, the clock, who was woken, and whose tick has failed."""
+"""The state that all nodes of a batch share: agents, clock, columns, wake-ups, and the errors of a tick."""
 
 from typing import Protocol
 
-from btcore.batch.agent_sets import AgentSets
-from btcore.batch.timer import Timer
+from btcore.batch.agent_sets import AgentSets, Timer
+from btcore.batch.columns import ColumnTable
+from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
+from btcore.engine.node_config import NodeConfig
 from btcore.errors import NodeExecutionError
 
 
-class Located(Protocol):
-    """A node, as far as an error names it."""
+class NodeLike(Protocol):
+    """A node of a batch, for modules that node.py imports."""
 
     path: str
     id: str
     where: str
-    parent: "Located | None"
+    config: NodeConfig
+    board: Blackboard
+    context: "BatchContext"
+    parent: "NodeLike | None"
 
 
 class BatchContext:
-    """One per batch.
+    """The shared state of one batch.
 
-    *raised* are the agents in whose tick a node has raised: they take no further part in it, and are
-    halted at its end. *errors* says which node it was, and for whom: an error each for what was raised in
-    the same words. *woken* asked for another tick.
+    Attributes:
+        raised: The agents for which a node has raised in this tick. They take no further part in it, and are
+            halted at its end.
+        errors: The errors of this tick, each with its agents. Errors of one node with the same type and
+            message are stored as one error.
+        woken: The agents that must be ticked again without delay.
+        timers: All timers of the nodes.
     """
 
-    def __init__(self, crowd: AgentSets, clock: Clock) -> None:
-        self.agent_sets = crowd
+    def __init__(self, agent_sets: AgentSets, clock: Clock, columns: ColumnTable) -> None:
+        self.agent_sets = agent_sets
         self.clock = clock
+        self.columns = columns
         self.raised = 0
         self.errors: dict[tuple[str, str, type, str], tuple[NodeExecutionError, int]] = {}
         self.woken = 0
         self.timers: list[Timer] = []
 
-    def timer(self) -> Timer:
-        """A new timer, whose wishes count when it is asked who was woken."""
-        made = Timer(self.agent_sets)
-        self.timers.append(made)
-        return made
+    def add_timer(self) -> Timer:
+        """Return a new timer whose wake-ups are included in :meth:`take_wake_ups`."""
+        timer = Timer(self.agent_sets)
+        self.timers.append(timer)
+        return timer
 
-    def fail(self, node: Located, agents: int, fault: BaseException, doing: str = "ticking") -> None:
-        """Note that *node* raised *fault* for *agents*; an agent's first fault counts."""
+    def fail(self, node: NodeLike, agents: int, cause: BaseException, doing: str = "ticking") -> None:
+        """Record that *node* raised *cause* for *agents*; only the first error of an agent is recorded."""
         agents ^= agents & self.raised
         if not agents:
             return
         self.raised |= agents
-        same = node.path, doing, type(fault), str(fault)
-        known = self.errors.get(same)
+        key = node.path, doing, type(cause), str(cause)
+        known = self.errors.get(key)
         if known is not None:
-            self.errors[same] = known[0], known[1] | agents
+            self.errors[key] = known[0], known[1] | agents
             return
-        error = NodeExecutionError(node.path, node.id, fault, doing, node.where)
-        error.__cause__ = fault
-        place: Located | None = node
+        error = NodeExecutionError(node.path, node.id, cause, doing, node.where)
+        error.__cause__ = cause
+        place: NodeLike | None = node
         while place is not None:
             error.backtrace.insert(0, place.path)
             place = place.parent
-        self.errors[same] = error, agents
+        self.errors[key] = error, agents
 
-    def take_wake_up(self, agents: int) -> int:
-        """Those of *agents* who were woken, by a node or by a moment that has come; it is taken."""
+    def take_wake_ups(self, agents: int) -> int:
+        """Return those of *agents* that a node or a due timer has woken, and remove their wake-ups."""
         now = self.clock.now()
         for timer in self.timers:
-            if timer.wake_ups:
-                self.woken |= timer.take_due_wake_ups(self.agent_sets.all_agents, now)
+            self.woken |= timer.take_due_wake_ups(now)
         woken = self.woken & agents
         self.woken ^= woken
         return woken

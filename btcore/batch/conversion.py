@@ -1,6 +1,6 @@
-"""Values of one type as another, for all agents at once: ``ValueType.cast`` on arrays.
+"""Conversion of values between leaves, users and columns: the rules of :class:`ValueType` on arrays.
 
-What arrays can't tell exactly is left to the ordinary engine's conversion, agent by agent.
+Values for which arrays are not exact enough are converted agent by agent, by the ordinary engine's code.
 """
 
 from collections.abc import Callable
@@ -9,135 +9,214 @@ from typing import Any
 import numpy as np
 
 from btcore.batch.agent_sets import AgentSets
-from btcore.batch.column import (
+from btcore.batch.columns import (
     NUMBER,
     OBJECT,
     ROWS,
     TEXT,
     TRUTH,
+    BatchValue,
     Column,
     Form,
+    Slot,
     Values,
     dtype_of,
-    fits_exactly,
+    infer_type,
     to_objects,
 )
-from btcore.errors import BtcoreError, ConversionError
-from btcore.values.types import (
-    FLOAT,
-    INT64,
-    MAX_EXACT,
-    STRING,
-    UINT64,
-    BoolType,
-    IntegerType,
-    RealType,
-    ValueType,
-)
+from btcore.errors import BlackboardError, BtcoreError, ConversionError
+from btcore.values import FLOAT, INT64, STRING, UINT64, ValueType
+from btcore.values.types import MAX_EXACT, BoolType, IntegerType, RealType
 
 FailureCallback = Callable[[int, BtcoreError], None]
-"""Notes that a fault has befallen these agents."""
-
-
-def cast(
-    values: Any, form: Form, whole: int, kind: ValueType, crowd: AgentSets, agents: int, fail: FailureCallback
-) -> Any:
-    """*values* (an array, or one value for all) of *agents* as *kind* has them.
-
-    Agents whose value doesn't fit go to *fail*. The result is an array of the kind's dtype, or one value.
-    """
-    if not kind.strong:
-        return values
-    if isinstance(kind, RealType) and form in (NUMBER, TRUTH):
-        reals = np.asarray(values, dtype=np.float64)
-        return reals.astype(np.float32).astype(np.float64) if kind is FLOAT else reals
-    if isinstance(kind, BoolType) and form is TRUTH:
-        return values
-    if isinstance(kind, BoolType) and form is NUMBER:
-        array = np.asarray(values)
-        bad = (array < 0.0) | ((array > 1) & crowd.mask(whole & crowd.all_agents))
-        if not np.any(bad):
-            return array != 0
-    if isinstance(kind, IntegerType) and kind is not UINT64 and form in (NUMBER, TRUTH):
-        array = np.asarray(values)
-        if array.dtype == np.int64 and kind is INT64:
-            return array
-        fits = (array >= kind.low) & (array <= kind.high)
-        if array.dtype == np.float64:
-            fits &= np.rint(array) == array
-        if fits.all() or not crowd.from_mask(~np.broadcast_to(fits, crowd.count)) & agents:
-            return np.where(fits, array, 0).astype(np.int64)
-    if kind is STRING and form is TEXT:
-        return values
-    return cast_each(values, form, whole, kind, crowd, agents, fail)
-
-
-def cast_each(
-    values: Any, form: Form, whole: int, kind: ValueType, crowd: AgentSets, agents: int, fail: FailureCallback
-) -> Values:
-    """:func:`cast` agent by agent, by the ordinary engine's conversion."""
-    held = to_objects(values, form, crowd, agents, whole)
-    found = np.zeros(crowd.count, dtype_of(kind))
-    for at in crowd.indices(agents):
-        try:
-            one = held[at]
-            if isinstance(one, str) and kind is not STRING:
-                one = kind.from_text(one)
-            found[at] = kind.cast(one)
-        except ConversionError as fault:
-            fail(1 << int(at), fault)
-    return found
+"""Is called with the agents whose value was rejected, and the error."""
 
 
 def array_of(value: Any) -> Values:
-    """*value* as an array; one of no dimension is one value for all. Raises ConversionError."""
+    """Return *value* as an array; a single value for all agents has no dimension. Raise ConversionError."""
     try:
         return np.asarray(value)
-    except ValueError as fault:
-        raise ConversionError(f"an array is wanted, or one value for all: {fault}") from None
+    except ValueError as error:
+        raise ConversionError(f"expected an array, or a single value for all agents: {error}") from None
 
 
-def normalise_values(value: Any, crowd: AgentSets) -> tuple[Any, Form, int]:
-    """What a leaf or a user gives: the values, their form, and whose are whole.
+def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
+    """Return what a leaf or a user has given, an array or a single value for all agents, in its form.
 
-    One value for all, or an array with one an agent. Raises ConversionError for anything else.
+    Raises:
+        ConversionError: It is not an array with a value for each agent.
     """
     array = array_of(value)
     if array.ndim == 0:
-        one = value.item() if isinstance(value, (np.generic, np.ndarray)) else value
-        if isinstance(one, bool):
-            return one, TRUTH, 0
-        if isinstance(one, (int, float)) and type(one) in (int, float):
-            if isinstance(one, int) and abs(one) > MAX_EXACT:
-                return one, OBJECT, 0
-            return one, NUMBER, crowd.all_agents if isinstance(one, int) else 0
-        return one, TEXT if isinstance(one, str) else OBJECT, 0
-    if array.shape[0] != crowd.count:
+        scalar = value.item() if isinstance(value, (np.generic, np.ndarray)) else value
+        if isinstance(scalar, bool):
+            return BatchValue(scalar, TRUTH, 0)
+        if type(scalar) is float:
+            return BatchValue(scalar, NUMBER, 0)
+        if type(scalar) is int and abs(scalar) <= MAX_EXACT:
+            return BatchValue(scalar, NUMBER, agent_sets.all_agents)
+        return BatchValue(scalar, TEXT if isinstance(scalar, str) else OBJECT, 0)
+    if array.shape[0] != agent_sets.count:
         raise ConversionError(
-            f"one value for each of the {crowd.count} agents is wanted, not an array of shape {array.shape}"
+            f"expected a value for each of the {agent_sets.count} agents, not an array of shape {array.shape}"
         )
     if array.ndim > 1:
-        return array.astype(np.float64), ROWS, 0
+        return BatchValue(array.astype(np.float64), ROWS, 0)
     if array.dtype == np.bool_:
-        return array, TRUTH, 0
-    if array.dtype.kind in "iu":
-        if array.dtype.itemsize > 4 and not fits_exactly(array):
-            return np.array([*array.tolist(), None], dtype=object)[:-1], OBJECT, 0
-        return array.astype(np.int64, copy=False), NUMBER, crowd.all_agents
+        return BatchValue(array, TRUTH, 0)
+    if array.dtype.kind in "iu" and (array.dtype.itemsize <= 4 or (np.abs(array) <= MAX_EXACT).all()):
+        return BatchValue(array.astype(np.int64, copy=False), NUMBER, agent_sets.all_agents)
     if array.dtype.kind == "f":
-        return array.astype(np.float64, copy=False), NUMBER, 0
-    array = np.array([*array.tolist(), None], dtype=object)[:-1]
-    return array, TEXT if all(isinstance(one, str) for one in array) else OBJECT, 0
+        return BatchValue(array.astype(np.float64, copy=False), NUMBER, 0)
+    # Numbers beyond the exact doubles, texts, and any other objects.
+    objects = array.astype(object)
+    is_text = all(isinstance(element, str) for element in objects)
+    return BatchValue(objects, TEXT if is_text else OBJECT, 0)
+
+
+def cast(
+    value: BatchValue, kind: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
+) -> tuple[Any, int]:
+    """Convert the values of *agents* to *kind*, as ``ValueType.cast`` does.
+
+    Returns:
+        The values, an array of the kind's dtype or a single value, and the agents whose value converts.
+    """
+    data, form, integers = value
+    if not kind.strong or (kind is STRING and form is TEXT) or (isinstance(kind, BoolType) and form is TRUTH):
+        return data, agents
+    if form is NUMBER or form is TRUTH:
+        array = np.asarray(data)
+        if isinstance(kind, RealType):
+            reals = array.astype(np.float64, copy=False)
+            if kind is FLOAT:
+                reals = reals.astype(np.float32).astype(np.float64)
+            return reals, agents
+        if isinstance(kind, BoolType):
+            # An integer must be 0 or 1; a real must not be negative.
+            bad = (array < 0.0) | ((array > 1) & agent_sets.mask(integers & agent_sets.all_agents))
+            if not np.any(bad):
+                return array != 0, agents
+        # The range of uint64_t does not fit into int64.
+        if isinstance(kind, IntegerType) and kind is not UINT64:
+            if array.dtype == np.int64 and kind is INT64:
+                return array, agents
+            fits = (array >= kind.low) & (array <= kind.high)
+            if array.dtype == np.float64:
+                fits &= np.rint(array) == array
+            if fits.all() or not agent_sets.from_mask(~np.broadcast_to(fits, agent_sets.count)) & agents:
+                return np.where(fits, array, 0).astype(np.int64), agents
+    objects = to_objects(value, agent_sets, agents)
+    result = np.zeros(agent_sets.count, dtype_of(kind))
+    for index in agent_sets.indices(agents):
+        try:
+            single = objects[index]
+            if isinstance(single, str) and kind is not STRING:
+                single = kind.from_text(single)
+            result[index] = kind.cast(single)
+        except ConversionError as error:
+            fail(1 << int(index), error)
+            agents ^= 1 << int(index)
+    return result, agents
 
 
 def read_column(column: Column, kind: ValueType, agents: int, fail: FailureCallback) -> Values:
-    """What a leaf sees of *column* through a port of *kind*; *agents* all have a value."""
+    """Return the values of *column* for a leaf's port of *kind*. All *agents* must have a value."""
     values = column.readonly_view()
     if column.form is NUMBER and values.dtype == dtype_of(kind) and kind is not FLOAT:
         if not isinstance(kind, IntegerType) or column.kind is kind or kind is INT64:
             return values
     elif not kind.strong and column.form is not NUMBER:
         return values
-    whole = column.integers_among(agents)
-    array: Values = cast(values, column.form, whole, kind, column.crowd, agents, fail)
+    value = BatchValue(values, column.form, column.integers_among(agents))
+    array: Values = cast(value, kind, column.agent_sets, agents, fail)[0]
     return array
+
+
+def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, infer: bool = True) -> None:
+    """Write values as ``Blackboard.set`` does: the first values determine the type of an untyped entry.
+
+    Args:
+        slot: The key.
+        agents: The agents whose values are written.
+        value: The values.
+        fail: Is called for agents whose value does not fit the entry's type.
+        infer: Whether an untyped entry of the scope itself gets a type.
+
+    Raises:
+        BlackboardError: The entry cannot be created.
+    """
+    if not agents:
+        return
+    column, is_local = slot.column_for_write()
+    entry = column.entry
+    agent_sets = column.agent_sets
+    data, form, _ = value
+    if not is_local:
+        # Behind a remapping, an entry accepts texts and values of its type, and does not convert.
+        if not column.exists and not isinstance(data, str):
+            entry.declared = infer_type(data)
+            entry.inferred = True
+        elif form is not TEXT and entry.declared.strong and not _is_of(entry.declared, value, agents):
+            agents = _reject_other_types(column, to_objects(value, agent_sets, agents), agents, fail)
+    elif not entry.declared.strong:
+        if infer and (not isinstance(data, str) or column.exists & agents):
+            entry.declared = infer_type(data)
+            entry.inferred = True
+    elif not _accepts(entry.declared, form):
+        objects = to_objects(value, agent_sets, agents)
+        column.put_objects(_adapt(objects, entry.declared, agent_sets, agents, fail), objects)
+        return
+    elif form is NUMBER or form is TRUTH:
+        data, agents = cast(value, entry.declared, agent_sets, agents, fail)
+        value = normalise_values(data, agent_sets)
+    column.put(agents, *value)
+
+
+def _is_of(kind: ValueType, value: BatchValue, agents: int) -> bool:
+    """Return whether all values are certainly of *kind*, without checking each."""
+    data, form, integers = value
+    if form is NUMBER and isinstance(kind, RealType):
+        return not integers & agents
+    if form is NUMBER and isinstance(kind, IntegerType) and integers & agents == agents:
+        return kind is INT64 or bool(np.min(data) >= kind.low and np.max(data) <= kind.high)
+    return (form is TRUTH and isinstance(kind, BoolType)) or (form is ROWS and kind.python_type is np.ndarray)
+
+
+def _reject_other_types(column: Column, objects: Values, agents: int, fail: FailureCallback) -> int:
+    """Return those of *agents* whose value is of the column's type; fail for the others."""
+    for index in column.agent_sets.indices(agents):
+        if not column.kind.accepts(objects[index]):
+            message = (
+                f"the entry '{column.name}' is of type {column.kind.name}, and once declared its type stays"
+            )
+            fail(1 << int(index), BlackboardError(message))
+            agents ^= 1 << int(index)
+    return agents
+
+
+def _accepts(kind: ValueType, form: Form) -> bool:
+    """Return whether an entry of *kind* takes values of *form* without a check of each."""
+    if form is ROWS:
+        return kind.python_type is np.ndarray
+    if form is NUMBER:
+        return isinstance(kind, (RealType, IntegerType)) and kind is not UINT64
+    if form is TRUTH:
+        return isinstance(kind, (RealType, IntegerType, BoolType)) and kind is not UINT64
+    return form is TEXT and kind is STRING
+
+
+def _adapt(
+    objects: Values, kind: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
+) -> int:
+    """Convert *objects* in place as for an entry of *kind*. Return the agents whose value converts."""
+    for index in agent_sets.indices(agents):
+        value = objects[index]
+        try:
+            if not kind.accepts(value):
+                is_text = isinstance(value, str) and kind.converts
+                objects[index] = kind.from_text(value) if is_text else kind.adapt(value)
+        except ConversionError as error:
+            fail(1 << int(index), error)
+            agents ^= 1 << int(index)
+    return agents

@@ -1,19 +1,33 @@
-"""Decorators that change their child's result, and those that tick it again, for a batch."""
+"""Decorators of a batch that change the result of their child, or tick it repeatedly; and SubTree."""
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
+from btcore.batch.agent_sets import Counters
 from btcore.batch.context import BatchContext
-from btcore.batch.counters import Counters
 from btcore.batch.node import BatchDecorator, BatchNode, Results
 from btcore.batch.ports import BatchInput
 from btcore.engine.node import TreeNode
 
 
+class SubTree(BatchDecorator):
+    """Ticks the root of the inner tree."""
+
+    def tick(self, agents: int) -> Results:
+        """Tick the root of the inner tree."""
+        idle = agents ^ self.not_idle(agents)
+        if idle:
+            self.set_running(idle)
+        results = self.child.execute(agents)
+        completed = results[0] | results[1]
+        if completed:
+            self.child.reset_by_parent(completed)
+        return results
+
+
 class ResultDecorator(BatchDecorator):
-    """Ticks its child, and changes what it came to."""
+    """Ticks its child, and changes its result."""
 
     def tick(self, agents: int) -> Results:
         """Tick the child."""
@@ -21,15 +35,15 @@ class ResultDecorator(BatchDecorator):
         return self.map_results(*self.child.execute(agents))
 
     def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
-        """The node's results, by those of its child."""
+        """Return the results of the node for the results of its child."""
         raise NotImplementedError
 
 
 class Inverter(ResultDecorator):
-    """Turns SUCCESS into FAILURE and FAILURE into SUCCESS."""
+    """Returns FAILURE for SUCCESS, and SUCCESS for FAILURE."""
 
     def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
-        """Who failed, succeeds."""
+        """Exchange SUCCESS and FAILURE."""
         return failure, success, running, skipped
 
 
@@ -37,7 +51,7 @@ class ForceSuccess(ResultDecorator):
     """Succeeds when its child completes."""
 
     def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
-        """Who completed, succeeds."""
+        """Replace FAILURE by SUCCESS."""
         return success | failure, 0, running, skipped
 
 
@@ -45,102 +59,105 @@ class ForceFailure(ResultDecorator):
     """Fails when its child completes."""
 
     def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
-        """Who completed, fails."""
+        """Replace SUCCESS by FAILURE."""
         return 0, success | failure, running, skipped
 
 
 class KeepRunningUntilFailure(ResultDecorator):
-    """Keeps RUNNING until its child fails."""
+    """Is RUNNING until its child fails."""
 
     def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
-        """Who didn't fail, runs."""
+        """Replace all results except FAILURE by RUNNING."""
         return 0, failure, success | running | skipped, 0
 
 
 class RunOnce(BatchDecorator):
-    """Ticks its child until it completes once in an agent's life."""
-
-    input_ports: ClassVar[Mapping[str, str]] = {"then_skip": "then_skip"}
-    then_skip: BatchInput
+    """Ticks its child until the child completes, and never again for the same agent."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
+        self.then_skip = BatchInput(self, "then_skip")
         self._succeeded = 0
         self._failed = 0
 
     def tick(self, agents: int) -> Results:
-        """Tick the child, or give what is remembered."""
+        """Tick the child, or return the stored result or SKIPPED."""
         success = failure = running = skipped = 0
-        known = agents & (self._succeeded | self._failed)
-        if known:
-            for skips, some in self.then_skip.groups_or(known, True):
+        completed = agents & (self._succeeded | self._failed)
+        if completed:
+            for skips, group in self.then_skip.groups_or(completed, True):
                 if skips is False:
-                    success |= some & self._succeeded
-                    failure |= some & self._failed
+                    success |= group & self._succeeded
+                    failure |= group & self._failed
                 else:
-                    skipped |= some
-        agents ^= known
+                    skipped |= group
+        agents ^= completed
         if not agents:
             return success, failure, 0, skipped
         self.set_running(agents)
-        succeeded, failed, running, more = self.child.execute(agents)
+        succeeded, failed, running, more_skipped = self.child.execute(agents)
         self._succeeded |= succeeded
         self._failed |= failed
         self.child.reset_by_parent(succeeded | failed)
-        return success | succeeded, failure | failed, running, skipped | more
+        return success | succeeded, failure | failed, running, skipped | more_skipped
 
 
 class RepeatedNode(BatchDecorator):
-    """Ticks its child until it completed as often as *limit* says, −1 = for ever."""
+    """Ticks its child until the child has completed as often as the limit requires; −1 = no limit."""
 
-    goes_on_success: ClassVar[bool] = True
-    limit: BatchInput
+    continues_on_success: ClassVar[bool] = True
+    limit_port: ClassVar[str]
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
+        self.limit = BatchInput(self, self.limit_port)
         self._counts = Counters()
+        # A number for all agents if the limit is a literal, else an array.
         self._limits: Any = None
 
     def tick(self, agents: int) -> Results:
-        """Tick the child, again and again."""
-        agents = self._read(agents)
+        """Tick the child repeatedly."""
+        agents = self._read_limits(agents)
         if not agents:
             return 0, 0, 0, 0
-        goes_on_success = self.goes_on_success
+        continues_on_success = self.continues_on_success
         self.set_running(agents)
-        running = skipped = stopped = done = 0
-        active = self._below(agents)
+        running = skipped = stopped = 0
+        active = self._below_limit(agents)
         done = agents ^ active
         while active:
             fresh = active ^ self.child.not_idle(active)
-            succeeded, failed, runs, none = self.child.execute(active)
-            goes, stops = (succeeded, failed) if goes_on_success else (failed, succeeded)
+            succeeded, failed, runs, skips = self.child.execute(active)
+            continues, stops = (succeeded, failed) if continues_on_success else (failed, succeeded)
             running |= runs
-            if goes:
-                self._counts.add(goes)
-                self._read_again(goes)
-                self.child.reset_by_parent(goes)
-                goes = self.drop_failed(goes)
-            if none:
-                self.child.reset_by_parent(none)
-                skipped |= none
+            if continues:
+                self._counts.add(continues)
+                self._update_limits(continues)
+                self.child.reset_by_parent(continues)
+                continues = self.drop_failed(continues)
+            if skips:
+                self.child.reset_by_parent(skips)
+                skipped |= skips
             if stops:
                 self._counts.clear(stops)
                 self.child.reset_by_parent(stops)
                 stopped |= stops
-            active = self._below(goes)
-            done |= goes ^ active
-            waits = active & fresh
-            if waits:
-                self.context.woken |= waits
-                running |= waits
-                active ^= waits
+            active = self._below_limit(continues)
+            done |= continues ^ active
+            # After a child that completed in its first tick, the node yields, and wakes the tree.
+            yielding = active & fresh
+            if yielding:
+                self.context.woken |= yielding
+                running |= yielding
+                active ^= yielding
         if done:
             self._counts.clear(done)
-        return (done, stopped, running, skipped) if goes_on_success else (stopped, done, running, skipped)
+        return (
+            (done, stopped, running, skipped) if continues_on_success else (stopped, done, running, skipped)
+        )
 
-    def _read(self, agents: int) -> int:
-        """Read the limits; who has one."""
+    def _read_limits(self, agents: int) -> int:
+        """Read the limits. Return those of *agents* that have a limit."""
         if self.limit.is_literal:
             self._limits = self.limit.literal
             return agents
@@ -149,40 +166,39 @@ class RepeatedNode(BatchDecorator):
             self._limits = np.array(self.limit.read(agents))
         return self.drop_failed(agents)
 
-    def _read_again(self, agents: int) -> None:
-        """Read the limits that a tick of the child may have changed, where the node does so."""
+    def _update_limits(self, agents: int) -> None:
+        """Read the limits of *agents* again after the child has completed, if the class does so."""
 
-    def _below(self, agents: int) -> int:
-        """Those of *agents* who haven't reached their limit."""
+    def _below_limit(self, agents: int) -> int:
+        """Return those of *agents* whose count is below the limit."""
         if not agents:
             return 0
         if self.limit.is_literal:
             return agents if self._limits == -1 else self._counts.below(self._limits, agents)
-        crowd = self.context.agent_sets
-        counts = self._counts.numbers(crowd)
-        return crowd.from_mask((counts < self._limits) | (self._limits == -1)) & agents
+        agent_sets = self.context.agent_sets
+        counts = self._counts.numbers(agent_sets)
+        return agent_sets.from_mask((counts < self._limits) | (self._limits == -1)) & agents
 
     def halt(self, agents: int) -> None:
-        """Halt the child; nothing is counted."""
+        """Halt the child, and reset the counts."""
         self._counts.clear(agents)
-        self.child.reset_by_parent(agents)
-        self.reset(agents)
+        super().halt(agents)
 
 
 class Repeat(RepeatedNode):
-    """Ticks its child until it succeeded often enough."""
+    """Ticks its child until it has succeeded `num_cycles` times."""
 
-    input_ports: ClassVar[Mapping[str, str]] = {"num_cycles": "limit"}
+    limit_port = "num_cycles"
 
 
 class RetryUntilSuccessful(RepeatedNode):
-    """Ticks its child until it failed too often."""
+    """Ticks its child until it has failed `num_attempts` times."""
 
-    goes_on_success = False
-    input_ports: ClassVar[Mapping[str, str]] = {"num_attempts": "limit"}
+    continues_on_success = False
+    limit_port = "num_attempts"
 
-    def _read_again(self, agents: int) -> None:
+    def _update_limits(self, agents: int) -> None:
         if not self.limit.is_literal:
-            for number, some in self.limit.groups_or(agents, None):
-                if number is not None:
-                    np.copyto(self._limits, number, where=self.context.agent_sets.mask(some))
+            for limit, group in self.limit.groups_or(agents, None):
+                if limit is not None:
+                    np.copyto(self._limits, limit, where=self.context.agent_sets.mask(group))

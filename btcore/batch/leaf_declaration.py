@@ -1,13 +1,15 @@
-"""Leaves of a batch as their authors write them: a function, or a class, for all agents at once.
+"""The leaves of a batch as their authors write them: a function or a class for all agents at once.
 
-Ports are declared as in the ordinary engine, with the arrays that they hold: ``In[Floats]`` is a column of
-doubles, ``Put[Floats]`` a callable that takes one.
+Ports are declared as in the ordinary engine, but with the types of arrays: ``In[Floats]`` is a column of
+    doubles,
+``Put[Floats]`` a callable that takes a column.
 """
 
 import inspect
 import typing
-from collections.abc import Callable, Iterable, Sequence
-from typing import Annotated, Any, ClassVar, Final, TypeAlias, TypeVar, overload
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, NamedTuple, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,17 +29,17 @@ from btcore.values import ANY, BOOL, DOUBLE, FLOAT, INT, INT64, TypeRegistry, Va
 F = TypeVar("F", bound=Callable[..., object])
 
 Floats: TypeAlias = NDArray[np.float64]
-"""A column of C++'s doubles."""
+"""A column of doubles."""
 Ints: TypeAlias = NDArray[np.int64]
-"""A column of integers of 64 bits."""
+"""A column of 64-bit integers."""
 Bools: TypeAlias = NDArray[np.bool_]
 """A column of bools."""
 Texts: TypeAlias = NDArray[np.object_]
-"""A column of texts, or of any other objects."""
+"""A column of texts or other Python objects."""
 Rows: TypeAlias = Annotated[NDArray[np.float64], ANY]
 """A column with a row of numbers for each agent, of shape (agents, …)."""
 Statuses: TypeAlias = NDArray[np.uint8]
-"""One status for each agent, numbered as Status is."""
+"""A status for each agent, as an integer like :class:`Status`."""
 
 _OF_DTYPE: Final[dict[object, ValueType]] = {
     np.float64: DOUBLE,
@@ -51,92 +53,90 @@ _MARK: Final = "__btcore_batch_leaf__"
 
 
 class NodeName(str):
-    """Asked for as a parameter's type, it is the name of the node."""
+    """The type of a parameter that gets the name of the node."""
 
 
-class LeafParameter:
-    """One parameter of a leaf: its *port*, or else the type *wanted*; *default* may be UNSET."""
+class LeafParameter(NamedTuple):
+    """A parameter of a leaf.
 
-    def __init__(self, name: str, port: Port | None, wanted: Any, default: object, keyword: bool) -> None:
-        self.name = name
-        self.port = port
-        self.annotation = wanted
-        self.default = default
-        self.keyword = keyword
-
-
-class LeafDeclaration:
-    """A leaf that a tree of a batch may have.
-
-    *function* is what it calls, or *cls* the class of which each node gets an instance; *plan* is the kind
-    of ordinary leaf that stands for it while the tree is made.
+    Attributes:
+        name: The name.
+        port: The port, or None for another parameter.
+        annotation: The type, which determines the value of a parameter that is not a port.
+        default: The default value, or UNSET.
+        keyword: Whether the parameter is keyword-only.
     """
 
-    def __init__(
-        self,
-        id: str,
-        plan: type[TreeNode],
-        ports: Sequence[Port],
-        wishes: Sequence[LeafParameter],
-        function: Callable[..., Any] | None,
-        cls: "type[StatefulAction] | None",
-    ) -> None:
-        self.id = id
-        self.base_class = plan
-        self.ports = list(ports)
-        self.parameters = list(wishes)
-        self.function = function
-        self.cls = cls
+    name: str
+    port: Port | None
+    annotation: Any
+    default: object
+    keyword: bool
+
+
+@dataclass
+class LeafDeclaration:
+    """A leaf that a tree of a batch can use.
+
+    Attributes:
+        id: The registration ID.
+        base_class: The kind of the ordinary leaf that represents it in the plan, the ordinary tree.
+        ports: The ports.
+        parameters: The parameters of the function, or of the class's ``__init__``.
+        implementation: The function, or the class, of which each node gets an instance.
+    """
+
+    id: str
+    base_class: type[TreeNode]
+    ports: list[Port]
+    parameters: list[LeafParameter]
+    implementation: "Callable[..., Any] | type[StatefulAction]"
 
     def stand_in(self) -> type[TreeNode]:
-        """An ordinary leaf class with the same ports."""
+        """Return an ordinary leaf class with the same ports, for the plan."""
         ports = self.ports
 
         def tick(_: TreeNode, *__: object) -> Status:
-            raise RegistrationError(f"<{self.id}> is a leaf of a batch; BatchTree runs it")
+            raise RegistrationError(f"<{self.id}> is a leaf of a batch; only a BatchTree can run it")
 
-        made: dict[str, Any] = {"provided_ports": staticmethod(lambda: list(ports)), "tick": tick}
-        made |= {"on_start": tick, "on_running": tick, "__module__": self._author.__module__}
-        made["__doc__"] = self._author.__doc__
-        return type(self.id, (self.base_class,), made)
+        members: dict[str, Any] = {"provided_ports": staticmethod(lambda: list(ports)), "tick": tick}
+        members |= {"on_start": tick, "on_running": tick}
+        members |= {"__module__": self.implementation.__module__, "__doc__": self.implementation.__doc__}
+        return type(self.id, (self.base_class,), members)
 
     @property
     def origin(self) -> str:
-        """``module.name`` of what was given."""
-        return f"{self._author.__module__}.{self._author.__qualname__}"
-
-    @property
-    def _author(self) -> Any:
-        return self.function if self.function is not None else self.cls
+        """``module.name`` of the function or class."""
+        return f"{self.implementation.__module__}.{self.implementation.__qualname__}"
 
 
 class StatefulAction:
-    """An action that lasts several ticks, for all agents at once.
+    """An action of several ticks, for all agents at once.
 
-    Ports are annotated attributes: reading one gives the column, assigning one writes it for the agents who
-    are meant just now. Each method is given their *mask*, and is not called when there are none. What an
-    ``__init__`` asks for is handed in by type.
+    Ports are annotated attributes: reading a port returns the column; assigning a port writes the values of
+        the
+    agents for which the method was called. Each method gets the mask of these agents, and is not called if
+    there are none. The parameters of ``__init__`` are resources, found by type.
     """
 
-    ports: ClassVar[dict[str, Port]] = {}
     _port: Callable[[str], Any]
     name: str
     """The name of the node."""
     agents: int
-    """How many agents there are."""
+    """The number of agents."""
     now: Callable[[], int]
-    """The time (ns) of the batch's clock."""
+    """Returns the time (ns) of the batch's clock."""
 
     def on_start(self, mask: Mask) -> object:
-        """Begin, for those who are IDLE. Returns what :func:`action` describes."""
+        """Start the action for the agents of *mask*, which are IDLE. Return what :func:`action` describes."""
         raise NotImplementedError(f"{type(self).__qualname__} has no on_start()")
 
     def on_running(self, mask: Mask) -> object:
-        """Go on, for those who are RUNNING."""
+        """Continue the action for the agents of *mask*, which are RUNNING."""
         raise NotImplementedError(f"{type(self).__qualname__} has no on_running()")
 
     def on_halted(self, mask: Mask) -> None:
-        """Clean up, for those who were halted while RUNNING."""
+        """Clean up for the agents of *mask*, which were halted while RUNNING."""
 
 
 @overload
@@ -144,12 +144,16 @@ def action(function: F, /) -> F: ...
 @overload
 def action(*, ID: str | None = None) -> Callable[[F], F]: ...
 def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
-    """Make a function an action for all agents at once, that ends within the tick.
+    """Make a function an action for all agents at once, which completes within its tick.
 
-    Its tag is its name in CamelCase, or *ID*. A parameter marked In or Put is a port; one of type Mask gets
-    the mask of those who are ticked, one of type Indices their numbers; any other is a resource. It returns
-    an array of bools (True is SUCCESS) or of statuses (uint8), of shape (agents,), in which those who are not
-    ticked don't count; or one bool or Status for all. For whom the status is 0 (IDLE) the leaf has raised.
+    Parameters with In or Put are ports. A parameter of type Mask gets the mask of the ticked agents, Indices
+    their indices. Any other parameter is a resource. The function returns an array of bools (True is SUCCESS)
+    or of statuses (uint8), of shape (agents,), or a single bool or Status for all agents. Results for agents
+    that are not ticked are ignored. The status 0 (IDLE) is an error of this agent.
+
+    Args:
+        function: The function.
+        ID: The registration ID; by default the function's name in CamelCase.
     """
     return _marked(function, SyncAction, ID)
 
@@ -163,58 +167,62 @@ def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Cal
     return _marked(function, Condition, ID)
 
 
-def _marked(function: F | None, plan: type[TreeNode], ID: str | None) -> F | Callable[[F], F]:
-    def note(marked: F) -> F:
-        setattr(marked, _MARK, (plan, ID))
+def _marked(function: F | None, base_class: type[TreeNode], ID: str | None) -> F | Callable[[F], F]:
+    def mark(marked: F) -> F:
+        setattr(marked, _MARK, (base_class, ID))
         return marked
 
-    return note if function is None else note(function)
+    return mark if function is None else mark(function)
 
 
-def read_declarations(things: Any, types: TypeRegistry) -> list[LeafDeclaration]:
-    """What each of *things* declares. Raises RegistrationError, also for two of one ID."""
-    if isinstance(things, Registry):
-        raise RegistrationError("leaves=[…] are the leaves of the batch; a Registry is given as nodes=…")
-    if inspect.isclass(things) or not isinstance(things, Iterable):
-        raise RegistrationError(f"leaves=[…] is a list of leaves, not {things!r}")
-    found: dict[str, LeafDeclaration] = {}
-    for thing in things:
-        leaf = read_declaration(thing, types)
-        known = found.setdefault(leaf.id, leaf)
-        if known is not leaf:
+def read_declarations(leaves: Any, types: TypeRegistry) -> list[LeafDeclaration]:
+    """Return the declarations of *leaves*.
+
+    Raises:
+        RegistrationError: A leaf is invalid, or two leaves have the same ID.
+    """
+    if isinstance(leaves, Registry):
+        raise RegistrationError("leaves=[…] takes the leaves of the batch; pass a Registry as nodes=…")
+    if inspect.isclass(leaves) or not isinstance(leaves, Iterable):
+        raise RegistrationError(f"leaves=[…] must be a list of leaves, not {leaves!r}")
+    declarations: dict[str, LeafDeclaration] = {}
+    for leaf in leaves:
+        declaration = read_declaration(leaf, types)
+        known = declarations.setdefault(declaration.id, declaration)
+        if known is not declaration:
             raise RegistrationError(
-                f"leaves=[…] has two leaves <{leaf.id}>: {known.origin} and {leaf.origin}"
+                f"leaves=[…] has two leaves <{known.id}>: {known.origin} and {declaration.origin}"
             )
-    return list(found.values())
+    return list(declarations.values())
 
 
-def read_declaration(thing: Any, types: TypeRegistry) -> LeafDeclaration:
-    """What *thing*, a function or a class, declares. Raises RegistrationError."""
-    if isinstance(thing, LeafDeclaration):
-        return thing
-    if inspect.isclass(thing) and issubclass(thing, StatefulAction):
-        return _class_leaf(thing, types)
-    if inspect.isclass(thing) or not callable(thing):
+def read_declaration(leaf: Any, types: TypeRegistry) -> LeafDeclaration:
+    """Return the declaration of a function or a class. Raise RegistrationError if it is invalid."""
+    if isinstance(leaf, LeafDeclaration):
+        return leaf
+    if inspect.isclass(leaf) and issubclass(leaf, StatefulAction):
+        return _class_declaration(leaf, types)
+    if inspect.isclass(leaf) or not callable(leaf):
         raise RegistrationError(
-            f"{thing!r} is no leaf of a batch: give a function, or a class derived from batch.StatefulAction"
+            f"{leaf!r} is not a leaf of a batch: pass a function or a class derived from batch.StatefulAction"
         )
-    if hasattr(thing, MARK):
+    if hasattr(leaf, MARK):
         raise RegistrationError(
-            f"{thing.__qualname__} is a leaf for one agent: a batch gives it arrays; mark one that works on "
-            "arrays with batch.action or batch.condition"
+            f"{leaf.__qualname__} is a leaf for a single agent, but a batch calls leaves with arrays; mark a "
+            "function that works on arrays with batch.action or batch.condition"
         )
-    if inspect.isgeneratorfunction(thing) or inspect.iscoroutinefunction(thing):
+    if inspect.isgeneratorfunction(leaf) or inspect.iscoroutinefunction(leaf):
         raise RegistrationError(
-            f"{thing.__qualname__} would last for each agent in its own way: a batch runs no generator and "
-            "no async def; derive a class from batch.StatefulAction"
+            f"{leaf.__qualname__} is a generator or an async def, which cannot be at a different position "
+            "for each agent; derive a class from batch.StatefulAction"
         )
-    plan, ID = getattr(thing, _MARK, (SyncAction, None))
-    wishes = _wishes(thing, types)
-    ports = [one.port for one in wishes if one.port is not None]
-    return LeafDeclaration(ID or camel_case(thing.__name__), plan, ports, wishes, thing, None)
+    base_class, ID = getattr(leaf, _MARK, (SyncAction, None))
+    parameters = _parameters(leaf, types)
+    ports = [parameter.port for parameter in parameters if parameter.port is not None]
+    return LeafDeclaration(ID or camel_case(leaf.__name__), base_class, ports, parameters, leaf)
 
 
-def _class_leaf(cls: type[StatefulAction], types: TypeRegistry) -> LeafDeclaration:
+def _class_declaration(cls: type[StatefulAction], types: TypeRegistry) -> LeafDeclaration:
     ports = []
     for name, annotation in _hints(cls).items():
         default = inspect.getattr_static(cls, name, UNSET)
@@ -222,13 +230,13 @@ def _class_leaf(cls: type[StatefulAction], types: TypeRegistry) -> LeafDeclarati
         if port is not None:
             ports.append(port)
             setattr(cls, name, PortAttribute(port))
-    own_init = cls.__init__ is not object.__init__
-    wishes = _wishes(cls.__init__, types, skip_first=True) if own_init else []
-    return LeafDeclaration(cls.__name__, OrdinaryAction, ports, wishes, None, cls)
+    has_init = cls.__init__ is not object.__init__
+    parameters = _parameters(cls.__init__, types, skip_first=True) if has_init else []
+    return LeafDeclaration(cls.__name__, OrdinaryAction, ports, parameters, cls)
 
 
 class PortAttribute(property):
-    """A port as an attribute: reading gives the column, assigning writes it."""
+    """A port as an attribute: reading returns the column, assigning writes it."""
 
     def __init__(self, port: Port) -> None:
         self.port = port
@@ -236,54 +244,56 @@ class PortAttribute(property):
 
         def read(leaf: StatefulAction) -> Any:
             if not port.reads:
-                raise NodeError(f"the port '{name}' is an output: it can be assigned, not read")
+                raise NodeError(f"the port '{name}' is an output; it can be assigned, but not read")
             return leaf._port(name).current()
 
         def write(leaf: StatefulAction, values: Any) -> None:
             if not port.writes:
-                raise NodeError(f"the port '{name}' is an input: it can be read, not assigned")
+                raise NodeError(f"the port '{name}' is an input; it can be read, but not assigned")
             leaf._port(name + "=")(values)
 
         super().__init__(read, write, doc=port.description)
 
 
-def _hints(thing: Any) -> dict[str, Any]:
+def _hints(function: Any) -> dict[str, Any]:
     try:
-        return typing.get_type_hints(thing, include_extras=True)
-    except (NameError, TypeError) as fault:
-        raise RegistrationError(f"the annotations of {thing.__qualname__} can't be read: {fault}") from fault
+        return typing.get_type_hints(function, include_extras=True)
+    except (NameError, TypeError) as error:
+        raise RegistrationError(f"cannot read the annotations of {function.__qualname__}: {error}") from error
 
 
-def _wishes(
+def _parameters(
     function: Callable[..., Any], types: TypeRegistry, skip_first: bool = False
 ) -> list[LeafParameter]:
     hints = _hints(function)
-    found = []
-    for one in list(inspect.signature(function).parameters.values())[skip_first:]:
-        if one.name not in hints or one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD):
+    parameters = []
+    for given in list(inspect.signature(function).parameters.values())[skip_first:]:
+        if given.name not in hints or given.kind in (given.VAR_POSITIONAL, given.VAR_KEYWORD):
             raise RegistrationError(
-                f"parameter '{one.name}' of {function.__qualname__} has no annotation that tells what it is: "
+                f"parameter '{given.name}' of {function.__qualname__} needs an annotation: "
                 "In[Floats], Put[Floats], Mask, or the type of a resource"
             )
-        default = UNSET if one.default is one.empty else one.default
-        port = _port(one.name, hints[one.name], types, default)
-        check_parameter_writable(one.name, function.__qualname__, hints[one.name])
-        found.append(LeafParameter(one.name, port, hints[one.name], default, one.kind is one.KEYWORD_ONLY))
-    return found
+        annotation = hints[given.name]
+        default = UNSET if given.default is given.empty else given.default
+        port = _port(given.name, annotation, types, default)
+        check_parameter_writable(given.name, function.__qualname__, annotation)
+        is_keyword = given.kind is given.KEYWORD_ONLY
+        parameters.append(LeafParameter(given.name, port, annotation, default, is_keyword))
+    return parameters
 
 
 def _port(name: str, annotation: Any, types: TypeRegistry, default: object) -> Port | None:
-    """The port that *annotation* declares, or None if it isn't one."""
+    """Return the port that *annotation* declares, or None."""
     return port_from_annotation(name, annotation, lambda column: _kind(column, types), default)
 
 
 def _kind(annotation: Any, types: TypeRegistry) -> ValueType:
-    """The type of one agent's value in what *annotation* says of the column."""
+    """Return the type of a single agent's value in a column that is annotated with *annotation*."""
     if isinstance(annotation, ValueType):
         return annotation
     if typing.get_origin(annotation) is Annotated:
-        inner, *marks = typing.get_args(annotation)
-        return next((one for one in marks if isinstance(one, ValueType)), None) or _kind(inner, types)
+        inner, *metadata = typing.get_args(annotation)
+        return next((kind for kind in metadata if isinstance(kind, ValueType)), None) or _kind(inner, types)
     if typing.get_origin(annotation) is np.ndarray:
         dtype = typing.get_args(typing.get_args(annotation)[1])
         return _OF_DTYPE.get(dtype[0] if dtype else None, ANY)

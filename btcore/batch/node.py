@@ -1,44 +1,56 @@
-"""What every node of a batch is: stored statuses as sets of agents, ticks, and halts.
+"""The base classes of all nodes of a batch: ticking, halting and stored statuses, as sets of agents.
 
-The order of what happens to one agent is that of :mod:`btcore.engine.node`, line by line; what happens to
-different agents in between doesn't matter to it.
+For each agent, the order within a tick is the same as in :mod:`btcore.engine.node`. The order among agents
+    does
+not matter, because agents share no state.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore.batch.context import BatchContext, Located
+from btcore.batch.context import BatchContext, NodeLike
 from btcore.batch.script import BatchProgram
+from btcore.diagnostic_codes import NOT_FOR_A_BATCH
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
+from btcore.errors import Diagnostic, TreeError
 from btcore.status import NodeType
 
 Results: TypeAlias = tuple[int, int, int, int]
-"""Who succeeded, who failed, who runs and who was skipped; those that raised are in none."""
+"""The agents with SUCCESS, FAILURE, RUNNING and SKIPPED; agents for which a node has raised are in no set."""
 
 NO_RESULTS: Final[Results] = (0, 0, 0, 0)
 
 
-def merge_results(one: Results, other: Results) -> Results:
-    """The results of two groups of agents."""
-    return one[0] | other[0], one[1] | other[1], one[2] | other[2], one[3] | other[3]
+def merge_results(first: Results, second: Results) -> Results:
+    """Return the results of two groups of agents."""
+    return first[0] | second[0], first[1] | second[1], first[2] | second[2], first[3] | second[3]
+
+
+def unsupported(config: NodeConfig, message: str, hint: str) -> TreeError:
+    """Return the error about a node that the batch engine cannot run."""
+    return TreeError([Diagnostic(NOT_FOR_A_BATCH, message, config.file, config.line, hint=hint)])
 
 
 class BatchNode:
     """A node of a batch.
 
-    *success*, *failure* and *running* are the agents for whom that status is stored, all others are
-    IDLE; SKIPPED is never stored, as in the ordinary engine.
+    Constructors raise TreeError if the batch engine cannot run the node as it is used in the tree.
+
+    Args:
+        plan: The ordinary node that it replaces.
+        context: The shared state of the batch.
+        children: Its children.
+
+    Attributes:
+        board: The blackboard of the node's scope.
+        success, failure, running: The agents for which this status is stored. For all other agents the node
+            is IDLE. SKIPPED is never stored, as in the ordinary engine.
     """
 
     children: list["BatchNode"]
-    input_ports: ClassVar[Mapping[str, str]] = {}
-    """The attribute for each input port that the node reads, by the port's name."""
-    script_port: ClassVar[str] = ""
-    """The port whose script becomes the attribute *program*."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list["BatchNode"]) -> None:
         config: NodeConfig = plan.config
@@ -49,19 +61,20 @@ class BatchNode:
         self.path = config.path
         self.where = config.where
         self.type: NodeType = plan.type
-        self.parent: Located | None = None
+        self.parent: NodeLike | None = None
         self.context = context
+        self.board = context.columns.scopes[id(plan.blackboard)]
         self.children = children
         for child in children:
             child.parent = self
-        self.conditions: BatchConditions | None = None
+        self.conditions: BatchConditions | None = BatchConditions(self) if config.scripts else None
         self.success = 0
         self.failure = 0
         self.running = 0
 
     @property
     def status(self) -> NDArray[np.uint8]:
-        """The stored status of each agent, as a Status is numbered."""
+        """The stored status of each agent, as an integer like :class:`Status`."""
         return status_array(self.context, self.success, self.failure, self.running, 0)
 
     def __repr__(self) -> str:
@@ -70,16 +83,13 @@ class BatchNode:
     # --- ticking
 
     def tick(self, agents: int) -> Results:
-        """Do what the node is for, for *agents*."""
+        """Execute the node's own behavior for *agents*."""
         raise NotImplementedError
 
     def execute(self, agents: int) -> Results:
-        """Tick the node for *agents* as its parent does: with conditions, and with the results stored."""
-        guard = self.conditions
-        if guard is None:
-            results = self.tick(agents)
-        else:
-            results = guard.execute(self, agents)
+        """Tick the node for *agents*, with its conditions, and store the results. Called by the parent."""
+        conditions = self.conditions
+        results = self.tick(agents) if conditions is None else conditions.execute(self, agents)
         if self.context.raised:
             raised = self.context.raised
             success, failure, running, skipped = results
@@ -93,7 +103,7 @@ class BatchNode:
         return results
 
     def store(self, success: int, failure: int, running: int) -> None:
-        """Store these results; all other agents keep what they had."""
+        """Store results; the statuses of all other agents do not change."""
         done = success | failure | running
         before = self.success
         self.success = before ^ (before & done) | success if before else success
@@ -111,18 +121,18 @@ class BatchNode:
             self.failure ^= self.failure & agents
 
     def not_idle(self, agents: int) -> int:
-        """Those of *agents* for whom the node isn't IDLE."""
+        """Return those of *agents* for which the node is not IDLE."""
         return agents & (self.running | self.success | self.failure)
 
     def drop_failed(self, agents: int) -> int:
-        """Those of *agents* for whom nothing has raised in this tick."""
+        """Return those of *agents* for which no node has raised in this tick."""
         raised = self.context.raised
         return agents ^ (agents & raised) if raised else agents
 
     # --- halting
 
     def reset(self, agents: int) -> None:
-        """Be IDLE for *agents*."""
+        """Store IDLE for *agents*."""
         if self.success:
             self.success ^= self.success & agents
         if self.failure:
@@ -131,26 +141,25 @@ class BatchNode:
             self.running ^= self.running & agents
 
     def halt(self, agents: int) -> None:
-        """Stop what runs for *agents*, and be IDLE for them."""
-        for child in self.children:
-            child.reset_by_parent(agents)
+        """Stop what is RUNNING for *agents*, and store IDLE."""
+        self.reset_children(agents)
         self.reset(agents)
 
     def halt_node(self, agents: int) -> None:
-        """Halt as a parent does: with ``_onHalted``."""
+        """Halt the node for *agents*, and run ``_onHalted``. Called by the parent."""
         self.halt(agents)
         if self.conditions is not None:
             self.conditions.run_on_halted(agents)
 
     def reset_by_parent(self, agents: int) -> None:
-        """Halt the node for those of *agents* for whom it runs, and be IDLE for all of them."""
+        """Halt the node for those of *agents* for which it is RUNNING, and store IDLE for all of them."""
         running = self.running & agents
         if running:
             self.halt_node(running)
         self.reset(agents)
 
     def reset_children(self, agents: int) -> None:
-        """Halt the children that run for *agents*, and reset all, in order."""
+        """Reset all children for *agents*, in order, which halts RUNNING children."""
         for child in self.children:
             if (child.running | child.success | child.failure) & agents:
                 child.reset_by_parent(agents)
@@ -164,7 +173,7 @@ class BatchDecorator(BatchNode):
         self.child = children[0]
 
     def execute(self, agents: int) -> Results:
-        """Tick as any node; a child that has completed is reset."""
+        """Tick the node as any node, then reset a child that has completed."""
         results = super().execute(agents)
         child = self.child
         completed = child.success | child.failure
@@ -176,21 +185,22 @@ class BatchDecorator(BatchNode):
 def status_array(
     context: BatchContext, success: int, failure: int, running: int, skipped: int
 ) -> NDArray[np.uint8]:
-    """One status for each agent, as a Status is numbered; of those in no set IDLE."""
-    crowd = context.agent_sets
-    # RUNNING, SUCCESS, FAILURE and SKIPPED are 1, 2, 3 and 4.
-    low = crowd.mask(running | failure).view(np.uint8)
-    high = crowd.mask(success | failure).view(np.uint8)
-    found: NDArray[np.uint8] = low + (high << 1)
+    """Return a status for each agent, as an integer like :class:`Status`; IDLE for agents in no set."""
+    agent_sets = context.agent_sets
+    # RUNNING, SUCCESS, FAILURE and SKIPPED are 1, 2, 3 and 4: each of the three bits is a set of agents.
+    low = agent_sets.mask(running | failure).view(np.uint8)
+    high = agent_sets.mask(success | failure).view(np.uint8)
+    statuses: NDArray[np.uint8] = low + (high << 1)
     if skipped:
-        found += crowd.mask(skipped).view(np.uint8) << 2
-    return found
+        statuses += agent_sets.mask(skipped).view(np.uint8) << 2
+    return statuses
 
 
 class BatchConditions:
-    """The compiled conditions of one node, in the order of :mod:`btcore.engine.conditions`."""
+    """The compiled pre- and post-conditions of one node, in the order of :mod:`btcore.engine.conditions`."""
 
-    def __init__(self, programs: Mapping[str, BatchProgram]) -> None:
+    def __init__(self, node: BatchNode) -> None:
+        programs = {key: BatchProgram(text, node) for key, text in node.config.scripts.items()}
         self.failure_if = programs.get("_failureIf")
         self.success_if = programs.get("_successIf")
         self.skip_if = programs.get("_skipIf")
@@ -201,23 +211,23 @@ class BatchConditions:
         self.post = programs.get("_post")
 
     def execute(self, node: BatchNode, agents: int) -> Results:
-        """Ask before, tick who is left, and run what follows."""
-        success, failure, skipped, left = self.check_preconditions(node, agents)
+        """Evaluate the pre-conditions, tick the node for the other agents, and run the post-conditions."""
+        success, failure, skipped, remaining = self.check_preconditions(node, agents)
         running = 0
-        if left:
-            ticked = node.tick(left)
-            success |= node.drop_failed(ticked[0])
-            failure |= node.drop_failed(ticked[1])
-            running, more = ticked[2], ticked[3]
-            skipped |= more
+        if remaining:
+            results = node.tick(remaining)
+            success |= node.drop_failed(results[0])
+            failure |= node.drop_failed(results[1])
+            running = results[2]
+            skipped |= results[3]
         self.run_postconditions(node, success, failure)
         return success, failure, running, skipped
 
     def check_preconditions(self, node: BatchNode, agents: int) -> tuple[int, int, int, int]:
-        """Who succeeds, who fails and who is skipped without a tick, and who is to be ticked."""
+        """Return the agents with SUCCESS, FAILURE and SKIPPED without a tick, and the agents to tick."""
         success = failure = skipped = 0
         idle = agents ^ node.not_idle(agents)
-        left = agents ^ idle
+        remaining = agents ^ idle
         going = node.running & agents
         if idle and self.failure_if is not None:
             failure, idle = self.failure_if.split(idle)
@@ -230,25 +240,25 @@ class BatchConditions:
                 idle, stopped = self.while_true.split(idle)
                 skipped |= stopped
             if going:
-                goes_on, stopped = self.while_true.split(going)
-                left ^= going ^ goes_on
+                continues, stopped = self.while_true.split(going)
+                remaining ^= going ^ continues
                 if stopped:
                     node.halt_node(stopped)
                     skipped |= node.drop_failed(stopped)
-        return success, failure, skipped, left | idle
+        return success, failure, skipped, remaining | idle
 
     def run_postconditions(self, node: BatchNode, success: int, failure: int) -> None:
-        """Run what follows a completion."""
+        """Run ``_onSuccess``, ``_onFailure`` and ``_post``."""
         if success and self.on_success is not None:
             self.on_success.run(success)
         if failure and self.on_failure is not None:
             self.on_failure.run(failure)
         if self.post is not None:
-            ended = node.drop_failed(success | failure)
-            if ended:
-                self.post.run(ended)
+            completed = node.drop_failed(success | failure)
+            if completed:
+                self.post.run(completed)
 
     def run_on_halted(self, agents: int) -> None:
-        """Run what follows a halt."""
+        """Run ``_onHalted``."""
         if self.on_halted is not None:
             self.on_halted.run(agents, "being halted")

@@ -1,110 +1,96 @@
-"""The ports of a batch's nodes: a column that is read through a type, or written."""
+"""The ports of a batch's nodes, which read and write columns."""
 
 from typing import Any
 
 import numpy as np
 
-from btcore.batch.agent_sets import AgentSets
-from btcore.batch.column import (
-    NUMBER,
-    ROWS,
-    TEXT,
-    TRUTH,
-    Column,
-    Form,
-    Values,
-    dtype_of,
-    infer_type,
-    to_objects,
-)
-from btcore.batch.column_table import ColumnTable, Slot
-from btcore.batch.context import BatchContext, Located
-from btcore.batch.conversion import FailureCallback, cast, normalise_values, read_column
-from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.ports import Input, Output, Port
+from btcore.batch.columns import NUMBER, Slot, Values, dtype_of
+from btcore.batch.conversion import cast, normalise_values, read_column, store
+from btcore.batch.node import BatchNode
+from btcore.blackboard.ports import Port
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
-from btcore.values import ANY, DOUBLE, INT64, STRING, UINT64, ValueType, type_of
-from btcore.values.types import BoolType, IntegerType, RealType
+from btcore.values import ANY, DOUBLE
 
 
 class BatchInput:
-    """An input port of one node. A literal is one value for all, and never written."""
+    """An input port of one node, bound to a literal or to a key.
 
-    def __init__(
-        self,
-        node: Located,
-        context: BatchContext,
-        schema: ColumnTable,
-        board: Blackboard,
-        name: str,
-        bound: Input | None,
-        port: Port | None = None,
-    ) -> None:
+    Args:
+        node: The node.
+        name: The name of the port.
+        port: The declaration of the port, if it differs from the ordinary node's.
+
+    Attributes:
+        literal: The value for all agents, if :attr:`is_literal`.
+        agents: The agents whose values :meth:`current` returns.
+    """
+
+    def __init__(self, node: BatchNode, name: str, port: Port | None = None) -> None:
         self.node = node
-        self.context = context
+        self.context = node.context
         self.name = name
-        declared = port if port is not None or bound is None else bound.port
-        self.kind = ANY if declared is None else declared.type
-        self.fault: BtcoreError | None = None
+        self.error: BtcoreError | None = None
         self.slot: Slot | None = None
         self.agents = 0
         self.literal: Any = None
-        self._values: Values | None = None
+        self._constant: Values | None = None
         self._is_quiet = False
-        self._lost = 0
+        self._without_value = 0
+        bound = node.config.inputs.get(name)
+        declared = port if port is not None or bound is None else bound.port
+        self.kind = ANY if declared is None else declared.type
         if bound is None:
-            self.fault = NodeError(f"<{node.id}> needs port [{name}], which the tree does not give")
+            self.error = NodeError(f"<{node.id}> needs port [{name}], which the tree does not give")
         elif bound.key is not None:
-            self.slot = Slot(schema, board, bound.key)
+            self.slot = Slot(node.context.columns, node.board, bound.key)
         else:
             try:
                 self.literal = bound.read()
-            except ConversionError as fault:
-                self.fault = fault
+            except ConversionError as error:
+                self.error = error
 
     @property
     def is_literal(self) -> bool:
-        """Whether all agents have the same value, for ever."""
-        return self.slot is None and self.fault is None
+        """Whether all agents always have the same value."""
+        return self.slot is None and self.error is None
 
     def available(self, agents: int) -> int:
-        """Those of *agents* who have a value; the others' tick fails."""
-        if self.fault is not None:
-            self._report(agents, self.fault)
+        """Return those of *agents* that have a value; the tick of the others fails."""
+        if self.error is not None:
+            self._report(agents, self.error)
             return 0
         if self.slot is None:
             return agents
         column = self.slot.column
-        if column is None:
-            self._missing(agents, "is not on the blackboard")
-            return 0
-        found = agents & column.written
-        if found != agents:
-            left = agents ^ found
-            self._missing(left & column.exists, "has never been written")
-            self._missing(left ^ (left & column.exists), "is not on the blackboard")
-        return found
+        written = 0 if column is None else agents & column.written
+        if written != agents:
+            exists = 0 if column is None else agents & column.exists
+            self._report_missing(exists ^ written, "has never been written")
+            self._report_missing(agents ^ exists, "is not on the blackboard")
+        return written
 
-    def _missing(self, agents: int, what: str) -> None:
+    def _report_missing(self, agents: int, problem: str) -> None:
         if agents and self.slot is not None:
-            said = f"port [{self.name}] reads {{{self.slot.key}}}, which {what}"
-            self._report(agents, BlackboardError(said))
+            message = f"port [{self.name}] reads {{{self.slot.key}}}, which {problem}"
+            self._report(agents, BlackboardError(message))
 
-    def _report(self, agents: int, fault: BtcoreError) -> None:
+    def _report(self, agents: int, error: BtcoreError) -> None:
         if self._is_quiet:
-            self._lost |= agents
+            self._without_value |= agents
         else:
-            self.context.fail(self.node, agents, fault)
+            self.context.fail(self.node, agents, error)
 
     def read(self, agents: int) -> Values:
-        """The values of *agents*, all of whom have one: an array of shape (agents,), not to be written.
+        """Return the values of *agents*, which all have a value, in a read-only array of shape (agents,).
 
-        Those whose value doesn't convert fail: ask the context who is left.
+        The tick of agents whose value does not convert fails; use ``drop_failed`` afterwards.
         """
         if self.slot is None:
-            if self._values is None:
-                self._values = self._constant()
-            return self._values
+            if self._constant is None:
+                single = np.empty((), dtype_of(self.kind))
+                single.fill(self.literal)  # unlike assignment, fill() does not unpack a list
+                self._constant = np.broadcast_to(single, self.context.agent_sets.count)
+            return self._constant
         column = self.slot.column
         assert column is not None
         if self.kind is DOUBLE and column.form is NUMBER:
@@ -114,102 +100,99 @@ class BatchInput:
         return read_column(column, self.kind, agents, self._fail)
 
     def current(self) -> Values:
-        """The values of those who are ticked just now; who has none fails."""
+        """Return the values of the agents that are being ticked; fail for agents without a value."""
         agents = self.available(self.agents)
         if agents:
             return self.read(agents)
         return np.zeros(self.context.agent_sets.count, dtype_of(self.kind))
 
-    def _constant(self) -> Values:
-        count = self.context.agent_sets.count
-        dtype = dtype_of(self.kind)
-        if dtype.kind == "O":
-            values: Values = np.empty(count, dtype)
-            values[...] = [self.literal] * count
-            values.flags.writeable = False
-            return values
-        return np.broadcast_to(np.asarray(self.literal, dtype=dtype), count)
-
-    def _fail(self, agents: int, fault: BtcoreError) -> None:
+    def _fail(self, agents: int, error: BtcoreError) -> None:
         key = "" if self.slot is None else self.slot.key
-        said = f"port [{self.name}] reads {{{key}}} as {self.kind.name}: {fault}"
-        self._report(agents, ConversionError(said))
+        message = f"port [{self.name}] reads {{{key}}} as {self.kind.name}: {error}"
+        self._report(agents, ConversionError(message))
 
-    def groups_or(self, agents: int, otherwise: Any) -> list[tuple[Any, int]]:
-        """As :meth:`groups`, but who has no value takes *otherwise*."""
+    def groups_or(self, agents: int, default: Any) -> list[tuple[Any, int]]:
+        """Call :meth:`groups`, but use *default* for agents without a value instead of failing."""
         if self.is_literal:
             return [(self.literal, agents)]
-        self._is_quiet, self._lost = True, 0
+        self._is_quiet, self._without_value = True, 0
         try:
-            found = self.groups(agents)
+            groups = self.groups(agents)
         finally:
             self._is_quiet = False
-        lost = self._lost & agents
-        return [*found, (otherwise, lost)] if lost else found
+        rest = self._without_value & agents
+        return [*groups, (default, rest)] if rest else groups
 
     def groups(self, agents: int) -> list[tuple[Any, int]]:
-        """The values that *agents* have, each with those who have it; the others' tick fails."""
-        self._lost &= -self._is_quiet
+        """Return the different values of *agents*, each with its agents; agents without a value fail."""
+        if not self._is_quiet:
+            self._without_value = 0
         agents = self.available(agents)
         if self.slot is None:
             return [(self.literal, agents)] if agents else []
         if not agents:
             return []
-        crowd = self.context.agent_sets
+        agent_sets = self.context.agent_sets
         values = self.read(agents)
-        agents ^= agents & (self.context.raised | self._lost)
+        agents ^= agents & (self.context.raised | self._without_value)
         if not agents:
             return []
-        held = values[crowd.mask(agents)]
+        selected = values[agent_sets.mask(agents)]
         if values.dtype == object:
-            distinct: list[Any] = list(dict.fromkeys(held.tolist()))
+            distinct: list[Any] = list(dict.fromkeys(selected.tolist()))
         else:
-            distinct = np.unique(held).tolist()
+            distinct = np.unique(selected).tolist()
         if len(distinct) == 1:
             return [(distinct[0], agents)]
-        return [(one, crowd.from_mask(np.equal(values, one).astype(np.bool_)) & agents) for one in distinct]
+        return [
+            (value, agent_sets.from_mask(np.equal(values, value).astype(np.bool_)) & agents)
+            for value in distinct
+        ]
 
 
 class BatchOutput:
-    """An output port of one node, for the agents whom the node is ticked for just now."""
+    """An output port of one node. *agents* are the agents that the node is being ticked for."""
 
-    def __init__(
-        self, node: Located, context: BatchContext, schema: ColumnTable, board: Blackboard, name: str,
-        bound: Output | None,
-    ) -> None:  # fmt: skip
+    def __init__(self, node: BatchNode, name: str) -> None:
         self.node = node
-        self.context = context
+        self.context = node.context
         self.name = name
         self.agents = 0
-        self._shape = (context.agent_sets.count,)
-        self.kind = bound.type if bound is not None else None
-        self.slot = None if bound is None or bound.key is None else Slot(schema, board, bound.key)
+        self._shape = (node.context.agent_sets.count,)
+        bound = node.config.outputs.get(name)
+        self.kind = None if bound is None else bound.type
+        self.slot: Slot | None = None
+        if bound is not None and bound.key is not None:
+            self.slot = Slot(node.context.columns, node.board, bound.key)
         self.text = "" if bound is None else bound.text
 
     def __call__(self, values: Any) -> None:
-        """Write *values*: an array of shape (agents,), or one value for all who are ticked."""
-        self.write(self.agents, values)
+        """Write an array of shape (agents,), or a single value, for the agents that are being ticked.
 
-    def write(self, agents: int, values: Any) -> None:
-        """Write *values* for *agents*. Raises NodeError or BlackboardError if the port leads nowhere."""
+        Raises:
+            NodeError: The tree does not give the port.
+            BlackboardError: The port is not bound to a key.
+        """
         if self.kind is None:
             raise NodeError(f"<{self.node.id}> writes port [{self.name}], which the tree does not give")
         if self.slot is None:
             raise BlackboardError(
-                f"port [{self.name}] is to be written, but '{self.text}' is no blackboard entry: "
-                "name one in braces, {like_this}"
+                f"port [{self.name}] is an output, but '{self.text}' is not a blackboard entry: "
+                "write the key in braces, {like_this}"
             )
+        agents = self.agents
         if self.kind is DOUBLE and self._put_doubles(self.slot, agents, values):
             return
-        data, form, whole = normalise_values(values, self.context.agent_sets)
+        agent_sets = self.context.agent_sets
+        value = normalise_values(values, agent_sets)
         if self.kind.strong:
-            data = cast(data, form, whole, self.kind, self.context.agent_sets, agents, self._fail)
-            data, form, whole = normalise_values(data, self.context.agent_sets)
+            data, agents = cast(value, self.kind, agent_sets, agents, self._fail)
+            value = normalise_values(data, agent_sets)
         agents ^= agents & self.context.raised
-        store(self.slot, agents, data, form, whole, self._fail)
+        store(self.slot, agents, value, self._fail)
 
     def _put_doubles(self, slot: Slot, agents: int, values: Any) -> bool:
-        """Write *values* at once, if they are of the column's own type, as they are most of the time."""
+        """Write the most frequent case, an array of the column's own type, without conversion."""
         if type(values) is not np.ndarray or values.shape != self._shape or values.dtype != np.float64:
             return False
         column, _ = slot.column_for_write()
@@ -218,102 +201,6 @@ class BatchOutput:
         column.put(agents, values, NUMBER)
         return True
 
-    def _fail(self, agents: int, fault: BtcoreError) -> None:
-        said = f"port [{self.name}] takes {self.kind.name if self.kind else '?'}: {fault}"
-        self.context.fail(self.node, agents, ConversionError(said))
-
-
-def store(
-    slot: Slot, agents: int, data: Any, form: Form, whole: int, fail: FailureCallback, types: bool = True
-) -> None:
-    """Write as ``Blackboard.set`` does: the entry's type is that of its first value, and stays.
-
-    With *types* false an entry without a type stays so. Raises BlackboardError where no entry can be made.
-    """
-    if not agents:
-        return
-    column, is_own = slot.column_for_write()
-    entry = column.entry
-    crowd = column.crowd
-    if not is_own:
-        # What a route leads to takes what is of its type, or any text, and doesn't convert.
-        if not column.exists and not isinstance(data, str):
-            entry.declared = _kind_of(data)
-            entry.inferred = True
-        elif (
-            form is not TEXT
-            and entry.declared.strong
-            and not _is_of(entry.declared, data, form, whole, agents)
-        ):
-            agents = _refused(column, to_objects(data, form, crowd, agents, whole), agents, fail)
-    elif not entry.declared.strong:
-        if types and (not isinstance(data, str) or column.exists & agents):
-            entry.declared = _kind_of(data)
-            entry.inferred = True
-    elif not _accepts(entry.declared, form):
-        found = to_objects(data, form, crowd, agents, whole)
-        column.put_objects(_fitted(found, entry.declared, crowd, agents, fail), found)
-        return
-    elif form is NUMBER or form is TRUTH:
-        lost: list[int] = []
-
-        def note(some: int, fault: BtcoreError) -> None:
-            lost.append(some)
-            fail(some, fault)
-
-        data = cast(data, form, whole, entry.declared, crowd, agents, note)
-        data, form, whole = normalise_values(data, crowd)
-        for some in lost:
-            agents ^= agents & some
-    column.put(agents, data, form, whole)
-
-
-def _kind_of(data: Any) -> ValueType:
-    return type_of(data) if np.ndim(data) == 0 else infer_type(data)
-
-
-def _is_of(kind: ValueType, data: Any, form: Form, whole: int, agents: int) -> bool:
-    """Whether *data* is surely of *kind*, without a look at each."""
-    if form is NUMBER and isinstance(kind, RealType):
-        return not whole & agents
-    if form is NUMBER and kind is INT64:
-        return whole & agents == agents
-    if form is NUMBER and isinstance(kind, IntegerType) and whole & agents == agents:
-        return bool(np.min(data) >= kind.low and np.max(data) <= kind.high)
-    return (form is TRUTH and isinstance(kind, BoolType)) or (form is ROWS and kind.python_type is np.ndarray)
-
-
-def _refused(column: Column, found: Values, agents: int, fail: FailureCallback) -> int:
-    """Those of *agents* whose value is of the column's type; the others fail."""
-    for at in column.crowd.indices(agents):
-        if not column.kind.accepts(found[at]):
-            said = (
-                f"the entry '{column.name}' is of type {column.kind.name}, and once declared its type stays"
-            )
-            fail(1 << int(at), BlackboardError(said))
-            agents ^= 1 << int(at)
-    return agents
-
-
-def _accepts(kind: ValueType, form: Form) -> bool:
-    """Whether an entry of *kind* may take values of *form* without a look at each."""
-    if form is ROWS:
-        return kind.python_type is np.ndarray
-    if form is NUMBER:
-        return isinstance(kind, (RealType, IntegerType)) and kind is not UINT64
-    if form is TRUTH:
-        return isinstance(kind, (RealType, IntegerType, BoolType)) and kind is not UINT64
-    return form is TEXT and kind is STRING
-
-
-def _fitted(found: Values, kind: ValueType, crowd: AgentSets, agents: int, fail: FailureCallback) -> int:
-    """Make *found* what an entry of *kind* takes, from texts or adapted; who of *agents* has such a value."""
-    for at in crowd.indices(agents):
-        one = found[at]
-        try:
-            if not kind.accepts(one):
-                found[at] = kind.from_text(one) if isinstance(one, str) and kind.converts else kind.adapt(one)
-        except ConversionError as fault:
-            fail(1 << int(at), fault)
-            agents ^= 1 << int(at)
-    return agents
+    def _fail(self, agents: int, error: BtcoreError) -> None:
+        message = f"port [{self.name}] takes {self.kind.name if self.kind else '?'}: {error}"
+        self.context.fail(self.node, agents, ConversionError(message))

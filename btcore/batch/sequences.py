@@ -1,10 +1,9 @@
-"""Sequences, fallbacks, and TryCatch, for a batch."""
+"""Sequences, fallbacks and TryCatch of a batch."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
+from btcore.batch.agent_sets import Counters
 from btcore.batch.context import BatchContext
-from btcore.batch.counters import Counters
 from btcore.batch.node import NO_RESULTS, BatchNode, Results
 from btcore.batch.ports import BatchInput
 from btcore.engine.node import TreeNode
@@ -12,22 +11,23 @@ from btcore.errors import NodeError
 
 
 class OrderedNode(BatchNode):
-    """Ticks its children in order, and remembers for each agent where it was."""
+    """Ticks its children in order, and remembers for each agent which child is next."""
 
-    goes_on_success: ClassVar[bool] = True
+    continues_on_success: ClassVar[bool] = True
     yields: ClassVar[bool] = False
+    """Whether the node returns RUNNING after a child that completes in its first tick."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
-        # Whose next child is that of this index; of agents in no set it is the first.
+        # For each child, the agents for which it is next. For agents in no set, the first child is next.
         self._next = [0] * len(children)
         self._skips = Counters()
 
     def tick(self, agents: int) -> Results:
-        """Tick the children that are due."""
-        success = failure = running = 0
-        goes_on_success, yields = self.goes_on_success, self.yields
-        children, due = self.children, self._next
+        """Tick each agent's next child, and the children after it."""
+        ended = running = 0
+        continues_on_success, yields = self.continues_on_success, self.yields
+        children, next_child = self.children, self._next
         count = len(children)
         if self._skips.planes:
             self._skips.clear(agents ^ self.not_idle(agents))
@@ -35,134 +35,129 @@ class OrderedNode(BatchNode):
         waiting: list[tuple[int, int]] = []
         active = agents
         for index in range(1, count):
-            here = due[index]
-            if here:
-                active ^= active & here
+            starts_here = next_child[index]
+            if starts_here:
+                active ^= active & starts_here
         for index in range(count):
-            here = due[index]
-            if index and here:
-                here &= agents
-                active |= here
-                due[index] ^= here
+            starts_here = next_child[index]
+            if index and starts_here:
+                starts_here &= agents
+                active |= starts_here
+                next_child[index] ^= starts_here
             if not active:
                 continue
             child = children[index]
             fresh = active ^ child.not_idle(active) if yields else 0
             succeeded, failed, runs, skipped = child.execute(active)
-            goes, stops = (succeeded, failed) if goes_on_success else (failed, succeeded)
-            self._stay(index, active, goes | skipped, runs)
+            continues, stops = (succeeded, failed) if continues_on_success else (failed, succeeded)
+            self._remember(index, active, continues | skipped, runs)
             running |= runs
             if stops:
                 self._end_early(index, stops)
-                if goes_on_success:
-                    failure |= stops
-                else:
-                    success |= stops
+                ended |= stops
             if fresh and index + 1 < count:
-                waits = goes & fresh
-                if waits:
-                    self.context.woken |= waits
-                    waiting.append((index + 1, waits))
-                    running |= waits
-                    goes ^= waits
+                yielding = continues & fresh
+                if yielding:
+                    self.context.woken |= yielding
+                    waiting.append((index + 1, yielding))
+                    running |= yielding
+                    continues ^= yielding
             if skipped:
                 self._skips.add(skipped)
-            active = goes | skipped
-        for index, waits in waiting:
-            due[index] |= waits
-        if not active:
-            return success, failure, running, 0
-        skipped = self._skips.equal(count, active) if count and self._skips.planes else 0
-        if self._skips.planes:
-            self._skips.clear(active)
-        self.reset_children(active)
-        done = active ^ skipped
-        if goes_on_success:
-            success |= done
-        else:
-            failure |= done
-        return success, failure, running, skipped
+            active = continues | skipped
+        # Only now, because the loop would otherwise tick the next child in the same tick.
+        for index, yielding in waiting:
+            next_child[index] |= yielding
+        skipped = 0
+        if active:
+            if self._skips.planes:
+                skipped = self._skips.equal(count, active) if count else 0
+                self._skips.clear(active)
+            self.reset_children(active)
+        completed = active ^ skipped
+        if continues_on_success:
+            return completed, ended, running, skipped
+        return ended, completed, running, skipped
 
-    def _stay(self, index: int, ticked: int, goes_on: int, running: int) -> None:
-        """Remember who is still at child *index*."""
+    def _remember(self, index: int, ticked: int, continues: int, running: int) -> None:
+        """Make the child *index* the next child of the agents that stay there."""
         if index:
             self._next[index] |= running
 
     def _end_early(self, index: int, agents: int) -> None:
-        """Clean up after child *index* has ended the node for *agents*."""
+        """Reset the children after the child *index* has ended the node for *agents*."""
         self.reset_children(agents)
 
     def _forget(self, agents: int) -> None:
-        """Begin at the first child next time."""
-        for index, here in enumerate(self._next):
-            if here:
-                self._next[index] = here ^ (here & agents)
+        """Make the first child the next child."""
+        for index, starts_here in enumerate(self._next):
+            if starts_here:
+                self._next[index] = starts_here ^ (starts_here & agents)
         if self._skips.planes:
             self._skips.clear(agents)
 
     def halt(self, agents: int) -> None:
-        """Halt the children, and begin at the first next time."""
+        """Halt the children, and start with the first child next time."""
         self._forget(agents)
-        self.reset_children(agents)
-        self.reset(agents)
+        super().halt(agents)
 
 
 class Sequence(OrderedNode):
-    """Every child has to succeed."""
+    """Succeeds if all children succeed."""
 
 
 class AsyncSequence(OrderedNode):
-    """A Sequence that returns RUNNING after a child that succeeded within one tick."""
+    """A Sequence that returns RUNNING after a child that succeeds in its first tick."""
 
     yields = True
 
 
 class Fallback(OrderedNode):
-    """One child has to succeed."""
+    """Succeeds if a child succeeds."""
 
-    goes_on_success = False
+    continues_on_success = False
 
 
 class AsyncFallback(OrderedNode):
-    """A Fallback that returns RUNNING after a child that failed within one tick."""
+    """A Fallback that returns RUNNING after a child that fails in its first tick."""
 
-    goes_on_success = False
+    continues_on_success = False
     yields = True
 
 
 class SequenceWithMemory(OrderedNode):
-    """A Sequence that goes on at the child that failed, even after a halt."""
+    """A Sequence that continues with the child that failed, even after a halt."""
 
     yields = True
 
-    def _stay(self, index: int, ticked: int, goes_on: int, running: int) -> None:
+    def _remember(self, index: int, ticked: int, continues: int, running: int) -> None:
         if index:
-            self._next[index] |= ticked ^ (ticked & goes_on)
+            self._next[index] |= ticked ^ (ticked & continues)
 
     def _end_early(self, index: int, agents: int) -> None:
         for child in self.children[index:]:
             child.reset_by_parent(agents)
 
     def halt(self, agents: int) -> None:
-        """Halt the children; where it was is remembered."""
+        """Halt the children, and remember the next child."""
         self.reset_children(agents)
         self.reset(agents)
 
 
 class ReactiveNode(BatchNode):
-    """Ticks its children from the first one on every tick, and lets only one of them run."""
+    """Ticks its children from the first child in every tick; only one child can be RUNNING."""
 
-    goes_on_success: ClassVar[bool] = True
+    continues_on_success: ClassVar[bool] = True
 
     def tick(self, agents: int) -> Results:
-        """Tick from the first child."""
-        success = failure = running = completed = 0
-        goes_on_success = self.goes_on_success
+        """Tick the children from the first child."""
+        ended = running = completed = 0
+        continues_on_success = self.continues_on_success
         self.set_running(agents)
         active = agents
         for child in self.children:
             succeeded, failed, runs, skipped = child.execute(active)
-            goes, stops = (succeeded, failed) if goes_on_success else (failed, succeeded)
+            continues, stops = (succeeded, failed) if continues_on_success else (failed, succeeded)
             if runs:
                 running |= runs
                 for other in self.children:
@@ -170,53 +165,45 @@ class ReactiveNode(BatchNode):
                         other.reset_by_parent(runs)
             if stops:
                 self.reset_children(stops)
-                if goes_on_success:
-                    failure |= stops
-                else:
-                    success |= stops
-            completed |= goes
+                ended |= stops
+            completed |= continues
             if skipped:
                 child.reset_by_parent(skipped)
-            active = self.drop_failed(goes | skipped)
+            active = self.drop_failed(continues | skipped)
             if not active:
-                return success, failure, running, 0
+                break
         self.reset_children(active)
+        # An agent is skipped if all its children were skipped.
         done = active & completed if self.children else active
-        if goes_on_success:
-            success |= done
-        else:
-            failure |= done
-        return success, failure, running, active ^ done
+        if continues_on_success:
+            return done, ended, running, active ^ done
+        return ended, done, running, active ^ done
 
 
 class ReactiveSequence(ReactiveNode):
-    """A Sequence that asks every child anew on every tick."""
+    """A Sequence that ticks all children again in every tick."""
 
 
 class ReactiveFallback(ReactiveNode):
-    """A Fallback that asks every child anew on every tick."""
+    """A Fallback that ticks all children again in every tick."""
 
-    goes_on_success = False
+    continues_on_success = False
 
 
-class TryCatch(BatchNode):
-    """A sequence whose last child handles its failure."""
-
-    input_ports: ClassVar[Mapping[str, str]] = {"catch_on_halt": "catch_on_halt"}
-    catch_on_halt: BatchInput
+class TryCatch(OrderedNode):
+    """A Sequence whose last child, the handler, is ticked if another child fails."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
-        self._next = [0] * len(children)
-        self._skips = Counters()
+        self.catch_on_halt = BatchInput(self, "catch_on_halt")
         self._catching = 0
 
     def tick(self, agents: int) -> Results:
-        """Tick the children that are due, or the handler."""
-        children, due = self.children, self._next
+        """Tick each agent's next child and the children after it, or the handler."""
+        children, next_child = self.children, self._next
         if len(children) < 2:
-            fault = NodeError("<TryCatch> takes at least one child to try and a handler")
-            self.context.fail(self, agents, fault)
+            error = NodeError("<TryCatch> takes at least one child to try and a handler")
+            self.context.fail(self, agents, error)
             return NO_RESULTS
         idle = agents ^ self.not_idle(agents)
         self._skips.clear(idle)
@@ -226,18 +213,18 @@ class TryCatch(BatchNode):
         running = 0
         active = agents ^ (agents & self._catching)
         for index in range(1, last):
-            active ^= active & due[index]
+            active ^= active & next_child[index]
         for index in range(last):
             if index:
-                here = due[index] & agents
-                active |= here
-                due[index] ^= here
+                starts_here = next_child[index] & agents
+                active |= starts_here
+                next_child[index] ^= starts_here
             if not active:
                 continue
             success, failure, runs, skipped = children[index].execute(active)
             running |= runs
             if index:
-                due[index] |= runs
+                next_child[index] |= runs
             if failure:
                 self._catching |= failure
                 self.reset_children(failure)
@@ -246,37 +233,34 @@ class TryCatch(BatchNode):
             active = success | skipped
         skipped = self._skips.equal(last, active) if active else 0
         if active:
-            self._begin(active)
+            self._forget(active)
             self.reset_children(active)
         failure = 0
         catching = self.drop_failed(self._catching & agents)
         if catching:
-            one, other, runs, third = children[last].execute(catching)
-            running |= runs
-            failure = one | other | third
+            # The node fails, whatever the result of the handler is.
+            handled = children[last].execute(catching)
+            running |= handled[2]
+            failure = handled[0] | handled[1] | handled[3]
             self._catching ^= self._catching & failure
             self.reset_children(failure)
         return active ^ skipped, failure, running, skipped
 
-    def _begin(self, agents: int) -> None:
-        for index, here in enumerate(self._next):
-            self._next[index] = here ^ (here & agents)
-        self._skips.clear(agents)
+    def _forget(self, agents: int) -> None:
+        super()._forget(agents)
         self._catching ^= self._catching & agents
 
     def halt(self, agents: int) -> None:
-        """Halt the children, after the handler's one tick where `catch_on_halt` asks for it."""
+        """Halt the children, after a single tick of the handler if `catch_on_halt` is true."""
         last = len(self.children) - 1
-        wanted = self.not_idle(agents)
-        wanted ^= wanted & self._catching
-        if wanted and last > 0:
-            for catches, some in self.catch_on_halt.groups_or(wanted, False):
+        interrupted = self.not_idle(agents)
+        interrupted ^= interrupted & self._catching
+        if interrupted and last > 0:
+            for catches, group in self.catch_on_halt.groups_or(interrupted, False):
                 if catches is True:
                     for child in self.children[:last]:
-                        child.reset_by_parent(some)
-                    running = self.children[last].execute(some)[2]
+                        child.reset_by_parent(group)
+                    running = self.children[last].execute(group)[2]
                     if running:
                         self.children[last].reset_by_parent(running)
-        self._begin(agents)
-        self.reset_children(agents)
-        self.reset(agents)
+        super().halt(agents)

@@ -1,7 +1,4 @@
-"""Nodes that wait, for a batch: each agent for its own moment."""
-
-from collections.abc import Mapping
-from typing import ClassVar
+"""Nodes of a batch that wait; each agent has its own deadline."""
 
 from btcore.batch.context import BatchContext
 from btcore.batch.node import BatchDecorator, BatchNode, Results
@@ -10,50 +7,47 @@ from btcore.engine.node import TreeNode
 
 
 class TimedDecorator(BatchDecorator):
-    """A node with a moment for each agent, and one child."""
+    """A decorator with a timer."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
-        self._timer = context.timer()
+        self._timer = context.add_timer()
 
     def halt(self, agents: int) -> None:
-        """Halt the child and stop the clock."""
+        """Cancel the deadlines, and halt the child."""
         self._stop(agents)
-        self.child.reset_by_parent(agents)
-        self.reset(agents)
+        super().halt(agents)
 
     def _stop(self, agents: int) -> None:
         self._timer.stop(agents)
 
 
 class Timeout(TimedDecorator):
-    """Halts its child and fails when it still runs some time after the start."""
-
-    input_ports: ClassVar[Mapping[str, str]] = {"msec": "msec"}
-    msec: BatchInput
+    """Halts its child and fails if the child is still RUNNING some time after the start."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
+        self.msec = BatchInput(self, "msec")
         self._started = 0
 
     def tick(self, agents: int) -> Results:
-        """Tick the child while there is time."""
+        """Tick the child, unless the time has passed."""
         clock, timer = self.context.clock, self._timer
         late = active = 0
-        for allowed, some in self.msec.groups(agents):
-            starts = some ^ (some & self._started)
-            if starts:
-                self.set_running(starts)
-                self._started |= starts
+        for allowed, group in self.msec.groups(agents):
+            starting = group ^ (group & self._started)
+            if starting:
+                self.set_running(starting)
+                self._started |= starting
                 if allowed > 0:
-                    timer.start(starts, clock.now(), allowed)
-            active |= some
-            going = some ^ starts
+                    timer.start(starting, clock.now(), allowed)
+            active |= group
+            going = group ^ starting
             due = timer.due(going, clock.now()) if going else 0
             if due:
-                stopped = due & self.child.running
-                # The original's timer fires once, and finds nothing to halt.
+                # BehaviorTree.CPP's timer fires once, and has no effect if the child is not RUNNING then.
                 timer.forget(due)
+                stopped = due & self.child.running
                 if stopped:
                     late |= stopped
                     self._stop(stopped)
@@ -74,66 +68,65 @@ class Timeout(TimedDecorator):
 
 
 class Delay(TimedDecorator):
-    """Ticks its child only when some time has passed since the start."""
+    """Is RUNNING until some time has passed since the start, then ticks its child."""
 
-    input_ports: ClassVar[Mapping[str, str]] = {"delay_msec": "delay_msec"}
-    delay_msec: BatchInput
+    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(plan, context, children)
+        self.delay_msec = BatchInput(self, "delay_msec")
 
     def tick(self, agents: int) -> Results:
         """Wait, then tick the child."""
         clock, timer = self.context.clock, self._timer
-        waits = active = 0
-        for delay, some in self.delay_msec.groups(agents):
-            starts = some ^ (some & timer.waiting)
-            going = some ^ starts
+        waiting = active = 0
+        for delay, group in self.delay_msec.groups(agents):
+            starting = group ^ (group & timer.waiting)
+            going = group ^ starting
             due = timer.due(going, clock.now()) if going else 0
-            if starts:
-                self.set_running(starts)
-                timer.start(starts, clock.now(), delay)
-            waits |= some ^ due
+            if starting:
+                self.set_running(starting)
+                timer.start(starting, clock.now(), delay)
+            waiting |= group ^ due
             active |= due
         if not active:
-            return 0, 0, waits, 0
+            return 0, 0, waiting, 0
         success, failure, running, skipped = self.child.execute(active)
         completed = success | failure
         if completed:
             timer.forget(completed)
             self.child.reset_by_parent(completed)
-        return success, failure, running | waits, skipped
+        return success, failure, running | waiting, skipped
 
 
 class Sleep(BatchNode):
-    """Runs for some time, then succeeds."""
-
-    input_ports: ClassVar[Mapping[str, str]] = {"msec": "msec"}
-    msec: BatchInput
+    """Is RUNNING for some time, then succeeds."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
-        self._timer = context.timer()
+        self.msec = BatchInput(self, "msec")
+        self._timer = context.add_timer()
 
     def tick(self, agents: int) -> Results:
-        """Start the clock, or look at it."""
+        """Start the timer, or check it."""
         clock, timer = self.context.clock, self._timer
         going = self.running & agents
-        # Who has completed and was not reset keeps the result.
+        # Agents that have completed and were not reset keep their result.
         success, failure = self.success & agents, self.failure & agents
         running = 0
         if going:
             due = timer.due(going, clock.now())
             success |= due
             running = going ^ due
-        starts = agents ^ self.not_idle(agents)
-        if starts:
-            for duration, some in self.msec.groups(starts):
+        starting = agents ^ self.not_idle(agents)
+        if starting:
+            for duration, group in self.msec.groups(starting):
                 if duration <= 0:
-                    success |= some
+                    success |= group
                 else:
-                    timer.start(some, clock.now(), duration)
-                    running |= some
+                    timer.start(group, clock.now(), duration)
+                    running |= group
         return success, failure, running, 0
 
     def halt(self, agents: int) -> None:
-        """Stop the clock."""
+        """Cancel the deadlines."""
         self._timer.stop(agents & self.running)
-        self.reset(agents)
+        super().halt(agents)

@@ -1,4 +1,4 @@
-"""One tree ticked for many agents at once."""
+"""A tree that is ticked for many agents at once."""
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,11 +10,10 @@ import numpy as np
 
 from btcore.batch.agent_sets import AgentSets, Indices, Mask
 from btcore.batch.blackboard import BatchBlackboard
-from btcore.batch.column import Values
-from btcore.batch.column_table import ColumnTable, copied_scopes
+from btcore.batch.columns import ColumnTable
 from btcore.batch.compile import BatchCompiler
 from btcore.batch.context import BatchContext
-from btcore.batch.conversion import array_of, normalise_values
+from btcore.batch.conversion import array_of
 from btcore.batch.leaf_declaration import LeafDeclaration, Statuses, read_declarations
 from btcore.batch.node import BatchNode, status_array
 from btcore.blackboard.blackboard import Blackboard
@@ -27,18 +26,20 @@ from btcore.tree.tree import Tree
 
 
 class BatchNodeError(NodeExecutionError):
-    """A node raised for some agents, *agents*, who are halted; the tick of all others is done.
+    """A node raised for some agents. These agents are halted; the tick of all others is complete.
 
-    *statuses* is what the tick would have returned, IDLE for those who raised. *also* holds the errors of
-    agents for whom another node raised, or the same in another way.
+    Attributes:
+        agents: The indices of the agents.
+        statuses: What the tick would have returned; IDLE for agents for which a node has raised.
+        later_errors: The errors of agents for which another node has raised, or the same node another error.
     """
 
-    def __init__(self, first: NodeExecutionError, agents: Indices, found: Statuses) -> None:
-        super().__init__(first.path, first.node_id, first.cause, first.doing, first.where)
-        self.backtrace = list(first.backtrace)
-        self.__cause__ = first.cause
+    def __init__(self, error: NodeExecutionError, agents: Indices, statuses: Statuses) -> None:
+        super().__init__(error.path, error.node_id, error.cause, error.doing, error.where)
+        self.backtrace = list(error.backtrace)
+        self.__cause__ = error.cause
         self.agents = agents
-        self.statuses = found
+        self.statuses = statuses
 
     def __str__(self) -> str:
         shown = ", ".join(map(str, self.agents[:5]))
@@ -47,11 +48,25 @@ class BatchNodeError(NodeExecutionError):
 
 
 class BatchTree:
-    """A behavior tree that is ticked for *agents* agents at once, each as if it had the tree for itself.
+    """A behavior tree that is ticked for many agents at once; each agent behaves as if it had its own tree.
 
-    *leaves* are functions (``@batch.action``, ``@batch.condition``) and classes (``batch.StatefulAction``)
-    that work on numpy's columns, *resources* what they ask for by type. The built-in nodes are the batch's
-    own. *nodes* are all nodes in depth-first pre-order, *ticks* counts the ticks.
+    Args:
+        plan: The ordinary tree, which is not modified.
+        agents: The number of agents.
+        leaves: Functions (``@batch.action``, ``@batch.condition``) and classes (``batch.StatefulAction``)
+            that work on numpy arrays.
+        resources: The objects that leaves can get by type.
+        clock: The clock; by default the plan's clock.
+
+    Attributes:
+        nodes: All nodes in depth-first pre-order.
+        blackboards: The scope of each subtree, by path; the path of the main tree is "".
+        ticks: The number of ticks.
+        status: The result of each agent's last tick.
+
+    Raises:
+        TreeError: The batch engine cannot run a node.
+        RegistrationError: A leaf is invalid.
     """
 
     def __init__(
@@ -62,29 +77,23 @@ class BatchTree:
         resources: Sequence[object] = (),
         clock: Clock | None = None,
     ) -> None:
-        """From an ordinary tree, which stays as it is. Raises TreeError for what a batch doesn't run."""
         if not isinstance(plan, Tree):
             raise BtcoreError(f"a batch is made of a tree, not {plan!r}; BatchTree.load takes a file")
-        self.crowd = AgentSets(agents)
+        self.agent_sets = AgentSets(agents)
         self.id = plan.id
-        self.context = BatchContext(self.crowd, clock if clock is not None else plan.clock)
-        self.schema = ColumnTable(self.crowd)
-        scopes = copied_scopes(plan, self.context.clock)
-        for scope in scopes.values():
-            self.schema.adopt(scope, self.crowd.all_agents)
-        known = {leaf.id: leaf for leaf in read_declarations(leaves, plan.registry.types)}
-        planter = BatchCompiler(self.context, self.schema, scopes, known, resources)
-        self.root = planter.compile(plan)
-        self.nodes: list[BatchNode] = planter.nodes
-        self.blackboards: dict[str, BatchBlackboard] = {}
-        """The scope of each subtree by its path; that of the main tree is ``""``."""
-        for subtree in plan.subtrees:
-            scope = scopes[id(subtree.blackboard)]
-            self.blackboards[subtree.path] = BatchBlackboard(self.schema, scope)
-        self._take_values(plan, scopes)
+        clock = clock if clock is not None else plan.clock
+        self.columns = ColumnTable(plan, self.agent_sets, clock)
+        self.context = BatchContext(self.agent_sets, clock, self.columns)
+        declarations = {leaf.id: leaf for leaf in read_declarations(leaves, plan.registry.types)}
+        compiler = BatchCompiler(self.context, declarations, resources)
+        self.root = compiler.compile(plan)
+        self.nodes: list[BatchNode] = compiler.nodes
+        self.blackboards: dict[str, BatchBlackboard] = {
+            subtree.path: BatchBlackboard(self.columns, self.columns.scopes[id(subtree.blackboard)])
+            for subtree in plan.subtrees
+        }
         self.ticks = 0
-        self.status: Statuses = np.zeros(agents, dtype=np.uint8)
-        """What the last tick of each agent came to."""
+        self.status: Statuses = np.zeros(self.agents, dtype=np.uint8)
 
     @classmethod
     def load(
@@ -99,19 +108,26 @@ class BatchTree:
         blackboard: Mapping[str, Any] | None = None,
         clock: Clock | None = None,
     ) -> "BatchTree":
-        """The tree in the XML file *path*, for *agents* agents.
+        """Load a tree from an XML file.
 
-        - *leaves*: the leaves of the batch that the tree may use.
-        - *nodes*: the registry, for types and enums of your own. A leaf in *leaves* replaces an ordinary one.
-        - *blackboard*: what the main tree's entries hold at the beginning: an array of shape (agents,) or
-          (agents, …), or one value for all.
-        - *clock*: default the system's. *tree*, *resources* as :func:`btcore.load`.
+        Args:
+            path: The file.
+            agents: The number of agents.
+            leaves: The leaves of the batch that the tree can use.
+            nodes: The registry, for your own types and enums. A leaf in *leaves* replaces an ordinary leaf.
+            resources: The objects that leaves can get by type.
+            tree: The ID of the tree; by default the main tree, as in :func:`btcore.load`.
+            blackboard: The first values of the main tree's entries: arrays of shape (agents,) or (agents, …),
+                or single values for all agents.
+            clock: The clock; by default the system's clock.
 
-        Raises TreeError with every fault, each with file and line.
+        Raises:
+            TreeError: The file has errors, or the batch engine cannot run a node. It contains all errors.
+            RegistrationError: A leaf is invalid.
         """
-        leaves, known, board = _prepared(leaves, nodes, blackboard, clock)
-        plan = load(path, nodes=known, tree=tree, blackboard=board, clock=clock)
-        return cls(plan, agents, leaves, resources)._filled(blackboard)
+        leaves, registry, board = _prepare(leaves, nodes, blackboard, clock)
+        plan = load(path, nodes=registry, tree=tree, blackboard=board, clock=clock)
+        return cls(plan, agents, leaves, resources)._initialise(blackboard)
 
     @classmethod
     def loads(
@@ -126,28 +142,12 @@ class BatchTree:
         blackboard: Mapping[str, Any] | None = None,
         clock: Clock | None = None,
     ) -> "BatchTree":
-        """The tree in the XML *text*; as :meth:`load`."""
-        leaves, known, board = _prepared(leaves, nodes, blackboard, clock)
-        plan = loads(text, nodes=known, tree=tree, blackboard=board, clock=clock)
-        return cls(plan, agents, leaves, resources)._filled(blackboard)
+        """Load a tree from an XML *text*. Everything else is as in :meth:`load`."""
+        leaves, registry, board = _prepare(leaves, nodes, blackboard, clock)
+        plan = loads(text, nodes=registry, tree=tree, blackboard=board, clock=clock)
+        return cls(plan, agents, leaves, resources)._initialise(blackboard)
 
-    def _take_values(self, plan: Tree, scopes: Mapping[int, Blackboard]) -> None:
-        """Begin with what the plan's blackboards hold, the same for all agents."""
-        for subtree in plan.subtrees:
-            scope = scopes[id(subtree.blackboard)]
-            for key, entry in subtree.blackboard.local_entries().items():
-                column = self.schema.column(scope, key)
-                if entry.value is None or column is None or column.written:
-                    continue
-                if isinstance(entry.value, (int, float, str)):
-                    column.put(self.crowd.all_agents, *normalise_values(entry.value, self.crowd))
-                else:
-                    held: Values = np.empty(self.crowd.count, dtype=object)
-                    for at in range(self.crowd.count):
-                        held[at] = entry.value
-                    column.put_objects(self.crowd.all_agents, held)
-
-    def _filled(self, values: Mapping[str, Any] | None) -> "BatchTree":
+    def _initialise(self, values: Mapping[str, Any] | None) -> "BatchTree":
         for key, value in (values or {}).items():
             self.blackboard.initialise(key, value)
         return self
@@ -155,69 +155,74 @@ class BatchTree:
     # --- ticking
 
     def tick(self, mask: Mask | None = None) -> Statuses:
-        """Tick the root once for the agents of *mask*, of shape (agents,) (None: all).
+        """Tick the root once.
 
-        Returns one status an agent, numbered as Status is, 0 for those who were not ticked. Raises
-        BatchNodeError after the tick if a node has raised for some.
+        Args:
+            mask: The agents to tick, an array of shape (agents,); None = all agents.
+
+        Returns:
+            A status for each agent, as an integer like :class:`Status`; 0 for agents that were not ticked.
+
+        Raises:
+            BatchNodeError: A node has raised for some agents. The tick of the other agents is complete.
         """
-        return self._tick(self.crowd.from_user_mask(mask))
+        return self._tick(self.agent_sets.from_user_mask(mask))
 
     def tick_once(self, mask: Mask | None = None) -> Statuses:
-        """As :meth:`tick`, and again for those who are RUNNING and were woken."""
-        agents = self.crowd.from_user_mask(mask)
-        found = self._tick(agents)
+        """Call :meth:`tick`, and repeat it for RUNNING agents that were woken."""
+        agents = self.agent_sets.from_user_mask(mask)
+        statuses = self._tick(agents)
         while True:
-            running = self.crowd.from_mask(found == 1)
-            again = self.context.take_wake_up(running) if running else 0
-            if not again:
-                return found
-            more = self._tick(again)
-            np.copyto(found, more, where=self.crowd.mask(again))
+            running = self.agent_sets.from_mask(statuses == 1)
+            woken = self.context.take_wake_ups(running) if running else 0
+            if not woken:
+                return statuses
+            np.copyto(statuses, self._tick(woken), where=self.agent_sets.mask(woken))
 
     def _tick(self, agents: int) -> Statuses:
         self.ticks += 1
-        self.schema.refresh()
+        self.columns.refresh()
         context = self.context
         context.raised = 0
         context.errors = {}
         success, failure, running, skipped = self.root.execute(agents)
         self.root.reset(success | failure)
-        found = status_array(context, success, failure, running, skipped)
-        if agents == self.crowd.all_agents:
-            self.status = found.copy()
+        statuses = status_array(context, success, failure, running, skipped)
+        if agents == self.agent_sets.all_agents:
+            self.status = statuses.copy()
         else:
-            np.copyto(self.status, found, where=self.crowd.mask(agents))
+            np.copyto(self.status, statuses, where=self.agent_sets.mask(agents))
         if context.errors:
-            self._end_raised(found)
-        return found
+            errors = self._errors(statuses)
+            self._halt_all(context.raised)
+            self._raise([*errors, *self._errors(statuses)])
+        return statuses
 
-    def _end_raised(self, found: Statuses) -> None:
-        """Halt those for whom a node has raised, and tell of it."""
-        raised = self._raised(found)
-        self._halt_everything(self.context.raised)
-        self._tell([*raised, *self._raised(found)])
-
-    def _raised(self, found: Statuses) -> list[BatchNodeError]:
-        """What the nodes have raised since the tick, or the halt, began."""
+    def _errors(self, statuses: Statuses) -> list[BatchNodeError]:
+        """Return the errors since the tick, or the halt, began."""
         errors = self.context.errors.values()
-        return [BatchNodeError(one, self.crowd.indices(some), found) for one, some in errors]
+        return [BatchNodeError(error, self.agent_sets.indices(agents), statuses) for error, agents in errors]
 
-    def _tell(self, raised: list[BatchNodeError]) -> None:
-        if raised:
-            raised[0].later_errors += raised[1:]
-            raise raised[0]
+    def _raise(self, errors: list[BatchNodeError]) -> None:
+        if errors:
+            errors[0].later_errors += errors[1:]
+            raise errors[0]
 
     def halt(self, mask: Mask | None = None) -> None:
-        """Halt every node for the agents of *mask* (None: all): the root, then all in pre-order.
+        """Halt every node: the root, then all nodes in pre-order.
 
-        Raises BatchNodeError, after everything is halted.
+        Args:
+            mask: The agents for which nodes are halted; None = all agents.
+
+        Raises:
+            BatchNodeError: A node has raised. All other nodes were halted.
         """
-        agents = self.crowd.from_user_mask(mask)
-        np.copyto(self.status, 0, where=self.crowd.mask(agents))
-        self._halt_everything(agents)
-        self._tell(self._raised(self.status))
+        agents = self.agent_sets.from_user_mask(mask)
+        np.copyto(self.status, 0, where=self.agent_sets.mask(agents))
+        self._halt_all(agents)
+        self._raise(self._errors(self.status))
 
-    def _halt_everything(self, agents: int) -> None:
+    def _halt_all(self, agents: int) -> None:
         context = self.context
         context.raised = 0
         context.errors = {}
@@ -230,16 +235,16 @@ class BatchTree:
             timer.wake_ups ^= timer.wake_ups & agents
 
     def sleep(self, seconds: float) -> None:
-        """Let *seconds* (s) of the clock pass, for all agents."""
+        """Wait for *seconds* (s) on the batch's clock."""
         clock = self.clock
         clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())
 
-    # --- looking
+    # --- access
 
     @property
     def agents(self) -> int:
-        """How many agents there are."""
-        return self.crowd.count
+        """The number of agents."""
+        return self.agent_sets.count
 
     @property
     def clock(self) -> Clock:
@@ -252,15 +257,17 @@ class BatchTree:
         return self.blackboards[""]
 
     def node(self, path: str) -> BatchNode:
-        """The node of that full path or, if there is only one, of that name. Raises BtcoreError."""
+        """Return the node with a full path or, if it is unique, with a name. Raise BtcoreError."""
         found = [node for node in self.nodes if node.path == path]
         found = found or [node for node in self.nodes if node.name == path]
         if len(found) == 1:
             return found[0]
         if found:
-            raise BtcoreError(f"'{path}' means {len(found)} nodes: {', '.join(node.path for node in found)}")
-        guess = nearest_name(path, [node.path for node in self.nodes] + [node.name for node in self.nodes])
-        hint = f"; did you mean '{guess}'?" if guess else ""
+            raise BtcoreError(
+                f"'{path}' is the name of {len(found)} nodes: {', '.join(node.path for node in found)}"
+            )
+        nearest = nearest_name(path, [name for node in self.nodes for name in (node.path, node.name)])
+        hint = f"; did you mean '{nearest}'?" if nearest else ""
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 
     def __iter__(self) -> Iterator[BatchNode]:
@@ -270,20 +277,25 @@ class BatchTree:
         return f"<BatchTree '{self.id}' of {len(self.nodes)} nodes for {self.agents} agents>"
 
 
-def _prepared(
-    things: Sequence[Any], registry: Registry | None, values: Mapping[str, Any] | None, clock: Clock | None
+def _prepare(
+    leaves: Sequence[Any], nodes: Registry | None, values: Mapping[str, Any] | None, clock: Clock | None
 ) -> tuple[list[LeafDeclaration], Registry, Blackboard]:
-    """The leaves, a registry with stand-ins for them, and a blackboard with one agent's values."""
-    known = registry.copy() if registry is not None else Registry.standard()
-    leaves = read_declarations(things, known.types)
-    for leaf in leaves:
-        if leaf.id in known:
-            known.replace(**{leaf.id: leaf.stand_in()})
+    """Return what loading the plan needs: the leaves, a registry with their stand-ins, and a blackboard.
+
+    The blackboard contains the values of the first agent.
+    """
+    registry = nodes.copy() if nodes is not None else Registry.standard()
+    declarations = read_declarations(leaves, registry.types)
+    for leaf in declarations:
+        if leaf.id in registry:
+            registry.replace(**{leaf.id: leaf.stand_in()})
         else:
-            known.add(leaf.stand_in(), ID=leaf.id)
+            registry.add(leaf.stand_in(), ID=leaf.id)
     board = Blackboard(clock=clock)
     for key, value in (values or {}).items():
-        with suppress(ConversionError, IndexError):  # BatchBlackboard.begin tells of it
-            one = value if array_of(value).ndim == 0 else value[0]
-            board[key] = one.item() if isinstance(one, (np.generic, np.ndarray)) and one.ndim == 0 else one
-    return leaves, known, board
+        # BatchBlackboard.initialise() reports invalid values.
+        with suppress(ConversionError, IndexError):
+            single = value if array_of(value).ndim == 0 else value[0]
+            is_scalar = isinstance(single, (np.generic, np.ndarray)) and single.ndim == 0
+            board[key] = single.item() if is_scalar else single
+    return declarations, registry, board

@@ -23,7 +23,7 @@ class SubTree(DecoratorNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "▣"
-    batch_class: ClassVar[str] = "btcore.batch.script_nodes:SubTree"
+    batch_class: ClassVar[str] = "btcore.batch.decorators:SubTree"
     node_type: ClassVar[NodeType] = NodeType.SUBTREE
 
     @staticmethod

@@ -133,9 +133,9 @@ def picture(tree: BatchTree, journals: Journals, statuses: Any) -> list[dict[str
     for at in range(tree.agents):
         board = {}
         for key in sorted(tree.blackboard.scope.local_entries()):
-            column = tree.schema.column(tree.blackboard.scope, key)
+            column = tree.columns.column(tree.blackboard.scope, key)
             own = tree.blackboard.scope.local_entries()[key]
-            if tree.schema.column_of(own, key).exists >> at & 1:
+            if tree.columns.column_of(own, key).exists >> at & 1:
                 board[key] = None if column is None else recorded_value(column.objects(1 << at)[at])
         found.append(
             {

@@ -188,7 +188,7 @@ def held(tree: BatchTree, at: int) -> dict[str, dict[str, object]]:
     for path, board in tree.blackboards.items():
         found[path] = {}
         for key, entry in board.scope.local_entries().items():
-            column = board.schema.column_of(entry, key)
+            column = board.columns.column_of(entry, key)
             if column.exists >> at & 1:
                 found[path][key] = column.objects(1 << at)[at]
     return found
