@@ -70,35 +70,21 @@ class AgentSets:
         """Return the set that a user's *mask* selects; None = all agents. Raise BtcoreError for no mask."""
         if mask is None:
             return self.all_agents
+        wanted = f"a mask must have {self.count} bools, one per agent"
         try:
             array = np.asarray(mask)
         except ValueError:
-            raise BtcoreError(
-                f"a mask must have {self.count} bools, one per agent; this is not an array"
-            ) from None
+            raise BtcoreError(f"{wanted}; this is not an array") from None
         if array.dtype != np.bool_ or array.shape != (self.count,):
-            raise BtcoreError(
-                f"a mask must have {self.count} bools, one per agent; "
-                f"this has the shape {array.shape} and the type {array.dtype}"
-            )
+            raise BtcoreError(f"{wanted}; this has the shape {array.shape} and the type {array.dtype}")
         return self.from_mask(array)
 
 
 class Counters:
-    """A counter for each agent, from 0.
-
-    *planes* holds the binary digits: plane *k* is the set of the agents whose count has bit *k*. So all
-    operations work on whole sets.
-    """
+    """A counter for each agent, from 0, as binary digits: plane *k* is the set of the agents with bit *k*."""
 
     def __init__(self) -> None:
         self.planes: list[int] = []
-
-    def copy(self) -> "Counters":
-        """Return independent counters with the same counts."""
-        copy = Counters()
-        copy.planes = self.planes.copy()
-        return copy
 
     def add(self, agents: int) -> None:
         """Increment the counts of *agents*."""
@@ -135,10 +121,6 @@ class Counters:
                 same ^= same & plane
         return less
 
-    def at_least(self, limit: int, agents: int) -> int:
-        """Return those of *agents* whose count is *limit* or more."""
-        return agents ^ self.below(limit, agents)
-
     def equal(self, number: int, agents: int) -> int:
         """Return those of *agents* whose count is *number*."""
         if number.bit_length() > len(self.planes):
@@ -153,6 +135,40 @@ class Counters:
         for index, plane in enumerate(self.planes):
             counts += agent_sets.mask(plane).astype(np.int64) << index
         return counts
+
+
+class UnaryCounters:
+    """A counter for each agent, up to a small maximum: level *k* is the set of the agents with more than *k*.
+
+    Unlike :class:`Counters`, it compares counts without any computation.
+    """
+
+    def __init__(self, maximum: int) -> None:
+        self.levels = [0] * maximum
+
+    def copy(self) -> "UnaryCounters":
+        """Return independent counters with the same counts."""
+        copy = UnaryCounters(0)
+        copy.levels = self.levels.copy()
+        return copy
+
+    def add(self, agents: int) -> None:
+        """Increment the counts of *agents*."""
+        for index, level in enumerate(self.levels):
+            self.levels[index] = level | agents
+            agents &= level
+            if not agents:
+                return
+
+    def at_least(self, number: int) -> int:
+        """Return the agents whose count is *number* or more; -1 (all agents) for 0."""
+        return -1 if number <= 0 else self.levels[number - 1] if number <= len(self.levels) else 0
+
+    def clear(self, agents: int) -> None:
+        """Set the counts of *agents* to 0."""
+        for index, level in enumerate(self.levels):
+            if level:
+                self.levels[index] = level ^ (level & agents)
 
 
 class Timer:

@@ -69,6 +69,7 @@ def infer_type(data: Any) -> ValueType:
         return BOOL
     if data.dtype.kind == "f":
         return DOUBLE
+    # As for a Python int, a number that fits into 32 bits is an int.
     small = bool((np.abs(data) < 2**31).all())
     return INT if small else INT64
 
@@ -185,6 +186,7 @@ class Column:
             data = to_objects(BatchValue(data, form, integers), self.agent_sets, agents)
         elif self.form is ROWS and np.shape(data)[1:] != stored.shape[1:]:
             self.values = stored = np.zeros((self.agent_sets.count, *np.shape(data)[1:]))
+        # numpy copies without a mask faster than with a mask that is True for all agents.
         mask: Any = True if agents == self.agent_sets.all_agents else self.agent_sets.mask(agents)
         if self.form is ROWS and mask is not True:
             mask = mask.reshape((-1,) + (1,) * (stored.ndim - 1))
@@ -204,13 +206,11 @@ class Column:
             return
         mask = self.agent_sets.mask(agents)
         selected = objects[mask].tolist()
-        types = {type(value) for value in selected}
-        if types <= {int, float} and all(
-            type(value) is float or abs(value) <= MAX_EXACT for value in selected
-        ):
+        types = {type(item) for item in selected}
+        if types <= {int, float} and all(type(item) is float or abs(item) <= MAX_EXACT for item in selected):
             data = np.zeros(self.agent_sets.count, np.float64 if float in types else np.int64)
             data[mask] = selected
-            integers = np.array([type(value) is int for value in objects])
+            integers = np.array([type(item) is int for item in objects])
             self.put(agents, data, NUMBER, self.agent_sets.from_mask(integers) & agents)
         elif types == {bool}:
             self.put(agents, np.equal(objects, True).astype(np.bool_), TRUTH)
@@ -288,7 +288,7 @@ class ColumnTable:
             column = self.column_of(copy, key, self.agent_sets.all_agents)
             if entry.value is not None:
                 objects = np.empty(self.agent_sets.count, dtype=object)
-                objects.fill(entry.value)
+                objects.fill(entry.value)  # unlike assignment, fill() does not unpack a list
                 column.put_objects(self.agent_sets.all_agents, objects)
         scope.autoremap = board.autoremap
         return scope
@@ -323,6 +323,7 @@ class ColumnTable:
         entry = board.local_entries().get(key)
         if entry is not None:
             return self.column_of(entry, key), True
+        # _route() takes an "@" in a remapped key as a part of the key, as Blackboard.set() does.
         entry = board._route(key, ANY, False)
         if entry not in self._columns:
             self.version += 1

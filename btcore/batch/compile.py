@@ -1,6 +1,6 @@
 """Compilation of an ordinary tree to the nodes of a batch."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import import_module
 
 from btcore.batch.context import BatchContext
@@ -31,18 +31,14 @@ class BatchCompiler:
     Args:
         context: The shared state of the batch.
         leaves: The leaves by ID.
-        resources: The objects that leaves can get by type.
 
     Attributes:
         nodes: All nodes, in pre-order after :meth:`compile`.
     """
 
-    def __init__(
-        self, context: BatchContext, leaves: Mapping[str, LeafDeclaration], resources: Sequence[object]
-    ) -> None:
+    def __init__(self, context: BatchContext, leaves: Mapping[str, LeafDeclaration]) -> None:
         self.context = context
         self.leaves = leaves
-        self.resources = resources
         self.nodes: list[BatchNode] = []
         self._diagnostics: list[Diagnostic] = []
 
@@ -62,6 +58,7 @@ class BatchCompiler:
         try:
             node = self._create(plan, children)
         except TreeError as error:
+            # Continue with a placeholder, to report the errors of all nodes.
             self._diagnostics += error.diagnostics
             node = BatchNode(plan, self.context, children)
         self.nodes.append(node)
@@ -73,19 +70,16 @@ class BatchCompiler:
             return cls(plan, self.context, children)
         leaf = self.leaves.get(plan.id)
         if leaf is None or children:
-            raise unsupported(
-                plan.config, f"the batch engine does not run <{plan.id}>", self._hint(plan, children)
-            )
+            message = f"the batch engine does not run <{plan.id}>"
+            raise unsupported(plan.config, message, self._hint(plan, children))
         leaf_class = StatefulNode if issubclass(leaf.base_class, StatefulAction) else FunctionNode
-        return leaf_class(plan, self.context, leaf, self.resources)
+        return leaf_class(plan, self.context, leaf)
 
     def _hint(self, plan: TreeNode, children: list[BatchNode]) -> str:
         if children:
             supported = [id for id, cls in BUILTIN_NODES[4].items() if batch_class(cls) is not None]
             return f"it runs {', '.join(sorted(supported))}"
         nearest = nearest_name(plan.id, self.leaves)
-        hint = f"did you mean <{nearest}>? " if nearest else ""
-        return (
-            hint
-            + f"write it for all agents at once, @batch.action(ID='{plan.id}'), and pass it in leaves=[…]"
-        )
+        question = f"did you mean <{nearest}>? " if nearest else ""
+        advice = f"write it for all agents at once, @batch.action(ID='{plan.id}'), and pass it in leaves=[…]"
+        return question + advice

@@ -1,8 +1,9 @@
 """The state that all nodes of a batch share: agents, clock, columns, wake-ups, and the errors of a tick."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
-from btcore.batch.agent_sets import AgentSets, Timer
+from btcore.batch.agent_sets import Timer
 from btcore.batch.columns import ColumnTable
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
@@ -26,6 +27,8 @@ class BatchContext:
     """The shared state of one batch.
 
     Attributes:
+        columns: The blackboards.
+        resources: The objects that leaves can get by type.
         raised: The agents for which a node has raised in this tick. They take no further part in it, and are
             halted at its end.
         errors: The errors of this tick, each with its agents. Errors of one node with the same type and
@@ -34,10 +37,11 @@ class BatchContext:
         timers: All timers of the nodes.
     """
 
-    def __init__(self, agent_sets: AgentSets, clock: Clock, columns: ColumnTable) -> None:
-        self.agent_sets = agent_sets
+    def __init__(self, columns: ColumnTable, clock: Clock, resources: Sequence[object]) -> None:
+        self.agent_sets = columns.agent_sets
         self.clock = clock
         self.columns = columns
+        self.resources = resources
         self.raised = 0
         self.errors: dict[tuple[str, str, type, str], tuple[NodeExecutionError, int]] = {}
         self.woken = 0
@@ -51,6 +55,7 @@ class BatchContext:
 
     def fail(self, node: NodeLike, agents: int, cause: BaseException, doing: str = "ticking") -> None:
         """Record that *node* raised *cause* for *agents*; only the first error of an agent is recorded."""
+        # Later errors of an agent may be consequences of its first error.
         agents ^= agents & self.raised
         if not agents:
             return

@@ -185,11 +185,10 @@ def _is_of(kind: ValueType, value: BatchValue, agents: int) -> bool:
 
 def _reject_other_types(column: Column, objects: Values, agents: int, fail: FailureCallback) -> int:
     """Return those of *agents* whose value is of the column's type; fail for the others."""
+    kind = column.kind
     for index in column.agent_sets.indices(agents):
-        if not column.kind.accepts(objects[index]):
-            message = (
-                f"the entry '{column.name}' is of type {column.kind.name}, and once declared its type stays"
-            )
+        if not kind.accepts(objects[index]):
+            message = f"the entry '{column.name}' is of type {kind.name}, and once declared its type stays"
             fail(1 << int(index), BlackboardError(message))
             agents ^= 1 << int(index)
     return agents

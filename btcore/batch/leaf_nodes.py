@@ -1,7 +1,7 @@
 """The leaf nodes of a batch, which call a function or the methods of a class."""
 
 import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -27,15 +27,11 @@ class LeafNode(BatchNode):
         plan: The ordinary leaf that represents the node.
         context: The shared state of the batch.
         leaf: The declaration.
-        resources: The objects that parameters can get by type.
     """
 
-    def __init__(
-        self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration, resources: Sequence[object]
-    ) -> None:
+    def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
         super().__init__(plan, context, [])
         self.leaf = leaf
-        self._resources = resources
 
     def resource(self, parameter: LeafParameter) -> object:
         """Return the value of a parameter that is not a port. Raise TreeError if there is none."""
@@ -43,7 +39,7 @@ class LeafNode(BatchNode):
             return self.context.clock
         if parameter.annotation is NodeName:
             return NodeName(self.name)
-        for resource in self._resources:
+        for resource in self.context.resources:
             if fits(resource, parameter.annotation):
                 return resource
         if parameter.default is not UNSET:
@@ -64,12 +60,8 @@ class LeafNode(BatchNode):
         elif returned is True or returned is False or isinstance(returned, np.bool_):
             return (agents, 0, 0, 0) if returned else (0, agents, 0, 0)
         elif isinstance(returned, Status) and returned is not Status.IDLE:
-            return (
-                agents if returned is Status.SUCCESS else 0,
-                agents if returned is Status.FAILURE else 0,
-                agents if returned is Status.RUNNING else 0,
-                agents if returned is Status.SKIPPED else 0,
-            )
+            sets = dict.fromkeys(Status, 0) | {returned: agents}
+            return sets[Status.SUCCESS], sets[Status.FAILURE], sets[Status.RUNNING], sets[Status.SKIPPED]
         if isinstance(returned, np.ndarray):
             shown = f"an array of the type {returned.dtype} and the shape {returned.shape}"
         else:
@@ -93,9 +85,7 @@ class LeafNode(BatchNode):
         if np.bitwise_or.reduce(returned) > 7 or np.bitwise_or.reduce(returned) < 0:
             wrong |= from_mask((returned > 4) | (returned < 0)) & agents
         if wrong:
-            message = (
-                "each agent of the mask needs a status: 1 (RUNNING), 2 (SUCCESS), 3 (FAILURE) or 4 (SKIPPED)"
-            )
+            message = "each ticked agent needs a status: 1 (RUNNING), 2 (SUCCESS), 3 (FAILURE) or 4 (SKIPPED)"
             self.context.fail(self, wrong, NodeError(message))
             low, high, skipped = self.drop_failed(low), self.drop_failed(high), self.drop_failed(skipped)
         both = low & high
@@ -105,10 +95,8 @@ class LeafNode(BatchNode):
 class FunctionNode(LeafNode):
     """A leaf that calls a function."""
 
-    def __init__(
-        self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration, resources: Sequence[object]
-    ) -> None:
-        super().__init__(plan, context, leaf, resources)
+    def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
+        super().__init__(plan, context, leaf)
         self.function: Callable[..., Any] = leaf.implementation
         self.is_synchronous = issubclass(leaf.base_class, SyncAction)
         # The arguments, keyword arguments last. The values of inputs and masks are filled in by each tick.
@@ -139,6 +127,7 @@ class FunctionNode(LeafNode):
     def tick(self, agents: int) -> Results:
         """Call the function for the agents that have values in all inputs."""
         context = self.context
+        # All inputs are checked before any is read, because read() requires that all agents have a value.
         for _, port in self._inputs:
             agents = port.available(agents)
             if not agents:
@@ -179,10 +168,8 @@ class FunctionNode(LeafNode):
 class StatefulNode(LeafNode):
     """A leaf with an instance of a class."""
 
-    def __init__(
-        self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration, resources: Sequence[object]
-    ) -> None:
-        super().__init__(plan, context, leaf, resources)
+    def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
+        super().__init__(plan, context, leaf)
         # Outputs have "=" after their name, because an InOut port is an input and an output.
         ports: dict[str, Any] = {
             port.name: BatchInput(self, port.name, port) for port in leaf.ports if port.reads

@@ -91,6 +91,7 @@ class BatchNode:
         conditions = self.conditions
         results = self.tick(agents) if conditions is None else conditions.execute(self, agents)
         if self.context.raised:
+            # Agents for which this node or a node below it has raised are in no result.
             raised = self.context.raised
             success, failure, running, skipped = results
             results = (
@@ -105,6 +106,7 @@ class BatchNode:
     def store(self, success: int, failure: int, running: int) -> None:
         """Store results; the statuses of all other agents do not change."""
         done = success | failure | running
+        # Most sets are empty in most ticks, so the tests save operations.
         before = self.success
         self.success = before ^ (before & done) | success if before else success
         before = self.failure
@@ -235,6 +237,7 @@ class BatchConditions:
             success, idle = self.success_if.split(idle)
         if idle and self.skip_if is not None:
             skipped, idle = self.skip_if.split(idle)
+        # The other pre-conditions are evaluated only before a node starts.
         if self.while_true is not None:
             if idle:
                 idle, stopped = self.while_true.split(idle)

@@ -1,6 +1,6 @@
 """Parallels of a batch."""
 
-from btcore.batch.agent_sets import Counters
+from btcore.batch.agent_sets import UnaryCounters
 from btcore.batch.context import BatchContext
 from btcore.batch.node import NO_RESULTS, BatchNode, Results, merge_results
 from btcore.batch.ports import BatchInput
@@ -15,8 +15,8 @@ class ParallelNode(BatchNode):
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
         self._completed = [0] * len(children)
-        self._successes = Counters()
-        self._failures = Counters()
+        self._successes = UnaryCounters(len(children))
+        self._failures = UnaryCounters(len(children))
 
     def _forget(self, agents: int) -> None:
         """Mark all children as not completed."""
@@ -62,29 +62,36 @@ class Parallel(ParallelNode):
         self.set_running(agents)
         success = failure = 0
         active = all_skipped = agents
-        # With a negative count, children that are skipped in this tick count as successes.
-        counted = self._successes.copy() if success_count < 0 else self._successes
+        counted = self._successes
         for index, child in enumerate(self.children):
             due = active ^ (active & self._completed[index])
             if due:
                 succeeded, failed, running, skipped = child.execute(due)
                 active ^= due ^ (succeeded | failed | running | skipped)
-                self._successes.add(succeeded)
-                self._failures.add(failed)
+                if succeeded:
+                    self._successes.add(succeeded)
+                if failed:
+                    self._failures.add(failed)
                 self._completed[index] |= succeeded | failed
                 if counted is not self._successes:
                     counted.add(succeeded | skipped)
+                elif skipped and success_count < 0:
+                    # With a negative count, children that are skipped in this tick count as successes.
+                    counted = self._successes.copy()
+                    counted.add(skipped)
                 all_skipped &= skipped
             else:
                 all_skipped = 0
-            won = counted.at_least(needed, active)
+            won = active & counted.at_least(needed)
             if won:
                 success |= won
                 active ^= won
                 self._forget(won)
                 self.reset_children(won)
-            lost = self._failures.equal(allowed, active)
-            lost |= self._failures.at_least(count - needed + 1, active)
+            # BehaviorTree.CPP tests with ==, so more failures than allowed do not count.
+            lost = active & self._failures.at_least(allowed)
+            lost ^= lost & self._failures.at_least(allowed + 1)
+            lost |= active & self._failures.at_least(count - needed + 1)
             if lost:
                 failure |= lost
                 active ^= lost
@@ -127,7 +134,8 @@ class ParallelAll(ParallelNode):
                 continue
             succeeded, failed, runs, skipped = child.execute(due)
             active ^= due ^ (succeeded | failed | runs | skipped)
-            self._failures.add(failed)
+            if failed:
+                self._failures.add(failed)
             self._completed[index] |= succeeded | failed
             all_skipped &= skipped
             running |= runs
@@ -135,7 +143,7 @@ class ParallelAll(ParallelNode):
         all_skipped &= active
         running &= active
         done = active ^ (all_skipped | running)
-        failed = self._failures.at_least(allowed, done)
+        failed = done & self._failures.at_least(allowed)
         if done:
             self._forget(done)
             self.reset_children(done)

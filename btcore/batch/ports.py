@@ -139,6 +139,7 @@ class BatchInput:
             return []
         selected = values[agent_sets.mask(agents)]
         if values.dtype == object:
+            # np.unique() sorts, but objects of different types cannot be compared.
             distinct: list[Any] = list(dict.fromkeys(selected.tolist()))
         else:
             distinct = np.unique(selected).tolist()

@@ -27,14 +27,7 @@ from btcore.script.expressions import (
     OperatorChain,
     UnaryOperation,
 )
-from btcore.script.operators import (
-    EPSILON,
-    OPERATORS,
-    compare,
-    compound_assigned_value,
-    negated,
-    operate,
-)
+from btcore.script.operators import EPSILON, OPERATORS, compare, compound_assigned_value, negated, operate
 from btcore.script.parser import Parser
 from btcore.script.program import condition_result
 from btcore.values.numbers import leading_float
@@ -140,6 +133,7 @@ def column_value(column: Column, agents: int, copies: bool) -> BatchValue:
     """Return the value of *column* for *agents*; *copies* as in :class:`Scope`."""
     if not agents:
         return NO_VALUE
+    # Agents without a value get None, which most operators reject with an error for these agents only.
     if column.values is None or column.written & agents != agents:
         return BatchValue(column.objects(agents), OBJECT, 0)
     values = column.values.copy() if copies else column.values
@@ -176,6 +170,7 @@ class BatchLiteral(BatchExpression):
         elif isinstance(value, int) and abs(value) > MAX_EXACT:
             self.value = BatchValue(value, OBJECT, 0)
         else:
+            # -1 has all bits set: an integer for all agents, whatever their number.
             self.value = BatchValue(value, NUMBER, -1 if isinstance(value, int) else 0)
 
     def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
@@ -215,6 +210,7 @@ class BatchUnaryOperation(BatchExpression):
         value = self.operand.evaluate(run, agents)
         agents = run.drop_failed(agents)
         for sign in reversed(self.operation.signs):
+            # "~" needs the check of the range that the ordinary engine does.
             if is_number(value) and sign != "~":
                 data = to_doubles(value)
                 value = BatchValue(-data if sign == "-" else data == 0.0, NUMBER, 0)
@@ -427,6 +423,7 @@ class BatchAssignment(BatchExpression):
         agents = run.drop_failed(agents)
         if not agents:
             return NO_VALUE
+        # Most assignments can be stored for all agents at once.
         is_stored = False
         if is_number(value) and (column.values is None or column.form is NUMBER):
             is_stored = self._store_numbers(run, column, value, agents)
@@ -452,6 +449,7 @@ class BatchAssignment(BatchExpression):
         except BlackboardError as error:
             run.fail(missing, target.fault(str(error)))
             return slot.column
+        # The entry exists even if the evaluation of the value fails, as in an ordinary script.
         column.exists |= missing
         return column
 
@@ -466,6 +464,7 @@ class BatchAssignment(BatchExpression):
             data = _COMPOUND[self.sign](to_doubles(column.value(0)), to_doubles(value))
             form, integers = NUMBER, 0
         if form is TRUTH:
+            # A bool stays a bool only in a new entry; in an entry with a number it becomes a number.
             if new != agents:
                 return False
             column.put(agents, data, TRUTH)
@@ -477,8 +476,11 @@ class BatchAssignment(BatchExpression):
         if unchecked:
             # Real numbers for entries with integers: possible without a check of each if all are integral.
             integral = (np.rint(data) == data) & (np.abs(data) <= MAX_EXACT)
-            mask = np.broadcast_to(integral, run.agent_sets.count)
-            if unchecked & run.agent_sets.from_mask(mask) != unchecked:
+            if isinstance(integral, np.ndarray):
+                unchecked ^= unchecked & run.agent_sets.from_mask(integral)
+            elif integral:
+                unchecked = 0
+            if unchecked:
                 return False
         column.put(agents, data, NUMBER, stay_integers | integers & new)
         return True
@@ -503,6 +505,7 @@ class BatchAssignment(BatchExpression):
         if empty:
             run.fail(empty, assignment.fault(f"what stands after '{self.sign}' has no value"))
             agents = run.drop_failed(agents)
+        # A single entry stands for the entry of each agent in turn.
         entry = Entry(column.kind)
 
         def assigned(new: object, old: object) -> object:
@@ -571,8 +574,10 @@ class BatchProgram:
         run = ScriptRun(self.node, "ticking")
         value = self._evaluate(run, agents)
         agents = run.drop_failed(agents)
-        true = run.drop_failed(select_true(run, value, agents))
-        return true, run.drop_failed(agents) ^ true
+        true = select_true(run, value, agents)
+        if run.failed:
+            true, agents = run.drop_failed(true), run.drop_failed(agents)
+        return true, agents ^ true
 
     def _evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
         """Return the value of the last statement for the agents that have not failed."""

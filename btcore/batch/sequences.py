@@ -33,6 +33,7 @@ class OrderedNode(BatchNode):
             self._skips.clear(agents ^ self.not_idle(agents))
         self.set_running(agents)
         waiting: list[tuple[int, int]] = []
+        # Agents whose next child is not the first join at their next child.
         active = agents
         for index in range(1, count):
             starts_here = next_child[index]

@@ -21,6 +21,7 @@ from btcore.clock import NS_PER_S, Clock
 from btcore.errors import BtcoreError, ConversionError, NodeExecutionError
 from btcore.loading.load import load, loads
 from btcore.registry.registry import Registry
+from btcore.status import RUNNING
 from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
 
@@ -83,9 +84,9 @@ class BatchTree:
         self.id = plan.id
         clock = clock if clock is not None else plan.clock
         self.columns = ColumnTable(plan, self.agent_sets, clock)
-        self.context = BatchContext(self.agent_sets, clock, self.columns)
+        self.context = BatchContext(self.columns, clock, resources)
         declarations = {leaf.id: leaf for leaf in read_declarations(leaves, plan.registry.types)}
-        compiler = BatchCompiler(self.context, declarations, resources)
+        compiler = BatchCompiler(self.context, declarations)
         self.root = compiler.compile(plan)
         self.nodes: list[BatchNode] = compiler.nodes
         self.blackboards: dict[str, BatchBlackboard] = {
@@ -173,7 +174,7 @@ class BatchTree:
         agents = self.agent_sets.from_user_mask(mask)
         statuses = self._tick(agents)
         while True:
-            running = self.agent_sets.from_mask(statuses == 1)
+            running = self.agent_sets.from_mask(statuses == RUNNING)
             woken = self.context.take_wake_ups(running) if running else 0
             if not woken:
                 return statuses
@@ -226,6 +227,7 @@ class BatchTree:
         context = self.context
         context.raised = 0
         context.errors = {}
+        # The root is halted twice, as in the ordinary engine: as the root, and as the first of all nodes.
         for node in [self.root, *self.nodes]:
             node.halt_node(agents)
         for node in self.nodes:

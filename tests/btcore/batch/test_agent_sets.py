@@ -5,7 +5,7 @@ import random
 import pytest
 
 np = pytest.importorskip("numpy")
-from btcore.batch.agent_sets import AgentSets, Counters, Timer  # noqa: E402
+from btcore.batch.agent_sets import AgentSets, Counters, Timer, UnaryCounters  # noqa: E402
 
 DRAW = random.Random(5)
 
@@ -43,9 +43,19 @@ def test_counters_count_as_numbers_do() -> None:
         below = {index for index in range(50) if group >> index & 1 and counts[index] < limit}
         equal = {index for index in range(50) if group >> index & 1 and counts[index] == max(limit, 0)}
         assert set(agent_sets.indices(counters.below(limit, group)).tolist()) == below
-        assert counters.at_least(limit, group) == group ^ counters.below(limit, group)
         assert set(agent_sets.indices(counters.equal(max(limit, 0), group)).tolist()) == equal
         assert counters.numbers(agent_sets).tolist() == counts
+
+
+def test_unary_counters_count_up_to_their_maximum() -> None:
+    counters = UnaryCounters(3)
+    counters.add(0b011)
+    copy = counters.copy()
+    counters.add(0b001)
+    assert [counters.at_least(number) for number in (0, 1, 2, 3, 4)] == [-1, 0b011, 0b001, 0, 0]
+    counters.clear(0b001)
+    assert counters.at_least(1) == 0b010
+    assert copy.at_least(1) == 0b011
 
 
 def test_each_agent_waits_for_its_own_deadline() -> None:

@@ -313,7 +313,7 @@ def test_who_has_no_value_raises_alone() -> None:
     [
         (None, "not None"),
         (np.zeros(2, dtype=bool), r"not an array of the type bool and the shape \(2,\)"),
-        (np.full(3, 9), r"needs a status: 1 \(RUNNING\)"),
+        (np.full(3, 9), r"ticked agent needs a status: 1 \(RUNNING\)"),
         (Status.RUNNING, "must complete within its tick, but it returned RUNNING"),
         (np.array(["S", "S", "S"]), "not an array of the type <U1"),
     ],
