@@ -1,16 +1,16 @@
-"""One tree for many agents: the batch engine beside the ordinary one, in ratios.
+"""The batch engine compared with the ordinary engine, in ratios of processor time.
 
     python benchmarks/batch.py [--pairs 9] [--agents 100 1000 10000 100000] [--json]
 
-A robot that keeps its battery: 20 nodes, of which 8 are leaves with ports, two scripts and a subtree. In both
-engines the leaves do the same; those of the ordinary engine are plain functions on numbers, those of the
-batch functions on arrays. The agents' batteries differ, so that in every tick they stand at different places
-of the tree.
+The tree is that of a robot that recharges its battery: 20 nodes, with 8 leaves that have ports, two scripts
+and a subtree. The leaves compute the same in both engines: on numbers in the ordinary engine, on arrays in
+the batch. The agents start with different batteries, so they are at different places of the tree in every
+tick.
 
-The ordinary engine ticks one tree an agent, at most 1,000 of them, and its time is taken in proportion: its
-trees don't know of each other. A thousand trees fit no cache, so that the ratio to the throughput of ten
-is told too. Runs of both come in pairs, one right after the other; which goes first changes from pair to
-pair. Figures are medians over the pairs of processor time, with their quartiles.
+The ordinary engine ticks a tree for each agent, but at most 1,000 trees; the time for more agents is
+extrapolated, because the trees are independent. A thousand trees do not fit into the processor's caches, so
+the ratio to the throughput of ten trees is reported too. The engines run in pairs, and the order alternates
+from pair to pair. The figures are medians over the pairs, with quartiles.
 """
 
 import gc
@@ -26,13 +26,13 @@ from btcore.batch import BatchTree, Bools, Floats
 from measure.paired_timing import Spread
 from measure.report import Report, arguments, at_least
 
-MOST_TREES = 1_000
+MAX_TREES = 1_000
 CACHED_TREES = 10
-"""So few that they stay in the processor's caches."""
+"""The number of trees that fit into the processor's caches."""
 TICKS = 20
 THROUGHPUT = at_least(compiled=20, pure=20)
-FROM = 1_000
-"""Agents: from here on there is a target."""
+TARGET_AGENTS = 1_000
+"""The number of agents from which the target applies."""
 
 DOCUMENT = """
 <root BTCPP_format="4" main_tree_to_execute="Main">
@@ -123,8 +123,8 @@ def load_all(battery: In[Floats], more: Put[Floats]) -> bool:
 LEAVES = [battery_ok_of_all, near_of_all, drive_all, load_all]
 
 
-def beginnings(agents: int) -> list[dict[str, float]]:
-    """What each agent begins with."""
+def initial_values(agents: int) -> list[dict[str, float]]:
+    """Return the blackboard entries with which each agent starts."""
     drawn = random.Random(1)
     return [
         {"battery": drawn.random(), "place": drawn.uniform(-9.0, 9.0), "goal": drawn.choice([-10.0, 10.0])}
@@ -132,12 +132,12 @@ def beginnings(agents: int) -> list[dict[str, float]]:
     ]
 
 
-def ordinary(given: list[dict[str, float]]) -> list[btcore.Tree]:
-    """A tree for each agent."""
+def ordinary(agents: list[dict[str, float]]) -> list[btcore.Tree]:
+    """Return a tree for each agent, with its initial values."""
     nodes = Registry.standard()
     nodes.add(battery_ok, near, drive, load)
     trees = []
-    for values in given:
+    for values in agents:
         tree = btcore.loads(DOCUMENT, nodes=nodes, clock=SimClock())
         for key, value in values.items():
             tree.blackboard[key] = value
@@ -145,24 +145,24 @@ def ordinary(given: list[dict[str, float]]) -> list[btcore.Tree]:
     return trees
 
 
-def batched(given: list[dict[str, float]]) -> BatchTree:
-    """One tree for all agents."""
-    columns = {key: np.array([values[key] for values in given]) for key in given[0]}
-    return BatchTree.loads(DOCUMENT, len(given), LEAVES, blackboard=columns, clock=SimClock())
+def batched(agents: list[dict[str, float]]) -> BatchTree:
+    """Return a batch for all agents, with their initial values."""
+    columns = {key: np.array([values[key] for values in agents]) for key in agents[0]}
+    return BatchTree.loads(DOCUMENT, len(agents), LEAVES, blackboard=columns, clock=SimClock())
 
 
 def check_same_results(agents: int) -> None:
-    """See that both engines do the same with *agents* agents."""
-    given = beginnings(agents)
-    trees, swarm = ordinary(given), batched(given)
+    """Check that both engines return the same statuses, and write the same batteries."""
+    values = initial_values(agents)
+    trees, swarm = ordinary(values), batched(values)
     for _ in range(100):
-        wanted = [int(tree.tick_exactly_once()) for tree in trees]
-        assert swarm.tick().tolist() == wanted
+        expected = [int(tree.tick_exactly_once()) for tree in trees]
+        assert swarm.tick().tolist() == expected
         assert swarm.blackboard["battery"].tolist() == [tree.blackboard["battery"] for tree in trees]
 
 
 def time_of_trees(trees: list[btcore.Tree]) -> float:
-    """Seconds of processor time for a tick of all *trees*."""
+    """Return the processor time (s) for a tick of all *trees*."""
     begin = time.process_time()
     for _ in range(TICKS):
         for tree in trees:
@@ -171,7 +171,7 @@ def time_of_trees(trees: list[btcore.Tree]) -> float:
 
 
 def time_of_batch(swarm: BatchTree) -> float:
-    """Seconds of processor time for a tick of *swarm*."""
+    """Return the processor time (s) for a tick of *swarm*."""
     begin = time.process_time()
     for _ in range(TICKS):
         swarm.tick()
@@ -179,20 +179,20 @@ def time_of_batch(swarm: BatchTree) -> float:
 
 
 def compare(report: Report, agents: int) -> None:
-    """Add a row about *agents* agents."""
-    given = beginnings(agents)
-    trees, swarm = ordinary(given[:MOST_TREES]), batched(given)
-    share = agents / len(trees)
+    """Measure with *agents* agents, and add a row to *report*."""
+    values = initial_values(agents)
+    trees, swarm = ordinary(values[:MAX_TREES]), batched(values)
+    factor = agents / len(trees)
     time_of_trees(trees)
     time_of_batch(swarm)
     ratios, cached, times = [], [], []
     for pair in range(report.pairs):
         gc.collect()
         if pair % 2:
-            alone, together = time_of_trees(trees) * share, time_of_batch(swarm)
+            alone, together = time_of_trees(trees) * factor, time_of_batch(swarm)
         else:
             together = time_of_batch(swarm)
-            alone = time_of_trees(trees) * share
+            alone = time_of_trees(trees) * factor
         few = trees[:CACHED_TREES]
         cached.append(time_of_trees(few) * agents / len(few) / together)
         ratios.append(alone / together)
@@ -201,18 +201,18 @@ def compare(report: Report, agents: int) -> None:
         "a tick of all": f"{1e6 * statistics.median(times):,.0f} µs",
         f"{CACHED_TREES} trees / batch": f"{statistics.median(cached):.3g}",
     }
-    target = THROUGHPUT if agents >= FROM else None
+    target = THROUGHPUT if agents >= TARGET_AGENTS else None
     report.add(f"{agents:,} agents: ordinary / batch", Spread.of(ratios), target, figures)
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--agents", type=int, nargs="+", default=[100, 1_000, 10_000, 100_000])
     given = parser.parse_args()
     check_same_results(50)
-    nodes = len(ordinary(beginnings(1))[0].nodes)
-    question = f"How much faster one batch is than a tree of {nodes} nodes for each agent"
+    nodes = len(ordinary(initial_values(1))[0].nodes)
+    question = f"How much faster a batch is than a tree of {nodes} nodes for each agent"
     report = Report("batch", question, given.pairs)
     for agents in [100] if given.quick else given.agents:
         compare(report, agents)

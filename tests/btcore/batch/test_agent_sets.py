@@ -21,14 +21,14 @@ def test_a_set_becomes_a_mask_and_back(count: int) -> None:
         assert agent_sets.indices(agents).tolist() == [index for index in range(count) if agents >> index & 1]
 
 
-def test_a_mask_is_not_to_be_written() -> None:
+def test_masks_are_read_only() -> None:
     agent_sets = AgentSets(3)
     for agents in (0b111, 0b101):
         with pytest.raises(ValueError, match="read-only"):
             agent_sets.mask(agents)[0] = False
 
 
-def test_counters_count_as_numbers_do() -> None:
+def test_counters_count_as_integers_do() -> None:
     agent_sets, counters, counts = AgentSets(50), Counters(), [0] * 50
     for _ in range(200):
         agents = DRAW.getrandbits(50)

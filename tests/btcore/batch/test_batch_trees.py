@@ -1,4 +1,4 @@
-"""A tree for many agents: how it is made, ticked, looked at, and what it refuses."""
+"""A tree for many agents: creation, ticks, access, and errors."""
 
 from pathlib import Path
 
@@ -29,12 +29,12 @@ def document(body: str, more: str = "") -> str:
     )
 
 
-class Heard:
-    """What a leaf was told."""
+class Calls:
+    """The masks and indices with which leaves were called."""
 
     def __init__(self) -> None:
         self.masks: list[list[bool]] = []
-        self.numbers: list[list[int]] = []
+        self.indices: list[list[int]] = []
 
 
 @batch.condition
@@ -43,9 +43,9 @@ def above(level: In[Floats], limit: In[Floats] = 0.5) -> Bools:
 
 
 @batch.action
-def count(n: In[Ints], out: Put[Ints], mask: Mask, agents: Indices, heard: Heard) -> bool:
-    heard.masks.append(mask.tolist())
-    heard.numbers.append(agents.tolist())
+def count(n: In[Ints], out: Put[Ints], mask: Mask, agents: Indices, calls: Calls) -> bool:
+    calls.masks.append(mask.tolist())
+    calls.indices.append(agents.tolist())
     out(n + 1)
     return True
 
@@ -58,12 +58,12 @@ def brittle(level: In[Floats]) -> object:
 
 
 class Wait(batch.StatefulAction):
-    """Runs for as many ticks as it is told."""
+    """Is RUNNING for as many ticks as its port contains."""
 
     ticks: In[Ints]
 
-    def __init__(self, heard: Heard) -> None:
-        self.heard = heard
+    def __init__(self, calls: Calls) -> None:
+        self.calls = calls
         self.left = np.zeros(self.agents, dtype=int)
 
     def on_start(self, mask: Mask) -> object:
@@ -75,7 +75,7 @@ class Wait(batch.StatefulAction):
         return np.where(self.left < 0, 2, 1)
 
     def on_halted(self, mask: Mask) -> None:
-        self.heard.masks.append(mask.tolist())
+        self.calls.masks.append(mask.tolist())
 
 
 class Move(batch.StatefulAction):
@@ -87,29 +87,29 @@ class Move(batch.StatefulAction):
         return True
 
     def on_running(self, mask: Mask) -> object:
-        raise AssertionError("it never runs")
+        raise AssertionError("never RUNNING")
 
 
 # --- ticking
 
 
-def test_leaves_are_called_once_for_those_who_come_there() -> None:
-    heard = Heard()
+def test_leaves_are_called_once_with_the_mask_of_the_ticked_agents() -> None:
+    calls = Calls()
     tree = BatchTree.loads(
         document('<Sequence> <Above level="{level}"/> <Count n="{n}" out="{n}"/> </Sequence>'),
         4,
         [above, count],
-        resources=[heard],
+        resources=[calls],
         blackboard={"level": [0.1, 0.9, 0.2, 0.8], "n": 3},
     )
     assert tree.tick().tolist() == [3, 2, 3, 2]
-    assert heard.masks == [[False, True, False, True]]
-    assert heard.numbers == [[1, 3]]
+    assert calls.masks == [[False, True, False, True]]
+    assert calls.indices == [[1, 3]]
     assert tree.blackboard["n"].tolist() == [3, 4, 3, 4]
     assert tree.blackboard["n"].dtype == np.int64
 
 
-def test_a_mask_chooses_who_is_ticked() -> None:
+def test_a_mask_selects_the_ticked_agents() -> None:
     tree = BatchTree.loads(document('<Script code="n := n + 1"/>'), 3, blackboard={"n": 0})
     assert tree.tick(np.array([True, False, True])).tolist() == [2, 0, 2]
     assert tree.blackboard["n"].tolist() == [1, 0, 1]
@@ -120,20 +120,20 @@ def test_a_mask_chooses_who_is_ticked() -> None:
         tree.tick(np.array([True, False]))
 
 
-def test_those_alone_are_halted_who_run_and_are_meant() -> None:
-    heard = Heard()
+def test_only_running_agents_of_the_mask_are_halted() -> None:
+    calls = Calls()
     tree = BatchTree.loads(
-        document('<Wait ticks="{t}"/>'), 4, [Wait], resources=[heard], blackboard={"t": [0, 2, 2, 9]}
+        document('<Wait ticks="{t}"/>'), 4, [Wait], resources=[calls], blackboard={"t": [0, 2, 2, 9]}
     )
     assert tree.tick().tolist() == [2, 1, 1, 1]
     tree.halt(np.array([True, True, False, False]))
-    assert heard.masks == [[False, True, False, False]]
+    assert calls.masks == [[False, True, False, False]]
     assert tree.node("Wait").status.tolist() == [0, 0, 1, 1]
     assert tree.tick().tolist() == [2, 1, 1, 1]
     assert tree.tick(np.array([False, False, True, False])).tolist() == [0, 0, 2, 0]
 
 
-def test_time_begins_for_each_agent_when_it_comes_there() -> None:
+def test_a_sleep_starts_for_each_agent_at_its_first_tick() -> None:
     tree = BatchTree.loads(document('<Sleep msec="100"/>'), 2, clock=SimClock())
     assert tree.tick(np.array([True, False])).tolist() == [1, 0]
     tree.sleep(0.06)
@@ -144,7 +144,7 @@ def test_time_begins_for_each_agent_when_it_comes_there() -> None:
     assert tree.tick().tolist() == [1, 2]
 
 
-def test_tick_once_ticks_again_those_who_were_woken() -> None:
+def test_tick_once_ticks_woken_agents_again() -> None:
     tree = BatchTree.loads(
         document('<Repeat num_cycles="{times}"> <Script code="n += 1"/> </Repeat>'),
         3,
@@ -154,7 +154,7 @@ def test_tick_once_ticks_again_those_who_were_woken() -> None:
     assert tree.blackboard["n"].tolist() == [1, 3, 0]
 
 
-def test_rows_are_columns_too() -> None:
+def test_rows_of_numbers_are_columns() -> None:
     tree = BatchTree.loads(
         document('<Move at="{at}" by="{by}"/>'),
         2,
@@ -166,14 +166,14 @@ def test_rows_are_columns_too() -> None:
     assert tree.blackboard["at"].tolist() == [[1.0, 0, 0], [0, 4.0, 0]]
 
 
-def test_a_tree_of_code_or_of_a_loaded_document_will_do() -> None:
+def test_a_batch_is_made_of_a_loaded_tree() -> None:
     nodes = Registry.standard()
 
     @btcore.condition(ID="Above")
-    def one_above(level: In[float], limit: In[float] = 0.5) -> bool:
+    def above_for_a_single_agent(level: In[float], limit: In[float] = 0.5) -> bool:
         return level > limit
 
-    nodes.add(one_above)
+    nodes.add(above_for_a_single_agent)
     ordinary = btcore.loads(document('<Above level="{level}"/>'), nodes=nodes)
     ordinary.blackboard["level"] = 0.7
     swarm = BatchTree(ordinary, 3, [above])
@@ -183,7 +183,7 @@ def test_a_tree_of_code_or_of_a_loaded_document_will_do() -> None:
     assert ordinary.blackboard["level"] == 0.7
 
 
-def test_subtrees_have_scopes_of_their_own() -> None:
+def test_subtrees_have_their_own_scopes() -> None:
     inner = '<BehaviorTree ID="Inner"><Script code="mine := n; n := n + 1; deep := mine"/></BehaviorTree>\n'
     tree = BatchTree.loads(
         document('<SubTree ID="Inner" name="in" n="{total}"/>', inner), 2, blackboard={"total": [1, 5]}
@@ -194,7 +194,7 @@ def test_subtrees_have_scopes_of_their_own() -> None:
     assert "deep" not in tree.blackboard
 
 
-# --- what a leaf has read
+# --- inputs
 
 
 @batch.action
@@ -205,7 +205,7 @@ def swap(a: In[Floats], b: In[Floats], to_a: Put[Floats], to_b: Put[Floats]) -> 
 
 
 class Count(batch.StatefulAction):
-    """Counts to three from what it began with."""
+    """Counts to three from its first value."""
 
     n: InOut[Floats]
 
@@ -219,7 +219,7 @@ class Count(batch.StatefulAction):
 
 
 @pytest.mark.parametrize("is_held", [False, True])
-def test_what_a_leaf_has_read_stays(is_held: bool) -> None:
+def test_later_writes_do_not_change_what_a_leaf_has_read(is_held: bool) -> None:
     swapping = document('<Swap a="{a}" b="{b}" to_a="{a}" to_b="{b}"/>')
     tree = BatchTree.loads(swapping, 2, [swap], blackboard={"a": [1.0, 2.0], "b": 3.0})
     kept = tree.blackboard["a"] if is_held else None
@@ -237,7 +237,7 @@ def test_what_a_leaf_has_read_stays(is_held: bool) -> None:
     assert [counting.tick().tolist() for _ in range(3)] == [[1, 1], [1, 1], [2, 2]]
 
 
-def test_what_a_leaf_has_read_is_not_to_be_written() -> None:
+def test_inputs_are_read_only() -> None:
     @batch.action(ID="Grow")
     def make_tree(n: In[Floats]) -> bool:
         n += 1.0
@@ -252,7 +252,7 @@ def test_what_a_leaf_has_read_is_not_to_be_written() -> None:
 # --- errors
 
 
-def test_what_is_raised_in_the_same_words_is_one_error() -> None:
+def test_errors_with_the_same_message_are_merged() -> None:
     tree = BatchTree.loads(
         document('<Above level="{level}"/>'), 30, [above], blackboard={"level": ["low"] * 29 + ["0.7"]}
     )
@@ -268,7 +268,7 @@ def test_what_is_raised_in_the_same_words_is_one_error() -> None:
     assert len(raised.value.later_errors) == 29
 
 
-def test_who_raises_is_halted_and_the_others_tick_is_done() -> None:
+def test_agents_with_an_error_are_halted_and_the_tick_of_the_others_is_completed() -> None:
     tree = BatchTree.loads(
         document('<Sequence name="all"> <Brittle level="{level}"/> <Script code="n += 1"/> </Sequence>'),
         3,
@@ -286,7 +286,7 @@ def test_who_raises_is_halted_and_the_others_tick_is_done() -> None:
     assert raised.value.backtrace == ["all", "Brittle::2"]
 
 
-def test_an_exception_is_every_ones_who_was_asked() -> None:
+def test_an_exception_applies_to_all_agents_of_the_mask() -> None:
     tree = BatchTree.loads(
         document('<Brittle level="{level}" _skipIf="level == 7"/>'),
         3,
@@ -299,7 +299,7 @@ def test_an_exception_is_every_ones_who_was_asked() -> None:
     assert raised.value.statuses.tolist() == [0, 0, 4]
 
 
-def test_who_has_no_value_raises_alone() -> None:
+def test_agents_without_a_value_fail_alone() -> None:
     tree = BatchTree.loads(document('<Above level="{level}"/>'), 3, [above])
     tree.blackboard.set("level", 0.9, np.array([True, False, True]))
     assert tree.blackboard.has("level").tolist() == [True, False, True]
@@ -309,7 +309,7 @@ def test_who_has_no_value_raises_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("returned", "said"),
+    ("returned", "message"),
     [
         (None, "not None"),
         (np.zeros(2, dtype=bool), r"not an array of the type bool and the shape \(2,\)"),
@@ -318,19 +318,19 @@ def test_who_has_no_value_raises_alone() -> None:
         (np.array(["S", "S", "S"]), "not an array of the type <U1"),
     ],
 )
-def test_a_leaf_returns_bools_or_statuses(returned: object, said: str) -> None:
+def test_a_leaf_returns_bools_or_statuses(returned: object, message: str) -> None:
     @batch.action(ID="Leaf")
     def leaf() -> object:
         return returned
 
     tree = BatchTree.loads(document("<Leaf/>"), 3, [leaf])
-    with pytest.raises(BatchNodeError, match=said) as raised:
+    with pytest.raises(BatchNodeError, match=message) as raised:
         tree.tick()
     assert raised.value.agents.tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize(("returned", "status"), [(True, 2), (False, 3), (Status.SKIPPED, 4), (np.True_, 2)])
-def test_one_result_is_every_ones(returned: object, status: int) -> None:
+def test_a_single_result_applies_to_all_agents(returned: object, status: int) -> None:
     @batch.action(ID="Leaf")
     def leaf() -> object:
         return returned
@@ -338,11 +338,11 @@ def test_one_result_is_every_ones(returned: object, status: int) -> None:
     assert BatchTree.loads(document("<Leaf/>"), 3, [leaf]).tick().tolist() == [status] * 3
 
 
-# --- refusals
+# --- invalid trees, leaves and arguments
 
 
 @pytest.mark.parametrize(
-    ("body", "said", "hint"),
+    ("body", "message", "hint"),
     [
         ('<UnsetBlackboard key="k"/>', "does not run <UnsetBlackboard>", "write it for all agents at once"),
         (
@@ -352,33 +352,35 @@ def test_one_result_is_every_ones(returned: object, status: int) -> None:
         ),
         ('<Script code="{code}"/>', "the script of <Script> is on the blackboard", 'code="…"'),
         ('<SetBlackboard value="1" output_key="{k}"/>', "needs value", "without braces"),
-        ('<Count n="1" out="{n}"/>', "<Count> needs a resource of type Heard", "resources=[…]"),
+        ('<Count n="1" out="{n}"/>', "<Count> needs a resource of type Calls", "resources=[…]"),
     ],
 )
-def test_a_refusal_names_the_place_and_a_cure(body: str, said: str, hint: str, tmp_path: Path) -> None:
+def test_errors_about_unsupported_nodes_have_a_place_and_a_hint(
+    body: str, message: str, hint: str, tmp_path: Path
+) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(document(f"<Sequence>\n{body}\n</Sequence>"), encoding="utf-8")
     with pytest.raises(TreeError) as refused:
         BatchTree.load(file, 10, [count], blackboard={"code": "n := 1"})
-    (one,) = refused.value.diagnostics
-    assert (one.code, one.line, Path(one.file).name) == ("E120", 4, "tree.xml")
-    assert said in one.message
-    assert hint in one.hint
+    (diagnostic,) = refused.value.diagnostics
+    assert (diagnostic.code, diagnostic.line, Path(diagnostic.file).name) == ("E120", 4, "tree.xml")
+    assert message in diagnostic.message
+    assert hint in diagnostic.hint
 
 
-def test_format_3_is_refused() -> None:
+def test_format_3_is_rejected() -> None:
     with pytest.raises(TreeError, match="runs trees of format 4, and 'Main' is of format 3"):
         BatchTree.loads('<root><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>', 2)
 
 
-def test_faults_of_the_document_are_the_ordinary_ones() -> None:
+def test_errors_in_the_xml_are_those_of_the_ordinary_engine() -> None:
     with pytest.raises(TreeError, match="E101 unknown node <Abov>"):
         BatchTree.loads(document('<Abov level="1"/>'), 2, [above])
     with pytest.raises(TreeError, match="E202"):
         BatchTree.loads(document('<Above level="high"/>'), 2, [above])
 
 
-def test_a_generator_is_no_leaf_of_a_batch() -> None:
+def test_generators_and_empty_batches_are_rejected() -> None:
     def steps() -> object:
         yield
 
@@ -389,7 +391,7 @@ def test_a_generator_is_no_leaf_of_a_batch() -> None:
 
 
 @btcore.action(ID="Above")
-def for_one(level: In[float]) -> bool:
+def for_single_agent(level: In[float]) -> bool:
     return level > 0.5
 
 
@@ -399,40 +401,40 @@ def assigning(n: InOut[Floats]) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("nodes", "said"),
+    ("nodes", "message"),
     [
         (above, "a list of leaves, not <function above"),
         (Registry.standard(), "pass a Registry as nodes=…"),
         ([above, above], "two leaves <Above>"),
-        ([for_one], "for_one is a leaf for a single agent"),
+        ([for_single_agent], "for_single_agent is a leaf for a single agent"),
         ([assigning], r"parameter 'n' of assigning can't be assigned: annotate an output with Put\[…\]"),
     ],
 )
-def test_what_are_no_leaves(nodes: object, said: str) -> None:
-    with pytest.raises(btcore.RegistrationError, match=said):
+def test_invalid_leaves_are_rejected(nodes: object, message: str) -> None:
+    with pytest.raises(btcore.RegistrationError, match=message):
         BatchTree.loads(document("<AlwaysSuccess/>"), 2, nodes)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("agents", [2.0, "2", None, True])
-def test_how_many_agents_is_a_whole_number(agents: object) -> None:
+def test_the_number_of_agents_must_be_an_integer(agents: object) -> None:
     with pytest.raises(BtcoreError, match="the number of agents must be an integer, not"):
         BatchTree.loads(document("<AlwaysSuccess/>"), agents)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("mask", [[True], [0, 1], [[True], [True, False]], 1])
-def test_what_is_no_mask(mask: object) -> None:
+def test_invalid_masks_are_rejected(mask: object) -> None:
     tree = BatchTree.loads(document("<AlwaysSuccess/>"), 2)
     with pytest.raises(BtcoreError, match="a mask must have 2 bools, one per agent"):
         tree.tick(mask)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("values", [[], [1.0, 2.0, 3.0], [[1.0], [2.0, 3.0]]])
-def test_what_is_no_column(values: object) -> None:
+def test_invalid_columns_are_rejected(values: object) -> None:
     with pytest.raises(BlackboardError, match="cannot write the blackboard entry 'level': "):
         BatchTree.loads(document('<Above level="{level}"/>'), 2, [above], blackboard={"level": values})
 
 
-def test_a_port_is_used_as_it_is_declared() -> None:
+def test_inputs_cannot_be_assigned_and_outputs_cannot_be_read() -> None:
     class Reading(batch.StatefulAction):
         n: Out[Floats]
 
@@ -446,12 +448,12 @@ def test_a_port_is_used_as_it_is_declared() -> None:
             self.n = np.ones(2)
             return True
 
-    for leaf, said in (
+    for leaf, message in (
         (Reading, "'n' is an output; it can be assigned"),
         (Assigning, "'n' is an input; it can be read"),
     ):
         tree = BatchTree.loads(document(f'<{leaf.__name__} n="{{n}}"/>'), 2, [leaf], blackboard={"n": 0.0})
-        with pytest.raises(BatchNodeError, match=said):
+        with pytest.raises(BatchNodeError, match=message):
             tree.tick()
 
 
@@ -472,7 +474,7 @@ def test_a_column_keeps_its_type() -> None:
     assert list(tree.blackboard) == ["level"]
 
 
-def test_texts_are_compared_in_scripts_and_chosen_by() -> None:
+def test_texts_in_scripts_and_switches() -> None:
     tree = BatchTree.loads(
         document(
             '<Switch2 variable="{mode}" case_1="walk" case_2="run"> <Script code="v := 1"/> '
@@ -487,10 +489,10 @@ def test_texts_are_compared_in_scripts_and_chosen_by() -> None:
     assert tree.blackboard["mode"].tolist() == ["walk", "rest", "stand"]
 
 
-def test_texts_of_a_port_are_python_s() -> None:
+def test_text_ports_contain_python_strings() -> None:
     @batch.condition(ID="Is")
     def is_there(word: In[Texts]) -> Bools:
-        return np.array([one.startswith("a") for one in word])
+        return np.array([text.startswith("a") for text in word])
 
     tree = BatchTree.loads(document('<Is word="{word}"/>'), 2, [is_there], blackboard={"word": ["ab", "ba"]})
     assert tree.tick().tolist() == [2, 3]
