@@ -59,6 +59,7 @@ class BatchBlackboard:
             store(slot, agents, value, lambda _, error: errors.append(error), infer)
         except ConversionError as error:
             errors.append(error)
+        # The values of agents without an error are written.
         if errors:
             raise BlackboardError(f"cannot write the blackboard entry '{key}': {errors[0]}") from errors[0]
 

@@ -124,6 +124,7 @@ class Switch(BatchNode):
                 if stopped and other != index:
                     children[other].reset_by_parent(stopped)
                     self._running[other] ^= stopped
+            # A halt may have raised.
             due = self.drop_failed(due)
             child_results = children[index].execute(due)
             self._running[index] = self._running[index] ^ (self._running[index] & due) | child_results[2]
@@ -144,6 +145,7 @@ class Switch(BatchNode):
         for values, group in groups:
             index = self._choices.get(values)
             if index is None:
+                # The values may be different in every tick, for example coordinates.
                 if len(self._choices) > 1000:
                     self._choices.clear()
                 self._choices[values] = index = self._choose(values)

@@ -46,7 +46,7 @@ class BatchCompiler:
         """Return the root for *tree*. Raise TreeError with all nodes that the batch engine cannot run."""
         if tree.format != 4:
             message = f"the batch engine runs trees of format 4, and '{tree.id}' is of format {tree.format}"
-            raise unsupported(tree.root.config, message, "btcore convert makes one of format 4 of it")
+            raise unsupported(tree.root.config, message, "convert it to format 4 with btcore convert")
         root = self._node(tree.root)
         if self._diagnostics:
             raise TreeError(self._diagnostics)

@@ -85,6 +85,7 @@ class RunOnce(BatchDecorator):
         success = failure = running = skipped = 0
         completed = agents & (self._succeeded | self._failed)
         if completed:
+            # A port that cannot be read counts as true, as in the ordinary engine.
             for skips, group in self.then_skip.groups_or(completed, True):
                 if skips is False:
                     success |= group & self._succeeded
@@ -163,6 +164,7 @@ class RepeatedNode(BatchDecorator):
             return agents
         agents = self.limit.available(agents)
         if agents:
+            # A copy, because read() returns a read-only view and _update_limits() writes.
             self._limits = np.array(self.limit.read(agents))
         return self.drop_failed(agents)
 

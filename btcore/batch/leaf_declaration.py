@@ -225,6 +225,7 @@ def read_declaration(leaf: Any, types: TypeRegistry) -> LeafDeclaration:
 def _class_declaration(cls: type[StatefulAction], types: TypeRegistry) -> LeafDeclaration:
     ports = []
     for name, annotation in _hints(cls).items():
+        # After the first call for a class, its ports are PortAttributes instead of their defaults.
         default = inspect.getattr_static(cls, name, UNSET)
         port = default.port if isinstance(default, PortAttribute) else _port(name, annotation, types, default)
         if port is not None:

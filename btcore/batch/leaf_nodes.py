@@ -82,6 +82,7 @@ class LeafNode(BatchNode):
         wrong = agents ^ (either | skipped)
         if skipped:
             wrong |= skipped & either
+        # A reduction is faster than the comparisons of all elements.
         if np.bitwise_or.reduce(returned) > 7 or np.bitwise_or.reduce(returned) < 0:
             wrong |= from_mask((returned > 4) | (returned < 0)) & agents
         if wrong:

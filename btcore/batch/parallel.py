@@ -99,6 +99,7 @@ class Parallel(ParallelNode):
                 self.reset_children(lost)
             if not active:
                 break
+        # Agents that are still active are RUNNING, or SKIPPED if all children were skipped in this tick.
         active = self.drop_failed(active)
         all_skipped = active & all_skipped if count else active
         return success, failure, active ^ all_skipped, all_skipped

@@ -137,6 +137,7 @@ class SetBlackboard(BatchNode):
         if source is None or not agents:
             return 0, 0, 0, 0
         target = self.target.get_or_create_column(source.kind)
+        # An untyped entry that no agent has yet gets the type of the source.
         if not target.exists and not target.kind.strong:
             target.entry.declared = source.kind
         target.exists |= agents

@@ -79,6 +79,7 @@ class Delay(TimedDecorator):
         clock, timer = self.context.clock, self._timer
         waiting = active = 0
         for delay, group in self.delay_msec.groups(agents):
+            # An agent that waits for no deadline has not started.
             starting = group ^ (group & timer.waiting)
             going = group ^ starting
             due = timer.due(going, clock.now()) if going else 0
@@ -92,6 +93,7 @@ class Delay(TimedDecorator):
         success, failure, running, skipped = self.child.execute(active)
         completed = success | failure
         if completed:
+            # The wake-up stays, as in the ordinary engine, which cancels it only in a halt.
             timer.forget(completed)
             self.child.reset_by_parent(completed)
         return success, failure, running | waiting, skipped

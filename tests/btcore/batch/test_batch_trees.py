@@ -1,5 +1,6 @@
 """A tree for many agents: creation, ticks, access, and errors."""
 
+import enum
 from pathlib import Path
 
 import pytest
@@ -506,3 +507,30 @@ def test_a_node_is_found_by_name_or_path() -> None:
     with pytest.raises(BtcoreError, match=r"the tree has no node 'Sequense'; did you mean 'Sequence'\?"):
         tree.node("Sequense")
     assert repr(tree) == "<BatchTree 'Main' of 3 nodes for 2 agents>"
+
+
+def test_a_batch_starts_with_the_values_of_the_loaded_tree() -> None:
+    class Mode(enum.IntEnum):
+        SLOW = 1
+
+    outside = btcore.Blackboard()
+    outside["limit"] = 3
+    board = btcore.Blackboard(outside)
+    board.autoremap = True
+    board["mode"] = Mode.SLOW
+    board["route"] = ["a", "b"]
+    tree = BatchTree(btcore.loads(document('<ScriptCondition code="limit == 3"/>'), blackboard=board), 2)
+    assert tree.tick().tolist() == [2, 2]
+    assert tree.blackboard["mode"].tolist() == [Mode.SLOW] * 2
+    assert isinstance(tree.blackboard["mode"][0], Mode)
+    assert tree.blackboard["route"].tolist() == [["a", "b"]] * 2
+
+
+def test_rows_in_a_conditional_expression() -> None:
+    tree = BatchTree.loads(
+        document('<Script code="x := n &gt; 1 ? p : q"/>'),
+        2,
+        blackboard={"n": [1, 2], "p": np.ones((2, 3)), "q": np.zeros((2, 3))},
+    )
+    assert tree.tick().tolist() == [2, 2]
+    assert [row.tolist() for row in tree.blackboard["x"]] == [[0.0] * 3, [1.0] * 3]
