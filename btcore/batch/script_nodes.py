@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from btcore.batch.columns import OBJECT, BatchValue, Slot
+from btcore.batch.columns import OBJECT, TEXT, BatchValue, Slot
 from btcore.batch.context import BatchContext
-from btcore.batch.conversion import normalise_values, store
+from btcore.batch.conversion import cast, normalise_values, store
 from btcore.batch.node import BatchDecorator, BatchNode, Results, unsupported
 from btcore.batch.ports import BatchInput
 from btcore.batch.script import BatchProgram
@@ -144,7 +144,12 @@ class SetBlackboard(BatchNode):
         empty = agents ^ (agents & source.written)
         agents ^= empty
         if agents:
-            store(self.target, agents, source.value(agents), self._fail)
+            value = source.value(agents)
+            if value.form is TEXT and target.kind.strong:
+                # store() would not convert texts for an entry behind a remapping.
+                data, agents = cast(value, target.kind, self.context.agent_sets, agents, self._fail)
+                value = normalise_values(data, self.context.agent_sets)
+            store(self.target, agents, value, self._fail)
         return self.drop_failed(agents), empty, 0, 0
 
     def _write_text(self, agents: int) -> None:

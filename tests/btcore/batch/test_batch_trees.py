@@ -534,3 +534,19 @@ def test_rows_in_a_conditional_expression() -> None:
     )
     assert tree.tick().tolist() == [2, 2]
     assert [row.tolist() for row in tree.blackboard["x"]] == [[0.0] * 3, [1.0] * 3]
+
+
+def test_a_copied_text_is_converted_for_an_entry_behind_a_remapping() -> None:
+    inner = (
+        '<BehaviorTree ID="Inner"><Sequence> <SetBlackboard value="{word}" output_key="n"/> '
+        '<Script code="n += 1"/> </Sequence></BehaviorTree>\n'
+    )
+    tree = BatchTree.loads(
+        document('<SubTree ID="Inner" n="{total}" word="{word}"/>', inner),
+        2,
+        blackboard={"total": 1, "word": np.array(["5", "x"], dtype=object)},
+    )
+    with pytest.raises(BatchNodeError, match="'x' is no integer") as raised:
+        tree.tick()
+    assert raised.value.statuses.tolist() == [2, 0]
+    assert tree.blackboard["total"].tolist() == [6, 1]
