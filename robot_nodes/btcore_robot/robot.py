@@ -34,7 +34,6 @@ class RobotClock(Protocol):
 
     def now(self) -> int:
         """Return the time (ns). It never decreases."""
-        ...
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
         """Wait until *deadline*, and run the tasks of the robot's schedule that become due.
@@ -47,7 +46,6 @@ class RobotClock(Protocol):
             Whether the wait ended because *wake* was set.
 
         """
-        ...
 
 
 class Phase(IntEnum):
@@ -86,7 +84,6 @@ class Schedule(Protocol):
             A function that ends the periodic calls.
 
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,27 +310,22 @@ class Robot(Protocol):
     @property
     def clock(self) -> RobotClock:
         """The clock of all stamps."""
-        ...
 
     @property
     def schedule(self) -> Schedule:
         """The schedule of periodic tasks, which run while a caller waits on `clock`."""
-        ...
 
     @property
     def base(self) -> BaseInfo:
         """The limits and the size of the base; they do not change."""
-        ...
 
     @property
     def laser(self) -> LaserInfo:
         """The properties of the laser; they do not change."""
-        ...
 
     @property
     def head_info(self) -> HeadInfo | None:
         """The limits of the head, or None for a robot without a movable head."""
-        ...
 
     @property
     def camera_info(self) -> CameraInfo | None:
@@ -351,7 +343,6 @@ class Robot(Protocol):
         The frames form a tree whose root is ``base_footprint``: each frame occurs once as a child, and the
         frames of the laser, the camera and the sonars are among them.
         """
-        ...
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         """Command the base to drive. Repeat the command within its timeout as long as the base should drive.
@@ -368,38 +359,30 @@ class Robot(Protocol):
             priority: The priority of the source; a higher number wins.
 
         """
-        ...
 
     def stop(self) -> None:
         """Stop the base, whatever the priority of earlier commands. Later commands apply again."""
-        ...
 
     def commanded_velocity(self) -> Twist2D:
         """Return the last accepted command, before any limit; zero when it has expired or after `stop`."""
-        ...
 
     def scan(self) -> LaserScan | None:
         """Return the newest scan, or None before the first scan."""
-        ...
 
     def odometry(self) -> Odometry:
         """Return the newest odometry. It is available from the start."""
-        ...
 
     def move_head(self, pan: float, tilt: float) -> None:
         """Turn the head to *pan* (rad, positive left) and *tilt* (rad, positive up), limited to `head_info`.
 
         Without a head the call has no effect.
         """
-        ...
 
     def head(self) -> HeadPosition | None:
         """Return the current direction of the head, or None for a robot without a movable head."""
-        ...
 
     def camera(self) -> CameraImage | None:
         """Return the newest camera image, or None without a camera or before the first image."""
-        ...
 
     def sonars(self) -> Sequence[SonarReading]:
         """Return the newest reading of every sonar; empty without sonars or before the first readings."""
@@ -445,8 +428,6 @@ class NavigationReporter(Protocol):
 
     def estimate(self) -> Pose2D | None:
         """Return the estimated pose of the base in the frame ``map``, or None while it is unknown."""
-        ...
 
     def outcomes(self) -> Sequence[GoalOutcome]:
         """Return the outcome of every goal that has ended, oldest first."""
-        ...

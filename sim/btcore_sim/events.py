@@ -117,15 +117,12 @@ class EventTarget(Protocol):
 
     def true_pose(self) -> Pose2D:
         """Return the true pose (m, rad)."""
-        ...
 
     def ramped_twist(self) -> tuple[float, float]:
         """Return the velocity (m/s, rad/s) that is commanded to the wheels."""
-        ...
 
     def teleport(self, pose: Pose2D) -> None:
         """Move the robot to *pose*. Its odometry does not notice."""
-        ...
 
 
 class EventRunner:

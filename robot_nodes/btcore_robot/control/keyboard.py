@@ -42,7 +42,6 @@ class KeySource(Protocol):
 
     def pressed(self, now: int) -> str | None:
         """Return the key that is held at *now* (ns), None if there is none, or "x" to end the drive."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,23 +24,18 @@ class Explorer(Protocol):
 
     def go_to(self, goal: Pose2D) -> GoalHandle[object, object, object]:
         """Send a goal in the frame ``map``; it replaces a goal that is still running."""
-        ...
 
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is not known yet."""
-        ...
 
     def next_goal(self) -> Pose2D | None:
         """Return the next goal in the frame ``map``, or None if there is nothing left to explore."""
-        ...
 
     def is_goal_unknown(self) -> bool:
         """Return whether the area to look at from the last `next_goal` is still unknown."""
-        ...
 
     def exclude_goal(self) -> None:
         """Exclude the last `next_goal` from now on."""
-        ...
 
     def save(self, path: Path) -> None:
         """Write the current map to *path*.
@@ -49,7 +44,6 @@ class Explorer(Protocol):
             MapError: The files cannot be written.
 
         """
-        ...
 
 
 class MapFile:

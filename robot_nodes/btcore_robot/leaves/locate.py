@@ -14,20 +14,16 @@ class ObjectLocatorProtocol(Protocol):
     @property
     def state(self) -> LifecycleState:
         """The current lifecycle state."""
-        ...
 
     @property
     def boxes(self) -> Sequence[object]:
         """The objects in the newest image, as `btcore_robot.perception.boxes.BoundingBox3D`."""
-        ...
 
     def activate(self) -> bool:
         """Change from inactive to active; return False if the transition is refused."""
-        ...
 
     def deactivate(self) -> bool:
         """Change from active to inactive; return False if the transition is refused."""
-        ...
 
 
 class LocateObjects(StatefulAction):

@@ -19,7 +19,6 @@ class PoseNavigator(Protocol):
 
     def go_to(self, goal: Pose2D) -> GoalHandle[object, object, object]:
         """Send a goal in the frame ``map``; it replaces a goal that is still running."""
-        ...
 
 
 class Move(StatefulAction):

@@ -13,15 +13,12 @@ class HeadTrackerProtocol(Protocol):
     @property
     def state(self) -> LifecycleState:
         """The current lifecycle state."""
-        ...
 
     def activate(self) -> bool:
         """Change from inactive to active; return False if the transition is refused."""
-        ...
 
     def deactivate(self) -> bool:
         """Change from active to inactive; return False if the transition is refused."""
-        ...
 
 
 class TrackObjects(StatefulAction):

@@ -31,29 +31,23 @@ class PoseSource(Protocol):
     @property
     def confident(self) -> bool:
         """Whether the robot may drive by the pose."""
-        ...
 
     @property
     def is_contradicted(self) -> bool:
         """Whether the last scans contradict the pose, even if no other pose is known to be better."""
-        ...
 
     @property
     def searching(self) -> bool:
         """Whether the robot has to turn on the spot, for scans in all directions."""
-        ...
 
     def pose(self) -> Pose2D | None:
         """Return the present pose of ``base_footprint`` in ``map`` by the last estimate; None if unknown."""
-        ...
 
     def step(self, now: int) -> None:
         """Process the newest scan at *now* (ns)."""
-        ...
 
     def reinitialise_global_localisation(self) -> None:
         """Discard the pose, and search the whole map for it."""
-        ...
 
 
 @dataclass(slots=True)
