@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 
@@ -10,6 +11,24 @@ def did_you_mean(word: str, names: Iterable[str]) -> str:
     """Return ``did you mean 'house'? `` when one of *names* is near to *word*, else an empty text."""
     matches = get_close_matches(word, list(names), n=1, cutoff=0.6)
     return f"did you mean '{matches[0]}'? " if matches else ""
+
+
+def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
+    """Return the text of a file in UTF-8.
+
+    Args:
+        path: The file.
+        expected: The expected content, for messages: ``a YAML file of a map``.
+        error_type: The class of the exception for a file that cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise error_type(f"{path}: no such file") from None
+    except OSError as error:
+        raise error_type(f"{path}: cannot read the file: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise error_type(f"{path}: not a text file; expected {expected}") from None
 
 
 class FieldReader:

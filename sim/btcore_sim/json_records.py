@@ -1,15 +1,18 @@
 """A reader for JSON files of worlds and robots that reports each error with the place in the file."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from btcore_robot.field_reader import FieldReader, did_you_mean
+from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
 from btcore_sim.errors import SimError
+
+Value = TypeVar("Value")
 
 
 class JsonRecord(FieldReader):
-    """A JSON object of a file. `reject_unknown_fields` raises an error for fields that were not read."""
+    """A JSON object of a file. `read_whole` raises an error for fields that were not read."""
 
     def __init__(self, data: dict[str, Any], where: str) -> None:
         super().__init__(data)
@@ -76,36 +79,39 @@ class JsonRecord(FieldReader):
             raise self.mistake(key, what) from None
         return parts[0], parts[1], parts[2], parts[3]
 
-    def record(self, key: str) -> "JsonRecord":
-        """Return a nested object.
+    def nested(self, key: str, parse: Callable[["JsonRecord"], Value]) -> Value:
+        """Return the result of *parse* for a nested object.
 
         Raises:
-            SimError: The field is missing or has another type.
+            SimError: The field is missing or has another type, or *parse* does not read all of its fields.
         """
         value = self._field(key, None)
         if not isinstance(value, dict):
             raise self._unexpected(key, value, "an object")
-        return JsonRecord(value, self._inner(key))
+        return JsonRecord(value, self._inner(key)).read_whole(parse)
 
-    def records(self, key: str) -> list["JsonRecord"]:
-        """Return a list of nested objects.
+    def nested_list(self, key: str, parse: Callable[["JsonRecord"], Value]) -> list[Value]:
+        """Return the results of *parse* for a list of nested objects.
 
         Raises:
-            SimError: The field is missing or has another type.
+            SimError: The field is missing or has another type, or *parse* does not read all of its fields.
         """
         value = self._field(key, None)
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.error(f"'{key}' is not a list of objects")
-        return [JsonRecord(item, self._inner(f"{key}[{index}]")) for index, item in enumerate(value)]
+        records = [JsonRecord(item, self._inner(f"{key}[{index}]")) for index, item in enumerate(value)]
+        return [record.read_whole(parse) for record in records]
 
-    def reject_unknown_fields(self) -> None:
-        """Raise a `SimError` for a field that was not read."""
+    def read_whole(self, parse: Callable[["JsonRecord"], Value]) -> Value:
+        """Return the result of *parse*. Raise a `SimError` for a field that *parse* does not read."""
+        result = parse(self)
         for key in self._fields:
             if key not in self._requested:
                 hint = did_you_mean(key, self._requested)
                 raise self.mistake(
                     key, f"is unknown: {hint}known are {', '.join(dict.fromkeys(self._requested))}"
                 )
+        return result
 
     def mistake(self, key: str, what: str) -> SimError:
         """Return an error in the field *key*, with the place in the file."""
@@ -134,13 +140,7 @@ def read_record(path: Path, what: str) -> JsonRecord:
         SimError: The file does not exist, is unreadable, or does not contain a JSON object.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise SimError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SimError(f"{path}: cannot read the file: {error}") from None
-    try:
-        data = json.loads(text)
+        data = json.loads(read_text(path, f"a JSON file of {what}", SimError))
     except json.JSONDecodeError as error:
         raise SimError(f"{path}:{error.lineno}:{error.colno}: not valid JSON: {error.msg}") from None
     if not isinstance(data, dict):

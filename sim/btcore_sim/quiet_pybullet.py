@@ -4,18 +4,11 @@ The banner is written by C code, so that redirecting `sys.stderr` does not suppr
 """
 
 import os
+from pathlib import Path
 
-
-def _hush() -> int:
-    """Redirect file descriptor 2 (stderr) to the null device; return a duplicate of the old descriptor."""
-    before = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    os.close(nowhere)
-    return before
-
-
-_stderr = _hush()
+_stderr = os.dup(2)
+with Path(os.devnull).open("wb") as _null:
+    os.dup2(_null.fileno(), 2)
 try:
     import pybullet
 finally:

@@ -170,28 +170,29 @@ def load_description(path: Path = TIAGO) -> RobotDescription:
     Raises:
         SimError: The file or its URDF does not exist, or a field is missing, unknown or invalid.
     """
-    record = read_record(path, "a robot")
-    urdf = path.parent / record.text("urdf")
+    return read_record(path, "a robot").read_whole(lambda record: _description(record, path.parent))
+
+
+def _description(record: JsonRecord, folder: Path) -> RobotDescription:
+    urdf = folder / record.text("urdf")
     if not urdf.is_file():
         raise record.error(f"'urdf' names {urdf}, but there is no such file")
-    description = RobotDescription(
+    return RobotDescription(
         name=record.text("name"),
         urdf=urdf,
         height=record.number("height", over=0.0),
-        wheels=_wheels(record.record("wheels")),
-        base=_base(record.record("base")),
-        odometry=_odometry(record.record("odometry")) if record.has("odometry") else PERFECT,
-        laser=_laser(record.record("laser")),
-        head=_head(record.record("head")) if record.has("head") else None,
-        torso=_torso(record.record("torso")) if record.has("torso") else None,
-        camera=_camera(record.record("camera")) if record.has("camera") else None,
+        wheels=record.nested("wheels", _wheels),
+        base=record.nested("base", _base),
+        odometry=record.nested("odometry", _odometry) if record.has("odometry") else PERFECT,
+        laser=record.nested("laser", _laser),
+        head=record.nested("head", _head) if record.has("head") else None,
+        torso=record.nested("torso", _torso) if record.has("torso") else None,
+        camera=record.nested("camera", _camera) if record.has("camera") else None,
         sonar_rate=record.number("sonar_rate", 5.0, over=0.0),
-        sonars=tuple(map(_sonar, record.records("sonars"))) if record.has("sonars") else (),
-        frames=tuple(map(_frame, record.records("frames"))) if record.has("frames") else (),
-        held=tuple(map(_held, record.records("held"))) if record.has("held") else (),
+        sonars=tuple(record.nested_list("sonars", _sonar)) if record.has("sonars") else (),
+        frames=tuple(record.nested_list("frames", _frame)) if record.has("frames") else (),
+        held=tuple(record.nested_list("held", _held)) if record.has("held") else (),
     )
-    record.reject_unknown_fields()
-    return description
 
 
 def _point(record: JsonRecord, key: str) -> Point:
@@ -200,7 +201,7 @@ def _point(record: JsonRecord, key: str) -> Point:
 
 
 def _wheels(record: JsonRecord) -> Wheels:
-    wheels = Wheels(
+    return Wheels(
         left=record.text("left"),
         right=record.text("right"),
         radius=record.number("radius", over=0.0),
@@ -209,8 +210,6 @@ def _wheels(record: JsonRecord) -> Wheels:
         ground=tuple(record.texts("ground")),
         sliding=tuple(record.texts("sliding")),
     )
-    record.reject_unknown_fields()
-    return wheels
 
 
 def _base(record: JsonRecord) -> BaseInfo:
@@ -227,7 +226,6 @@ def _base(record: JsonRecord) -> BaseInfo:
         raise record.error(
             f"'v_min' is {facts.v_min:g}, but it has to be at most 0, so that the base can stand"
         )
-    record.reject_unknown_fields()
     return facts
 
 
@@ -246,22 +244,18 @@ def _laser(record: JsonRecord) -> LaserMount:
         sigma=record.number("sigma", 0.0),
         frame=record.text("frame"),
     )
-    mount = LaserMount(facts, record.text("link"), _point(record, "position"))
-    record.reject_unknown_fields()
-    return mount
+    return LaserMount(facts, record.text("link"), _point(record, "position"))
 
 
 def _head(record: JsonRecord) -> HeadJoints:
     pan_min, pan_max = record.numbers("pan_limits", [2])
     tilt_min, tilt_max = record.numbers("tilt_limits", [2])
     facts = HeadInfo(pan_min, pan_max, tilt_min, tilt_max, record.number("speed", over=0.0))
-    joints = HeadJoints(facts, record.text("pan"), record.text("tilt"), record.number("torque", over=0.0))
-    record.reject_unknown_fields()
-    return joints
+    return HeadJoints(facts, record.text("pan"), record.text("tilt"), record.number("torque", over=0.0))
 
 
 def _camera(record: JsonRecord) -> CameraMount:
-    mount = CameraMount(
+    return CameraMount(
         link=record.text("link"),
         position=_point(record, "position"),
         roll=record.number("roll", 0.0),
@@ -270,8 +264,6 @@ def _camera(record: JsonRecord) -> CameraMount:
         far=record.number("far", over=0.0),
         frame=record.text("frame"),
     )
-    record.reject_unknown_fields()
-    return mount
 
 
 def _torso(record: JsonRecord) -> TorsoJoint:
@@ -279,9 +271,7 @@ def _torso(record: JsonRecord) -> TorsoJoint:
     if low >= high:
         raise record.error(f"'limits' is [{low:g}, {high:g}], but the second value has to be greater")
     facts = TorsoInfo(low, high, record.number("speed", over=0.0))
-    joint = TorsoJoint(facts, record.text("joint"), record.number("force", over=0.0))
-    record.reject_unknown_fields()
-    return joint
+    return TorsoJoint(facts, record.text("joint"), record.number("force", over=0.0))
 
 
 def _sonar(record: JsonRecord) -> SonarMount:
@@ -296,7 +286,6 @@ def _sonar(record: JsonRecord) -> SonarMount:
     )
     if mount.range_max <= mount.range_min:
         raise record.error("'range_max' has to be greater than 'range_min'")
-    record.reject_unknown_fields()
     return mount
 
 
@@ -309,25 +298,19 @@ def _odometry(record: JsonRecord) -> OdometryFacts:
     )
     if min(facts.scale_sigma, facts.slip_sigma) < 0.0:
         raise record.error("'scale_sigma' and 'slip_sigma' are standard deviations and have to be at least 0")
-    record.reject_unknown_fields()
     return facts
 
 
 def _frame(record: JsonRecord) -> FixedFrame:
     roll, pitch, yaw = record.numbers("rpy", [3], [0.0, 0.0, 0.0])
-    frame = FixedFrame(
-        record.text("name"), record.text("parent"), _point(record, "position"), (roll, pitch, yaw)
-    )
-    record.reject_unknown_fields()
-    return frame
+    name, parent = record.text("name"), record.text("parent")
+    return FixedFrame(name, parent, _point(record, "position"), (roll, pitch, yaw))
 
 
 def _held(record: JsonRecord) -> HeldJoint:
-    held = HeldJoint(
+    return HeldJoint(
         joint=record.text("joint"),
         position=record.number("position", 0.0),
         force=record.number("force", over=0.0),
         speed=record.number("speed", over=0.0),
     )
-    record.reject_unknown_fields()
-    return held

@@ -139,7 +139,9 @@ class RobotExtension:
         try:
             if robot:
                 self._body, self._events = _make(settings)
-                resources += [self._body, _waypoints(self._body)]
+                places = self._body.world.scene.waypoints
+                waypoints = Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in places.items()})
+                resources += [self._body, waypoints]
             if needs_map:
                 resources.append(_map(settings))
         except SimError as error:
@@ -184,11 +186,6 @@ class RobotExtension:
         return self._report
 
 
-def _waypoints(body: "SimulatedRobot") -> Waypoints:
-    places = body.world.scene.waypoints
-    return Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in places.items()})
-
-
 def _map(settings: Mapping[str, Any]) -> object:
     from btcore_sim.map_rasteriser import rasterise
     from btcore_sim.scene import load_scene
@@ -202,10 +199,9 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
     from btcore_sim.events import parse_event
     from btcore_sim.faults import parse_fault
     from btcore_sim.robot_description import TIAGO, load_description
-    from btcore_sim.scenario import Scenario
+    from btcore_sim.scenario import Scenario, with_start
     from btcore_sim.scene import load_scene
     from btcore_sim.simulated_robot import SimulatedRobot
-    from btcore_sim.start_pose import with_start
     from btcore_sim.world import World, random_generator
 
     noise = settings.get("noise", 1.0)

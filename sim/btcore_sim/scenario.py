@@ -1,14 +1,22 @@
-"""Additions of a run to its world: people, obstacles that are not on the map, and events."""
+"""Additions of a run to its world: start pose, people, obstacles that are not on the map, and events."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from btcore_sim.clearance_map import ClearanceMap
+import numpy as np
+
+from btcore_robot.rigid_transform import wrap_angle
+from btcore_robot.robot import Pose2D
+from btcore_sim.clearance_map import ClearanceMap, Point
+from btcore_sim.errors import SimError
 from btcore_sim.events import Event, EventRunner, EventTarget, with_boxes
-from btcore_sim.obstacles import with_obstacles
+from btcore_sim.obstacles import PASSAGE, with_obstacles
 from btcore_sim.people import PeopleSimulation, with_people
 from btcore_sim.scene import Scene
 from btcore_sim.world import World, random_generator
+
+_TRIES = 300  # attempts to draw a place
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,3 +59,56 @@ class Scenario:
         floor = ClearanceMap.of(world.scene)
         people = PeopleSimulation(world, floor, robot.true_pose, radius)
         return EventRunner(world, robot, radius, self.events, floor, people.places)
+
+
+def with_start(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Scene:
+    """Return the scene with another start pose.
+
+    With ``random`` the start is a free place that is connected with all waypoints by ways of width
+    `PASSAGE`, with a random heading; a world with its own rule for random starts keeps that rule.
+
+    Args:
+        scene: The world.
+        text: ``random``, ``X,Y`` (m) or ``X,Y,YAW`` (m, degrees).
+        random: The random generator.
+        radius: The robot's radius (m).
+
+    Raises:
+        SimError: *text* has another form, or there is no room for the robot.
+    """
+    if text == "random":
+        return scene if scene.pose is None else replace(scene, pose=_drawn(scene, random))
+    pose = _parsed(text)
+    room = scene.clearance_at(pose.x, pose.y)
+    if room < radius:
+        raise SimError(
+            f"--start {text}: there is {room:.2f} m of room in world '{scene.name}', but the robot has a "
+            f"radius of {radius:g} m"
+        )
+    return replace(scene, pose=pose)
+
+
+def _drawn(scene: Scene, random: np.random.Generator) -> Pose2D:
+    floor = ClearanceMap.of(scene)
+    points: list[Point] = list(scene.waypoints.values())
+    for _ in range(_TRIES):
+        place = floor.random_point(random, PASSAGE / 2)
+        if place is None:
+            break
+        yaw = random.uniform(-math.pi, math.pi)
+        if floor.connected([*points, place], PASSAGE / 2):
+            return Pose2D(*place, yaw)
+    raise SimError(f"--start random: world '{scene.name}' has no free place with a way to all its waypoints")
+
+
+def _parsed(text: str) -> Pose2D:
+    try:
+        x, y, *turn = (float(part) for part in text.split(","))
+        (degrees,) = turn or [0.0]
+    except ValueError:
+        raise SimError(
+            f"--start {text}: use random, or X,Y or X,Y,YAW in metres and degrees, like 1.5,-2,90"
+        ) from None
+    if not all(map(math.isfinite, (x, y, degrees))):
+        raise SimError(f"--start {text}: X, Y and YAW have to be finite numbers")
+    return Pose2D(x, y, wrap_angle(math.radians(degrees)))

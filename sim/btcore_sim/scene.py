@@ -17,6 +17,7 @@ to) that robots must not enter although they may be empty, and ``physics_rate`` 
 steps.
 """
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -168,19 +169,19 @@ def load_scene(name: str) -> Scene:
             f"there is no world '{name}': {did_you_mean(name, known)}worlds are {', '.join(known)}; "
             "or use the path of a JSON file"
         )
-    return _scene(read_record(path, "a world"), path.stem)
+    return read_record(path, "a world").read_whole(lambda record: _scene(record, path.stem))
 
 
 def _scene(record: JsonRecord, name: str) -> Scene:
-    things = tuple(
-        thing for index, item in enumerate(record.records("objects")) for thing in _things(item, index)
-    )
+    numbers = itertools.count()
+    objects = record.nested_list("objects", lambda item: _things(item, next(numbers)))
+    things = tuple(itertools.chain.from_iterable(objects))
     seen: set[str] = set()
     for thing in things:
         if thing.name in seen:
             raise record.error(f"two objects are named '{thing.name}', but names have to be unique")
         seen.add(thing.name)
-    area, clearance, pose = _start(record.record("start"))
+    area, clearance, pose = record.nested("start", _start)
     scene = Scene(
         name=name,
         description=record.text("description", ""),
@@ -196,7 +197,6 @@ def _scene(record: JsonRecord, name: str) -> Scene:
     for x0, y0, x1, y1 in scene.keepout:
         if not (x0 < x1 and y0 < y1):
             raise record.error(f"'keepout' has [{x0:g}, {y0:g}, {x1:g}, {y1:g}], but the form is {_ORDER}")
-    record.reject_unknown_fields()
     return scene
 
 
@@ -207,14 +207,11 @@ def _rectangle(row: list[float]) -> Rectangle:
 def _start(record: JsonRecord) -> tuple[tuple[float, float, float, float], float, Pose2D | None]:
     if record.has("pose"):
         x, y, yaw = record.numbers("pose", [3])
-        record.reject_unknown_fields()
         return (x, y, x, y), 0.0, Pose2D(x, y, yaw)
     x0, y0, x1, y1 = record.numbers("area", [4])
     if not (x0 < x1 and y0 < y1):
         raise record.error(f"the form of 'area' is {_ORDER}")
-    clearance = record.number("clearance", 1.0)
-    record.reject_unknown_fields()
-    return (x0, y0, x1, y1), clearance, None
+    return (x0, y0, x1, y1), record.number("clearance", 1.0), None
 
 
 def _things(record: JsonRecord, index: int) -> list[SceneObject]:
@@ -240,10 +237,7 @@ def _things(record: JsonRecord, index: int) -> list[SceneObject]:
         mass=mass,
         color=record.color("color", "#c9b79c"),
     )
-    # The fields of a table are read by _table, so unknown fields are rejected after it.
-    things = [thing] if kind != "table" else _table(record, thing)
-    record.reject_unknown_fields()
-    return things
+    return [thing] if kind != "table" else _table(record, thing)
 
 
 def _table(record: JsonRecord, whole: SceneObject) -> list[SceneObject]:

@@ -20,9 +20,7 @@ from btcore_robot.robot import NS_PER_S, Phase
 from btcore_robot.schedule import SimulatedTime
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.scene import PHYSICS_RATE, Rectangle, Scene, SceneObject
-
-__all__ = ["PHYSICS_RATE", "Pacer", "World", "random_generator", "scene_extent"]
+from btcore_sim.scene import Rectangle, Scene, SceneObject
 
 SOLVER_ITERATIONS = 50
 """Iterations of the constraint solver (PyBullet's default).

@@ -9,8 +9,8 @@ from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.obstacles import PASSAGE
 from btcore_sim.robot_description import load_description
+from btcore_sim.scenario import with_start
 from btcore_sim.scene import load_scene
-from btcore_sim.start_pose import with_start
 from btcore_sim.world import random_generator
 
 RADIUS = 0.27
