@@ -111,8 +111,8 @@ def test_all_that_is_near_pushing_bumps_into_nothing():
         (["colour", "--pan", "nan"], "nan is not a finite number"),
         (["obstacle-detector", "--drive", "nan"], "nan is not a finite number"),
         (["head-tracking", "--turn", "inf"], "inf is not a finite number"),
-        (["launch", "none.yaml"], "none.yaml can't be read"),
-        (["hello", "--params", "none.yaml"], "none.yaml can't be read"),
+        (["launch", "none.yaml"], "none.yaml: no such file"),
+        (["hello", "--params", "none.yaml"], "none.yaml: no such file"),
     ],
 )
 def test_a_mistake_is_a_sentence(arguments: list[str], said: str):

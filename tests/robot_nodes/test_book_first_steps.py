@@ -289,19 +289,19 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
     [
         (
             "launch:\n- node: {exec: publsher}\n",
-            r"line 2: there is no program 'publsher': did you mean 'publisher'",
+            r":2: there is no program 'publsher': did you mean 'publisher'",
         ),
-        ("launch:\n- node: {name: a}\n", r"line 2: a node needs 'exec'"),
-        ("launch:\n- node: {exec: logger, parm: []}\n", "line 2: a node has no key 'parm'"),
+        ("launch:\n- node: {name: a}\n", r":2: a node needs 'exec'"),
+        ("launch:\n- node: {exec: logger, parm: []}\n", ":2: a node has no key 'parm'"),
         (
             "launch:\n- node: {exec: logger, remap: [{from: a}]}\n",
             "'remap' must be a list of {from: NAME, to: NAME}",
         ),
-        ("launch:\n- arg: {name: a}\n", "line 2: 'arg' is not a step"),
-        ("nodes: []\n", "line 1: a launch file is 'launch:'"),
-        ("launch: [\n", "line 2: not valid YAML"),
+        ("launch:\n- arg: {name: a}\n", ":2: 'arg' is not a step"),
+        ("nodes: []\n", ":1: a launch file is 'launch:'"),
+        ("launch: [\n", ":2:1: not valid YAML"),
         ("launch:\n- include: {file: f.yaml}\n", "includes itself, directly or through other files"),
-        ("launch:\n- include: {file: none.yaml}\n", "none.yaml can't be read"),
+        ("launch:\n- include: {file: none.yaml}\n", "none.yaml: no such file"),
     ],
 )
 def test_a_mistake_in_a_launch_file_is_told_with_its_place(desk: Desk, tmp_path: Path, text: str, said: str):

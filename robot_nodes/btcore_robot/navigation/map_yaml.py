@@ -8,7 +8,8 @@ from typing import Any
 import yaml
 
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import FieldReader, did_you_mean
+from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
+from btcore_robot.yaml_errors import yaml_errors
 
 
 class MapError(RobotError):
@@ -70,33 +71,17 @@ def read_entries(path: Path, content: str) -> YamlEntries:
         MapError: the file can't be read, or isn't a YAML file of keys and values.
 
     """
-    try:
-        loader = yaml.SafeLoader(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise MapError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise MapError(f"{path}: the file can't be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise MapError(f"{path}: not a text file; expected a YAML file of {content}, not an image") from None
-    except yaml.reader.ReaderError as error:
-        raise MapError(f"{path}: not valid YAML: {error.reason}") from None
+    text = read_text(path, f"a YAML file of {content}, not an image", MapError)
     values: dict[str, Any] = {}
     lines: dict[str, int] = {}
-    try:
-        node = loader.get_single_node()
+    with yaml_errors(path, MapError):
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
         if not isinstance(node, yaml.MappingNode):
             raise MapError(f"{path}: expected 'key: value' lines of {content}")
         # `safe_load` would return the values without the lines of their keys.
+        constructor = yaml.SafeLoader("")
         for key_node, value_node in node.value:
-            key = str(loader.construct_object(key_node, deep=True))
-            values[key] = loader.construct_object(value_node, deep=True)
+            key = str(constructor.construct_object(key_node, deep=True))
+            values[key] = constructor.construct_object(value_node, deep=True)
             lines[key] = key_node.start_mark.line + 1
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        place = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
-        raise MapError(f"{place}: not valid YAML: {error.problem}") from None
-    except yaml.reader.ReaderError as error:
-        raise MapError(f"{path}: not valid YAML: {error.reason}") from None
-    finally:
-        loader.dispose()
     return YamlEntries(path, values, lines)

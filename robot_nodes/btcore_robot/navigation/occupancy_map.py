@@ -160,7 +160,7 @@ def load_map(path: Path) -> OccupancyMap:
     """Return the map in the YAML file at *path*, by map_server's rules, with the keep-outs beside the file.
 
     Raises:
-        MapError: a file can't be read or is invalid; the message has the file and the line.
+        MapError: a file cannot be read or is invalid; the message has the file and the line.
 
     """
     entries = read_entries(path, "a map")
@@ -205,7 +205,7 @@ def save_map(map: OccupancyMap, path: Path) -> None:
         path: the YAML file.
 
     Raises:
-        MapError: a file can't be written.
+        MapError: a file cannot be written.
 
     """
     cells = np.flipud(map.cells)
@@ -234,7 +234,7 @@ def save_map(map: OccupancyMap, path: Path) -> None:
         for file, content in contents.items():
             file.write_bytes(content)
     except OSError as error:
-        raise MapError(f"{error.filename}: can't write the map: {error.strerror}") from None
+        raise MapError(f"{error.filename}: cannot write the map: {error.strerror}") from None
 
 
 def keepout_path(path: Path) -> Path:
@@ -259,7 +259,7 @@ def _read_image(entries: YamlEntries, path: Path) -> tuple[NDArray[np.float64], 
     except FileNotFoundError:
         raise entries.mistake("image", f"is '{name}', but there is no file {file}") from None
     except OSError as error:
-        raise entries.mistake("image", f"is '{name}', which can't be read: {error.strerror}") from None
+        raise entries.mistake("image", f"is '{name}', which cannot be read: {error.strerror}") from None
     try:
         image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except cv2.error:

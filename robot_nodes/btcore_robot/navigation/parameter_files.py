@@ -7,6 +7,8 @@ from pathlib import Path
 import yaml
 
 from btcore_robot.errors import RobotError
+from btcore_robot.field_reader import read_text
+from btcore_robot.yaml_errors import yaml_errors
 
 MARKER = "ros__parameters"
 EVERY_SERVER = "**"
@@ -41,41 +43,26 @@ def read_settings(path: Path) -> dict[str, Settings]:
         ParameterError: the file can't be read, or isn't YAML of this form.
 
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except OSError as error:
-        raise ParameterError(f"{path} can't be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ParameterError(f"{path} is not a text file in UTF-8") from None
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise ParameterError(f"{path}, line {line}: not valid YAML: {error.problem}") from None
-    except yaml.YAMLError as error:
-        raise ParameterError(f"{path} is not valid YAML: {error}") from None
+    text = read_text(path, "a YAML file of parameters", ParameterError)
     servers: dict[str, Settings] = {}
-    if root is None:
-        return servers
-    if not isinstance(root, yaml.MappingNode):
-        raise ParameterError(f"{path}, line 1: expected names of servers with parameters below them")
-    reader = yaml.SafeLoader("")
-    try:
+    with yaml_errors(path, ParameterError):
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        if root is None:
+            return servers
+        if not isinstance(root, yaml.MappingNode):
+            raise ParameterError(f"{path}:1: expected names of servers with parameters below them")
+        constructor = yaml.SafeLoader("")
         for name, node in _servers(root, ""):
+            line = node.start_mark.line + 1
             if not isinstance(node, yaml.MappingNode):
-                line = node.start_mark.line + 1
                 raise ParameterError(
-                    f"{path}, line {line}: {name} must have parameters below it, not a single value"
+                    f"{path}:{line}: {name} must have parameters below it, not a single value"
                 )
             settings = servers.setdefault(name, {})
             for setting_name, leaf in _leaves(node, ""):
-                value = reader.construct_object(leaf, deep=True)
+                value = constructor.construct_object(leaf, deep=True)
                 line = leaf.start_mark.line + 1
                 settings[setting_name] = Setting(f"{name}.{setting_name}", value, line)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise ParameterError(f"{path}, line {line}: {error.problem}") from None
-    finally:
-        reader.dispose()
     return servers
 
 

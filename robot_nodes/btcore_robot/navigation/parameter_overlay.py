@@ -98,7 +98,7 @@ class ParameterOverlay:
         near = get_close_matches(key, self._fields, n=1, cutoff=_TYPO_RATIO)
         if near and last not in _NAV2:
             self.typo_warnings.append(
-                f"{self._path}, line {setting.line}: {setting.name} has no effect; did you mean {near[0]}?"
+                f"{self._path}:{setting.line}: {setting.name} has no effect; did you mean {near[0]}?"
             )
 
     def _value(self, field: Field[Any], setting: Setting) -> object:
@@ -107,7 +107,7 @@ class ParameterOverlay:
         kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
         kind = "tuple[str, ...]" if kind.startswith("tuple") else kind
         value = _read(kind, setting.value)
-        place = f"{self._path}, line {setting.line}: {setting.name}"
+        place = f"{self._path}:{setting.line}: {setting.name}"
         if value is None:
             self.errors.append(f"{place} must be {_WORDS[kind]}, not {setting.value!r}")
             return None

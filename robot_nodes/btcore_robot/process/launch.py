@@ -25,9 +25,11 @@ from typing import Any
 import yaml
 
 from btcore_robot.errors import RobotError
+from btcore_robot.field_reader import read_text
 from btcore_robot.process.parameters import ParameterValue, load_process_parameters
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.process.programs import UnknownProgramError, create_processes
+from btcore_robot.yaml_errors import yaml_errors
 
 _LINE = "__line__"
 _NODE_KEYS = {"exec", "name", "pkg", "remap", "param", "output"}
@@ -79,16 +81,12 @@ def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
     """
     if depth > _MAX_DEPTH:
         raise LaunchError(f"{path} includes itself, directly or through other files")
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_LineLoader)
-    except OSError as error:
-        raise LaunchError(f"{path} can't be read: {error.strerror}") from None
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise LaunchError(f"{path}, line {line}: not valid YAML: {error.problem}") from None
+    text = read_text(path, "a launch file in YAML", LaunchError)
+    with yaml_errors(path, LaunchError):
+        content = yaml.load(text, Loader=_LineLoader)
     steps = content.get("launch") if isinstance(content, dict) else None
     if not isinstance(steps, list):
-        raise LaunchError(f"{path}, line 1: a launch file is 'launch:', and below it a list of nodes")
+        raise LaunchError(f"{path}:1: a launch file is 'launch:', and below it a list of nodes")
     return [entry for step in steps for entry in _entries(path, step, depth)]
 
 
@@ -111,7 +109,7 @@ def launch_processes(entries: list[LaunchEntry], context: ProcessContext) -> lis
             own = "" if entry.name or not entry.parameters else _own_name(entry.program, context)
             processes += create_processes(entry.program, context, entry.options(own))
         except UnknownProgramError as error:
-            raise LaunchError(f"{entry.file}, line {entry.line}: {error}") from None
+            raise LaunchError(f"{entry.file}:{entry.line}: {error}") from None
     return processes
 
 
@@ -132,7 +130,7 @@ def _entries(path: Path, step: object, depth: int) -> Iterator[LaunchEntry]:
             yield _entry(path, step["node"])
         case _:
             raise LaunchError(
-                f"{path}, line {line}: '{', '.join(map(str, keys))}' is not a step; a step is "
+                f"{path}:{line}: '{', '.join(map(str, keys))}' is not a step; a step is "
                 "'node:' with 'exec' below it, or 'include:' with 'file' below it"
             )
 
@@ -142,10 +140,10 @@ def _entry(path: Path, node: dict[str, Any]) -> LaunchEntry:
     unknown = sorted(node.keys() - _NODE_KEYS - {_LINE})
     if unknown:
         raise LaunchError(
-            f"{path}, line {line}: a node has no key '{unknown[0]}'; it has {', '.join(sorted(_NODE_KEYS))}"
+            f"{path}:{line}: a node has no key '{unknown[0]}'; it has {', '.join(sorted(_NODE_KEYS))}"
         )
     if "exec" not in node:
-        raise LaunchError(f"{path}, line {line}: a node needs 'exec', the program's name")
+        raise LaunchError(f"{path}:{line}: a node needs 'exec', the program's name")
     remap = {
         str(rule["from"]): str(rule["to"])
         for rule in _maps(path, node, "remap", lambda keys: {"from", "to"} <= keys)
@@ -161,7 +159,7 @@ def _maps(path: Path, node: dict[str, Any], key: str, fits: Any) -> list[dict[st
     maps = node.get(key) or []
     if not isinstance(maps, list) or not all(isinstance(item, dict) and fits(item.keys()) for item in maps):
         form = "{from: NAME, to: NAME}" if key == "remap" else "{name: NAME, value: VALUE} or {from: FILE}"
-        raise LaunchError(f"{path}, line {node[_LINE]}: '{key}' must be a list of {form}")
+        raise LaunchError(f"{path}:{node[_LINE]}: '{key}' must be a list of {form}")
     return maps
 
 

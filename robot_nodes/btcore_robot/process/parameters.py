@@ -95,7 +95,7 @@ def load_process_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
                 valid = isinstance(value, bool | int | float | str)
             if not valid:
                 raise ParameterError(
-                    f"{path}, line {setting.line}: '{key}' is {value!r}, but a parameter is a number, "
+                    f"{path}:{setting.line}: '{key}' is {value!r}, but a parameter is a number, "
                     "a text, true or false, or a list of them"
                 )
             parameters[key] = cast(ParameterValue, value)

@@ -58,9 +58,9 @@ def test_goal_or_home_goes_home_and_says_why():
 @pytest.mark.parametrize(
     ("option", "text", "said"),
     [
-        ("--map", None, "there is no such file"),
+        ("--map", None, "no such file"),
         ("--map", "image: [", "not valid YAML"),
-        ("--nav-params", None, "No such file"),
+        ("--nav-params", None, "no such file"),
         ("--nav-params", "a: [", "not valid YAML"),
     ],
 )

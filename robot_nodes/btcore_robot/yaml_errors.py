@@ -1,0 +1,25 @@
+"""YAML files read with errors of the caller's class, which name the place in the file."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import yaml
+
+
+@contextmanager
+def yaml_errors(path: Path, error_type: type[Exception]) -> Iterator[None]:
+    """Replace PyYAML's errors within the ``with`` block by errors with the file, the line and the column.
+
+    Args:
+        path: The file that is read.
+        error_type: The class of the errors.
+    """
+    try:
+        yield
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
+        raise error_type(f"{place}: not valid YAML: {error.problem}") from None
+    except yaml.reader.ReaderError as error:
+        raise error_type(f"{path}: not valid YAML: {error.reason}") from None
