@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
 from btcore_robot.navigation.likelihood import LikelihoodField, obstacle_distances
-from btcore_robot.navigation.motion_model import sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.particles import best_cluster, resample, sample_particles
+from btcore_robot.navigation.particles import best_cluster, resample, sample_motion_model, sample_particles
 from btcore_robot.navigation.relocalisation import HEADINGS_A_STEP
 from btcore_robot.robot import Pose2D
 from btcore_sim.map_rasteriser import rasterise

@@ -198,7 +198,8 @@ def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyM
 
 
 def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
-    from btcore_robot.navigation.parameters import ParameterError, load_parameters
+    from btcore_robot.navigation.parameter_files import ParameterError
+    from btcore_robot.navigation.parameters import load_parameters
 
     file = settings.get("nav_params")
     if file is None:

@@ -3,21 +3,11 @@
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from difflib import get_close_matches
 
 from btcore_robot.errors import RobotError
-from btcore_robot.rigid_transform import Transform
+from btcore_robot.field_reader import did_you_mean
+from btcore_robot.rigid_transform import Transform as Transform  # also public here
 from btcore_robot.robot import NS_PER_S, Robot, TransformStamped
-
-__all__ = [
-    "ConnectivityError",
-    "ExtrapolationError",
-    "FrameBroadcaster",
-    "Transform",
-    "TransformError",
-    "TransformTree",
-    "UnknownFrameError",
-]
 
 CACHE_TIME = 10 * NS_PER_S
 """The time (ns) for which poses of a moving frame are kept: tf2's default. Static frames are kept forever."""
@@ -200,11 +190,8 @@ class TransformTree:
         ancestor: str | None = frame.parent
         while ancestor is not None:
             if ancestor == frame.child:
-                position = (
-                    "itself"
-                    if frame.parent == frame.child
-                    else f"'{frame.parent}', which is somewhere below it"
-                )
+                below = f"'{frame.parent}', which is somewhere below it"
+                position = "itself" if frame.parent == frame.child else below
                 raise TransformError(f"'{frame.child}' can't be placed in {position}: frames form a tree")
             ancestor = self.parent(ancestor)
         _check(frame)
@@ -245,24 +232,13 @@ class TransformTree:
 
     def _unknown(self, name: str) -> str:
         known = self.frames()
-        suggestions = get_close_matches(name, known, n=1)
-        if suggestions:
-            return f"there is no frame '{name}'; did you mean '{suggestions[0]}'?"
-        return f"there is no frame '{name}'; " + (
-            f"known frames: {', '.join(known)}" if known else "none is known yet"
-        )
+        names = f"known frames: {', '.join(known)}" if known else "none is known yet"
+        return f"there is no frame '{name}'; {did_you_mean(name, known).strip() or names}"
 
 
 def _newest(up: tuple[_Link, ...], down: tuple[_Link, ...]) -> int:
     """Return the latest time (ns) at which all links are known; 0 when all are static."""
-    newest: int | None = None
-    for links in (up, down):
-        for link in links:
-            if not link.static:
-                last = link.stamps[-1] + link.holds
-                if newest is None or last < newest:
-                    newest = last
-    return 0 if newest is None else newest
+    return min((link.stamps[-1] + link.holds for link in (*up, *down) if not link.static), default=0)
 
 
 def _check(frame: TransformStamped) -> None:
@@ -274,9 +250,8 @@ def _check(frame: TransformStamped) -> None:
             "a rotation has length 1 (x, y, z, w)"
         )
     if not math.isfinite(sum(frame.position)):
-        raise TransformError(
-            f"'{frame.child}' in '{frame.parent}': the position {frame.position} is not finite"
-        )
+        place = f"'{frame.child}' in '{frame.parent}'"
+        raise TransformError(f"{place}: the position {frame.position} is not finite")
 
 
 def _seconds(nanoseconds: int) -> str:
@@ -303,16 +278,8 @@ class FrameBroadcaster:
     def step(self, now: int) -> None:
         """Publish the current frames, each with the stamp that the robot gives it. *now* is not used."""
         odometry = self._robot.odometry()
-        pose = odometry.pose
-        half = pose.yaw / 2.0
-        self._tree.set(
-            TransformStamped(
-                self._base,
-                self._odom,
-                (pose.x, pose.y, 0.0),
-                (0.0, 0.0, math.sin(half), math.cos(half)),
-                odometry.stamp,
-            )
-        )
+        base = Transform.from_pose(odometry.pose)
+        frame = TransformStamped(self._base, self._odom, base.position, base.quaternion, odometry.stamp)
+        self._tree.set(frame)
         for frame in self._robot.frames():
             self._tree.set(frame)

@@ -6,8 +6,14 @@ import threading
 import numpy as np
 import pytest
 
-from btcore_robot.control.bumpgo_fsm import BumpGo, BumpGoState
-from btcore_robot.control.bumpgo_turns import ClosedLoop, Diagonals, OpenLoop, freest_direction
+from btcore_robot.control.bumpgo_fsm import (
+    BumpGo,
+    BumpGoState,
+    ClosedLoop,
+    Diagonals,
+    OpenLoop,
+    freest_direction,
+)
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.process.robot_bridge import RobotBridge
 from btcore_robot.robot import LaserScan, Twist2D

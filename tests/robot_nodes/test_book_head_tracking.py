@@ -9,12 +9,13 @@ from btcore_robot.perception.colour import (
     WOOD,
     ColourRange,
     Detection,
+    Detections,
+    ObjectDetector,
     colour_mask,
     debug_image,
     detect_colour,
     detect_each,
 )
-from btcore_robot.perception.object_detector import Detections, ObjectDetector
 from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState, LifecycleTransition
 from btcore_robot.process.parameters import ParameterError
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions

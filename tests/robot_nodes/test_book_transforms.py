@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from btcore_robot.perception.obstacle_detector import (
+    Displacement,
     ObstacleDetector,
     ObstacleDetectorImproved,
+    ObstacleInFrames,
     ObstacleMonitor,
     distance_colour,
 )
-from btcore_robot.perception.transform_reports import Displacement, ObstacleInFrames
 from btcore_robot.process.messages import GREEN, RED, Arrow, Arrows
 from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Phase, Pose2D

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import btcore_scene
-from btcore_robot.perception.colour import ColourRange, Detection, debug_image, detect_each
-from btcore_robot.perception.object_detector import Detections
+from btcore_robot.perception.colour import ColourRange, Detection, Detections, debug_image, detect_each
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Robot
 from btcore_scene import MovingScene, Picture, StaticScene

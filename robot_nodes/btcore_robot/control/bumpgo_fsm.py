@@ -1,7 +1,10 @@
-"""Bump and go by a state machine (the book's chapter 3): forward, back, turn, and stop without a scan."""
+"""Bump and go by a state machine (the book's chapter 3), and the chapter's exercises: turns to free space."""
 
+import math
 from collections.abc import Callable
 from enum import Enum
+
+import numpy as np
 
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
@@ -17,6 +20,16 @@ OBSTACLE_DISTANCE = 1.0
 BACKING_TIME = 2 * NS_PER_S
 TURNING_TIME = 2 * NS_PER_S
 SCAN_TIMEOUT = 1 * NS_PER_S
+
+DIAGONAL = math.pi / 4
+"""The angle (rad) of a diagonal, to the left and to the right."""
+AHEAD = math.radians(30.0)
+"""The angle (rad) to each side of a direction within which there must be no obstacle for a free direction.
+
+At 1 m this is 0.5 m to each side: the robot's radius and 0.2 m of margin.
+"""
+LONGEST_TURN = 2 * math.pi / SPEED_ANGULAR
+"""The maximum duration (s) of a turn that the laser ends: a full turn has shown every direction."""
 
 
 class BumpGoState(Enum):
@@ -113,3 +126,90 @@ class BumpGo(Process):
     def is_blocked(self, scan: LaserScan) -> bool:
         """Return whether there is an obstacle at the middle beam."""
         return bool(scan.ranges[len(scan.ranges) // 2] < OBSTACLE_DISTANCE)
+
+
+def range_at(scan: LaserScan, angle: float) -> float:
+    """Return the range (m) at *angle* (rad), or at the nearest angle that the laser covers."""
+    index = round((angle - scan.angle_min) / scan.angle_increment)
+    return float(scan.ranges[min(max(index, 0), len(scan.ranges) - 1)])
+
+
+def clearances(scan: LaserScan) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the free distance (m) in the direction of each ray, within `AHEAD` to each side: shape ``(n,)``.
+
+    A ray without an echo is free up to the laser's maximum range; NaN counts as 0.
+    """
+    ranges = np.nan_to_num(scan.ranges.astype(np.float64), nan=0.0, posinf=scan.range_max, neginf=0.0)
+    half = max(0, int(AHEAD / scan.angle_increment))
+    padded = np.pad(ranges, half, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    clear: np.ndarray[tuple[int], np.dtype[np.float64]] = windows.min(axis=1)
+    return clear
+
+
+def freest_direction(scan: LaserScan) -> float:
+    """Return the direction (rad) with the most free space; of equal directions the nearest to ahead."""
+    free = clearances(scan)
+    angles = scan.angles()
+    freest = np.flatnonzero(free >= free.max() - 1e-9)
+    return float(angles[freest[np.argmin(np.abs(angles[freest]))]])
+
+
+class Diagonals(BumpGo):
+    """Check the middle beam and both diagonals for obstacles, and turn to the side with more room."""
+
+    side = 1.0
+    """+1 for a turn to the left, -1 for a turn to the right."""
+
+    def is_blocked(self, scan: LaserScan) -> bool:
+        """Return whether there is an obstacle in one of the three directions."""
+        return min(range_at(scan, angle) for angle in (-DIAGONAL, 0.0, DIAGONAL)) < OBSTACLE_DISTANCE
+
+    def enter(self, state: BumpGoState) -> None:
+        """Change to *state*; before a turn, choose the side."""
+        if state is BumpGoState.TURN and self.scan is not None:
+            left, right = range_at(self.scan, DIAGONAL), range_at(self.scan, -DIAGONAL)
+            self.side = 1.0 if left >= right else -1.0
+        super().enter(state)
+
+    def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
+        """Turn to the chosen side."""
+        twist, next_state = super().turn(scan, elapsed)
+        return Twist2D(twist.v, self.side * twist.w), next_state
+
+
+class OpenLoop(BumpGo):
+    """Turn to the freest direction for a time that is computed before the turn: angle divided by speed."""
+
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__(context, options)
+        self.angle = 0.0
+        """The angle (rad) to turn by, from the direction in which the turn starts."""
+
+    def enter(self, state: BumpGoState) -> None:
+        """Change to *state*; before a turn, choose the direction."""
+        if state is BumpGoState.TURN and self.scan is not None:
+            self.angle = freest_direction(self.scan)
+        super().enter(state)
+
+    def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
+        """Turn for the time that the angle takes."""
+        needed = abs(self.angle) / SPEED_ANGULAR * NS_PER_S
+        return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), (
+            BumpGoState.FORWARD if elapsed >= needed else None
+        )
+
+
+class ClosedLoop(OpenLoop):
+    """Turn towards the freest direction until the laser shows free space ahead, even if the wheels slip.
+
+    Space is free when it is clear for twice the obstacle distance. Without free space a full turn ends the
+    state.
+    """
+
+    def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
+        """Turn until the laser shows free space ahead."""
+        middle = int(np.argmin(np.abs(scan.angles())))
+        clear = clearances(scan)[middle] >= 2 * OBSTACLE_DISTANCE
+        done = bool(clear) or elapsed > LONGEST_TURN * NS_PER_S
+        return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), BumpGoState.FORWARD if done else None

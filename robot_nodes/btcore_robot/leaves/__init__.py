@@ -2,9 +2,8 @@
 
 from btcore import Registry
 from btcore_robot.leaves.battery import BatteryChecker, Recharge
-from btcore_robot.leaves.drive import Back, Forward, Patrol, Turn
+from btcore_robot.leaves.drive import Back, Forward, Patrol, Turn, TurnToFree
 from btcore_robot.leaves.explore import Explore, SaveMap
-from btcore_robot.leaves.free_space import TurnToFree
 from btcore_robot.leaves.locate import LocateObjects
 from btcore_robot.leaves.navigate import Move
 from btcore_robot.leaves.obstacle import WaitForScan, is_obstacle

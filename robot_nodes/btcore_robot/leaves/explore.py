@@ -139,7 +139,7 @@ class SaveMap(SyncAction):
     def tick(self) -> bool:
         """Write the files."""
         # Imported here because maps need libraries that the other leaves do without.
-        from btcore_robot.navigation.map_yaml import MapError
+        from btcore_robot.navigation.occupancy_map import MapError
 
         path = Path(self.file) if self.file else self.map_file.path or Path(DEFAULT_FILE)
         try:

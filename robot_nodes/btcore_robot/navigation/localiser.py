@@ -8,10 +8,15 @@ from numpy.typing import NDArray
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import SearchSpace
 from btcore_robot.navigation.likelihood import LikelihoodField, beam_endpoints
-from btcore_robot.navigation.motion_model import sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import AmclParameters
-from btcore_robot.navigation.particles import Cluster, best_cluster, resample, sample_particles
+from btcore_robot.navigation.particles import (
+    Cluster,
+    best_cluster,
+    resample,
+    sample_motion_model,
+    sample_particles,
+)
 from btcore_robot.navigation.pose_validation import FITS, PoseValidator, contradicts_pose
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.navigation.relocalisation import Relocaliser

@@ -1,8 +1,10 @@
-"""Parameter files of ROS 2, read key by key: the settings of each server, with their lines."""
+"""Parameter files of ROS 2: the settings of each server, and their mapping to the fields of a dataclass."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import Field, dataclass, fields, replace
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Any, Final
 
 import yaml
 
@@ -13,6 +15,53 @@ from btcore_robot.yaml_errors import yaml_errors
 MARKER = "ros__parameters"
 EVERY_SERVER = "**"
 """The wildcard name for all servers."""
+
+ALIASES: Final = "aliases"
+"""The metadata key of a field's other names in parameter files."""
+MINIMUM: Final = "minimum"
+"""The metadata key of a field's least valid value."""
+
+_PLUGINS: Final = (
+    "FollowPath",
+    "GridBased",
+    "progress_checker",
+    "goal_checker",
+    "general_goal_checker",
+    "static_layer",
+    "obstacle_layer",
+    "voxel_layer",
+    "inflation_layer",
+    "scan",
+)
+_TYPO_RATIO: Final = 0.84  # similarity (difflib's ratio) to a known key from which a key counts as misspelt
+_SILENT: Final = frozenset({"plugin", "enabled", "use_sim_time"})
+_LISTS: Final = ("plugins", "filters", "observation_sources")
+_LIST_ENDINGS: Final = ("_plugin", "_plugins")  # endings of keys whose values are ids
+_NAV2: Final = frozenset(
+    [
+        *(
+            "acc_lim_y",
+            "decel_lim_y",
+            "max_vel_y",
+            "min_vel_y",
+            "max_speed_xy",
+            "min_speed_xy",
+            "min_speed_theta",
+        ),
+        *("vy_max", "vy_min", "ay_max", "ay_min", "az_min", "vy_samples", "vx_std", "wz_std", "z_resolution"),
+        *("angular_granularity", "base_frame", "robot_base_frame", "global_frame", "local_frame"),
+        *("min_x_velocity_threshold", "max_obstacle_height", "footprint_topic", "transform_tolerance", "z"),
+    ]
+)
+"""Keys of Nav2 that are not misspelt, however much they resemble a known key."""
+
+_WORDS: Final = {
+    "float": "a number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "str": "a string",
+    "tuple[str, ...]": "a list of strings",
+}
 
 
 class ParameterError(RobotError):
@@ -93,3 +142,107 @@ def _leaves(node: yaml.MappingNode, prefix: str) -> Iterator[tuple[str, yaml.Nod
             yield from _leaves(child, f"{name}.")
         else:
             yield name, child
+
+
+class ParameterOverlay:
+    """An overlay of a file's settings over the default parameters of a server, with a list of problems."""
+
+    def __init__(self, path: Path, defaults: Any) -> None:
+        self._path = path
+        self._defaults = defaults
+        self._fields: dict[str, Field[Any]] = {}
+        for field in fields(defaults):
+            for name in (field.name, *field.metadata.get(ALIASES, ())):
+                self._fields[name] = field
+        self.errors: list[str] = []
+        """A sentence for each invalid value."""
+        self.typo_warnings: list[str] = []
+        """A sentence for each key that is probably misspelt."""
+        self.unknown: dict[str, object] = {}
+        """Settings without a field, by full name."""
+
+    def apply(self, settings: Settings) -> Any:
+        """Return the parameters with *settings* over them; of several plug-ins, the first listed counts."""
+        ranks = {name: rank for rank, name in enumerate(_ids(settings))}
+        chosen: dict[str, tuple[int, object]] = {}
+        for name, setting in settings.items():
+            key, rank = _bare(name, ranks)
+            field = self._fields.get(key)
+            if field is None:
+                self._add_unknown(key, setting)
+                continue
+            value = self._value(field, setting)
+            if value is not None and (field.name not in chosen or rank < chosen[field.name][0]):
+                chosen[field.name] = rank, value
+        return replace(self._defaults, **{name: value for name, (_, value) in chosen.items()})
+
+    def _add_unknown(self, key: str, setting: Setting) -> None:
+        last = key.rsplit(".", 1)[-1]
+        if last in _SILENT or last in _LISTS or last.endswith(_LIST_ENDINGS):
+            return
+        self.unknown[setting.name] = setting.value
+        near = get_close_matches(key, self._fields, n=1, cutoff=_TYPO_RATIO)
+        if near and last not in _NAV2:
+            self.typo_warnings.append(
+                f"{self._path}:{setting.line}: {setting.name} has no effect; did you mean {near[0]}?"
+            )
+
+    def _value(self, field: Field[Any], setting: Setting) -> object:
+        """Return the value of *setting* as the field's type, or None after adding an error."""
+        # A type is a text in modules that postpone the evaluation of annotations.
+        kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
+        kind = "tuple[str, ...]" if kind.startswith("tuple") else kind
+        value = _read(kind, setting.value)
+        place = f"{self._path}:{setting.line}: {setting.name}"
+        if value is None:
+            self.errors.append(f"{place} must be {_WORDS[kind]}, not {setting.value!r}")
+            return None
+        minimum = field.metadata.get(MINIMUM)
+        # `not >=` instead of `<`, to reject NaN too.
+        if minimum is not None and isinstance(value, int | float) and not value >= minimum:
+            self.errors.append(f"{place} must be at least {minimum:g}, not {setting.value!r}")
+            return None
+        return value
+
+
+def _read(kind: str, value: object) -> object:
+    """Return *value* as the type *kind*, or None for another type."""
+    if kind == "bool":
+        return value if isinstance(value, bool) else None
+    if kind == "tuple[str, ...]":
+        texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
+        return tuple(value) if texts and isinstance(value, list) else None
+    if isinstance(value, bool):
+        return None
+    if kind == "int":
+        return value if isinstance(value, int) else None
+    if kind == "str":
+        return value if isinstance(value, str) else None
+    # PyYAML (YAML 1.1) reads 1e-3 as a text; ROS reads a number.
+    if isinstance(value, str) and value[:1] in "+-.0123456789" and "e" in value.lower():
+        try:
+            return float(value)
+        except ValueError:
+            return None
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _ids(settings: Settings) -> Iterator[str]:
+    """Yield the ids of a server's plug-ins and sensors: first those that the file lists."""
+    for name, setting in settings.items():
+        last = name.rsplit(".", 1)[-1]
+        if last in _LISTS or last.endswith(_LIST_ENDINGS):
+            listed = setting.value if isinstance(setting.value, list) else str(setting.value).split()
+            yield from (str(item) for item in listed)
+    yield from _PLUGINS
+
+
+def _bare(name: str, ranks: dict[str, int]) -> tuple[str, int]:
+    """Return *name* without the leading ids of plug-ins, and the greatest rank of these ids (-1 for none)."""
+    rank = -1
+    first, dot, rest = name.partition(".")
+    while dot and first in ranks:
+        rank = max(rank, ranks[first])
+        name = rest
+        first, dot, rest = name.partition(".")
+    return name, rank

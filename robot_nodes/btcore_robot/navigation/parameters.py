@@ -9,21 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from btcore_robot.navigation.parameter_files import EVERY_SERVER, ParameterError, read_settings
-from btcore_robot.navigation.parameter_overlay import ALIASES, MINIMUM, ParameterOverlay
-
-__all__ = [
-    "LOCAL_COSTMAP",
-    "AmclParameters",
-    "BehaviourParameters",
-    "ControllerParameters",
-    "CostmapParameters",
-    "NavigationParameters",
-    "NavigatorParameters",
-    "ParameterError",
-    "PlannerParameters",
-    "load_parameters",
-]
+from btcore_robot.navigation.parameter_files import (
+    ALIASES,
+    EVERY_SERVER,
+    MINIMUM,
+    ParameterError,
+    ParameterOverlay,
+    read_settings,
+)
 
 
 def number_field(default: float, *aliases: str, minimum: float | None = None) -> Any:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore_robot.rigid_transform import wrap_angles
 from btcore_robot.robot import Pose2D
 
 
@@ -106,3 +107,35 @@ def join_paths(paths: list[NavPath], stamp: int) -> NavPath:
     """Return *paths* joined into a path with *stamp* (ns); each begins at the end of the previous path."""
     kept = [path.poses if index == 0 else path.poses[1:] for index, path in enumerate(paths)]
     return NavPath(np.concatenate(kept), stamp, paths[0].frame)
+
+
+class NearestPoseSearch:
+    """A search for the pose of a path nearest to the robot; on the same path it never goes backwards."""
+
+    def __init__(self) -> None:
+        self.known: NavPath | None = None
+        self.at = 0
+
+    def nearest(self, path: NavPath, here: Pose2D, reach: float, turn: float = 0.0) -> int:
+        """Return the index of the pose of *path* that is nearest to *here*.
+
+        Args:
+            path: A path with at least one pose.
+            here: The robot's pose in the frame of the path.
+            reach: The maximum distance (m) along the path from the previous result; negative or infinite:
+                search the whole path, forwards and backwards.
+            turn: The distance (m) that counts as much as a heading error of 1 rad.
+
+        """
+        whole = reach < 0.0 or math.isinf(reach)
+        if whole or path != self.known:
+            self.known, self.at = path, 0
+        along = path.distances()
+        last = len(along) if whole else int(np.searchsorted(along, along[self.at] + reach, "right"))
+        poses = path.poses[self.at : max(last, self.at + 1)]
+        heading_error = wrap_angles(poses[:, 2] - here.yaw)
+        distance = np.hypot(np.hypot(poses[:, 0] - here.x, poses[:, 1] - here.y), turn * heading_error)
+        nearest = self.at + int(np.argmin(distance))
+        # A search of the whole path does not restrict the next search.
+        self.at = 0 if whole else nearest
+        return nearest

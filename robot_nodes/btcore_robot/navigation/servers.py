@@ -14,7 +14,7 @@ from btcore_robot.navigation.behaviours import (
 from btcore_robot.navigation.controller import ControllerServer
 from btcore_robot.navigation.costmap import GlobalCostmap, LocalCostmap
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.planner_server import PlannerServer
+from btcore_robot.navigation.planner import PlannerServer
 from btcore_robot.robot import Pose2D, Robot
 from btcore_robot.transforms import TransformTree
 

@@ -21,8 +21,7 @@ from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.navigator import NavigateGoal, NavigateHandle, Navigator, tree_file
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
-from btcore_robot.navigation.planner import Planner
-from btcore_robot.navigation.planner_server import PlannerServer
+from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.navigation.scene import NavigationScene
 from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, PoseSource, Servers

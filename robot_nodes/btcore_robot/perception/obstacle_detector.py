@@ -1,4 +1,4 @@
-"""An obstacle as a frame of the transform tree (the book's chapter 4)."""
+"""An obstacle as a frame of the transform tree, and reports by transforms (the book's chapter 4)."""
 
 import math
 
@@ -17,6 +17,10 @@ LIFETIME = 1.0
 """The time (s) for which an arrow is shown."""
 NEAR, FAR = 0.5, 3.0
 """The distances (m) at which an arrow coloured by distance is entirely red and entirely green."""
+
+REPORT_PERIOD = 1.0  # s
+FRAMES = (ODOM_FRAME, BASE_FRAME, "head_2_link")
+"""The frames in which the obstacle's position is reported."""
 
 
 class ObstacleDetector(Process):
@@ -93,3 +97,43 @@ def distance_colour(distance: float) -> Colour:
 
 def _frame(parent: str, pose: Transform, stamp: int) -> TransformStamped:
     return TransformStamped(OBSTACLE_FRAME, parent, pose.position, pose.quaternion, stamp)
+
+
+class Displacement(Process):
+    """Report each second how far the robot has moved since the last report, by odometry."""
+
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("displacement", context, options)
+        self.previous: Transform | None = None
+        self.create_timer(REPORT_PERIOD, self.report)
+
+    def report(self) -> None:
+        """Compare the current pose with the pose at the last report."""
+        try:
+            now = self.context.transforms.lookup(ODOM_FRAME, BASE_FRAME)
+        except TransformError as error:
+            self.warn(str(error))
+            return
+        if self.previous is not None:
+            moved = self.previous.inverse() * now
+            x, y, _ = moved.position
+            self.info(f"moved {math.hypot(x, y):.3f} m (x {x:.3f}, y {y:.3f}), turned {moved.yaw:.3f} rad")
+        self.previous = now
+
+
+class ObstacleInFrames(Process):
+    """Report the obstacle's position twice a second in ``odom``, ``base_footprint`` and ``head_2_link``."""
+
+    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+        super().__init__("obstacle_in_frames", context, options)
+        self.create_timer(PERIOD, self.report)
+
+    def report(self) -> None:
+        """Log the position in each frame that is connected to the obstacle's frame."""
+        for frame in FRAMES:
+            try:
+                x, y, z = self.context.transforms.lookup(frame, OBSTACLE_FRAME).position
+            except TransformError as error:
+                self.warn(f"Obstacle transform not found: {error}")
+            else:
+                self.info(f"Obstacle in {frame}: ({x:.3f} m, {y:.3f} m, {z:.3f} m)")

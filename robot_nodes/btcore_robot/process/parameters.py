@@ -1,13 +1,12 @@
 """Parameters of a process: declared with a default, and set at its start by a file or by options."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar, cast
 
-from btcore_robot.navigation.parameter_files import EVERY_SERVER, ParameterError, read_settings
-
-__all__ = ["ParameterError", "ParameterValue", "Parameters", "load_process_parameters"]
+from btcore_robot.field_reader import did_you_mean
+from btcore_robot.navigation.parameter_files import EVERY_SERVER, read_settings
+from btcore_robot.navigation.parameter_files import ParameterError as ParameterError
 
 USE_SIM_TIME = "use_sim_time"
 """A parameter of every ROS 2 node; it has no effect here, because time is always the robot's time."""
@@ -59,9 +58,9 @@ class Parameters:
         """Yield a warning for every parameter that was given but never declared."""
         for name in self._given:
             if name not in self._values and name != USE_SIM_TIME:
-                suggestions = get_close_matches(name, self._values, 1)
-                hint = f"; did you mean '{suggestions[0]}'?" if suggestions else ""
-                yield f"{self._owner} has no parameter '{name}', so its value is ignored{hint}"
+                hint = did_you_mean(name, self._values).strip()
+                ignored = f"{self._owner} has no parameter '{name}', so its value is ignored"
+                yield f"{ignored}; {hint}" if hint else ignored
 
     def _check_items(self, name: str, value: Sequence[object], default: Sequence[object]) -> None:
         types = {type(item) for item in value}

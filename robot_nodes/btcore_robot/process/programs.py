@@ -1,18 +1,16 @@
 """The programs that can be started by name, for example by a launch file."""
 
 from collections.abc import Callable
-from difflib import get_close_matches
 from importlib import import_module
 
 from btcore_robot.errors import RobotError
+from btcore_robot.field_reader import did_you_mean
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 
 _FIRST_STEPS = "btcore_robot.process.first_steps"
 _FSM = "btcore_robot.control.bumpgo_fsm"
-_TURNS = "btcore_robot.control.bumpgo_turns"
 _VFF = "btcore_robot.control.vff"
 _DETECTOR = "btcore_robot.perception.obstacle_detector"
-_FRAMES = "btcore_robot.perception.transform_reports"
 
 # Class names as strings: a module is imported when one of its programs starts.
 PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
@@ -22,17 +20,17 @@ PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
     "executor": ((_FIRST_STEPS, "NumberPublisher"), (_FIRST_STEPS, "NumberSubscriber")),
     "localization": ((_FIRST_STEPS, "Localization"),),
     "bumpgo": ((_FSM, "BumpGo"),),
-    "bumpgo_diagonals": ((_TURNS, "Diagonals"),),
-    "bumpgo_open_loop": ((_TURNS, "OpenLoop"),),
-    "bumpgo_closed_loop": ((_TURNS, "ClosedLoop"),),
+    "bumpgo_diagonals": ((_FSM, "Diagonals"),),
+    "bumpgo_open_loop": ((_FSM, "OpenLoop"),),
+    "bumpgo_closed_loop": ((_FSM, "ClosedLoop"),),
     "avoidance_vff": ((_VFF, "Avoidance"),),
     "avoidance_vff_all": ((_VFF, "AvoidanceFromAll"),),
     "obstacle_detector": ((_DETECTOR, "ObstacleDetector"),),
     "obstacle_detector_improved": ((_DETECTOR, "ObstacleDetectorImproved"),),
     "obstacle_monitor": ((_DETECTOR, "ObstacleMonitor"),),
-    "obstacle_in_frames": ((_FRAMES, "ObstacleInFrames"),),
-    "object_detector": (("btcore_robot.perception.object_detector", "ObjectDetector"),),
-    "displacement": ((_FRAMES, "Displacement"),),
+    "obstacle_in_frames": ((_DETECTOR, "ObstacleInFrames"),),
+    "object_detector": (("btcore_robot.perception.colour", "ObjectDetector"),),
+    "displacement": ((_DETECTOR, "Displacement"),),
     "bridge": (("btcore_robot.process.robot_bridge", "RobotBridge"),),
 }
 """The processes of every program: module and class of each."""
@@ -59,8 +57,7 @@ def create_processes(
 
     """
     if program not in PROGRAMS:
-        suggestions = get_close_matches(program, PROGRAMS, 1)
-        hint = f"did you mean '{suggestions[0]}'?" if suggestions else f"there are {', '.join(PROGRAMS)}"
+        hint = did_you_mean(program, PROGRAMS).strip() or f"there are {', '.join(PROGRAMS)}"
         raise UnknownProgramError(f"there is no program '{program}': {hint}")
     options = options if options is not None else ProcessOptions()
     parts = PROGRAMS[program]

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.checkers import GoalChecker, ProgressChecker
 from btcore_robot.navigation.clearance import ClearanceGrid
+from btcore_robot.navigation.controller import GoalChecker, ProgressChecker
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.detour import find_detour
 from btcore_robot.navigation.pure_pursuit import PurePursuit

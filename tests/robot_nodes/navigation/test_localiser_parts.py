@@ -8,9 +8,15 @@ import pytest
 from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
 from btcore_robot.navigation.likelihood import LikelihoodField, beam_endpoints, obstacle_distances
-from btcore_robot.navigation.motion_model import decompose_motion, sample_motion_model
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.particles import best_cluster, kld_sample_size, resample, sample_particles
+from btcore_robot.navigation.particles import (
+    best_cluster,
+    decompose_motion,
+    kld_sample_size,
+    resample,
+    sample_motion_model,
+    sample_particles,
+)
 from btcore_robot.navigation.pose_validation import changed_beam_shares
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.robot import LaserScan, Pose2D

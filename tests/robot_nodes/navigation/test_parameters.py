@@ -8,7 +8,8 @@ from btcore_robot.navigation.error_codes import (
     PLANNER_RECOVERY_HELPS,
     Nav2ErrorCode,
 )
-from btcore_robot.navigation.parameters import NavigationParameters, ParameterError, load_parameters
+from btcore_robot.navigation.parameter_files import ParameterError
+from btcore_robot.navigation.parameters import NavigationParameters, load_parameters
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from btcore_robot.navigation.grid_search import (
     reachable_cells,
 )
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.path import NavPath
+from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.path_smoothing import MAX_COST_RATIO, smooth_path
 from btcore_robot.navigation.planner import Planner, PlannerError
 from btcore_robot.robot import LaserScan, Pose2D
@@ -359,8 +359,8 @@ def test_a_goal_in_a_keepout_is_occupied():
     assert fault.value.code == Nav2ErrorCode.GOAL_OCCUPIED
 
 
-def test_a_refused_goal_has_an_empty_path(rooms):
-    path = Planner(rooms).empty(3)
+def test_a_path_without_poses_has_no_goal_and_no_length():
+    path = empty_path(3)
     assert (len(path), path.goal, path.length(), path.nearest(0, 0), path.stamp) == (0, None, 0.0, -1, 3)
 
 

@@ -33,7 +33,7 @@ Allowance = Annotated[In[float], "Allowed time (s) for the behaviour."]
 Unchecked = Annotated[In[bool], "Disable collision checking."]
 
 
-class MotionNode(BtActionNode):
+class _MotionNode(BtActionNode):
     """Base of the nodes with the ports that every action node of Nav2 has."""
 
     server_name: ServerName = ""
@@ -45,7 +45,7 @@ class MotionNode(BtActionNode):
         self.servers = servers
 
 
-class FollowPath(MotionNode):
+class FollowPath(_MotionNode):
     """Follow *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
     controller_id: Annotated[In[str], "Controller plug-in: FollowPath or empty."] = ""
@@ -93,7 +93,7 @@ class FollowPath(MotionNode):
         write_outputs(self, tracking_feedback=FollowPathFeedback())
 
 
-class RecoveryAction(MotionNode):
+class _RecoveryAction(_MotionNode):
     """Base of the behaviours that count as recoveries."""
 
     def make_goal(self) -> object:
@@ -107,7 +107,7 @@ class RecoveryAction(MotionNode):
         raise NotImplementedError
 
 
-class Spin(RecoveryAction):
+class Spin(_RecoveryAction):
     """Turn on the spot by *spin_dist* (rad, positive to the left)."""
 
     spin_dist: Annotated[In[float], "Spin distance (rad), positive to the left."] = 1.57
@@ -124,7 +124,7 @@ class Spin(RecoveryAction):
         return SpinGoal(self.spin_dist, self.time_allowance, self.disable_collision_checks)
 
 
-class BackUp(RecoveryAction):
+class BackUp(_RecoveryAction):
     """Drive backwards by *backup_dist* (m) at *backup_speed* (m/s), both positive."""
 
     backup_dist: Annotated[In[float], "Distance to back up (m)."] = 0.15
@@ -143,7 +143,7 @@ class BackUp(RecoveryAction):
         )
 
 
-class DriveOnHeading(MotionNode):
+class DriveOnHeading(_MotionNode):
     """Drive straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
 
     dist_to_travel: Annotated[In[float], "Distance to travel (m)."] = 0.15
@@ -162,7 +162,7 @@ class DriveOnHeading(MotionNode):
         )
 
 
-class Wait(RecoveryAction):
+class Wait(_RecoveryAction):
     """Wait for *wait_duration* (s); its sign is ignored."""
 
     wait_duration: Annotated[In[float], "Wait time (s)."] = 1.0
@@ -176,7 +176,7 @@ class Wait(RecoveryAction):
         return WaitGoal(abs(self.wait_duration))
 
 
-class NavigateToPose(MotionNode):
+class NavigateToPose(_MotionNode):
     """Navigate to *goal* by the navigator's default tree or by *behavior_tree*."""
 
     goal: Annotated[In[Pose2D], "Destination to plan to."]
@@ -192,7 +192,7 @@ class NavigateToPose(MotionNode):
         return self.servers.navigators["goal_to"]((self.goal,), self.behavior_tree)
 
 
-class NavigateThroughPoses(MotionNode):
+class NavigateThroughPoses(_MotionNode):
     """Navigate through *goals* by the navigator's default tree or by *behavior_tree*."""
 
     goals: Annotated[In[Poses], "Destinations to plan through, in order."]

@@ -10,7 +10,6 @@ from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.nodes.action_node import ErrorCode, ErrorMsg, ServerName, ServerTimeout
-from btcore_robot.navigation.nodes.nearest_pose import NearestPoseSearch
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     path_input,
@@ -18,7 +17,7 @@ from btcore_robot.navigation.nodes.port_access import (
     pose_input,
     write_outputs,
 )
-from btcore_robot.navigation.path import NavPath, empty_path, join_paths
+from btcore_robot.navigation.path import NavPath, NearestPoseSearch, empty_path, join_paths
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
 

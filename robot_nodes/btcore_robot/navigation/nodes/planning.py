@@ -22,7 +22,7 @@ from btcore_robot.navigation.nodes.port_access import (
     write_outputs,
 )
 from btcore_robot.navigation.path import NavPath, empty_path
-from btcore_robot.navigation.planner_server import ComputePathGoal
+from btcore_robot.navigation.planner import ComputePathGoal
 from btcore_robot.navigation.servers import AnyGoalHandle, Servers
 from btcore_robot.robot import Pose2D
 
@@ -31,7 +31,7 @@ ALL_GOALS = -1
 PlannerId = Annotated[In[str], "Planner plug-in: GridBased or empty."]
 
 
-class PlanningNode(BtActionNode):
+class _PlanningNode(BtActionNode):
     """Base of the planning nodes: on failure and on a halt the path becomes empty."""
 
     server_name: ServerName = ""
@@ -70,7 +70,7 @@ class PlanningNode(BtActionNode):
         write_outputs(self, path=path)
 
 
-class ComputePathToPose(PlanningNode):
+class ComputePathToPose(_PlanningNode):
     """Plan a path to *goal*, through *viapoints* if there are any."""
 
     goal: Annotated[In[Pose2D], "Destination to plan to."]
@@ -86,7 +86,7 @@ class ComputePathToPose(PlanningNode):
         )
 
 
-class ComputePathThroughPoses(PlanningNode):
+class ComputePathThroughPoses(_PlanningNode):
     """Plan a path through *goals*, in order."""
 
     goals: Annotated[In[Poses], "Destinations to plan through, in order."]

@@ -12,8 +12,7 @@ from btcore.testing import CallLog, PlanAction
 from btcore_robot.navigation import nodes as nav2_nodes
 from btcore_robot.navigation.costmap import GlobalCostmap
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.planner import Planner
-from btcore_robot.navigation.planner_server import PlannerServer
+from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
