@@ -9,9 +9,8 @@ import click
 
 from btcore.run_extension import RunExtension
 from btcore_robot.leaves.explore import Explorer, MapFile
-from btcore_robot.leaves.locate import ObjectLocatorProtocol
+from btcore_robot.leaves.lifecycle_leaves import HeadTrackerProtocol, ObjectLocatorProtocol
 from btcore_robot.leaves.navigate import PoseNavigator
-from btcore_robot.leaves.track import HeadTrackerProtocol
 from btcore_robot.leaves.waypoint import GetWaypoint
 from btcore_robot.robot import Robot
 

@@ -4,11 +4,10 @@ from btcore import Registry
 from btcore_robot.leaves.battery import BatteryChecker, Recharge
 from btcore_robot.leaves.drive import Back, Forward, Patrol, Turn, TurnToFree
 from btcore_robot.leaves.explore import Explore, SaveMap
-from btcore_robot.leaves.locate import LocateObjects
+from btcore_robot.leaves.lifecycle_leaves import LocateObjects, TrackObjects
 from btcore_robot.leaves.navigate import Move
 from btcore_robot.leaves.obstacle import WaitForScan, is_obstacle
 from btcore_robot.leaves.pose_types import register_pose_type
-from btcore_robot.leaves.track import TrackObjects
 from btcore_robot.leaves.waypoint import GetWaypoint
 
 __all__ = [

@@ -29,9 +29,8 @@ _STEP = 0.1  # s between the simulated poses
 _MAX_SCAN_AGE = NS_PER_S // 2  # ns; with an older scan the robot stands until a newer scan arrives
 _ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
 _ACCELERATION = 2.5  # m/s²: Nav2's limit for driving straight; the base's own limit is mostly lower
-_GRID_ERROR = (
-    0.03  # m by which a distance of the clearance grid may be under the hull's radius without contact
-)
+# m by which a distance of the clearance grid may be under the hull's radius without contact
+_GRID_ERROR = 0.03
 _CLOSE_ENOUGH = 1e-6  # rad or m: Nav2's value
 
 
@@ -44,27 +43,23 @@ class SpinGoal:
     disable_collision_checks: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class BackUpGoal:
-    """Back up *dist* (m) at *speed* (m/s), with any signs. *time_allowance* is in s; 0 means no limit."""
-
+@dataclass(frozen=True)
+class _StraightGoal:
     dist: float = 0.15
     speed: float = 0.025
     time_allowance: float = 10.0
     disable_collision_checks: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class DriveOnHeadingGoal:
+class BackUpGoal(_StraightGoal):
+    """Back up *dist* (m) at *speed* (m/s), with any signs. *time_allowance* is in s; 0 means no limit."""
+
+
+class DriveOnHeadingGoal(_StraightGoal):
     """Drive *dist* (m) straight at *speed* (m/s), both with the same sign.
 
     *time_allowance* is in s; 0 means no limit.
     """
-
-    dist: float = 0.15
-    speed: float = 0.025
-    time_allowance: float = 10.0
-    disable_collision_checks: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +77,8 @@ class BehaviourFeedback:
 
 
 MotionGoal = TypeVar("MotionGoal", SpinGoal, BackUpGoal, DriveOnHeadingGoal)
+Handle = GoalHandle[MotionGoal, BehaviourFeedback, None]
+WaitHandle = GoalHandle[WaitGoal, BehaviourFeedback, None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +135,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         if not self.busy:
             self._smoother.slow_to_stop(now, self.period)
 
-    def start(
-        self,
-        handle: GoalHandle[MotionGoal, BehaviourFeedback, None],
-        now: int,
-        previous: GoalHandle[MotionGoal, BehaviourFeedback, None] | None,
-    ) -> None:
+    def start(self, handle: Handle[MotionGoal], now: int, previous: Handle[MotionGoal] | None) -> None:
         """Begin at the robot's present pose, or abort an invalid goal."""
         self._started = now
         self._from = self._robot.odometry()
@@ -153,7 +145,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         if error:
             handle.abort(self._codes.invalid_goal, error)
 
-    def work(self, handle: GoalHandle[MotionGoal, BehaviourFeedback, None], now: int) -> None:
+    def work(self, handle: Handle[MotionGoal], now: int) -> None:
         """Move for one period."""
         goal = handle.goal
         odometry = self._robot.odometry()
@@ -172,7 +164,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         if handle.done:
             self._smoother.send_command(0.0, 0.0, now, self.period)
 
-    def stop(self, handle: GoalHandle[MotionGoal, BehaviourFeedback, None], now: int) -> None:
+    def stop(self, handle: Handle[MotionGoal], now: int) -> None:
         """Brake; later steps brake further until the robot stands."""
         self._smoother.send_command(0.0, 0.0, now, self.period)
 
@@ -182,7 +174,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
     def _amount(self, goal: MotionGoal) -> float:
         """Return how far to move (rad or m, not negative)."""
-        raise NotImplementedError
+        return abs(goal.dist)
 
     def _progress(self, odometry: Odometry) -> float:
         """Return how far the robot has moved since the start (rad or m)."""
@@ -197,13 +189,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         """Return the velocity (m/s, rad/s); *remaining* (rad or m) is the way before the robot must brake."""
         raise NotImplementedError
 
-    def _move(
-        self,
-        handle: GoalHandle[MotionGoal, BehaviourFeedback, None],
-        remaining: float,
-        odometry: Odometry,
-        now: int,
-    ) -> None:
+    def _move(self, handle: Handle[MotionGoal], remaining: float, odometry: Odometry, now: int) -> None:
         v, w = self._velocity(handle.goal, remaining)
         if not handle.goal.disable_collision_checks:
             try:
@@ -270,9 +256,6 @@ class SpinBehaviour(MotionBehaviour[SpinGoal]):
         Nav2ErrorCode.SPIN_UNKNOWN,
     )
 
-    def _amount(self, goal: SpinGoal) -> float:
-        return abs(goal.dist)
-
     def _progress(self, odometry: Odometry) -> float:
         goal = self.current.goal if self.current is not None else SpinGoal()
         # Summed up step by step, since a goal may be more than half a turn.
@@ -306,9 +289,6 @@ class BackUpBehaviour(MotionBehaviour[BackUpGoal]):
             return f"backing up {goal.dist:g} m at {goal.speed:g} m/s never ends"
         return ""
 
-    def _amount(self, goal: BackUpGoal) -> float:
-        return abs(goal.dist)
-
     def _velocity(self, goal: BackUpGoal, remaining: float) -> tuple[float, float]:
         return max(-abs(goal.speed), self._robot.base.v_min), 0.0
 
@@ -329,9 +309,6 @@ class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
             return f"driving {goal.dist:g} m at {goal.speed:g} m/s: both need the same sign"
         return ""
 
-    def _amount(self, goal: DriveOnHeadingGoal) -> float:
-        return abs(goal.dist)
-
     def _velocity(self, goal: DriveOnHeadingGoal, remaining: float) -> tuple[float, float]:
         base = self._robot.base
         return min(max(goal.speed, base.v_min), base.v_max), 0.0
@@ -346,19 +323,14 @@ class WaitBehaviour(ActionServer[WaitGoal, BehaviourFeedback, None]):
         super().__init__()
         self._until = 0
 
-    def start(
-        self,
-        handle: GoalHandle[WaitGoal, BehaviourFeedback, None],
-        now: int,
-        previous: GoalHandle[WaitGoal, BehaviourFeedback, None] | None,
-    ) -> None:
+    def start(self, handle: WaitHandle, now: int, previous: WaitHandle | None) -> None:
         """Begin to wait, or abort a goal that would never end."""
         if not math.isfinite(handle.goal.duration):
             handle.abort(Nav2ErrorCode.WAIT_UNKNOWN, f"waiting for {handle.goal.duration} s never ends")
             return
         self._until = now + round(handle.goal.duration * NS_PER_S)
 
-    def work(self, handle: GoalHandle[WaitGoal, BehaviourFeedback, None], now: int) -> None:
+    def work(self, handle: WaitHandle, now: int) -> None:
         """Succeed once the time is over."""
         handle.feedback = BehaviourFeedback(max(self._until - now, 0) / NS_PER_S)
         if now >= self._until:

@@ -75,6 +75,9 @@ class FollowPathFeedback:
     heading_error: float = 0.0
 
 
+FollowPathHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, None]
+
+
 class GoalChecker:
     """A check whether a pose is at the goal, within *xy* (m) and *yaw* (rad).
 
@@ -200,12 +203,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         if not self.busy:
             self._smoother.slow_to_stop(now, self.period)
 
-    def start(
-        self,
-        handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None],
-        now: int,
-        previous: GoalHandle[FollowPathGoal, FollowPathFeedback, None] | None,
-    ) -> None:
+    def start(self, handle: FollowPathHandle, now: int, previous: FollowPathHandle | None) -> None:
         """Begin to follow the path.
 
         After a *previous* goal the robot drives on, and the checkers keep their state.
@@ -231,7 +229,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._detour = None
         self._checked_stamp = None
 
-    def work(self, handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None], now: int) -> None:
+    def work(self, handle: FollowPathHandle, now: int) -> None:
         """Follow the path for one period."""
         elapsed, self._last = now - self._last, now
         path, pursuit = handle.goal.path, self._pursuit
@@ -284,7 +282,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
                 "no way along the path keeps clear of obstacles",
             )
 
-    def stop(self, handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None], now: int) -> None:
+    def stop(self, handle: FollowPathHandle, now: int) -> None:
         """Brake; later steps brake further until the robot stands."""
         self._smoother.send_command(0.0, 0.0, now, self.period)
 
@@ -298,13 +296,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         stamp = self.clearance.stamp
         return stamp is None or now - stamp > self.parameters.scan_timeout * NS_PER_S
 
-    def _fail(
-        self,
-        handle: GoalHandle[FollowPathGoal, FollowPathFeedback, None],
-        now: int,
-        code: Nav2ErrorCode,
-        message: str,
-    ) -> None:
+    def _fail(self, handle: FollowPathHandle, now: int, code: Nav2ErrorCode, message: str) -> None:
         """Stop the robot; abort the goal once the robot couldn't move for longer than the tolerance."""
         self._smoother.send_command(0.0, 0.0, now, self.period)
         tolerance = self.parameters.failure_tolerance

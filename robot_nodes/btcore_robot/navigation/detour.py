@@ -17,10 +17,8 @@ _ESCAPE_COST = 20.0  # of a cell with too little clearance; a free cell costs 1 
 _ESCAPE_LOSS = 0.02  # m of clearance that the robot may lose while it drives out of a narrow place
 _PREVIOUS_WAY = 0.6  # factor on the cost of cells on the previous way
 _AROUND = np.ones((5, 5), dtype=np.uint8)
-_MAX_RATIO, _MAX_EXTRA = (
-    1.5,
-    0.5,
-)  # times the straight distance, and m: longer ways are the planner's decision
+# Times the straight distance, and m: longer ways are the planner's decision.
+_MAX_RATIO, _MAX_EXTRA = 1.5, 0.5
 
 
 def find_detour(

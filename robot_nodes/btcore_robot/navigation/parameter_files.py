@@ -39,15 +39,8 @@ _LISTS: Final = ("plugins", "filters", "observation_sources")
 _LIST_ENDINGS: Final = ("_plugin", "_plugins")  # endings of keys whose values are ids
 _NAV2: Final = frozenset(
     [
-        *(
-            "acc_lim_y",
-            "decel_lim_y",
-            "max_vel_y",
-            "min_vel_y",
-            "max_speed_xy",
-            "min_speed_xy",
-            "min_speed_theta",
-        ),
+        *("acc_lim_y", "decel_lim_y", "max_vel_y", "min_vel_y"),
+        *("max_speed_xy", "min_speed_xy", "min_speed_theta"),
         *("vy_max", "vy_min", "ay_max", "ay_min", "az_min", "vy_samples", "vx_std", "wz_std", "z_resolution"),
         *("angular_granularity", "base_frame", "robot_base_frame", "global_frame", "local_frame"),
         *("min_x_velocity_threshold", "max_obstacle_height", "footprint_topic", "transform_tolerance", "z"),

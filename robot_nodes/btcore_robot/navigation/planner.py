@@ -234,6 +234,9 @@ class ComputePathGoal:
     through: bool = False
 
 
+ComputePathHandle = GoalHandle[ComputePathGoal, None, NavPath]
+
+
 class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
     """The server of `ComputePathGoal`. It plans within a step, once *pose* returns a pose instead of None."""
 
@@ -247,16 +250,11 @@ class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
         """The last path that was found; public for displays."""
         self._accepted = 0
 
-    def start(
-        self,
-        handle: GoalHandle[ComputePathGoal, None, NavPath],
-        now: int,
-        previous: GoalHandle[ComputePathGoal, None, NavPath] | None,
-    ) -> None:
+    def start(self, handle: ComputePathHandle, now: int, previous: ComputePathHandle | None) -> None:
         """Remember the time of acceptance."""
         self._accepted = now
 
-    def work(self, handle: GoalHandle[ComputePathGoal, None, NavPath], now: int) -> None:
+    def work(self, handle: ComputePathHandle, now: int) -> None:
         """Plan, or wait for the robot's pose."""
         goal = handle.goal
         offset = _THROUGH if goal.through else 0

@@ -1,13 +1,13 @@
-"""Base class of the tree nodes that send a goal to an action server, as Nav2's ``BtActionNode`` does."""
+"""Base classes of the tree nodes that use the navigation servers, such as Nav2's ``BtActionNode``."""
 
 import logging
 from typing import Annotated, Any
 
-from btcore import Blackboard, In, Out, StatefulAction, Status
+from btcore import Blackboard, In, Out, StatefulAction, Status, SyncAction
 from btcore_robot.navigation.action import ActionServer, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.nodes.port_access import optional_input, write_outputs
-from btcore_robot.navigation.servers import AnyGoalHandle
+from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input, write_outputs
+from btcore_robot.navigation.servers import AnyGoalHandle, Servers
 
 RECOVERIES = "number_recoveries"
 """The blackboard entry that counts recoveries; the navigator reports it in its feedback."""
@@ -24,6 +24,13 @@ ErrorCode = Annotated[Out[int], "Nav2's error code; 0 when there was no error."]
 ErrorMsg = Annotated[Out[str], "The error message; empty when there was no error."]
 
 
+class ServersAction(SyncAction):
+    """Base of the actions that call the navigation servers and end within a tick."""
+
+    def __init__(self, servers: Servers) -> None:
+        self.servers = servers
+
+
 class BtActionNode(StatefulAction):
     """Send a goal to a server: RUNNING while the server works, then SUCCESS or FAILURE.
 
@@ -32,11 +39,19 @@ class BtActionNode(StatefulAction):
     `server` and `make_goal`.
     """
 
+    server_name: ServerName = ""
+    server_timeout: ServerTimeout = 20
+    error_code_id: ErrorCode = OPTIONAL
+    error_msg: ErrorMsg = OPTIONAL
+
     handle: AnyGoalHandle | None = None
     sent = 0
     level = logging.WARNING
     """The level at which failures are logged."""
     logged = ""
+
+    def __init__(self, servers: Servers) -> None:
+        self.servers = servers
 
     def server(self) -> ActionServer[Any, Any, Any]:
         """Return the server that works on the goal."""

@@ -7,7 +7,7 @@ from typing import Annotated
 from btcore import In, Out, SyncAction, TreeNode
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
-from btcore_robot.navigation.nodes.action_node import ServerName, ServerTimeout
+from btcore_robot.navigation.nodes.action_node import ServerName, ServersAction, ServerTimeout
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input, poses_input, write_outputs
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
@@ -39,7 +39,7 @@ UnknownCounts = Annotated[In[bool], "Whether unknown cost counts as an obstacle.
 Threshold = Annotated[In[float], "Cost threshold (0–254): a pose at or above it is occupied."]
 
 
-class RemovePassedGoals(SyncAction):
+class RemovePassedGoals(ServersAction):
     """Remove leading goals that the robot is within *radius* of; the last goal always stays."""
 
     input_goals: InGoals
@@ -48,9 +48,6 @@ class RemovePassedGoals(SyncAction):
     input_waypoint_statuses: InStatuses = OPTIONAL
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def tick(self) -> bool:
         """Write the remaining goals; return FAILURE while the robot's pose is unknown."""
@@ -65,7 +62,7 @@ class RemovePassedGoals(SyncAction):
         return True
 
 
-class RemoveInCollisionGoals(SyncAction):
+class RemoveInCollisionGoals(ServersAction):
     """Remove the goals at which the robot would be in collision according to the global costmap."""
 
     input_goals: InGoals
@@ -78,9 +75,6 @@ class RemoveInCollisionGoals(SyncAction):
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
 
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
-
     def tick(self) -> bool:
         """Check every goal and write those without a collision."""
         criteria = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
@@ -91,7 +85,7 @@ class RemoveInCollisionGoals(SyncAction):
         return True
 
 
-class CheckPoseOccupancy(SyncAction):
+class CheckPoseOccupancy(ServersAction):
     """SUCCESS when *pose* is occupied according to the global costmap."""
 
     pose: Annotated[In[Pose2D], "Pose to check."]
@@ -100,9 +94,6 @@ class CheckPoseOccupancy(SyncAction):
     consider_unknown_as_obstacle: UnknownCounts = False
     service_name: ServerName = ""
     server_timeout: ServerTimeout = 20
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def tick(self) -> bool:
         """Check the cost at the pose."""

@@ -8,14 +8,7 @@ from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.action import ActionServer
 from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
-from btcore_robot.navigation.nodes.action_node import (
-    BtActionNode,
-    ErrorCode,
-    ErrorMsg,
-    ServerName,
-    ServerTimeout,
-    count_recovery,
-)
+from btcore_robot.navigation.nodes.action_node import BtActionNode, count_recovery
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     optional_input,
@@ -26,26 +19,14 @@ from btcore_robot.navigation.nodes.port_access import (
     write_outputs,
 )
 from btcore_robot.navigation.path import empty_path
-from btcore_robot.navigation.servers import AnyGoalHandle, Servers
+from btcore_robot.navigation.servers import AnyGoalHandle
 from btcore_robot.robot import Pose2D
 
 Allowance = Annotated[In[float], "Allowed time (s) for the behaviour."]
 Unchecked = Annotated[In[bool], "Disable collision checking."]
 
 
-class _MotionNode(BtActionNode):
-    """Base of the nodes with the ports that every action node of Nav2 has."""
-
-    server_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
-    error_code_id: ErrorCode = OPTIONAL
-    error_msg: ErrorMsg = OPTIONAL
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
-
-
-class FollowPath(_MotionNode):
+class FollowPath(BtActionNode):
     """Follow *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
     controller_id: Annotated[In[str], "Controller plug-in: FollowPath or empty."] = ""
@@ -93,7 +74,7 @@ class FollowPath(_MotionNode):
         write_outputs(self, tracking_feedback=FollowPathFeedback())
 
 
-class _RecoveryAction(_MotionNode):
+class _RecoveryAction(BtActionNode):
     """Base of the behaviours that count as recoveries."""
 
     def make_goal(self) -> object:
@@ -143,7 +124,7 @@ class BackUp(_RecoveryAction):
         )
 
 
-class DriveOnHeading(_MotionNode):
+class DriveOnHeading(BtActionNode):
     """Drive straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
 
     dist_to_travel: Annotated[In[float], "Distance to travel (m)."] = 0.15
@@ -176,7 +157,7 @@ class Wait(_RecoveryAction):
         return WaitGoal(abs(self.wait_duration))
 
 
-class NavigateToPose(_MotionNode):
+class NavigateToPose(BtActionNode):
     """Navigate to *goal* by the navigator's default tree or by *behavior_tree*."""
 
     goal: Annotated[In[Pose2D], "Destination to plan to."]
@@ -192,7 +173,7 @@ class NavigateToPose(_MotionNode):
         return self.servers.navigators["goal_to"]((self.goal,), self.behavior_tree)
 
 
-class NavigateThroughPoses(_MotionNode):
+class NavigateThroughPoses(BtActionNode):
     """Navigate through *goals* by the navigator's default tree or by *behavior_tree*."""
 
     goals: Annotated[In[Poses], "Destinations to plan through, in order."]

@@ -9,7 +9,13 @@ from btcore import Condition, In, Out, Port, SyncAction
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.nodes.action_node import ErrorCode, ErrorMsg, ServerName, ServerTimeout
+from btcore_robot.navigation.nodes.action_node import (
+    ErrorCode,
+    ErrorMsg,
+    ServerName,
+    ServersAction,
+    ServerTimeout,
+)
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     path_input,
@@ -96,7 +102,7 @@ class TruncatePathLocal(SyncAction):
         return True
 
 
-class ValidatePath(SyncAction):
+class ValidatePath(ServersAction):
     """SUCCESS while *path* is free of collisions according to the global costmap."""
 
     max_cost: Annotated[
@@ -117,9 +123,6 @@ class ValidatePath(SyncAction):
     def provided_ports() -> list[Port]:
         """Return the ``path`` port."""
         return [path_input_port("Path to check.")]
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def tick(self) -> bool:
         """Check the path from the robot's pose on; return FAILURE for a missing or empty path."""
@@ -239,15 +242,12 @@ class GetPoseFromPath(SyncAction):
         return True
 
 
-class GetCurrentPose(SyncAction):
+class GetCurrentPose(ServersAction):
     """Write the robot's pose. FAILURE while it is unknown."""
 
     global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
     robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
     current_pose: Annotated[Out[Pose2D], "The robot's pose."] = OPTIONAL
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def tick(self) -> bool:
         """Write the localiser's pose."""

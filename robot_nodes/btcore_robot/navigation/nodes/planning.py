@@ -5,13 +5,7 @@ from typing import Annotated, Any
 from btcore import In, Out, Port
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.action import ActionServer, GoalStatus
-from btcore_robot.navigation.nodes.action_node import (
-    BtActionNode,
-    ErrorCode,
-    ErrorMsg,
-    ServerName,
-    ServerTimeout,
-)
+from btcore_robot.navigation.nodes.action_node import BtActionNode
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     optional_input,
@@ -23,30 +17,22 @@ from btcore_robot.navigation.nodes.port_access import (
 )
 from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.planner import ComputePathGoal
-from btcore_robot.navigation.servers import AnyGoalHandle, Servers
+from btcore_robot.navigation.servers import AnyGoalHandle
 from btcore_robot.robot import Pose2D
 
 ALL_GOALS = -1
 """Nav2's value of `last_reached_index` for a path that reaches all goals."""
-PlannerId = Annotated[In[str], "Planner plug-in: GridBased or empty."]
 
 
 class _PlanningNode(BtActionNode):
     """Base of the planning nodes: on failure and on a halt the path becomes empty."""
 
-    server_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
-    planner_id: PlannerId = ""
-    error_code_id: ErrorCode = OPTIONAL
-    error_msg: ErrorMsg = OPTIONAL
+    planner_id: Annotated[In[str], "Planner plug-in: GridBased or empty."] = ""
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """Return the ``path`` port."""
         return [path_output_port("Path created by the planner; empty when there is none.")]
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def server(self) -> ActionServer[Any, Any, Any]:
         """Return the planner server."""

@@ -2,9 +2,16 @@
 
 from typing import Annotated, Any, ClassVar
 
-from btcore import In, Out, StatefulAction, Status, SyncAction
+from btcore import Direction, In, Port, StatefulAction, Status, SyncAction
+from btcore.values import STRING
 from btcore_robot.navigation.action import ActionServer
-from btcore_robot.navigation.nodes.action_node import NS_PER_MS, ServerName, ServerTimeout, count_recovery
+from btcore_robot.navigation.nodes.action_node import (
+    NS_PER_MS,
+    ServerName,
+    ServersAction,
+    ServerTimeout,
+    count_recovery,
+)
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, write_outputs
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
@@ -14,15 +21,12 @@ Plugins = Annotated[In[list[str]], "Layers to clear; not used: all layers are cl
 Side = Annotated[In[float], "Side length (m) of the square."]
 
 
-class ClearEntireCostmap(SyncAction):
+class ClearEntireCostmap(ServersAction):
     """Clear every obstacle of a costmap that is not on the map. Counts as a recovery."""
 
     service_name: ServiceName = ""
     server_timeout: ServerTimeout = 20
     plugins: Plugins = OPTIONAL
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def tick(self) -> bool:
         """Clear the costmap."""
@@ -31,16 +35,13 @@ class ClearEntireCostmap(SyncAction):
         return True
 
 
-class _ClearPart(SyncAction):
+class _ClearPart(ServersAction):
     """Clear part of a costmap. FAILURE while the robot's pose is unknown."""
 
     reset_distance: Side = 1.0
     service_name: ServiceName = ""
     server_timeout: ServerTimeout = 20
     plugins: Plugins = OPTIONAL
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def centre(self) -> Pose2D | None:
         """Return the robot's pose in the costmap's frame, or None while it is unknown."""
@@ -88,14 +89,11 @@ class ClearCostmapAroundPose(_ClearPart):
         return True
 
 
-class _Cancel(SyncAction):
+class _Cancel(ServersAction):
     """Cancel the current goal of a server. Always SUCCESS."""
 
     server_name: ServerName = ""
     server_timeout: ServerTimeout = 20
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def server(self) -> ActionServer[Any, Any, Any]:
         """Return the server whose goal is cancelled."""
@@ -149,14 +147,11 @@ class CancelWait(_Cancel):
         return self.servers.wait
 
 
-class ReinitializeGlobalLocalization(SyncAction):
+class ReinitializeGlobalLocalization(ServersAction):
     """Request global localisation: the localiser searches for the robot on the whole map."""
 
     service_name: Annotated[In[str], "Service name; not used here."] = ""
     server_timeout: ServerTimeout = 20
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
 
     def tick(self) -> bool:
         """Request global localisation."""
@@ -192,6 +187,23 @@ class _Selector(SyncAction):
     """Write the plug-in to use: the topic's last message, or the default. FAILURE when both are empty."""
 
     kind: ClassVar[str] = ""
+    """The kind of plug-in, which is part of the ports' names."""
+
+    @classmethod
+    def provided_ports(cls) -> list[Port]:
+        """Return the ports of the topic, the default and the result."""
+        words = cls.kind.replace("_", " ")
+        default, use = f"default_{cls.kind}", f"{words.capitalize()} to use when the topic selects none."
+        return [
+            Port(
+                "topic_name",
+                type=STRING,
+                default=f"{cls.kind}_selector",
+                description=f"Topic that selects the {words}.",
+            ),
+            Port(default, type=STRING, default="", description=use),
+            Port(f"selected_{cls.kind}", Direction.OUT, STRING, "", f"Selected {words}."),
+        ]
 
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics
@@ -209,51 +221,33 @@ class PlannerSelector(_Selector):
     """Select the planner: the topic's last message, or the default. FAILURE when both are empty."""
 
     kind = "planner"
-    topic_name: Annotated[In[str], "Topic that selects the planner."] = "planner_selector"
-    default_planner: Annotated[In[str], "Planner to use when the topic selects none."] = ""
-    selected_planner: Annotated[Out[str], "Selected planner."] = OPTIONAL
 
 
 class ControllerSelector(_Selector):
     """Select the controller: the topic's last message, or the default. FAILURE when both are empty."""
 
     kind = "controller"
-    topic_name: Annotated[In[str], "Topic that selects the controller."] = "controller_selector"
-    default_controller: Annotated[In[str], "Controller to use when the topic selects none."] = ""
-    selected_controller: Annotated[Out[str], "Selected controller."] = OPTIONAL
 
 
 class SmootherSelector(_Selector):
     """Select the smoother: the topic's last message, or the default. FAILURE when both are empty."""
 
     kind = "smoother"
-    topic_name: Annotated[In[str], "Topic that selects the smoother."] = "smoother_selector"
-    default_smoother: Annotated[In[str], "Smoother to use when the topic selects none."] = ""
-    selected_smoother: Annotated[Out[str], "Selected smoother."] = OPTIONAL
 
 
 class GoalCheckerSelector(_Selector):
     """Select the goal checker: the topic's last message, or the default. FAILURE when both are empty."""
 
     kind = "goal_checker"
-    topic_name: Annotated[In[str], "Topic that selects the goal checker."] = "goal_checker_selector"
-    default_goal_checker: Annotated[In[str], "Goal checker to use when the topic selects none."] = ""
-    selected_goal_checker: Annotated[Out[str], "Selected goal checker."] = OPTIONAL
 
 
 class ProgressCheckerSelector(_Selector):
     """Select the progress checker: the topic's last message, or the default. FAILURE when both are empty."""
 
     kind = "progress_checker"
-    topic_name: Annotated[In[str], "Topic that selects the progress checker."] = "progress_checker_selector"
-    default_progress_checker: Annotated[In[str], "Progress checker to use when the topic selects none."] = ""
-    selected_progress_checker: Annotated[Out[str], "Selected progress checker."] = OPTIONAL
 
 
 class PathHandlerSelector(_Selector):
     """Select the path handler: the topic's last message, or the default. FAILURE when both are empty."""
 
     kind = "path_handler"
-    topic_name: Annotated[In[str], "Topic that selects the path handler."] = "path_handler_selector"
-    default_path_handler: Annotated[In[str], "Path handler to use when the topic selects none."] = ""
-    selected_path_handler: Annotated[Out[str], "Selected path handler."] = OPTIONAL

@@ -1,0 +1,85 @@
+"""Leaves that keep a lifecycle component active: the head tracker and the object locator."""
+
+from collections.abc import Sequence
+from typing import Annotated, Protocol, runtime_checkable
+
+from btcore import Out, StatefulAction, Status
+from btcore_robot.process.lifecycle import LifecycleState
+
+
+@runtime_checkable
+class HeadTrackerProtocol(Protocol):
+    """A component that follows objects with the head while it is active."""
+
+    @property
+    def state(self) -> LifecycleState:
+        """The current lifecycle state."""
+
+    def activate(self) -> bool:
+        """Change from inactive to active; return False if the transition is refused."""
+
+    def deactivate(self) -> bool:
+        """Change from active to inactive; return False if the transition is refused."""
+
+
+@runtime_checkable
+class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
+    """A component with the same lifecycle that finds objects in camera images while it is active."""
+
+    @property
+    def boxes(self) -> Sequence[object]:
+        """The objects in the newest image, as `btcore_robot.perception.boxes.BoundingBox3D`."""
+
+
+class _KeepActive(StatefulAction):
+    """Keep a component active. Always RUNNING; a halt deactivates the component."""
+
+    component: HeadTrackerProtocol
+
+    def on_start(self) -> Status:
+        """Activate the component."""
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Activate the component again if it was deactivated elsewhere."""
+        if self.component.state is LifecycleState.INACTIVE:
+            self.component.activate()
+        return Status.RUNNING
+
+    def on_halted(self) -> None:
+        """Deactivate the component."""
+        if self.component.state is LifecycleState.ACTIVE:
+            self.component.deactivate()
+
+
+class TrackObjects(_KeepActive):
+    """Keep the head tracker active. Always RUNNING; a halt deactivates it."""
+
+    def __init__(self, tracker: HeadTrackerProtocol) -> None:
+        self.component = tracker
+
+
+class LocateObjects(_KeepActive):
+    """Keep the object locator active and write its results.
+
+    Always RUNNING; a halt deactivates the locator.
+    """
+
+    boxes: Annotated[Out[object], "The objects in the newest image: a list of boxes in the frame map."]
+
+    def __init__(self, locator: ObjectLocatorProtocol) -> None:
+        self.component = self.locator = locator
+        self.written_boxes: Sequence[object] | None = None
+
+    def on_start(self) -> Status:
+        """Activate the locator; the next tick writes its results again."""
+        self.written_boxes = None
+        return super().on_start()
+
+    def on_running(self) -> Status:
+        """Activate the locator if necessary, and write new results."""
+        status = super().on_running()
+        if self.locator.boxes is not self.written_boxes:
+            self.written_boxes = self.locator.boxes
+            self.boxes = list(self.written_boxes)
+        return status
