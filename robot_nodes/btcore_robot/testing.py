@@ -24,24 +24,13 @@ def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None
         AssertionError: The first violation of the protocol, described in a sentence.
 
     """
-    check_info(make_robot())
-    check_scan(make_robot())
-    check_schedule(make_robot())
-    check_frames(make_robot())
-    check_camera(make_robot())
-    check_sonars(make_robot())
-    check_head(make_robot())
-    check_torso(make_robot())
+    checks = [check_info, check_scan, check_schedule, check_frames]
+    checks += [check_camera, check_sonars, check_head, check_torso]
     if drives:
-        check_standing(make_robot())
-        check_driving(make_robot())
-        check_turning(make_robot())
-        check_limits(make_robot())
-        check_timeout(make_robot())
-        check_stop(make_robot())
-        check_priority(make_robot())
-        check_commanded_velocity(make_robot())
-        check_battery(make_robot())
+        checks += [check_standing, check_driving, check_turning, check_limits, check_timeout]
+        checks += [check_stop, check_priority, check_commanded_velocity, check_battery]
+    for check in checks:
+        check(make_robot())
 
 
 def check_info(robot: Robot) -> None:

@@ -96,17 +96,9 @@ def parse_event(text: str) -> Event:
 def with_boxes(scene: Scene, events: Sequence[Event]) -> Scene:
     """Return the scene with a box parked below its floor for every ``box`` event."""
     x, y = ((scene.area[0] + scene.area[2]) / 2, (scene.area[1] + scene.area[3]) / 2)
+    size, place = (SIDE, SIDE, SIDE), (x, y, _PARKED)
     boxes = [
-        SceneObject(
-            f"{_NAME}{number}",
-            "box",
-            (SIDE, SIDE, SIDE),
-            (x, y, _PARKED),
-            0.0,
-            0.0,
-            _COLOR,
-            is_kinematic=True,
-        )
+        SceneObject(f"{_NAME}{number}", "box", size, place, 0.0, 0.0, _COLOR, is_kinematic=True)
         for number in range(sum(event.kind == "box" for event in events))
     ]
     return replace(scene, things=(*scene.things, *boxes))

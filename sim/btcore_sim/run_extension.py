@@ -14,8 +14,14 @@ from btcore_sim.errors import SimError
 
 if TYPE_CHECKING:
     from btcore_sim.events import EventRunner
-    from btcore_sim.run_metrics import RunMetrics
     from btcore_sim.simulated_robot import SimulatedRobot
+
+
+def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option:
+    """Return the option ``--NAME``, whose help shows the default if *settings* have one."""
+    return click.Option(
+        [f"--{name}"], metavar=metavar, help=help, show_default="default" in settings, **settings
+    )
 
 
 class RobotExtension:
@@ -28,75 +34,64 @@ class RobotExtension:
     used_by: str | None = "leaf that needs a robot"
     is_fallback: bool = True
     options: Sequence[click.Option] = (
-        click.Option(
-            ["--world"],
-            default="arena",
-            show_default=True,
-            metavar="NAME",
-            help="The robot's world: a name or a JSON file.",
-        ),
+        _option("world", "NAME", "The robot's world: a name or a JSON file.", default="arena"),
         click.Option(["--gui"], is_flag=True, help="Open the physics engine's window."),
-        click.Option(
-            ["--robot"],
+        _option(
+            "robot",
+            "FILE.json",
+            "Description of a robot to use instead of the Tiago.",
             type=click.Path(path_type=Path),
-            metavar="FILE.json",
-            help="Description of a robot to use instead of the Tiago.",
         ),
-        click.Option(
-            ["--camera"],
+        _option(
+            "camera",
+            "off|WxH@HZ",
+            "Size and rate of the camera's pictures, which are rendered only when a leaf requests them.",
             default="320x240@10",
-            show_default=True,
-            metavar="off|WxH@HZ",
-            help="Size and rate of the camera's pictures, which are rendered only when a leaf requests them.",
         ),
-        click.Option(
-            ["--start"],
-            metavar="random|X,Y,YAW",
-            help="Start pose (m, degrees), or a random free place.  [default: the world's own rule]",
+        _option(
+            "start",
+            "random|X,Y,YAW",
+            "Start pose (m, degrees), or a random free place.  [default: the world's own rule]",
         ),
-        click.Option(
-            ["--noise"],
+        _option(
+            "noise",
+            "FACTOR",
+            "Factor of the errors of laser and odometry: 0 removes them, 2 doubles them.",
             type=click.FloatRange(0.0),
             default=1.0,
-            show_default=True,
-            metavar="FACTOR",
-            help="Factor of the errors of laser and odometry: 0 removes them, 2 doubles them.",
         ),
-        click.Option(
-            ["--battery"],
+        _option(
+            "battery",
+            "PERCENT",
+            "Level of the robot's battery at the start.",
             type=click.FloatRange(0.0, 100.0),
             default=100.0,
-            show_default=True,
-            metavar="PERCENT",
-            help="Level of the robot's battery at the start.",
         ),
-        click.Option(
-            ["--fault"],
+        _option(
+            "fault",
+            "PART:START-END",
+            "Let laser, odometry, camera or wheel fail from START to END (s); repeatable.",
             multiple=True,
-            metavar="PART:START-END",
-            help="Let laser, odometry, camera or wheel fail from START to END (s); repeatable.",
         ),
-        click.Option(
-            ["--people"],
+        _option(
+            "people",
+            "N",
+            "Number of people who walk in the world; they stop in front of the robot.",
             type=click.IntRange(min=0),
             default=0,
-            show_default=True,
-            metavar="N",
-            help="Number of people who walk in the world; they stop in front of the robot.",
         ),
-        click.Option(
-            ["--obstacles"],
+        _option(
+            "obstacles",
+            "N",
+            "Number of boxes at random places that are not on the map.",
             type=click.IntRange(min=0),
             default=0,
-            show_default=True,
-            metavar="N",
-            help="Number of boxes at random places that are not on the map.",
         ),
-        click.Option(
-            ["--event"],
+        _option(
+            "event",
+            "KIND:TIME",
+            "box:30 drops a box in front of the robot at 30 s, kidnap:60 carries it away; repeatable.",
             multiple=True,
-            metavar="KIND:TIME",
-            help="box:30 drops a box in front of the robot at 30 s, kidnap:60 carries it away; repeatable.",
         ),
     )
 
@@ -159,17 +154,21 @@ class RobotExtension:
     ) -> Iterator[None]:
         """Record the run. When the run ends, also with an error, stop the robot and close the world."""
         body = self._body
-        metrics = _metrics(body, resources) if body is not None else None
+        if body is None:
+            yield
+            return
+        from btcore_sim.run_metrics import RunMetrics, navigator_among
+
+        metrics = RunMetrics(body, navigator_among(resources))
         try:
             yield
         finally:
-            if body is not None and metrics is not None:
-                body.stop()
-                self._report = {"robot": {**_report(body), **metrics.figures()}}
-                if self._events is not None:
-                    self._report["events"] = self._events.event_log
-                body.world.close()
-                self._body = None
+            body.stop()
+            self._report = {"robot": {**_report(body), **metrics.figures()}}
+            if self._events is not None:
+                self._report["events"] = self._events.event_log
+            body.world.close()
+            self._body = None
 
     def replace_tree(self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
         """Do nothing: the world goes on."""
@@ -225,12 +224,6 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
         raise SimError("--battery nan: the level has to be a number from 0 to 100")
     body = SimulatedRobot(world, description, camera=camera, faults=faults, battery=level)
     return body, scenario.begin(world, body, description.base.radius)
-
-
-def _metrics(body: "SimulatedRobot", resources: Sequence[object]) -> "RunMetrics":
-    from btcore_sim.run_metrics import RunMetrics, navigator_among
-
-    return RunMetrics(body, navigator_among(resources))
 
 
 def _check_rate(rate: float | None, base: BaseInfo) -> None:

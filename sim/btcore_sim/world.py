@@ -13,6 +13,7 @@ import time
 import weakref
 import zlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -172,20 +173,16 @@ class World:
     def _make(self, thing: SceneObject) -> int:
         engine = {"physicsClientId": self.client}
         color = [part / 255 for part in thing.color]
+        hull: dict[str, Any]
         if thing.kind == "box":
-            half = [side / 2 for side in thing.size]
-            shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, **engine)
-            visual = pybullet.createVisualShape(
-                pybullet.GEOM_BOX, halfExtents=half, rgbaColor=color, **engine
-            )
+            kind, hull = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in thing.size]}
+            drawn = hull
         else:
-            radius, height = thing.size[0] / 2, thing.size[2]
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_CYLINDER, radius=radius, height=height, **engine
-            )
-            visual = pybullet.createVisualShape(
-                pybullet.GEOM_CYLINDER, radius=radius, length=height, rgbaColor=color, **engine
-            )
+            kind, hull = pybullet.GEOM_CYLINDER, {"radius": thing.size[0] / 2, "height": thing.size[2]}
+            # PyBullet calls a cylinder's height "length" in a visual shape.
+            drawn = {"radius": hull["radius"], "length": hull["height"]}
+        shape = pybullet.createCollisionShape(kind, **hull, **engine)
+        visual = pybullet.createVisualShape(kind, **drawn, rgbaColor=color, **engine)
         x, y, z = thing.position
         turned = [0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2)]
         middle = [x, y, z + thing.size[2] / 2]

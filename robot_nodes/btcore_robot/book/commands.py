@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from btcore.program_runner import FiniteRange
-from btcore_robot.book.runner import PROGRAM_ERRORS, BookRunner, world_command
+from btcore_robot.book.runner import BookRunner, report_usage_errors, world_command
 from btcore_robot.process.launch import launch_processes, read_launch
 from btcore_robot.process.process import ProcessOptions
 from btcore_robot.process.programs import create_processes
@@ -30,6 +30,7 @@ def book() -> None:
 @click.option("--fast", is_flag=True, help="Simulated time, as fast as it goes, instead of real time.")
 @click.option("--params", type=click.Path(path_type=Path), metavar="FILE.yaml", help="ROS 2 parameters.")
 @click.pass_context
+@report_usage_errors
 def hello(ctx: click.Context, /, **settings: Any) -> int:
     """Run a program of chapter 2; by default the executor with publisher and subscriber."""
     from btcore_robot.process.parameters import load_process_parameters
@@ -37,17 +38,14 @@ def hello(ctx: click.Context, /, **settings: Any) -> int:
     runner = BookRunner(ctx, {**settings, "as_json": False, "seed": 0}, embodied=False)
     program = settings["program"]
     options = ProcessOptions()
-    try:
-        if settings["params"] is not None:
-            parameters = load_process_parameters(settings["params"], f"{program}_node")
-            options = ProcessOptions(parameters=parameters)
-        runner.add(*create_processes(program, runner.context, options))
-    except PROGRAM_ERRORS as error:
-        raise click.UsageError(str(error)) from error
+    if settings["params"] is not None:
+        parameters = load_process_parameters(settings["params"], f"{program}_node")
+        options = ProcessOptions(parameters=parameters)
+    runner.add(*create_processes(program, runner.context, options))
     return runner.run("Hello")
 
 
-@world_command("launch", "Start the programs of a launch file.")
+@world_command(book, "launch", "Start the programs of a launch file.")
 @click.argument("file", type=click.Path(path_type=Path))
 def launch(ctx: click.Context, /, **settings: Any) -> int:
     """Start the programs of FILE, a launch file in ROS 2's YAML format; 'bridge' needs a robot."""
@@ -63,7 +61,7 @@ def launch(ctx: click.Context, /, **settings: Any) -> int:
     )
 
 
-@world_command("bumpgo-fsm", "Bump and go by a state machine (chapter 3).")
+@world_command(book, "bumpgo-fsm", "Bump and go by a state machine (chapter 3).")
 @click.option(
     "--turn",
     type=click.Choice(["left", "diagonals", "open-loop", "closed-loop"]),
@@ -91,7 +89,7 @@ def bumpgo_fsm(ctx: click.Context, /, **settings: Any) -> int:
     )
 
 
-@world_command("vff", "Avoidance by a virtual force field (chapter 5.1).")
+@world_command(book, "vff", "Avoidance by a virtual force field (chapter 5.1).")
 @click.option("--all", "all_near", is_flag=True, help="Avoid all near obstacles, not only the nearest.")
 def vff(ctx: click.Context, /, **settings: Any) -> int:
     """Drive forward and avoid obstacles by a virtual force field."""
@@ -122,7 +120,7 @@ def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name:
     return runner.run(name, watcher.results, watcher.draw, [watcher])
 
 
-_detector_options = [
+_DETECTOR_OPTIONS = [
     click.option(
         "--drive", type=FiniteRange(), default=0.0, metavar="M/S", help="Drive meanwhile, as with a keyboard."
     ),
@@ -133,27 +131,23 @@ _detector_options = [
 ]
 
 
-def _with_detector_options(function: Any) -> Any:
-    for option in reversed(_detector_options):
-        function = option(function)
-    return function
-
-
-@world_command("obstacle-detector", "An obstacle as a frame below the laser (chapter 4).")
-@_with_detector_options
+@world_command(
+    book, "obstacle-detector", "An obstacle as a frame below the laser (chapter 4).", _DETECTOR_OPTIONS
+)
 def obstacle_detector(ctx: click.Context, /, **settings: Any) -> int:
     """Publish the obstacle ahead as a static frame below the laser's frame, which moves with the robot."""
     return _obstacle(ctx, settings, "obstacle_detector", "ObstacleDetector")
 
 
-@world_command("obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).")
-@_with_detector_options
+@world_command(
+    book, "obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).", _DETECTOR_OPTIONS
+)
 def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
     """Publish the obstacle ahead as a frame below odom, which stays in place when the robot drives."""
     return _obstacle(ctx, settings, "obstacle_detector_improved", "ObstacleDetectorImproved")
 
 
-@world_command("colour", "Objects by their colour (chapter 5.2).")
+@world_command(book, "colour", "Objects by their colour (chapter 5.2).")
 @click.option(
     "--hsv",
     default="15,20,50,200,20,200",
@@ -181,7 +175,7 @@ def colour(ctx: click.Context, /, **settings: Any) -> int:
     return runner.run("ColourDetection", watcher.results, watcher.draw, [watcher])
 
 
-@world_command("head-tracking", "The head follows a colour, by PID (chapter 5.2).")
+@world_command(book, "head-tracking", "The head follows a colour, by PID (chapter 5.2).")
 @click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
 @click.option("--reactive", is_flag=True, help="Use higher gains and 20 Hz, as in the book's exercise.")
 def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
@@ -192,15 +186,3 @@ def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
     watcher = HeadWatcher(runner.context, settings["turn"], settings["reactive"])
     runner.add(watcher)
     return runner.run("HeadTracking", watcher.results, watcher.draw, [watcher])
-
-
-for command in (
-    launch,
-    bumpgo_fsm,
-    vff,
-    obstacle_detector,
-    obstacle_detector_improved,
-    colour,
-    head_tracking,
-):
-    book.add_command(command)

@@ -35,30 +35,38 @@ PROGRAM_ERRORS = (LaunchError, ParameterError, UnknownProgramError, TopicError, 
 """The errors of a user's files and programs, which are reported without a traceback."""
 
 
-def world_command(name: str, help_line: str) -> Callable[[Callable[..., int]], click.Command]:
-    """Return a decorator that makes a function a command with the options of a run in a robot's world."""
+_WORLD_OPTIONS = [
+    click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time."),
+    click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed."),
+    click.option("--fast", is_flag=True, help="Run as fast as possible instead of in real time."),
+    click.option(
+        "--picture",
+        type=click.Path(dir_okay=False, path_type=Path),
+        metavar="FILE.png",
+        help="Draw the result at the end.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line."),
+    click.option("--quiet", is_flag=True, help="Omit the log of the programs."),
+]
+
+
+def world_command(
+    group: click.Group, name: str, help_line: str, options: Sequence[Callable[[Any], Any]] = ()
+) -> Callable[[Callable[..., int]], click.Command]:
+    """Return a decorator that adds a function to a group, as a command that runs in a robot's world.
+
+    Args:
+        group: The group.
+        name: The name of the command.
+        help_line: The line that describes the command in the group's help.
+        options: Options that the command has in addition to those of its decorators.
+    """
 
     def decorate(function: Callable[..., int]) -> click.Command:
-        options = [
-            click.option(
-                "--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time."
-            ),
-            click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed."),
-            click.option("--fast", is_flag=True, help="Run as fast as possible instead of in real time."),
-            click.option(
-                "--picture",
-                type=click.Path(dir_okay=False, path_type=Path),
-                metavar="FILE.png",
-                help="Draw the result at the end.",
-            ),
-            click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line."),
-            click.option("--quiet", is_flag=True, help="Omit the log of the programs."),
-        ]
-        for option in reversed(options):
+        for option in (*reversed(options), *reversed(_WORLD_OPTIONS)):
             function = option(function)
-        return click.command(name, cls=RunCommand, short_help=help_line)(
-            click.pass_context(report_usage_errors(function))
-        )
+        command = click.pass_context(report_usage_errors(function))
+        return group.command(name, cls=RunCommand, short_help=help_line)(command)
 
     return decorate
 

@@ -29,8 +29,6 @@ from btcore_robot.robot import LaserScan, Pose2D
 
 __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Costmap", "GlobalCostmap", "LocalCostmap"]
 
-_NOWHERE = GridWindow(0, 0, 0, 0)
-
 
 class Costmap(Grid):
     """Costs on a grid.
@@ -80,9 +78,7 @@ class Costmap(Grid):
         """Return the window of cells that a square of *side* (m) around *pose* touches, along the axes."""
         low = self.cell(pose.x - side / 2, pose.y - side / 2)
         high = self.cell(pose.x + side / 2, pose.y + side / 2)
-        height, width = self.costs.shape
-        window = GridWindow(max(0, low[0]), max(0, low[1]), min(height, high[0] + 1), min(width, high[1] + 1))
-        return _NOWHERE if window.empty else window
+        return GridWindow.clipped(*low, high[0] + 1, high[1] + 1, self.costs.shape)
 
 
 class LayeredCostmap(Costmap):

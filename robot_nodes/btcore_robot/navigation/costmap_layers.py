@@ -24,6 +24,14 @@ class GridWindow(NamedTuple):
     high_row: int
     high_col: int
 
+    @classmethod
+    def clipped(
+        cls, low_row: int, low_col: int, high_row: int, high_col: int, shape: tuple[int, int]
+    ) -> "GridWindow":
+        """Return the part of a window that is on a grid of *shape*; without such a part, an empty window."""
+        window = cls(max(0, low_row), max(0, low_col), min(shape[0], high_row), min(shape[1], high_col))
+        return cls(0, 0, 0, 0) if window.empty else window
+
     @property
     def slices(self) -> tuple[slice, slice]:
         """The index of this window in an array."""
@@ -36,12 +44,8 @@ class GridWindow(NamedTuple):
 
     def grown(self, cells: int, shape: tuple[int, int]) -> "GridWindow":
         """Return this window with *cells* more on every side, cut to a grid of *shape*."""
-        return GridWindow(
-            max(0, self.low_row - cells),
-            max(0, self.low_col - cells),
-            min(shape[0], self.high_row + cells),
-            min(shape[1], self.high_col + cells),
-        )
+        low_row, low_col = self.low_row - cells, self.low_col - cells
+        return GridWindow.clipped(low_row, low_col, self.high_row + cells, self.high_col + cells, shape)
 
     def of(self, inner: "GridWindow") -> tuple[slice, slice]:
         """Return the index of the window *inner* in an array that covers this window."""
@@ -174,16 +178,13 @@ class ObstacleLayer:
         self.max_range = max_range
         self.raytrace_range = raytrace_range
 
-    def update_from_scan(self, scan: LaserScan, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
+    def update_from_scan(self, scan: LaserScan, laser: Pose2D, origin: tuple[float, float]) -> None:
         """Clear and mark cells by a scan.
 
         Args:
             scan: the scan.
             laser: the laser's pose in the grid's frame.
             origin: the lower-left corner (m) of the grid.
-
-        Returns:
-            The window in which cells may have changed.
 
         """
         ranges = scan.ranges.astype(np.float64)
@@ -208,20 +209,15 @@ class ObstacleLayer:
         height, width = self.values.shape
         on_grid = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
         self.values[rows[on_grid], cols[on_grid]] = LETHAL
-        return self.reachable(laser, origin)
 
     def reachable(self, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
         """Return the window that a scan taken at *laser* can change; *origin* (m) is the grid's corner."""
         far = math.ceil(max(self.max_range, self.raytrace_range) / self.resolution) + 2
         row = math.floor((laser.y - origin[1]) / self.resolution)
         col = math.floor((laser.x - origin[0]) / self.resolution)
-        height, width = self.values.shape
-        window = GridWindow(
-            max(0, row - far), max(0, col - far), min(height, row + far), min(width, col + far)
-        )
-        return GridWindow(0, 0, 0, 0) if window.empty else window
+        return GridWindow.clipped(row - far, col - far, row + far, col + far, self.values.shape)
 
-    def free_disc(self, place: Pose2D, radius: float, origin: tuple[float, float]) -> GridWindow:
+    def free_disc(self, place: Pose2D, radius: float, origin: tuple[float, float]) -> None:
         """Free the cells under the robot.
 
         Args:
@@ -229,26 +225,16 @@ class ObstacleLayer:
             radius: the distance (m) of a cell's centre from *place* within which the cell becomes FREE.
             origin: the lower-left corner (m) of the grid.
 
-        Returns:
-            The window in which cells may have changed.
-
         """
         x = (place.x - origin[0]) / self.resolution - 0.5
         y = (place.y - origin[1]) / self.resolution - 0.5
         reach = radius / self.resolution
-        height, width = self.values.shape
-        window = GridWindow(
-            max(0, math.floor(y - reach)),
-            max(0, math.floor(x - reach)),
-            min(height, math.ceil(y + reach) + 1),
-            min(width, math.ceil(x + reach) + 1),
-        )
-        if window.empty:
-            return GridWindow(0, 0, 0, 0)
+        low_row, low_col = math.floor(y - reach), math.floor(x - reach)
+        high_row, high_col = math.ceil(y + reach) + 1, math.ceil(x + reach) + 1
+        window = GridWindow.clipped(low_row, low_col, high_row, high_col, self.values.shape)
         rows = np.arange(window.low_row, window.high_row) - y
         cols = np.arange(window.low_col, window.high_col) - x
         self.values[window.slices][rows[:, None] ** 2 + cols**2 <= reach**2] = FREE
-        return window
 
     def forget(self, window: GridWindow | None = None, *, outside: bool = False) -> None:
         """Reset cells to the default value: all cells, those of *window*, or those *outside* it."""
@@ -266,10 +252,9 @@ class ObstacleLayer:
         height, width = self.values.shape
         moved = np.full((height, width), self.default_value, dtype=np.uint8)
         if abs(rows) < height and abs(cols) < width:
-            old = GridWindow(max(0, rows), max(0, cols), min(height, height + rows), min(width, width + cols))
-            new = GridWindow(
-                max(0, -rows), max(0, -cols), min(height, height - rows), min(width, width - cols)
-            )
+            shape = (height, width)
+            old = GridWindow.clipped(rows, cols, height + rows, width + cols, shape)
+            new = GridWindow.clipped(-rows, -cols, height - rows, width - cols, shape)
             moved[new.slices] = self.values[old.slices]
         self.values = moved
 

@@ -243,8 +243,7 @@ class Localiser:
 
     def _judge(self, laser_xy: tuple[float, float]) -> None:
         """Decide a doubt after the search of the map: dismiss it, or treat the robot as lost."""
-        best = self._relocaliser.best
-        assert best is not None
+        best = self._relocaliser.hypotheses[0]
         present = self._relocaliser.add_hypothesis(self._estimate(self._relocaliser.odometry), laser_xy)
         if best.near(present):
             self._set_estimate(best.pose, self._relocaliser.odometry)

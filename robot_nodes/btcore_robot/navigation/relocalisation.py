@@ -65,16 +65,12 @@ class Relocaliser:
         self._visibility = visibility
         self._search: GlobalSearch | None = None
         self._points: Floats = np.zeros((0, 2))
-        self._odometry = Pose2D(0.0, 0.0, 0.0)
+        self.odometry = Pose2D(0.0, 0.0, 0.0)
+        """The odometry at the moment for which `hypotheses` holds."""
         self._stamp = self._began = 0
         self._turned = 0.0
         self.hypotheses: list[PoseHypothesis] = []
         """The possible poses, the likeliest first; empty until the first search has ended."""
-
-    @property
-    def best(self) -> PoseHypothesis | None:
-        """The likeliest hypothesis; None before the first search has ended."""
-        return self.hypotheses[0] if self.hypotheses else None
 
     def restart(self) -> None:
         """Remove all hypotheses, and start a search with the next scan."""
@@ -100,14 +96,15 @@ class Relocaliser:
             return self._follow(points, laser, odometry, stamp)
         if self._search is None:
             self._search = GlobalSearch(self._space, points)
-            self._points, self._odometry, self._stamp = points, odometry, stamp
+            self._points, self.odometry, self._stamp = points, odometry, stamp
         if self._search.advance(HEADINGS_A_STEP):
             candidates = self._search.candidates(MAX_HYPOTHESES)
             self._search = None
             self._began, self._turned = stamp, 0.0
             hypotheses = [PoseHypothesis(candidate.pose) for candidate in candidates]
             # The poses of the search are coarse: let the match move them far.
-            self._look(hypotheses, self._points, laser, deviation=(0.3, 0.15))
+            self._fit(hypotheses, self._points, laser, deviation=(0.3, 0.15))
+            self._keep(hypotheses)
         return None
 
     def add_hypothesis(self, pose: Pose2D, laser: tuple[float, float]) -> PoseHypothesis:
@@ -123,36 +120,21 @@ class Relocaliser:
         self._keep([hypothesis, *self.hypotheses])
         return hypothesis
 
-    @property
-    def odometry(self) -> Pose2D:
-        """The odometry at the moment for which `hypotheses` holds."""
-        return self._odometry
-
     def _follow(
         self, points: Floats, laser: tuple[float, float], odometry: Pose2D, stamp: int
     ) -> Pose2D | None:
-        turn = wrap_angle(odometry.yaw - self._odometry.yaw)
-        distance = math.hypot(odometry.x - self._odometry.x, odometry.y - self._odometry.y)
+        turn = wrap_angle(odometry.yaw - self.odometry.yaw)
+        distance = math.hypot(odometry.x - self.odometry.x, odometry.y - self.odometry.y)
         if abs(turn) < TURN_A_VIEW and distance < DISTANCE_A_VIEW and stamp - self._stamp < TIME_A_VIEW:
             return None
-        step = Transform.from_pose(self._odometry).inverse() * Transform.from_pose(odometry)
+        step = Transform.from_pose(self.odometry).inverse() * Transform.from_pose(odometry)
         for hypothesis in self.hypotheses:
             hypothesis.pose = (Transform.from_pose(hypothesis.pose) * step).to_pose()
         self._turned += abs(turn)
-        self._odometry, self._stamp = odometry, stamp
-        self._look(self.hypotheses, points, laser, deviation=(0.15, 0.1))
+        self.odometry, self._stamp = odometry, stamp
+        self._fit(self.hypotheses, points, laser, deviation=(0.15, 0.1))
+        self._keep(self.hypotheses)
         return self._accepted(stamp)
-
-    def _look(
-        self,
-        hypotheses: list[PoseHypothesis],
-        points: Floats,
-        laser: tuple[float, float],
-        deviation: tuple[float, float],
-    ) -> None:
-        """Fit every hypothesis to the scan, add its score, and discard hopeless hypotheses."""
-        self._fit(hypotheses, points, laser, deviation)
-        self._keep(hypotheses)
 
     def _fit(
         self,
@@ -161,6 +143,7 @@ class Relocaliser:
         laser: tuple[float, float],
         deviation: tuple[float, float],
     ) -> None:
+        """Fit every hypothesis to a scan, and add its score."""
         for hypothesis in hypotheses:
             hypothesis.pose = self._surfaces.match(hypothesis.pose, points, laser, deviation=deviation).pose
         views = self._visibility.agreement([hypothesis.pose for hypothesis in hypotheses], laser, points)
@@ -168,6 +151,7 @@ class Relocaliser:
             hypothesis.scores.append(view.score)
 
     def _keep(self, hypotheses: list[PoseHypothesis]) -> None:
+        """Keep the promising hypotheses, the likeliest first, without duplicates."""
         kept: list[PoseHypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.score):
             hopeless = bool(kept) and hypothesis.score < kept[0].score - DISCARD_MARGIN

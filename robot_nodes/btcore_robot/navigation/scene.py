@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.costmap import LayeredCostmap
 from btcore_robot.navigation.localiser import Localiser
+from btcore_robot.navigation.occupancy_map import Grid as CellGrid
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, Servers
@@ -46,7 +46,7 @@ class NavigationScene:
             Area(name=f"keepout_{index}", frame=MAP_FRAME, corners=corners)
             for index, corners in enumerate(known.keepout)
         ]
-        return StaticScene(grids=[occupancy(known)], areas=areas)
+        return StaticScene(grids=[map_message(known)], areas=areas)
 
     def moving(self, now: int) -> MovingScene:
         """Return what is new at *now* (ns)."""
@@ -124,14 +124,14 @@ class NavigationScene:
         known = self._known_map()
         if known is not self._shown.get("map") and self._is_due("map", now, MAP_EVERY):
             self._shown["map"] = known
-            found.append(occupancy(known))
+            found.append(map_message(known))
         for name, costmap, every in (
             ("global_costmap", servers.global_costmap, GLOBAL_EVERY),
             ("local_costmap", servers.local_costmap, LOCAL_EVERY),
         ):
             if self._shown.get(name) != costmap.version and self._is_due(name, now, every):
                 self._shown[name] = costmap.version
-                found.append(costs(name, costmap))
+                found.append(grid_message(name, "costs", costmap.frame, costmap, costmap.costs))
         return found
 
     def _notes(self) -> dict[str, str]:
@@ -176,31 +176,25 @@ def pose_rows(
     return Poses(name=name, kind=kind, frame=MAP_FRAME, rows=rows.astype("<f4").tobytes())
 
 
-def occupancy(map: OccupancyMap) -> Grid:
-    """Return a map as a message."""
-    return Grid(
-        name="map",
-        kind="occupancy",
-        frame=MAP_FRAME,
-        resolution=map.resolution,
-        origin=map.origin,
-        size=(map.width, map.height),
-        cells=map.cells.tobytes(),
-    )
-
-
-def costs(name: str, costmap: LayeredCostmap) -> Grid:
-    """Return a costmap as a message."""
-    height, width = costmap.costs.shape
+def grid_message(
+    name: str, kind: Literal["occupancy", "costs"], frame: str, grid: CellGrid, cells: NDArray[Any]
+) -> Grid:
+    """Return the *cells* of a grid as a message."""
+    height, width = cells.shape
     return Grid(
         name=name,
-        kind="costs",
-        frame=costmap.frame,
-        resolution=costmap.resolution,
-        origin=costmap.origin,
+        kind=kind,
+        frame=frame,
+        resolution=grid.resolution,
+        origin=grid.origin,
         size=(width, height),
-        cells=costmap.costs.tobytes(),
+        cells=cells.tobytes(),
     )
+
+
+def map_message(map: OccupancyMap) -> Grid:
+    """Return a map as a message."""
+    return grid_message("map", "occupancy", MAP_FRAME, map, map.cells)
 
 
 def _rows(poses: Sequence[Pose2D]) -> NDArray[np.float64]:

@@ -80,7 +80,13 @@ class Navigation:
         frames.step(robot.clock.now())
         self.localiser = self._make_localiser(random)
         self.global_costmap = self._make_global_costmap()
-        self.local_costmap = _local_costmap(map, parameters.local_costmap)
+        local_parameters = parameters.local_costmap
+        self.local_costmap = LocalCostmap(
+            **costmap_arguments(local_parameters),
+            size=local_parameters.width,
+            resolution=local_parameters.resolution,
+            keepout=map.keepout,
+        )
         planner = Planner(
             self.global_costmap,
             radius=parameters.global_costmap.robot_radius,
@@ -104,23 +110,20 @@ class Navigation:
         )
         self._outcomes: list[GoalOutcome] = []
         named = parameters.navigator
-        self.navigate_to_pose = Navigator(
-            self.servers,
-            _existing_tree(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE),
-            plugins=named.plugin_lib_names,
-            on_end=self._outcomes.append,
-            hold=self.must_wait,
-            give_up_reason=self.give_up_reason,
-        )
-        self.navigate_through_poses = Navigator(
-            self.servers,
-            _existing_tree(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES),
-            through=True,
-            plugins=named.plugin_lib_names,
-            on_end=self._outcomes.append,
-            hold=self.must_wait,
-            give_up_reason=self.give_up_reason,
-        )
+
+        def navigator(file: str, default: str, through: bool) -> Navigator:
+            return Navigator(
+                self.servers,
+                _existing_tree(file, trees / TREES / default),
+                through=through,
+                plugins=named.plugin_lib_names,
+                on_end=self._outcomes.append,
+                hold=self.must_wait,
+                give_up_reason=self.give_up_reason,
+            )
+
+        self.navigate_to_pose = navigator(named.default_nav_to_pose_bt_xml, TO_POSE, False)
+        self.navigate_through_poses = navigator(named.default_nav_through_poses_bt_xml, THROUGH_POSES, True)
         self.servers.navigators = {
             "navigate_to_pose": self.navigate_to_pose,
             "navigate_through_poses": self.navigate_through_poses,
@@ -164,7 +167,9 @@ class Navigation:
 
     def _make_global_costmap(self) -> GlobalCostmap:
         """Create the costmap for planning."""
-        return GlobalCostmap(self.map, **costmap_arguments(self.parameters.global_costmap))
+        parameters = self.parameters.global_costmap
+        track_unknown = parameters.track_unknown_space
+        return GlobalCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
 
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is uncertain."""
@@ -247,7 +252,7 @@ class Navigation:
 
 
 def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
-    """Return the arguments of a `GlobalCostmap` for *parameters*."""
+    """Return the arguments for *parameters* that global and local costmaps share."""
     return {
         "radius": parameters.robot_radius,
         "inflation_radius": parameters.inflation_radius,
@@ -255,22 +260,7 @@ def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
         "obstacle_min_range": parameters.obstacle_min_range,
         "obstacle_max_range": parameters.obstacle_max_range,
         "raytrace_range": parameters.raytrace_max_range,
-        "track_unknown": parameters.track_unknown_space,
     }
-
-
-def _local_costmap(map: OccupancyMap, parameters: CostmapParameters) -> LocalCostmap:
-    return LocalCostmap(
-        parameters.robot_radius,
-        parameters.inflation_radius,
-        parameters.cost_scaling_factor,
-        size=parameters.width,
-        resolution=parameters.resolution,
-        keepout=map.keepout,
-        obstacle_min_range=parameters.obstacle_min_range,
-        obstacle_max_range=parameters.obstacle_max_range,
-        raytrace_range=parameters.raytrace_max_range,
-    )
 
 
 def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:

@@ -1,5 +1,6 @@
 """Components with ROS 2's lifecycle: they are configured and activated by their user."""
 
+from collections.abc import Callable
 from enum import IntEnum
 
 
@@ -40,19 +41,16 @@ class LifecycleComponent:
     """
 
     def __init__(self) -> None:
-        self._state = LifecycleState.UNCONFIGURED
-
-    @property
-    def state(self) -> LifecycleState:
-        """The current state."""
-        return self._state
+        self.state = LifecycleState.UNCONFIGURED
+        """The current state; only `change_state` sets it."""
 
     def change_state(self, transition: LifecycleTransition) -> bool:
         """Request *transition*; return False if it is invalid in the current state or refused."""
-        target = _TARGETS.get((self._state, transition))
-        if target is None or not self._callback(transition):
+        target = _TARGETS.get((self.state, transition))
+        callback: Callable[[], bool] = getattr(self, f"on_{transition.name.lower()}")
+        if target is None or not callback():
             return False
-        self._state = target
+        self.state = target
         return True
 
     def configure(self) -> bool:
@@ -94,12 +92,3 @@ class LifecycleComponent:
     def on_shutdown(self) -> bool:
         """Release everything; by default stop as in `on_deactivate`. Return False to refuse."""
         return self.on_deactivate()
-
-    def _callback(self, transition: LifecycleTransition) -> bool:
-        return {
-            LifecycleTransition.CONFIGURE: self.on_configure,
-            LifecycleTransition.ACTIVATE: self.on_activate,
-            LifecycleTransition.DEACTIVATE: self.on_deactivate,
-            LifecycleTransition.CLEANUP: self.on_cleanup,
-            LifecycleTransition.SHUTDOWN: self.on_shutdown,
-        }[transition]()

@@ -39,8 +39,7 @@ class ProcessContext:
         clock: The clock of the processes.
         schedule: The schedule of their timers.
         log_sink: A function that receives every log message.
-        robot: The robot, if there is one.
-        transforms: The transform tree; a new tree if omitted.
+        robot: The robot, if the processes have one.
 
     """
 
@@ -51,13 +50,12 @@ class ProcessContext:
         log_sink: Callable[[LogMessage], None],
         *,
         robot: Robot | None = None,
-        transforms: TransformTree | None = None,
     ) -> None:
         self.clock = clock
         self.schedule = schedule
         self.log_sink = log_sink
         self.robot = robot
-        self.transforms = transforms if transforms is not None else TransformTree()
+        self.transforms = TransformTree()
         self.topics = Topics()
 
 

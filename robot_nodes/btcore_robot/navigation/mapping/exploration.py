@@ -129,7 +129,9 @@ class Exploration(Navigation):
         )
 
     def _make_global_costmap(self) -> GlobalCostmap:
-        costmap = GrowingCostmap(self.map, **costmap_arguments(self.parameters.global_costmap))
+        parameters = self.parameters.global_costmap
+        track_unknown = parameters.track_unknown_space
+        costmap = GrowingCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
         costmap.lower_bound = None
         return costmap
 
