@@ -17,9 +17,8 @@ from functools import partial
 
 import numpy as np
 
-from btcore_sim.laser import Laser, MovableObstacles
+from btcore_sim.laser import Floats, Laser, MovableObstacles, RayCaster
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.ray_casting import Floats, RayCaster
 from btcore_sim.robot_description import load_description
 from btcore_sim.scene import load_scene
 from btcore_sim.world import World

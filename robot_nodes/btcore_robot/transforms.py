@@ -156,18 +156,11 @@ class TransformTree:
         up, down = self._chain(target, source)
         if stamp is None:
             stamp = _newest(up, down)
-        result: Transform | None = None
-        for link in up:
-            step = link.transforms[0] if link.static else link.at(stamp)
-            result = step if result is None else step * result
-        if not down:
-            return Transform() if result is None else result
-        back: Transform | None = None
-        for link in down:
-            step = link.transforms[0] if link.static else link.at(stamp)
-            back = step if back is None else step * back
-        assert back is not None
-        return back.inverse() if result is None else back.inverse() * result
+        to_ancestor, from_ancestor = _product(up, stamp), _product(down, stamp)
+        if from_ancestor is None:
+            return Transform() if to_ancestor is None else to_ancestor
+        back = from_ancestor.inverse()
+        return back if to_ancestor is None else back * to_ancestor
 
     def can_transform(self, target: str, source: str, stamp: int | None = None) -> bool:
         """Return whether `lookup` would succeed with the same arguments."""
@@ -234,6 +227,15 @@ class TransformTree:
         known = self.frames()
         names = f"known frames: {', '.join(known)}" if known else "none is known yet"
         return f"there is no frame '{name}'; {did_you_mean(name, known).strip() or names}"
+
+
+def _product(links: tuple[_Link, ...], stamp: int) -> Transform | None:
+    """Return the pose of the first link's child in the last link's parent; None without links."""
+    result: Transform | None = None
+    for link in links:
+        step = link.transforms[0] if link.static else link.at(stamp)
+        result = step if result is None else step * result
+    return result
 
 
 def _newest(up: tuple[_Link, ...], down: tuple[_Link, ...]) -> int:

@@ -1,19 +1,91 @@
-"""The visible surfaces of a world and its robot, as coloured faces at their present poses."""
+"""The visible surfaces of a world and its robot, as coloured faces at their present poses.
+
+Boxes, cylinders and spheres consist of flat faces with four corners. A face's corners are counter-clockwise
+when seen from outside. Round shapes become prisms and polyhedra with enough sides that the difference in a
+picture is at most a pixel.
+"""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from btcore_robot.rigid_transform import Transform
-from btcore_sim import meshes
-from btcore_sim.meshes import Floats
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject
 from btcore_sim.world import World, scene_extent
 
+Floats = NDArray[np.float64]
+
+_SIDES = 24
+_RINGS = 8
+
+_CUBE = (
+    ((1, -1, -1), (1, 1, -1), (1, 1, 1), (1, -1, 1)),
+    ((-1, 1, -1), (-1, -1, -1), (-1, -1, 1), (-1, 1, 1)),
+    ((1, 1, -1), (-1, 1, -1), (-1, 1, 1), (1, 1, 1)),
+    ((-1, -1, -1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)),
+    ((-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)),
+    ((-1, 1, -1), (1, 1, -1), (1, -1, -1), (-1, -1, -1)),
+)
+
 _KINDS = {pybullet.GEOM_BOX: "box", pybullet.GEOM_CYLINDER: "cylinder", pybullet.GEOM_SPHERE: "sphere"}
 _THICK = 0.01  # m: thickness of the floor
+
+
+def box_faces(size: Sequence[float]) -> Floats:
+    """Return the six faces of a box of full extent *size* (m) around the origin, shape ``(6, 4, 3)``."""
+    faces: Floats = np.array(_CUBE, dtype=np.float64) * (np.asarray(size, dtype=np.float64) / 2)
+    return faces
+
+
+def cylinder_faces(radius: float, length: float) -> Floats:
+    """Return the faces of an upright cylinder (m) around the origin, shape ``(n, 4, 3)``."""
+    around = np.linspace(0.0, 2 * math.pi, _SIDES + 1)
+    x, y = radius * np.cos(around), radius * np.sin(around)
+    half = length / 2
+    faces = [
+        [(x[k], y[k], -half), (x[k + 1], y[k + 1], -half), (x[k + 1], y[k + 1], half), (x[k], y[k], half)]
+        for k in range(_SIDES)
+    ]
+    for k in range(1, _SIDES - 2, 2):  # a lid is a fan of quadrilaterals about its first corner
+        lid = [(x[i], y[i]) for i in (0, k, k + 1, k + 2)]
+        faces.append([(*corner, half) for corner in lid])
+        faces.append([(*corner, -half) for corner in reversed(lid)])
+    return np.array(faces, dtype=np.float64)
+
+
+def sphere_faces(radius: float) -> Floats:
+    """Return the faces of a sphere (m) around the origin, shape ``(n, 4, 3)``."""
+    around = np.linspace(0.0, 2 * math.pi, _SIDES // 2 + 1)
+    up = np.linspace(-math.pi / 2, math.pi / 2, _RINGS + 1)
+
+    def corner(ring: int, side: int) -> tuple[float, float, float]:
+        wide = radius * math.cos(up[ring])
+        return wide * math.cos(around[side]), wide * math.sin(around[side]), radius * math.sin(up[ring])
+
+    faces = [
+        [corner(ring, side), corner(ring, side + 1), corner(ring + 1, side + 1), corner(ring + 1, side)]
+        for ring in range(_RINGS)
+        for side in range(len(around) - 1)
+    ]
+    return np.array(faces, dtype=np.float64)
+
+
+def shape_faces(kind: str, size: Sequence[float]) -> Floats:
+    """Return the faces of a shape around the origin, shape ``(n, 4, 3)``.
+
+    Args:
+        kind: ``box``, ``cylinder`` or ``sphere``.
+        size: In m: three sides of a box; diameter, diameter, height of a cylinder; radius of a sphere.
+    """
+    if kind == "box":
+        return box_faces(size)
+    if kind == "cylinder":
+        return cylinder_faces(size[0] / 2, size[2])
+    return sphere_faces(size[0])
 
 
 class RenderScene:
@@ -47,7 +119,7 @@ class RenderScene:
 
 
 def _shaped(thing: SceneObject) -> tuple[Floats, Floats]:
-    return meshes.shape(thing.kind, thing.size), np.array(thing.color[:3], dtype=np.float64)
+    return shape_faces(thing.kind, thing.size), np.array(thing.color[:3], dtype=np.float64)
 
 
 def _standing(thing: SceneObject) -> tuple[Floats, Floats]:
@@ -59,7 +131,7 @@ def _standing(thing: SceneObject) -> tuple[Floats, Floats]:
 
 def _floor(world: World) -> tuple[Floats, Floats]:
     x0, y0, x1, y1 = scene_extent(world.scene)
-    shape = meshes.box((x1 - x0, y1 - y0, _THICK))
+    shape = box_faces((x1 - x0, y1 - y0, _THICK))
     middle = ((x0 + x1) / 2, (y0 + y1) / 2, -_THICK / 2)
     return Transform(middle).apply(shape), np.array(world.scene.floor[:3], dtype=np.float64)
 
@@ -73,6 +145,6 @@ def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]
             continue
         # The engine's size of a cylinder is its length, then its radius.
         sizes = (2 * size[1], 2 * size[1], size[0]) if geometry == pybullet.GEOM_CYLINDER else size
-        shape = Transform(place, turned).apply(meshes.shape(_KINDS[geometry], sizes))
+        shape = Transform(place, turned).apply(shape_faces(_KINDS[geometry], sizes))
         shapes.append((link, shape, 255.0 * np.array(color[:3], dtype=np.float64)))
     return shapes

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.robot import CameraInfo
-from btcore_sim.meshes import Floats
+from btcore_sim.render_scene import Floats
 
 SKY = (196, 208, 220)
 """The background colour (RGB)."""

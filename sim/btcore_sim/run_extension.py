@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option:
     """Return the option ``--NAME``, whose help shows the default if *settings* have one."""
-    return click.Option(
-        [f"--{name}"], metavar=metavar, help=help, show_default="default" in settings, **settings
-    )
+    shown = "default" in settings
+    return click.Option([f"--{name}"], metavar=metavar, help=help, show_default=shown, **settings)
+
+
+_COUNT = {"type": click.IntRange(min=0), "default": 0}
 
 
 class RobotExtension:
@@ -77,16 +79,9 @@ class RobotExtension:
             "people",
             "N",
             "Number of people who walk in the world; they stop in front of the robot.",
-            type=click.IntRange(min=0),
-            default=0,
+            **_COUNT,
         ),
-        _option(
-            "obstacles",
-            "N",
-            "Number of boxes at random places that are not on the map.",
-            type=click.IntRange(min=0),
-            default=0,
-        ),
+        _option("obstacles", "N", "Number of boxes at random places that are not on the map.", **_COUNT),
         _option(
             "event",
             "KIND:TIME",

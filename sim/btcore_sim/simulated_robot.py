@@ -37,10 +37,9 @@ from btcore_sim.differential_drive import (
 )
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.kinematics import Kinematics
-from btcore_sim.laser import Laser, MovableObstacles
+from btcore_sim.laser import Laser, MovableObstacles, RayCaster
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.ray_casting import RayCaster
 from btcore_sim.render_scene import RenderScene
 from btcore_sim.robot_description import RobotDescription, load_description
 from btcore_sim.sonar import Sonars

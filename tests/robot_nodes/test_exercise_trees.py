@@ -12,7 +12,7 @@ from btcore import Registry, Status, Tree, load, loads
 from btcore.cli.main import main
 from btcore_robot.leaves import LocateObjects, TurnToFree, register
 from btcore_robot.leaves.drive import TURN_SPEED
-from btcore_robot.perception.boxes import BoundingBox3D
+from btcore_robot.perception.object_locator import BoundingBox3D
 from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState
 
 ROOT = Path(__file__).parents[2]

@@ -9,8 +9,8 @@ import pytest
 
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo
-from btcore_sim import meshes
 from btcore_sim.camera import CameraSettings
+from btcore_sim.render_scene import box_faces, shape_faces
 from btcore_sim.renderer import SKY, Renderer
 from btcore_sim.simulated_robot import SimulatedRobot
 
@@ -145,7 +145,7 @@ FACTS = CameraInfo(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1, 20.0, 10.0, "lens")
 
 def painted(*boxes: tuple[tuple[float, float, float], tuple[float, float, float], int]) -> tuple:
     """Boxes (size, place, shade of grey) before a camera at the origin that looks along z."""
-    shapes = [Transform(place).apply(meshes.box(size)) for size, place, _ in boxes]
+    shapes = [Transform(place).apply(box_faces(size)) for size, place, _ in boxes]
     colors = np.concatenate([np.full((6, 3), float(shade)) for *_, shade in boxes])
     return Renderer(FACTS).draw(np.concatenate(shapes), colors, np.zeros(3), np.eye(3))
 
@@ -161,8 +161,8 @@ def test_the_nearer_of_two_is_seen_whatever_their_order():
 
 def test_two_that_pierce_each_other_part_where_their_depths_are_equal():
     turned = (0.0, math.sin(0.3), 0.0, math.cos(0.3))
-    slanted = Transform((0.0, 0.0, 3.0), turned).apply(meshes.box((4.0, 0.4, 0.02)))
-    flat = Transform((0.0, 0.0, 3.0)).apply(meshes.box((4.0, 4.0, 0.02)))
+    slanted = Transform((0.0, 0.0, 3.0), turned).apply(box_faces((4.0, 0.4, 0.02)))
+    flat = Transform((0.0, 0.0, 3.0)).apply(box_faces((4.0, 4.0, 0.02)))
     colors = np.concatenate((np.full((6, 3), 40.0), np.full((6, 3), 200.0)))
     rgb, _ = Renderer(FACTS).draw(np.concatenate((slanted, flat)), colors, np.zeros(3), np.eye(3))
     row = rgb[24, :, 0] < 100
@@ -184,7 +184,7 @@ def test_what_is_beyond_reach_or_nearer_than_can_be_drawn_is_not_there():
     ("kind", "size"), [("box", (1.0, 2.0, 3.0)), ("cylinder", (1.0, 1.0, 2.0)), ("sphere", (0.7,))]
 )
 def test_faces_close_the_shape_and_look_outwards(kind: str, size: tuple[float, ...]):
-    found = meshes.shape(kind, size)
+    found = shape_faces(kind, size)
     normals = np.cross(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1]) / 2
     assert normals.sum(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
     assert (np.einsum("nk,nk->n", normals, found.mean(axis=1)) > 0.0).all()

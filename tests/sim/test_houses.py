@@ -12,8 +12,8 @@ from skimage.graph import MCP_Geometric
 from btcore_robot.robot import Pose2D
 from btcore_sim.camera import CameraSettings
 from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.laser import RayCaster
 from btcore_sim.map_rasteriser import LASER_HEIGHT, rasterise
-from btcore_sim.ray_casting import RayCaster
 from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore_robot.robot import LaserInfo, Pose2D
-from btcore_sim.laser import Laser
-from btcore_sim.ray_casting import RayCaster
+from btcore_sim.laser import Laser, RayCaster
 from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World

@@ -147,6 +147,11 @@ def clearances(scan: LaserScan) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return clear
 
 
+def clearance_ahead(scan: LaserScan) -> float:
+    """Return the free distance (m) ahead."""
+    return float(clearances(scan)[np.argmin(np.abs(scan.angles()))])
+
+
 def freest_direction(scan: LaserScan) -> float:
     """Return the direction (rad) with the most free space; of equal directions the nearest to ahead."""
     free = clearances(scan)
@@ -209,7 +214,5 @@ class ClosedLoop(OpenLoop):
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Turn until the laser shows free space ahead."""
-        middle = int(np.argmin(np.abs(scan.angles())))
-        clear = clearances(scan)[middle] >= 2 * OBSTACLE_DISTANCE
-        done = bool(clear) or elapsed > LONGEST_TURN * NS_PER_S
+        done = clearance_ahead(scan) >= 2 * OBSTACLE_DISTANCE or elapsed > LONGEST_TURN * NS_PER_S
         return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), BumpGoState.FORWARD if done else None

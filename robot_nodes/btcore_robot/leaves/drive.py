@@ -8,11 +8,9 @@ TurnToFree is the closed control loop of the book's chapter 3.
 import math
 from typing import Annotated, ClassVar
 
-import numpy as np
-
 from btcore import In, StatefulAction, Status
-from btcore_robot.control.bumpgo_fsm import clearances, freest_direction
-from btcore_robot.robot import LaserScan, Robot
+from btcore_robot.control.bumpgo_fsm import clearance_ahead, freest_direction
+from btcore_robot.robot import Robot
 
 FORWARD_SPEED = 0.3
 """The speed (m/s) of Forward."""
@@ -122,8 +120,3 @@ class TurnToFree(StatefulAction):
             return Status.FAILURE
         self.robot.drive(0.0, self.side * TURN_SPEED)
         return Status.RUNNING
-
-
-def clearance_ahead(scan: LaserScan) -> float:
-    """Return the free distance (m) ahead."""
-    return float(clearances(scan)[np.argmin(np.abs(scan.angles()))])

@@ -28,7 +28,7 @@ class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
 
     @property
     def boxes(self) -> Sequence[object]:
-        """The objects in the newest image, as `btcore_robot.perception.boxes.BoundingBox3D`."""
+        """The objects in the newest image, as `btcore_robot.perception.object_locator.BoundingBox3D`."""
 
 
 class _KeepActive(StatefulAction):

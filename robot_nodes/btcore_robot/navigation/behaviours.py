@@ -113,17 +113,9 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         self._clearance = ClearanceGrid()
         base = robot.base
         turning = parameters.rotational_acc_lim
-        self._smoother = VelocitySmoother(
-            robot,
-            VelocityLimits(
-                max(base.v_max, -base.v_min),
-                parameters.max_rotational_vel,
-                _ACCELERATION,
-                _ACCELERATION,
-                turning,
-                turning,
-            ).within(base),
-        )
+        v, w = max(base.v_max, -base.v_min), parameters.max_rotational_vel
+        limits = VelocityLimits(v, w, _ACCELERATION, _ACCELERATION, turning, turning)
+        self._smoother = VelocitySmoother(robot, limits.within(base))
         self._started = 0
 
         self._from: Odometry = robot.odometry()

@@ -57,10 +57,7 @@ class Costmap(Grid):
 
     def cost(self, x: float, y: float) -> int:
         """Return the cost at the point *x*, *y* (m); LETHAL off the grid."""
-        row, col = self.cell(x, y)
-        if 0 <= row < len(self.costs) and 0 <= col < len(self.costs[0]):
-            return int(self.costs[row, col])
-        return LETHAL
+        return int(self.costs[self.cell(x, y)]) if self.inside(x, y) else LETHAL
 
     def costs_at(self, points: NDArray[np.floating]) -> NDArray[np.uint8]:
         """Return the costs at *points* (m, shape ``(…, 2)``), shape ``(…)``; LETHAL off the grid."""

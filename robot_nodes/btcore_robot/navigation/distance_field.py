@@ -129,10 +129,7 @@ class SignedDistanceField:
 
         """
         cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-        distance = np.abs(
-            self.at(
-                pose.x + cos * points[:, 0] - sin * points[:, 1],
-                pose.y + sin * points[:, 0] + cos * points[:, 1],
-            )[0]
-        )
-        return float(np.mean(distance <= SURFACE_TOLERANCE)) if len(points) else 0.0
+        x = pose.x + cos * points[:, 0] - sin * points[:, 1]
+        y = pose.y + sin * points[:, 0] + cos * points[:, 1]
+        distance, _, _ = self.at(x, y)
+        return float(np.mean(np.abs(distance) <= SURFACE_TOLERANCE)) if len(points) else 0.0

@@ -1,16 +1,116 @@
-"""Location of coloured objects that the camera sees, as a lifecycle component."""
+"""Coloured objects as boxes in space, from images with depth (an exercise of the book's chapter 6)."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from btcore_robot.perception.boxes import BoundingBox3D, detect_boxes
-from btcore_robot.perception.colour import WOOD, ColourRange
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.perception.colour import WOOD, ColourRange, colour_mask
 from btcore_robot.process.lifecycle import LifecycleComponent
-from btcore_robot.robot import Phase, Robot
+from btcore_robot.rigid_transform import Transform
+from btcore_robot.robot import CameraImage, CameraInfo, Phase, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 from btcore_scene import BoundingBox, MovingScene, StaticScene
 
+MIN_PIXELS = 20
+"""The minimum number of pixels of an object."""
+MAX_DEPTH_STEP = 0.1
+"""The relative depth step between neighbouring pixels above which they belong to different objects."""
+NO_DEPTH = 1e9
+"""The depth (m) of a pixel without depth: behind all others, so that no object loses its edge."""
+OUTLIER_PERCENT = 1.0
+"""The percentage of points at each end of each axis that is ignored, because depth errors are large there."""
+
 RATE = 2.0
 """The rate (Hz) at which images are processed."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoundingBox3D:
+    """The visible part of an object: a box along the axes of *frame* with its *centre* and full *size* (m).
+
+    A camera sees the near sides only, so the box is at most as large as the object. *stamp* is the time (ns)
+    of the image.
+    """
+
+    frame: str
+    centre: tuple[float, float, float]
+    size: tuple[float, float, float]
+    stamp: int
+
+
+def detect_boxes(
+    image: CameraImage, camera_info: CameraInfo, colours: ColourRange, frame: str, camera: Transform
+) -> list[BoundingBox3D]:
+    """Return a box for every patch of *colours* in *image*, the largest patch first.
+
+    Patches end where the colour ends and where the depth jumps: of two objects, one behind the other, each is
+    a patch.
+
+    Args:
+        image: The image; without depth the result is empty.
+        camera_info: The camera's intrinsic parameters.
+        colours: The range of colours of the objects.
+        frame: The frame of the boxes.
+        camera: The pose of the image's frame in *frame*.
+
+    """
+    if image.depth is None:
+        return []
+    mask = _patches(image, image.depth, colours)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    areas = stats[:, cv2.CC_STAT_AREA]
+    labels_by_area = sorted(
+        (label for label in range(1, count) if areas[label] >= MIN_PIXELS), key=lambda label: -areas[label]
+    )
+    return [
+        _box(camera.apply(depth_to_points(image.depth, camera_info, labels == label)), frame, image.stamp)
+        for label in labels_by_area
+    ]
+
+
+def depth_to_points(
+    depth: NDArray[np.float32], camera_info: CameraInfo, pixels: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the positions (m) of *pixels* in the camera's optical frame: shape ``(n, 3)``.
+
+    The pinhole model gives x = (column - cx) z / fx and y = (row - cy) z / fy.
+
+    Args:
+        depth: The depth image (m, along z), shape ``(height, width)``.
+        camera_info: The camera's intrinsic parameters.
+        pixels: The mask of the pixels to convert, shape ``(height, width)``.
+
+    """
+    rows, columns = np.nonzero(pixels)
+    z = depth[rows, columns].astype(np.float64)
+    return np.stack(
+        ((columns - camera_info.cx) * z / camera_info.fx, (rows - camera_info.cy) * z / camera_info.fy, z),
+        axis=1,
+    )
+
+
+def _patches(image: CameraImage, depth: NDArray[np.float32], colours: ColourRange) -> NDArray[np.uint8]:
+    """Return the mask of pixels with the colour and a depth, without the pixels just behind a depth step."""
+    mask = np.isfinite(depth) & (depth > 0.0)
+    # A missing depth counts as far away, so that its neighbours do not lose their edge pixels.
+    z = np.where(mask, depth, NO_DEPTH)
+    mask &= colour_mask(image, colours) > 0
+    # A pixel is removed if its neighbour to the right, to the left, above or below is much nearer.
+    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
+        step = z[second] - z[first]
+        mask[first] &= -step <= MAX_DEPTH_STEP * z[first]
+        mask[second] &= step <= MAX_DEPTH_STEP * z[second]
+    return mask.astype(np.uint8)
+
+
+def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
+    low, high = np.percentile(cloud, (OUTLIER_PERCENT, 100.0 - OUTLIER_PERCENT), axis=0)
+    x, y, z = ((low + high) / 2).tolist()
+    length, width, height = (high - low).tolist()
+    return BoundingBox3D(frame, (x, y, z), (length, width, height), stamp)
 
 
 class ObjectLocator(LifecycleComponent):

@@ -5,21 +5,12 @@
 
 from btcore import Registry
 from btcore_robot.leaves.pose_types import register_pose_type
-from btcore_robot.navigation.nodes import (
-    conditions,
-    control,
-    decorators,
-    goals,
-    motion,
-    paths,
-    planning,
-    services,
-)
+from btcore_robot.navigation.nodes import actions, conditions, control, decorators, goals, paths, services
 
 
 def register(nodes: Registry) -> None:
     """Register every node of this library and the type of their poses."""
     register_pose_type(nodes)
-    for module in (control, decorators, conditions, goals, motion, planning, paths, services):
+    for module in (control, decorators, conditions, goals, actions, paths, services):
         # Registers the node classes that the module defines, except base classes: their names begin with "_".
         nodes.add_plugin(module, "btcore_robot")

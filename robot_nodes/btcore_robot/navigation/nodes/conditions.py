@@ -4,8 +4,7 @@ import math
 from collections import deque
 from typing import Annotated, ClassVar
 
-from btcore import Condition, In, NodeError, Port
-from btcore_robot.leaves.pose_types import Poses
+from btcore import Condition, In, NodeError
 from btcore_robot.navigation.controller import FollowPathFeedback
 from btcore_robot.navigation.error_codes import (
     CONTROLLER_RECOVERY_HELPS,
@@ -14,13 +13,15 @@ from btcore_robot.navigation.error_codes import (
 )
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
+    Goal,
+    GoalList,
     Goals,
     blackboard_default,
     goal_inputs,
     is_first_tick,
     optional_input,
     path_input,
-    path_input_port,
+    path_port,
     pose_input,
 )
 from btcore_robot.navigation.path import NavPath, NearestPoseSearch
@@ -30,8 +31,6 @@ from btcore_robot.robot import NS_PER_S, Odometry, Pose2D
 MAX_DECELERATION = -10.0
 """Nav2's limit (m/s²): only a collision decelerates the robot more strongly."""
 
-Goal = Annotated[In[Pose2D], "The goal."]
-GoalList = Annotated[In[Poses], "The goals."]
 BaseFrame = Annotated[In[str], "Robot base frame; always base_footprint here."]
 GlobalFrame = Annotated[In[str], "Global frame; always map here."]
 
@@ -192,10 +191,7 @@ class PathExpiringTimer(Condition):
 
     seconds: Annotated[In[float], "Time (s)."] = 1.0
 
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ``path`` port."""
-        return [path_input_port("Path whose age counts.")]
+    provided_ports = path_port("Path whose age counts.")
 
     def __init__(self) -> None:
         self.since: int | None = None
@@ -258,10 +254,7 @@ class IsGoalNearby(Condition):
     global_frame: GlobalFrame = "map"
     robot_base_frame: BaseFrame = "base_footprint"
 
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ``path`` port."""
-        return [path_input_port("Path that the robot follows.")]
+    provided_ports = path_port("Path that the robot follows.")
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers

@@ -4,16 +4,18 @@ import math
 from collections import deque
 from typing import Annotated
 
-from btcore import DecoratorNode, In, NodeError, Out, Port, Status
+from btcore import DecoratorNode, In, NodeError, Out, Status
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
+    Goal,
+    GoalList,
     Goals,
     blackboard_default,
     goal_inputs,
     is_first_tick,
     path_input,
-    path_input_port,
+    path_port,
     pose_input,
     poses_input,
     write_outputs,
@@ -23,9 +25,6 @@ from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import NS_PER_S, Pose2D
 
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
-
-Goal = Annotated[In[Pose2D], "The goal."]
-GoalList = Annotated[In[Poses], "The goals."]
 
 
 class RateController(DecoratorNode):
@@ -238,10 +237,7 @@ class PathLongerOnApproach(DecoratorNode):
     prox_len: Annotated[In[float], "Proximity length (m): a shorter path is near the goal."] = 3.0
     length_factor: Annotated[In[float], "Factor by which the new path must be longer."] = 2.0
 
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ``path`` port."""
-        return [path_input_port("Planned path.")]
+    provided_ports = path_port("Planned path.")
 
     def __init__(self) -> None:
         self.previous: NavPath | None = None

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from btcore import Condition, In, Out, Port, SyncAction
+from btcore import Condition, In, Out, SyncAction
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
@@ -19,7 +19,7 @@ from btcore_robot.navigation.nodes.action_node import (
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     path_input,
-    path_input_port,
+    path_port,
     pose_input,
     write_outputs,
 )
@@ -119,10 +119,7 @@ class ValidatePath(ServersAction):
     server_timeout: ServerTimeout = 20
     collision_poses: Annotated[Out[Poses], "Poses of the path that are in collision."] = OPTIONAL
 
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ``path`` port."""
-        return [path_input_port("Path to check.")]
+    provided_ports = path_port("Path to check.")
 
     def tick(self) -> bool:
         """Check the path from the robot's pose on; return FAILURE for a missing or empty path."""
@@ -146,10 +143,7 @@ class IsPathValid(Condition):
     consider_unknown_as_obstacle: UnknownCounts = False
     server_timeout: ServerTimeout = 20
 
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ``path`` port."""
-        return [path_input_port("Path to check.")]
+    provided_ports = path_port("Path to check.")
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -228,10 +222,7 @@ class GetPoseFromPath(SyncAction):
     index: Annotated[In[int], "Index of the pose, from 0."] = 0
     pose: Annotated[Out[Pose2D], "The pose."] = OPTIONAL
 
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ``path`` port."""
-        return [path_input_port("Path to take the pose from.")]
+    provided_ports = path_port("Path to take the pose from.")
 
     def tick(self) -> bool:
         """Write the pose."""

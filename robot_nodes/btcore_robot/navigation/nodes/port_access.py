@@ -1,13 +1,17 @@
 """Access to optional ports, and to the goal ports that default to blackboard entries."""
 
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from btcore import BlackboardError, Direction, NodeError, Port, Status, TreeNode
+from btcore import BlackboardError, Direction, In, NodeError, Port, Status, TreeNode
+from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.robot import Pose2D
 
 OPTIONAL: Final[Any] = None
 """The default of an optional port: an omitted input is None, an omitted output is not written."""
+
+Goal = Annotated[In[Pose2D], "The goal."]
+GoalList = Annotated[In[Poses], "The goals."]
 
 Goals = tuple[Pose2D | None, tuple[Pose2D, ...]]
 """The goal and the goals of a navigation; None and () stand for missing values."""
@@ -69,14 +73,14 @@ def write_outputs(node: TreeNode, **outputs: object) -> None:
             node.set_output(port, value)
 
 
-def path_input_port(description: str) -> Port:
-    """Return an input port named ``path``.
+def path_port(description: str, direction: Direction = Direction.IN) -> "staticmethod[[], list[Port]]":
+    """Return the static method `provided_ports` of a node with a port named ``path``.
 
-    A node cannot declare it by an annotation: `TreeNode.path` is the node's own path in the tree.
+    A node cannot declare this port by an annotation: `TreeNode.path` is the node's own path in the tree.
+
+    Args:
+        description: The description of the port.
+        direction: IN for a mandatory input, OUT for an optional output.
     """
-    return Port("path", description=description)
-
-
-def path_output_port(description: str) -> Port:
-    """Return an output port named ``path``; see `path_input_port` for why it is not an annotation."""
-    return Port("path", Direction.OUT, default="", description=description)
+    default = None if direction is Direction.IN else ""
+    return staticmethod(lambda: [Port("path", direction, default=default, description=description)])
