@@ -7,7 +7,7 @@ are mounted on a link of the URDF at a ``position`` (m) and face forward; a sona
 radians, frequencies in hertz.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 from btcore_robot.robot import BaseInfo, HeadInfo, LaserInfo, TorsoInfo
@@ -147,17 +147,10 @@ class RobotDescription:
 
     def with_noise(self, factor: float) -> "RobotDescription":
         """Return the same robot with the errors of laser and odometry multiplied by *factor*."""
-        odometry = self.odometry
-        return replace(
-            self,
-            laser=replace(self.laser, facts=replace(self.laser.facts, sigma=factor * self.laser.facts.sigma)),
-            odometry=replace(
-                odometry,
-                scale_sigma=factor * odometry.scale_sigma,
-                slip=factor * odometry.slip,
-                slip_sigma=factor * odometry.slip_sigma,
-            ),
-        )
+        facts = replace(self.laser.facts, sigma=factor * self.laser.facts.sigma)
+        rate, *errors = astuple(self.odometry)
+        odometry = OdometryFacts(rate, *(factor * error for error in errors))
+        return replace(self, laser=replace(self.laser, facts=facts), odometry=odometry)
 
 
 PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)

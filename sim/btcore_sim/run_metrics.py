@@ -150,10 +150,8 @@ def odometry_error(body: SimulatedRobot) -> float:
 
 def waypoint(goal: Pose2D, waypoints: Mapping[str, tuple[float, float]]) -> str | None:
     """Return the name of the waypoint at *goal*, or None if there is no waypoint."""
-    for name, (x, y) in waypoints.items():
-        if math.hypot(goal.x - x, goal.y - y) <= _SAME_PLACE:
-            return name
-    return None
+    near = (name for name, (x, y) in waypoints.items() if math.hypot(goal.x - x, goal.y - y) <= _SAME_PLACE)
+    return next(near, None)
 
 
 def navigator_among(resources: Sequence[object]) -> NavigationReporter | None:

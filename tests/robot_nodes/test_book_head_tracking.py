@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from btcore_robot.control.head_tracker import REACTIVE, HeadTracker, PanTiltCommand, command_from_detection
-from btcore_robot.control.pid import PID
+from btcore_robot.control.head_tracker import (
+    PID,
+    REACTIVE,
+    HeadTracker,
+    PanTiltCommand,
+    command_from_detection,
+)
 from btcore_robot.perception.colour import (
     WOOD,
     ColourRange,

@@ -19,20 +19,14 @@ from btcore.program_runner import (
     run_program,
 )
 from btcore_robot.book.top_view import is_image_format_supported, save_picture
-from btcore_robot.process.launch import LaunchError
-from btcore_robot.process.parameters import ParameterError
-from btcore_robot.process.process import Executor, LogMessage, MessageLoopError, Process, ProcessContext
-from btcore_robot.process.programs import UnknownProgramError
-from btcore_robot.process.topics import TopicError
+from btcore_robot.errors import RobotError
+from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext
 from btcore_robot.robot import Phase, Robot
 from btcore_robot.schedule import RealTime, SimulatedTime
 from btcore_robot.transforms import FrameBroadcaster
 
 Image = NDArray[np.uint8]
 Settings = Mapping[str, Any]
-
-PROGRAM_ERRORS = (LaunchError, ParameterError, UnknownProgramError, TopicError, MessageLoopError)
-"""The errors of a user's files and programs, which are reported without a traceback."""
 
 
 _WORLD_OPTIONS = [
@@ -72,13 +66,13 @@ def world_command(
 
 
 def report_usage_errors(function: Callable[..., int]) -> Callable[..., int]:
-    """Return *function* with `PROGRAM_ERRORS` reported as usage errors."""
+    """Return *function* with the errors of the user's files and programs reported as usage errors."""
 
     @functools.wraps(function)
     def call(*arguments: Any, **settings: Any) -> int:
         try:
             return function(*arguments, **settings)
-        except PROGRAM_ERRORS as error:
+        except RobotError as error:
             raise click.UsageError(str(error)) from error
 
     return call

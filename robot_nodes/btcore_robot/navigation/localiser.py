@@ -129,11 +129,6 @@ class Localiser:
         """Whether the last scans contradict the pose, even if no other pose is known to be better."""
         return self._validator.is_contradicted
 
-    @property
-    def fit(self) -> float:
-        """The share (0 … 1) of the beams that end on occupied cells, over the last scans."""
-        return self._validator.fit
-
     def pose(self) -> Pose2D:
         """Return the pose of ``base_footprint`` in ``map`` by the last estimate and the newest odometry."""
         return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()

@@ -200,24 +200,19 @@ class ParameterOverlay:
 
 def _read(kind: str, value: object) -> object:
     """Return *value* as the type *kind*, or None for another type."""
-    if kind == "bool":
-        return value if isinstance(value, bool) else None
+    # The exact type, because a bool is also an int.
+    if kind in ("bool", "int", "str"):
+        return value if type(value).__name__ == kind else None
     if kind == "tuple[str, ...]":
         texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
         return tuple(value) if texts and isinstance(value, list) else None
-    if isinstance(value, bool):
-        return None
-    if kind == "int":
-        return value if isinstance(value, int) else None
-    if kind == "str":
-        return value if isinstance(value, str) else None
     # PyYAML (YAML 1.1) reads 1e-3 as a text; ROS reads a number.
     if isinstance(value, str) and value[:1] in "+-.0123456789" and "e" in value.lower():
         try:
             return float(value)
         except ValueError:
             return None
-    return float(value) if isinstance(value, int | float) else None
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _ids(settings: Settings) -> Iterator[str]:

@@ -41,12 +41,11 @@ POSE_WITHIN = 1_000_000_000
 
 
 class PlannerError(RobotError):
-    """No path exists: *code* is one of Nav2's error codes, *message* the reason."""
+    """No path exists: *code* is one of Nav2's error codes, the message gives the reason."""
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(message)
         self.code = code
-        self.message = message
 
 
 class Planner:
@@ -129,7 +128,7 @@ class Planner:
                 legs.append(self.plan(poses[index - 1], poses[index], now))
             except PlannerError as error:
                 raise PlannerError(
-                    Nav2ErrorCode(error.code + _THROUGH), f"leg {index} of {len(poses) - 1}: {error.message}"
+                    Nav2ErrorCode(error.code + _THROUGH), f"leg {index} of {len(poses) - 1}: {error}"
                 ) from None
         return join_paths(legs, now)
 

@@ -14,7 +14,7 @@ from btcore_robot.navigation.behaviours import (
     SpinBehaviour,
     WaitBehaviour,
 )
-from btcore_robot.navigation.clearance import laser_pose
+from btcore_robot.navigation.clearance import laser_pose, smooth_scan
 from btcore_robot.navigation.controller import ControllerServer
 from btcore_robot.navigation.costmap import GlobalCostmap, LocalCostmap
 from btcore_robot.navigation.localiser import Localiser
@@ -22,7 +22,6 @@ from btcore_robot.navigation.navigator import NavigateGoal, NavigateHandle, Navi
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
 from btcore_robot.navigation.planner import Planner, PlannerServer
-from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.navigation.scene import NavigationScene
 from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, PoseSource, Servers
 from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot

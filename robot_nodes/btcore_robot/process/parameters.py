@@ -88,11 +88,8 @@ def load_process_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
     for owner in (EVERY_SERVER, name):
         for key, setting in servers.get(owner, {}).items():
             value = setting.value
-            if isinstance(value, list):
-                valid = all(isinstance(item, bool | int | float | str) for item in value)
-            else:
-                valid = isinstance(value, bool | int | float | str)
-            if not valid:
+            items = value if isinstance(value, list) else [value]
+            if not all(isinstance(item, bool | int | float | str) for item in items):
                 raise ParameterError(
                     f"{path}:{setting.line}: '{key}' is {value!r}, but a parameter is a number, "
                     "a text, true or false, or a list of them"

@@ -15,12 +15,11 @@ from btcore_robot.navigation.behaviours import (
     SpinBehaviour,
     WaitBehaviour,
 )
-from btcore_robot.navigation.clearance import laser_pose
+from btcore_robot.navigation.clearance import laser_pose, smooth_scan
 from btcore_robot.navigation.controller import ControllerServer, FollowPathGoal
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.parameters import ControllerParameters
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.robot import (
     CMD_VEL,
     NS_PER_S,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from btcore_robot.navigation.costmap import GlobalCostmap
-from btcore_robot.navigation.costmap_layers import UNKNOWN, ObstacleLayer, static_costs
+from btcore_robot.navigation.costmap_layers import UNKNOWN, static_costs
 from btcore_robot.navigation.mapping.frontiers import Frontier, find_frontiers, is_unknown_nearby
 from btcore_robot.navigation.mapping.mapper import Mapper
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle, save_map
@@ -25,15 +25,7 @@ class GrowingCostmap(GlobalCostmap):
     def redraw(self, map: OccupancyMap) -> None:
         """Replace the map by *map*, of any size, and forget observed obstacles: the map contains them."""
         shape = (map.height, map.width)
-        before = self.obstacles
-        self.obstacles = ObstacleLayer(
-            shape,
-            map.resolution,
-            UNKNOWN,
-            min_range=before.min_range,
-            max_range=before.max_range,
-            raytrace_range=before.raytrace_range,
-        )
+        self.obstacles.values = np.full(shape, UNKNOWN, dtype=np.uint8)
         self.map = map
         self.origin = map.origin
         self._static = static_costs(map)
@@ -66,18 +58,12 @@ class Exploration(Navigation):
         parameters: NavigationParameters | None = None,
         keepout: tuple[Rectangle, ...] = (),
     ) -> None:
-        parameters_or_default = parameters if parameters is not None else NavigationParameters()
+        parameters = parameters if parameters is not None else NavigationParameters()
+        parameters = replace(parameters, planner=replace(parameters.planner, allow_unknown=False))
         # A new map has one cell, and everything around it is unknown.
-        empty_map = OccupancyMap(
-            np.full((1, 1), -1, dtype=np.int8),
-            parameters_or_default.global_costmap.resolution,
-            (0.0, 0.0),
-            keepout,
-        )
-        mapping_parameters = replace(
-            parameters_or_default, planner=replace(parameters_or_default.planner, allow_unknown=False)
-        )
-        super().__init__(robot, empty_map, random, trees, mapping_parameters)
+        unknown = np.full((1, 1), -1, dtype=np.int8)
+        empty_map = OccupancyMap(unknown, parameters.global_costmap.resolution, (0.0, 0.0), keepout)
+        super().__init__(robot, empty_map, random, trees, parameters)
         self._drawn_version = -1
         self._excluded: list[tuple[float, float]] = []
         self._frontier: Frontier | None = None

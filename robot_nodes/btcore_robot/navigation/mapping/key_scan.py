@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from btcore_robot.navigation.clearance import smooth_scan
 from btcore_robot.navigation.mapping.correlative_matcher import Outline
 from btcore_robot.navigation.mapping.pose_arrays import (
     Floats,
@@ -14,7 +15,6 @@ from btcore_robot.navigation.mapping.pose_arrays import (
     relative_pose,
     transform_points,
 )
-from btcore_robot.navigation.scan_filter import smooth_scan
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
 

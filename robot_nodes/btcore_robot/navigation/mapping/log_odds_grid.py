@@ -37,18 +37,16 @@ class LogOddsGrid:
         self.resolution = resolution
         self.radius = radius
         self.keepout = keepout
-        self.clear()
+        self._low_cell = (0, 0)
+        self._log_odds = np.zeros((0, 0), dtype=np.float32)
+        self._hits = np.zeros((0, 0), dtype=np.uint16)
+        self._observed = np.zeros((0, 0), dtype=np.bool_)
         if keepout:
             edges = np.array(keepout)
             self._make_room(edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0))
 
     def clear(self) -> None:
         """Forget all scans but keep the size of the grid."""
-        if not hasattr(self, "_log_odds"):
-            self._low_cell = (0, 0)
-            self._log_odds = np.zeros((0, 0), dtype=np.float32)
-            self._hits = np.zeros((0, 0), dtype=np.uint16)
-            self._observed = np.zeros((0, 0), dtype=np.bool_)
         self._log_odds.fill(0.0)
         self._hits.fill(0)
         self._observed.fill(False)
@@ -92,11 +90,8 @@ class LogOddsGrid:
         # A probably occupied cell with too few hits stays unknown.
         cells[(self._log_odds > 0.0) & (self._hits >= MIN_HITS)] = 100
         # Rounded, so that the origin in the map's YAML file has no floating-point noise.
-        origin = (
-            round(self._low_cell[0] * self.resolution, 9),
-            round(self._low_cell[1] * self.resolution, 9),
-        )
-        return OccupancyMap(cells, self.resolution, origin, self.keepout)
+        x, y = (round(cell * self.resolution, 9) for cell in self._low_cell)
+        return OccupancyMap(cells, self.resolution, (x, y), self.keepout)
 
     def _make_room(self, low: Floats, high: Floats) -> None:
         """Grow the grid until it holds the points from *low* to *high* (m) and a margin of cells."""
@@ -133,8 +128,6 @@ def trim_map(map: OccupancyMap, margin: int = 4) -> OccupancyMap:
     cols: NDArray[np.intp] = np.flatnonzero(known.any(axis=0))
     low_row, low_col = max(0, int(rows[0]) - margin), max(0, int(cols[0]) - margin)
     cells = map.cells[low_row : int(rows[-1]) + 1 + margin, low_col : int(cols[-1]) + 1 + margin]
-    origin = (
-        round(map.origin[0] + low_col * map.resolution, 9),
-        round(map.origin[1] + low_row * map.resolution, 9),
-    )
-    return OccupancyMap(np.ascontiguousarray(cells), map.resolution, origin, map.keepout)
+    x = round(map.origin[0] + low_col * map.resolution, 9)
+    y = round(map.origin[1] + low_row * map.resolution, 9)
+    return OccupancyMap(np.ascontiguousarray(cells), map.resolution, (x, y), map.keepout)

@@ -280,10 +280,8 @@ class ArePosesNear(Condition):
 
     def tick(self) -> bool:
         """Compare the distance between the poses."""
-        return (
-            math.hypot(self.ref_pose.x - self.target_pose.x, self.ref_pose.y - self.target_pose.y)
-            <= self.tolerance
-        )
+        first, second = self.ref_pose, self.target_pose
+        return math.hypot(first.x - second.x, first.y - second.y) <= self.tolerance
 
 
 class IsWithinPathTrackingBounds(Condition):

@@ -29,6 +29,7 @@ from btcore_robot.robot import Pose2D
 
 InPath = Annotated[In[NavPath], "Original path."]
 OutPath = Annotated[Out[NavPath], "Resulting path."]
+MaxCost = Annotated[In[int], "Maximum cost (0–254) of the path: a pose at or above it is a collision."]
 UnknownCounts = Annotated[In[bool], "Whether unknown cost counts as an obstacle."]
 
 
@@ -105,9 +106,7 @@ class TruncatePathLocal(SyncAction):
 class ValidatePath(ServersAction):
     """SUCCESS while *path* is free of collisions according to the global costmap."""
 
-    max_cost: Annotated[
-        In[int], "Maximum cost (0–254) of the path: a pose at or above it is a collision."
-    ] = 254
+    max_cost: MaxCost = 254
     consider_unknown_as_obstacle: UnknownCounts = False
     layer_name: Annotated[In[str], "Costmap layer to check; not used: all layers are checked."] = ""
     footprint: Annotated[In[str], "Footprint to check; not used: the robot's circle is checked."] = ""
@@ -137,9 +136,7 @@ class ValidatePath(ServersAction):
 class IsPathValid(Condition):
     """The predecessor of ValidatePath in Nav2 up to the release humble: SUCCESS while *path* is valid."""
 
-    max_cost: Annotated[
-        In[int], "Maximum cost (0–254) of the path: a pose at or above it is a collision."
-    ] = 254
+    max_cost: MaxCost = 254
     consider_unknown_as_obstacle: UnknownCounts = False
     server_timeout: ServerTimeout = 20
 
