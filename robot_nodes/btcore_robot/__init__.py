@@ -1,1 +1,1 @@
-"""The robot's mind: leaves and programs that ask a body for what `btcore_robot.robot.Robot` promises."""
+"""Leaves, navigation and programs for robots that implement the protocol `btcore_robot.robot.Robot`."""

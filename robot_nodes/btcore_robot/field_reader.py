@@ -42,7 +42,7 @@ class FieldReader:
         self._fields = fields
         self._requested: list[str] = []
 
-    def mistake(self, key: str, what: str) -> Exception:
+    def mistake(self, key: str, problem: str) -> Exception:
         """Return the exception for a mistake in the field *key*, with its place in the file."""
         raise NotImplementedError
 

@@ -6,9 +6,9 @@ Conventions, which are those of ROS (REP 103, REP 105 and REP 117):
   nanoseconds of the robot's own clock.
 - In a body frame x points forward, y to the left and z up. Angles are positive counter-clockwise, seen from
   above, and 0 straight ahead. In an optical frame of a camera z points forward, x to the right and y down.
-- The frame ``base_footprint`` is on the floor below the centre of the base. The frame ``odom`` is where
-odometry
-  started. The frame ``map`` belongs to navigation: a robot knows its odometry, not its true position.
+- The frame ``base_footprint`` is on the floor below the centre of the base. The frame ``odom`` is at the
+  start of odometry. The frame ``map`` belongs to navigation: a robot knows its odometry, not its true
+  position.
 """
 
 import threading

@@ -85,13 +85,13 @@ class _Link:
     def _beyond(self, stamp: int, by: int, *, future: bool) -> ExtrapolationError:
         first, last = self.stamps[0], self.stamps[-1] + self.holds
         side, advice = (
-            ("after", "wait for newer data, or ask without a stamp")
+            ("after", "wait for newer data, or look it up without a stamp")
             if future
             else ("before", f"{CACHE_TIME // NS_PER_S} s are kept")
         )
         return ExtrapolationError(
-            f"where '{self.child}' is in '{self.parent}' is known from {_seconds(first)} to {_seconds(last)}"
-            f", and {_seconds(stamp)} lies {_seconds(by)} {side} that; {advice}",
+            f"the pose of '{self.child}' in '{self.parent}' is known from {_seconds(first)} to "
+            f"{_seconds(last)}, but {_seconds(stamp)} is {_seconds(by)} {side} that; {advice}",
             future,
         )
 
@@ -124,7 +124,7 @@ class TransformTree:
         """
         link = self._links.get(frame.child)
         if link is None or link.parent != frame.parent or link.static:
-            link = self._grow(frame, static=False)
+            link = self._add_link(frame, static=False)
         _check(frame)
         link.put(frame.stamp, Transform(frame.position, frame.quaternion), holds)
 
@@ -136,7 +136,7 @@ class TransformTree:
 
         """
         _check(frame)
-        link = self._grow(frame, static=True)
+        link = self._add_link(frame, static=True)
         link.transforms = [Transform(frame.position, frame.quaternion)]
 
     def lookup(self, target: str, source: str, stamp: int | None = None) -> Transform:
@@ -179,7 +179,7 @@ class TransformTree:
         link = self._links.get(frame)
         return None if link is None else link.parent
 
-    def _grow(self, frame: TransformStamped, *, static: bool) -> _Link:
+    def _add_link(self, frame: TransformStamped, *, static: bool) -> _Link:
         ancestor: str | None = frame.parent
         while ancestor is not None:
             if ancestor == frame.child:
@@ -204,19 +204,19 @@ class TransformTree:
             for name in (target, source):
                 if name not in self._links and name not in self._parents:
                     raise UnknownFrameError(self._unknown(name))
-            up, down = self._upwards(source), self._upwards(target)
+            up, down = self._links_to_root(source), self._links_to_root(target)
             while up and down and up[-1] is down[-1]:
                 del up[-1], down[-1]
             roots = (up[-1].parent if up else source), (down[-1].parent if down else target)
             if roots[0] != roots[1]:
                 raise ConnectivityError(
                     f"'{source}' and '{target}' are not connected: "
-                    f"one is below '{roots[0]}', the other below '{roots[1]}'"
+                    f"their roots are '{roots[0]}' and '{roots[1]}'"
                 )
             chain = self._chains[(target, source)] = (tuple(up), tuple(down))
         return chain
 
-    def _upwards(self, name: str) -> list[_Link]:
+    def _links_to_root(self, name: str) -> list[_Link]:
         links = []
         while (link := self._links.get(name)) is not None:
             links.append(link)
@@ -225,7 +225,7 @@ class TransformTree:
 
     def _unknown(self, name: str) -> str:
         known = self.frames()
-        names = f"known frames: {', '.join(known)}" if known else "none is known yet"
+        names = f"known frames: {', '.join(known)}" if known else "no frame is known yet"
         return f"there is no frame '{name}'; {did_you_mean(name, known).strip() or names}"
 
 

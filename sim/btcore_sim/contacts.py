@@ -63,13 +63,13 @@ class ContactCounter:
     def before_step(self, now: int) -> None:
         """Record the velocities of all bodies that may touch in the coming step."""
         self._moving.clear()
-        self._note(self._robot)
+        self._record_velocity(self._robot)
         if self._near:
             states = pybullet.getLinkStates(self._robot, self._links, 1, physicsClientId=self._client)
             for link, state in zip(self._links, states, strict=True):
                 self._moving[self._robot, link] = (state[6], state[7], state[0])
             for body in self._near:
-                self._note(body)
+                self._record_velocity(body)
 
     def after_step(self, now: int) -> None:
         """Register the contacts of the step that ended at *now* (ns)."""
@@ -107,14 +107,14 @@ class ContactCounter:
             # a velocity), and no contact changes its velocity.
             if pybullet.getDynamicsInfo(body, -1, physicsClientId=self._client)[0] > 0.0:
                 return 0.0, 0.0, 0.0
-            self._note(body)
+            self._record_velocity(body)
             moving = self._moving[body, -1]
         (vx, vy, vz), (wx, wy, wz), middle = moving
         # Velocity of a point of a rigid body: v + w × r.
         x, y, z = (a - m for a, m in zip(at, middle, strict=True))
         return vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
 
-    def _note(self, body: int) -> None:
+    def _record_velocity(self, body: int) -> None:
         linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._client)
         place, _ = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
         self._moving[body, -1] = (linear, angular, place)

@@ -138,14 +138,14 @@ class EventRunner:
         self._people = people
         self._random = world.random("events")
         self._boxes = world.kinematic_bodies(_NAME)
-        self._coming = sorted(events, key=lambda event: event.time)
-        if self._coming:
-            world.schedule.every(_RATE, Phase.PHYSICS, self._look)
+        self._pending = sorted(events, key=lambda event: event.time)
+        if self._pending:
+            world.schedule.every(_RATE, Phase.PHYSICS, self._trigger_due)
 
-    def _look(self, now: int) -> None:
-        for event in list(self._coming):
+    def _trigger_due(self, now: int) -> None:
+        for event in list(self._pending):
             if event.time <= now and (self._drop(event) if event.kind == "box" else self._kidnap()):
-                self._coming.remove(event)
+                self._pending.remove(event)
                 self.event_log[-1] = {"event": event.kind, "t": now / 1e9, **self.event_log[-1]}
 
     def _drop(self, event: Event) -> bool:
@@ -194,7 +194,7 @@ class EventRunner:
             place = self._floor.random_point(self._random, self._radius + CLEAR + self._floor.map.resolution)
             if place is None:
                 return False
-            people = min((math.dist(place, one) for one in self._people()), default=math.inf)
+            people = min((math.dist(place, person) for person in self._people()), default=math.inf)
             if math.dist(place, (before.x, before.y)) > FAR and people > 1.0 + self._radius:
                 pose = Pose2D(*place, float(self._random.uniform(-math.pi, math.pi)))
                 self._robot.teleport(pose)

@@ -75,8 +75,8 @@ class JsonRecord(FieldReader):
                 raise ValueError
             parts = bytes.fromhex(digits.ljust(8, "f"))
         except ValueError:
-            what = f"is '{value}', and a colour like '#c8b090' or '#c8b090ff' is expected"
-            raise self.mistake(key, what) from None
+            problem = f"is '{value}', and a colour like '#c8b090' or '#c8b090ff' is expected"
+            raise self.mistake(key, problem) from None
         return parts[0], parts[1], parts[2], parts[3]
 
     def nested(self, key: str, parse: Callable[["JsonRecord"], Value]) -> Value:
@@ -113,36 +113,36 @@ class JsonRecord(FieldReader):
                 )
         return result
 
-    def mistake(self, key: str, what: str) -> SimError:
+    def mistake(self, key: str, problem: str) -> SimError:
         """Return an error in the field *key*, with the place in the file."""
-        return self.error(f"'{key}' {what}")
+        return self.error(f"'{key}' {problem}")
 
     def shown(self, value: object) -> str:
         """Return *value* in JSON."""
         return json.dumps(value)
 
-    def error(self, what: str) -> SimError:
+    def error(self, problem: str) -> SimError:
         """Return an error in this object, with the place in the file."""
-        return SimError(f"{self.where}: {what}")
+        return SimError(f"{self.where}: {problem}")
 
     def _inner(self, step: str) -> str:
         return f"{self.where}.{step}" if ": " in self.where else f"{self.where}: {step}"
 
 
-def read_record(path: Path, what: str) -> JsonRecord:
+def read_record(path: Path, content: str) -> JsonRecord:
     """Read the JSON object in a file.
 
     Args:
         path: The file.
-        what: What the file describes, for messages: ``a world`` or ``a robot``.
+        content: The content of the file, for messages: ``a world`` or ``a robot``.
 
     Raises:
         SimError: The file does not exist, is unreadable, or does not contain a JSON object.
     """
     try:
-        data = json.loads(read_text(path, f"a JSON file of {what}", SimError))
+        data = json.loads(read_text(path, f"a JSON file of {content}", SimError))
     except json.JSONDecodeError as error:
         raise SimError(f"{path}:{error.lineno}:{error.colno}: not valid JSON: {error.msg}") from None
     if not isinstance(data, dict):
-        raise SimError(f"{path}: {what} is a JSON object {{…}}, but this file contains another type")
+        raise SimError(f"{path}: {content} is a JSON object {{…}}, but this file contains another type")
     return JsonRecord(data, str(path))

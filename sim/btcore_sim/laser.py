@@ -74,17 +74,17 @@ class RayCaster:
             The lengths (m), shape ``(n,)``; inf for a ray that hits nothing, 0 for a ray that starts inside
             an object.
         """
-        found = np.full(len(angles), np.inf)
+        distances = np.full(len(angles), np.inf)
         boxes = self._boxes[:, (self._boxes[6] <= z) & (z <= self._boxes[7])]
         if boxes.shape[1]:
-            _against_boxes(boxes, x, y, angles, found)
+            _against_boxes(boxes, x, y, angles, distances)
         rounds = self._rounds[:, (self._rounds[6] <= z) & (z <= self._rounds[7])]
         if rounds.shape[1]:
-            _against_rounds(rounds, x, y, angles, found)
-        return found
+            _against_rounds(rounds, x, y, angles, distances)
+        return distances
 
 
-def _against_boxes(boxes: Floats, x: float, y: float, angles: Floats, found: Floats) -> None:
+def _against_boxes(boxes: Floats, x: float, y: float, angles: Floats, distances: Floats) -> None:
     half_x, half_y, cos, sin = boxes[2], boxes[3], boxes[4], boxes[5]
     to_x, to_y = boxes[0] - x, boxes[1] - y
     # The bearings of the corners relative to the middle's bearing. The extremes bound the rays that can hit.
@@ -107,10 +107,10 @@ def _against_boxes(boxes: Floats, x: float, y: float, angles: Floats, found: Flo
     np.minimum(far, far_y, out=far)
     np.maximum(near, 0.0, out=near)
     near[far < near] = np.inf
-    np.minimum.at(found, rays, near)
+    np.minimum.at(distances, rays, near)
 
 
-def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, found: Floats) -> None:
+def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, distances: Floats) -> None:
     to_x, to_y, radius = rounds[0] - x, rounds[1] - y, rounds[2]
     distance = np.hypot(to_x, to_y)
     half = np.where(distance > radius, np.arcsin(radius / np.maximum(distance, radius)), math.pi)
@@ -122,7 +122,7 @@ def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, found: F
     deep = np.sqrt(np.maximum(room, 0.0))
     near = np.maximum(along - deep, 0.0)
     near[(room < 0.0) | (along + deep < 0.0)] = np.inf
-    np.minimum.at(found, rays, near)
+    np.minimum.at(distances, rays, near)
 
 
 def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -31,7 +31,7 @@ class KidnapRecovery:
         self._began = began
         self._driven = driven
         self._noticed: float | None = None
-        self._found: float | None = None
+        self._relocalised: float | None = None
         self._astray = 0.0
 
     def watch(self, now: int, driven: float, off: float | None) -> None:
@@ -46,7 +46,7 @@ class KidnapRecovery:
         if off is None:
             self._noticed = seconds if self._noticed is None else self._noticed
         elif off <= RELOCALISED_ERROR:
-            self._found = seconds if self._found is None else self._found
+            self._relocalised = seconds if self._relocalised is None else self._relocalised
         elif off > LOST_ERROR:
             self._astray += driven - self._driven
         self._driven = driven
@@ -56,7 +56,7 @@ class KidnapRecovery:
         return {
             "t": self._began / NS_PER_S,
             "noticed_s": None if self._noticed is None else round(self._noticed, 3),
-            "found_s": None if self._found is None else round(self._found, 3),
+            "found_s": None if self._relocalised is None else round(self._relocalised, 3),
             "astray_m": round(self._astray, 4),
         }
 
@@ -75,7 +75,7 @@ class RunMetrics:
         self._visited: list[str] = []
         self._recoveries: list[KidnapRecovery] = []
         if navigator is not None:
-            body.schedule.every(_RATE, Phase.JUDGE, lambda now: self._watch(navigator, now))
+            body.schedule.every(_RATE, Phase.JUDGE, lambda now: self._measure(navigator, now))
 
     def figures(self) -> dict[str, object]:
         """Return the measures of the run, for its report.
@@ -95,7 +95,7 @@ class RunMetrics:
         }
         if self._navigator is None:
             return figures
-        self._take(self._navigator.outcomes())
+        self._evaluate(self._navigator.outcomes())
         errors = self._errors
         if self._recoveries:
             figures["carried"] = [recovery.figures() for recovery in self._recoveries]
@@ -111,8 +111,8 @@ class RunMetrics:
             "goals_failed": self._failed,
         }
 
-    def _watch(self, navigator: NavigationReporter, now: int) -> None:
-        self._take(navigator.outcomes())
+    def _measure(self, navigator: NavigationReporter, now: int) -> None:
+        self._evaluate(navigator.outcomes())
         body, estimate = self._body, navigator.estimate()
         true = body.true_pose()
         off = None if estimate is None else _apart(true, estimate)
@@ -128,7 +128,7 @@ class RunMetrics:
         self._errors.append(off)
         self._yaw_error = max(self._yaw_error, abs(wrap_angle(estimate.yaw - true.yaw)))
 
-    def _take(self, outcomes: Sequence[GoalOutcome]) -> None:
+    def _evaluate(self, outcomes: Sequence[GoalOutcome]) -> None:
         """Evaluate the goals that have ended since the last call."""
         for outcome in outcomes[self._outcomes_seen :]:
             self._outcomes_seen += 1

@@ -102,7 +102,7 @@ class SimulatedRobot(Robot):
         self._rates: tuple[float, float] | None = None
         self.move_head(0.0, 0.0)
         self.lift(0.0)
-        self._obey(0)
+        self._command_wheels(0)
         world.settle(_SETTLING)
         self.contacts = ContactCounter(world.client, self.model.body_id, world.floor)
         self._place = self.model.place()[0]
@@ -306,7 +306,7 @@ class SimulatedRobot(Robot):
         )
 
     def _before_step(self, now: int) -> None:
-        self._obey(now)
+        self._command_wheels(now)
         self.cells.drain(self._base.commanded_twist(now), 1.0 / self.world.rate)
         if self.cells.empty and not self._empty:
             log.warning("the robot's battery is empty: the robot stands until it is recharged")
@@ -319,7 +319,7 @@ class SimulatedRobot(Robot):
         self._place = place
         self.contacts.after_step(now)
 
-    def _obey(self, now: int) -> None:
+    def _command_wheels(self, now: int) -> None:
         seconds = 1.0 / self.world.rate
         self._base.step(now, seconds, obeys=not self.cells.empty)
         left, right = self._base.wheel_rates()

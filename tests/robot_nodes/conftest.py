@@ -21,7 +21,7 @@ from btcore_robot.schedule import SimulatedTime
 
 
 class SteppedClock(SimulatedTime):
-    """Simulated time that goes, task by task, to the moment waited for, or that is set."""
+    """Simulated time that advances from task to task, or that the test sets."""
 
     @property
     def time(self) -> int:
@@ -36,7 +36,7 @@ class SteppedClock(SimulatedTime):
 
 
 class RecordingRobot(Robot):
-    """A robot that notes what it is told, and sees what it is given. It obeys nothing."""
+    """A robot that records its commands and returns the readings that the test sets. It does not move."""
 
     def __init__(self) -> None:
         self._clock = SteppedClock()
@@ -50,7 +50,7 @@ class RecordingRobot(Robot):
         self.at = Pose2D(0.0, 0.0, 0.0)
 
     def see(self, *ranges: float, angle_min: float = 0.0, angle_increment: float = 0.1) -> None:
-        """Have a scan of these ranges (m) now."""
+        """Set the newest scan to these ranges (m)."""
         facts = self.laser
         self.seen = LaserScan(
             np.array(ranges, dtype=np.float32),

@@ -26,7 +26,7 @@ AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0
 
 
 class Bumping:
-    """The process, a laser that shows what it is told, and what the process says, with the time (s)."""
+    """The process, a laser whose ranges the test sets, and the process's messages with the time (s)."""
 
     def __init__(self, robot, kind: type[BumpGo] = BumpGo) -> None:
         self.clock = robot.clock
@@ -46,7 +46,7 @@ class Bumping:
         self.said.append((self.clock.now() / SECOND, twist))
 
     def run(self, seconds: float) -> None:
-        """Let time pass, with a scan each tenth of a second."""
+        """Advance the time, with a scan each tenth of a second."""
         for _ in range(round(10 * seconds)):
             if self.alive:
                 self.scans.publish(self.scan())
@@ -119,7 +119,7 @@ def test_it_stops_when_the_scan_is_older_than_a_second_and_goes_on_after(robot):
     bumping.alive = False
     bumping.run(2.0)
     assert bumping.process.state is BumpGoState.STOP
-    # the last scan is of 0.9 s; at 1.95 s it is too old, and what is said then is still of before
+    # the last scan is of 0.9 s; at 1.95 s it is too old; that cycle still sends the old state's command
     assert next(time for time, twist in bumping.said if twist == STAND) == pytest.approx(2.0)
     bumping.alive = True
     bumping.run(0.3)
@@ -158,7 +158,7 @@ def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
 
 
 def turned(kind: type[BumpGo], seconds: float) -> tuple[SimulatedRobot, BumpGo, float]:
-    """The process in the simulator for a while; the body, the process, and the distance."""
+    """Run the process in the simulator; return the robot, the process, and the distance."""
     body = SimulatedRobot(World(load_scene("arena_boxes"), seed=2))
     context = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
     executor = Executor(body.schedule, body.clock)

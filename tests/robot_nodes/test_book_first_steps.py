@@ -23,7 +23,7 @@ SECOND = 10**9
 
 
 class Desk:
-    """Time, an executor, and what was logged."""
+    """A clock, an executor, and the log messages."""
 
     def __init__(self, clock) -> None:
         self.clock = clock
@@ -142,7 +142,7 @@ def test_a_parameter_of_another_type_is_a_fault(desk: Desk, given: dict):
 
 
 class Talk:
-    """Somebody who publishes numbers, and somebody who hears them."""
+    """A process that publishes numbers, and a process that subscribes to them."""
 
     def __init__(self, desk: Desk, *, latched: bool = False) -> None:
         self.speaker = Process("speaker", desk.context)

@@ -31,7 +31,7 @@ GREY = (120, 120, 120)
 
 
 def picture(*patches: tuple[int, int, int, int], stamp: int = 0) -> CameraImage:
-    """640x480 of grey with wooden rectangles (left, top, width, height)."""
+    """Return a grey picture of 640x480 with rectangles of the colour of wood (left, top, width, height)."""
     rgb = np.full((480, 640, 3), GREY, dtype=np.uint8)
     for left, top, width, height in patches:
         rgb[top : top + height, left : left + width] = WOODEN

@@ -1,4 +1,4 @@
-"""The leaves of the book's patrol: its own tests of them (chapter 6.3), and its tree."""
+"""The leaves of the book's patrol: the book's tests (chapter 6.3), and its tree."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +27,7 @@ def tree_of(body: str, *resources: object) -> Tree:
 
 
 def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
-    """Tick at 10 Hz until the result is not RUNNING, or for so long."""
+    """Tick at 10 Hz until the result is not RUNNING, or until the time is over."""
     status = Status.IDLE
     for _ in range(round(seconds * 10)):
         status = tree.tick_once()
@@ -39,7 +39,7 @@ def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
 
 
 class SlowServer(ActionServer[Pose2D, None, None]):
-    """A navigation that gets to every goal in 5 s, as the book's test server does."""
+    """A navigator that reaches every goal in 5 s, like the book's test server."""
 
     def __init__(self, robot) -> None:
         super().__init__()
@@ -226,7 +226,7 @@ def test_battery_drains_by_the_velocity_asked_for(robot, v: float, w: float, a_s
 def test_battery_quirk_a_gap_is_reckoned_at_the_velocity_found_after_it(robot):
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     tree.tick_once()
-    robot.clock.sleep(100.0)  # nobody ticked it, and it stood
+    robot.clock.sleep(100.0)  # the leaf was not ticked, and the robot stood
     robot.drive(0.3, 0.0)
     tree.tick_once()
     assert tree.blackboard["battery_level"] == pytest.approx(84.0)

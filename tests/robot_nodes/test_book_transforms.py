@@ -1,4 +1,4 @@
-"""The obstacle detector in transforms, basic and improved: the book's figures (chapter 4) and exercises."""
+"""The obstacle detector, basic and improved, compared with the book (chapter 4), and its exercises."""
 
 import math
 

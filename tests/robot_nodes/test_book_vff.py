@@ -1,4 +1,4 @@
-"""VFF avoidance: the book's tests (chapter 5.1), case by case, and its exercise."""
+"""VFF avoidance: the cases of the book's tests (chapter 5.1), and its exercise."""
 
 import math
 
@@ -21,7 +21,7 @@ SECOND = 10**9
 
 
 def scan_of(*, others: float = 5.0, stamp: int = 0, **near: float) -> LaserScan:
-    """16 readings all around: *others*, but for ``k10=0.3``."""
+    """Return a scan of 16 readings all around: *others*, except readings named like ``k10=0.3``."""
     ranges = np.full(16, others, dtype=np.float32)
     for name, distance in near.items():
         ranges[int(name[1:])] = distance
@@ -99,7 +99,7 @@ VELOCITIES = {
 
 
 class Avoiding:
-    """The avoidance process with a scan at 30 Hz, and what it says."""
+    """The avoidance process with a scan at 30 Hz, and its messages."""
 
     def __init__(self, robot, kind: type[Avoidance] = Avoidance) -> None:
         self.robot = robot

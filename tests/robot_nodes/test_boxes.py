@@ -1,4 +1,4 @@
-"""Coloured objects as boxes in space: by the pinhole, and against the furniture of the house."""
+"""Coloured objects as boxes in space, compared with the pinhole model and the furniture of the house."""
 
 import re
 import threading
@@ -30,7 +30,7 @@ SLACK = 0.05
 
 
 class Canvas:
-    """A picture in which walls of the wood's colour stand before grey."""
+    """Return a picture of walls with the colour of wood before a grey background."""
 
     def __init__(self) -> None:
         self.rgb = np.full((120, 160, 3), 120, dtype=np.uint8)
@@ -171,7 +171,7 @@ def test_with_the_navigation_boxes_are_told_in_the_map(body: SimulatedRobot):
 
 
 def extents(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """From where to where (m) each piece of furniture reaches, a table with its top and its legs."""
+    """Return the bounds (m) of each piece of furniture; a table includes its top and its legs."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for thing in scene.things:
         name = re.sub(r"_(top|leg_\d+|back)$", "", thing.name)

@@ -1,4 +1,4 @@
-"""Bump-and-go in the simulator: the whole way from the XML to a robot that bumps into nothing."""
+"""Bump-and-go in the simulator, from the XML to a drive without collisions."""
 
 import math
 import threading
@@ -68,7 +68,7 @@ def test_blind_for_five_seconds_it_stands_and_then_goes_on(body: SimulatedRobot,
 
 @pytest.mark.parametrize("leaf", ["Forward", "Back", "Turn"])
 def test_whatever_it_is_doing_it_stands_within_a_second(leaf: str, nodes: Registry):
-    """A first run tells when the leaf is amid its work; in a second one the laser dies then."""
+    """Run once to find out when the leaf is at work, and let the laser fail at that time in a second run."""
     seeing = SimulatedRobot(World(load_scene("arena_boxes"), seed=11))
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[seeing])
     working = next(node for node in tree.nodes if node.id == leaf)
@@ -100,7 +100,7 @@ def test_whatever_it_is_doing_it_stands_within_a_second(leaf: str, nodes: Regist
 
 @pytest.mark.parametrize("name", ["bumpgo", "bumpgo_wide"])
 def test_the_model_in_the_file_is_the_leaves_own(name: str, nodes: Registry):
-    """Groot shows ports from the file's TreeNodesModel; they have to be what the leaves have."""
+    """Groot shows the ports of the file's TreeNodesModel, which must be those of the leaves."""
     from lxml import etree
 
     models = etree.parse(str(TREES / f"{name}.xml")).getroot().find("TreeNodesModel")

@@ -1,4 +1,4 @@
-"""The contract that every Robot passes: a plain robot without physics passes it, and each breach is found."""
+"""The checks of the `Robot` protocol: a robot without physics passes them, and violations are found."""
 
 import math
 import threading
@@ -35,7 +35,7 @@ STEP = SECOND // 100
 
 
 class PlainSchedule:
-    """Tasks, run by whoever steps the time."""
+    """Tasks that run when the test advances the time."""
 
     def __init__(self) -> None:
         self.now = 0
@@ -58,7 +58,7 @@ class PlainSchedule:
 
 
 class PlainRobot(Robot):
-    """A point that drives as asked, with a laser in an empty room, on a clock that it steps itself."""
+    """A point that follows commands exactly, with a laser in an empty room and a simulated clock."""
 
     def __init__(self) -> None:
         self.time = 0
@@ -190,7 +190,7 @@ class PlainRobot(Robot):
 
 
 class BareRobot(PlainRobot):
-    """Says nothing of what not every robot has."""
+    """A robot without the methods for optional equipment."""
 
     torso, camera_info = Robot.torso, Robot.camera_info
     sonars, battery, recharge, lift, torso_height = (
@@ -211,7 +211,7 @@ def test_a_plain_robot_passes(robot: type[PlainRobot]):
 
 
 class Deaf(PlainRobot):
-    """Its commands never lapse."""
+    """A robot whose commands never expire."""
 
     def step(self, seconds: float) -> None:
         self.heard = self.time

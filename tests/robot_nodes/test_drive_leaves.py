@@ -1,4 +1,4 @@
-"""Back, Turn and Forward: the book's own tests of them (chapter 6.2), and what they leave open."""
+"""Back, Turn and Forward: the book's tests (chapter 6.2) and further cases."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def tree_of(leaf: str, robot) -> Tree:
 
 
 def tick(tree: Tree, robot, times: int) -> Status:
-    """Tick at 10 Hz until the result is not RUNNING, at most so often."""
+    """Tick at 10 Hz until the result is not RUNNING, at most *limit* times."""
     status = Status.IDLE
     for _ in range(times):
         status = tree.tick_once()

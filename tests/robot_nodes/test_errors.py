@@ -1,4 +1,4 @@
-"""The exceptions of ``btcore_robot``: one base class for all of them but click's usage errors."""
+"""The exceptions of ``btcore_robot``: they have a common base class, except click's usage errors."""
 
 import inspect
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""The trees of the exercises of the book's chapter 6: to free space, short of the goal, and boxes."""
+"""The trees for the exercises of the book's chapter 6: free space, distance from the goal, and boxes."""
 
 import json
 import math
@@ -21,7 +21,7 @@ RAYS = 41
 
 
 def around(robot, left: float, ahead: float, right: float) -> None:
-    """Have a scan of 41 rays over 4 rad: a third of it *right* (m), a third *ahead* and a third *left*."""
+    """Return a scan of 41 rays over 4 rad: a third is *right* (m), a third *ahead* and a third *left*."""
     ranges = np.concatenate((np.full(13, right), np.full(15, ahead), np.full(13, left)))
     robot.see(*ranges, angle_min=-2.0, angle_increment=0.1)
 
@@ -92,7 +92,7 @@ def test_shut_in_the_tree_tries_for_a_gap_and_then_ends(robot):
 
 
 class Locator(LifecycleComponent):
-    """Sees what it is given."""
+    """A locator whose boxes the test sets."""
 
     boxes: tuple[BoundingBox3D, ...] = ()
 

@@ -1,4 +1,4 @@
-"""Driving by keys: what is written, what a terminal sends, and the command."""
+"""Driving with keys: scripts of keys, the input of a terminal, and the command."""
 
 import json
 import os

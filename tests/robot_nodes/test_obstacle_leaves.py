@@ -1,4 +1,4 @@
-"""IsObstacle and WaitForScan: the book's tests (chapter 6.2), the corridor, and a laser that goes silent."""
+"""IsObstacle and WaitForScan: the book's tests (chapter 6.2), the corridor, and a laser that fails."""
 
 import math
 
@@ -57,7 +57,7 @@ def test_too_near_to_measure_is_an_obstacle_and_no_echo_is_none(robot):
 
 
 CASES = [
-    # x, y of the one echo (m); found in a corridor of 0.8 m up to 1 m?
+    # x, y (m) of the only echo; whether it is found in a corridor of 0.8 m up to 1 m
     (0.9, 0.0, True),
     (0.9, 0.39, True),
     (0.9, -0.39, True),

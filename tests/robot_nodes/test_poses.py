@@ -1,4 +1,4 @@
-"""Poses as a tree's XML writes them: the book's way, and Nav2's."""
+"""Poses in a tree's XML, in the book's format and in Nav2's."""
 
 import math
 

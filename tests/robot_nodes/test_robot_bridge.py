@@ -17,7 +17,7 @@ from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, P
 
 
 class Bridged:
-    """A robot behind a bridge, and somebody at the other side."""
+    """A robot with a bridge, and a process that uses its topics."""
 
     def __init__(self, robot) -> None:
         self.robot = robot

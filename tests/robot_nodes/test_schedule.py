@@ -1,4 +1,4 @@
-"""The clocks and schedules of robots without a world: the order of tasks, and what comes late."""
+"""The clocks and schedules of robots without a world: the order of tasks, and late tasks."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Trees as readers of the book and users of Nav2 write them: they load as they are, and do what they say.
+"""Trees as readers of the book and users of Nav2 write them: they load unchanged and work.
 
 They are in `third_party_trees`: with the book's node names and ports, subtrees of format 3, Groot's models,
 and the tree that Nav2 came with in 2020.
@@ -36,7 +36,7 @@ def run(name: str, *options: str) -> dict[str, Any]:
 
 
 def ids(result: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """What the nodes did, by ID; of several with one ID the last."""
+    """Return the results of the nodes by ID; of several nodes with the same ID, the last."""
     return {node["id"]: node for node in result["nodes"].values()}
 
 

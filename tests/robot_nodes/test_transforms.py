@@ -55,7 +55,7 @@ transforms = st.builds(Transform, st.tuples(coordinates, coordinates, coordinate
 
 
 def same(one: Transform, other: Transform) -> bool:
-    """Equal but for rounding; a quaternion and its opposite are one rotation."""
+    """Compare transforms with a tolerance; a quaternion and its opposite are the same rotation."""
     turn = abs(float(np.dot(one.quaternion, other.quaternion)))
     return bool(np.allclose(one.position, other.position, atol=1e-9)) and abs(turn - 1.0) < 1e-9
 
@@ -97,7 +97,7 @@ def test_interpolation_begins_and_ends_at_its_ends(a: Transform, b: Transform) -
 
 
 def angle(a: Transform, b: Transform) -> float:
-    """The angle (rad) of the shorter turn from one to the other."""
+    """Return the angle (rad) of the shorter rotation between two quaternions."""
     return 2.0 * math.acos(min(1.0, abs(float(np.dot(a.quaternion, b.quaternion)))))
 
 
@@ -159,7 +159,7 @@ def test_the_past_is_kept_for_ten_seconds_and_static_frames_for_ever() -> None:
     tree.set(frame("base_footprint", "odom", 13.0, stamp=13 * SECOND))
     assert tree.lookup("odom", "base_footprint", 13 * SECOND - CACHE_TIME).position[0] == 3.0
     with pytest.raises(
-        ExtrapolationError, match=r"from 3\.000 s to 13\.000 s, and 2\.000 s lies 1\.000 s before"
+        ExtrapolationError, match=r"from 3\.000 s to 13\.000 s, but 2\.000 s is 1\.000 s before"
     ) as raised:
         tree.lookup("odom", "base_footprint", 2 * SECOND)
     assert not raised.value.future
@@ -168,7 +168,7 @@ def test_the_past_is_kept_for_ten_seconds_and_static_frames_for_ever() -> None:
 
 def test_the_future_is_not_guessed() -> None:
     with pytest.raises(
-        ExtrapolationError, match=r"10\.500 s lies 0\.500 s after that; wait for newer data"
+        ExtrapolationError, match=r"10\.500 s is 0\.500 s after that; wait for newer data"
     ) as raised:
         chain().lookup("map", "base_footprint", 10_500_000_000)
     assert raised.value.future
@@ -187,7 +187,7 @@ def test_what_comes_late_is_put_in_its_place() -> None:
 def test_an_unknown_frame_is_named_with_the_nearest_one() -> None:
     with pytest.raises(UnknownFrameError, match="no frame 'base_lazer_link'; did you mean 'base_laser_link'"):
         chain().lookup("map", "base_lazer_link")
-    with pytest.raises(UnknownFrameError, match="none is known yet"):
+    with pytest.raises(UnknownFrameError, match="no frame is known yet"):
         TransformTree().lookup("map", "odom")
 
 
@@ -196,7 +196,7 @@ def test_frames_without_a_common_root_are_not_connected() -> None:
     tree.set_static(frame("hand", "arm"))
     with pytest.raises(
         ConnectivityError,
-        match="'hand' and 'map' are not connected: one is below 'arm', the other below 'map'",
+        match="'hand' and 'map' are not connected: their roots are 'arm' and 'map'",
     ):
         tree.lookup("map", "hand")
     assert not tree.can_transform("map", "hand")

@@ -38,7 +38,7 @@ def drum() -> Callable[..., SceneObject]:
 
 @pytest.fixture
 def robot_at() -> Iterator[Stand]:
-    """Stand a robot among things at a pose; worlds are closed when the test ends."""
+    """Return a function that places a robot among objects; the worlds are closed when the test ends."""
     worlds: list[World] = []
 
     def make(
@@ -65,7 +65,7 @@ def robot_at() -> Iterator[Stand]:
 
 @pytest.fixture
 def noiseless_tiago() -> RobotDescription:
-    """A Tiago whose laser and wheels tell the truth."""
+    """Return the description of a Tiago without errors of laser and odometry."""
     tiago = load_description(TIAGO)
     facts = replace(tiago.laser.facts, sigma=0.0)
     return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, facts=facts))
@@ -73,7 +73,7 @@ def noiseless_tiago() -> RobotDescription:
 
 @pytest.fixture
 def steer() -> Pass:
-    """Command a velocity at 10 Hz for some seconds; None is silence."""
+    """Send a velocity at 10 Hz for some seconds, or no command for None."""
 
     def drive(body: SimulatedRobot, seconds: float, command: tuple[float, float] | None) -> None:
         for _ in range(round(seconds * 10)):

@@ -1,4 +1,4 @@
-"""The battery in the body: what it loses by the book's formula, when it is empty, and how it is filled."""
+"""The simulated battery: the book's formula for its charge, the empty battery, and recharging."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The camera: its pinhole, its depth, and that it sees what the engine's own renderer sees."""
+"""The camera: pinhole model, depth, and pictures like those of the engine's renderer."""
 
 import math
 from dataclasses import replace
@@ -19,7 +19,7 @@ RED = (230, 20, 20, 255)
 
 
 def engines(body: SimulatedRobot) -> tuple[np.ndarray, np.ndarray]:
-    """What the engine's renderer makes of the same view: which body is in each pixel, and the depth (m)."""
+    """Return the picture of the engine's renderer: the body in each pixel, and the depth (m)."""
     eye, turned = body._camera.pose(body.model, body._camera_link)
     axes = np.array(pybullet.getMatrixFromQuaternion(turned)).reshape(3, 3)
     lens = body.camera_info
@@ -56,8 +56,8 @@ def test_depth_agrees_with_the_engines_renderer(robot_at, steer, box, drum, look
     assert np.isfinite(ours).mean() > 0.3
     hit = (seen >= 0) & np.isfinite(ours)
     assert (hit | (seen < 0)).mean() > 0.97
-    # Along an outline the two may be a pixel apart, and a drum is a prism here. The engine's renderer looks
-    # through a pixel's corner, this one through its middle.
+    # Along an outline the two may be a pixel apart, and a drum is a prism here. PyBullet's renderer looks
+    # through a pixel's corner, btcore's renderer through its middle.
     off = (np.abs(ours - theirs) / theirs)[hit]
     assert (off < 0.03).mean() > 0.94
     assert np.median(off) < 0.01
@@ -144,7 +144,7 @@ FACTS = CameraInfo(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1, 20.0, 10.0, "lens")
 
 
 def painted(*boxes: tuple[tuple[float, float, float], tuple[float, float, float], int]) -> tuple:
-    """Boxes (size, place, shade of grey) before a camera at the origin that looks along z."""
+    """Draw boxes (size, place, shade of grey) before a camera at the origin that faces z."""
     shapes = [Transform(place).apply(box_faces(size)) for size, place, _ in boxes]
     colors = np.concatenate([np.full((6, 3), float(shade)) for *_, shade in boxes])
     return Renderer(FACTS).draw(np.concatenate(shapes), colors, np.zeros(3), np.eye(3))

@@ -1,4 +1,4 @@
-"""Contacts: what counts, as one event or two, and when it is a collision."""
+"""Contacts: when they count as events, and when as collisions."""
 
 import math
 from dataclasses import replace

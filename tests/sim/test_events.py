@@ -1,4 +1,4 @@
-"""What happens to a robot in the middle of a run: how it is written, and where and when it happens."""
+"""Events during a run: their notation, their places and their times."""
 
 import math
 import threading

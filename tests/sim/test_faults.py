@@ -1,4 +1,4 @@
-"""Parts that fail on purpose."""
+"""Simulated failures of parts."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The two houses against the facts they are drawn after: rooms, doors, clearances, ways, colours."""
+"""The two houses compared with their sources: rooms, doors, clearances, ways, colours."""
 
 import itertools
 import math
@@ -175,7 +175,7 @@ def test_furniture_is_in_the_books_wooden_colour_and_in_others(house: Scene):
 
 
 def is_wooden(color: tuple[int, int, int, int]) -> bool:
-    """The book's range for furniture in OpenCV's HSV, however bright it is lit."""
+    """Check the book's range for furniture in OpenCV's HSV, at any brightness."""
     pixel = np.array([[color[:3]]], dtype=np.uint8)
     return bool(cv2.inRange(cv2.cvtColor(pixel, cv2.COLOR_RGB2HSV), (15, 50, 20), (20, 200, 255)).any())
 
@@ -195,7 +195,7 @@ def patrolled(scene: Scene) -> list[tuple[float, float]]:
 
 
 def seen_wood(scene: Scene, x: float, y: float, turn: int) -> float:
-    """The share of a picture's pixels in the book's range, looking *turn* eighths of a turn to the left."""
+    """Return the share of a picture's pixels in the book's range, *turn* eighths of a turn to the left."""
     world = World(replace(scene, pose=Pose2D(x, y, turn * math.pi / 4)))
     picture = SimulatedRobot(world, camera=CameraSettings(80, 60, 10.0)).camera()
     world.close()

@@ -1,4 +1,4 @@
-"""The frames that a body tells of: those of the data sheet, where the physics engine has them."""
+"""The frames of a simulated robot: those of the data sheet, at the poses of the physics engine."""
 
 import json
 import math
@@ -17,7 +17,7 @@ LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
 
 
 def pose(frames: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Where a frame is in ``base_footprint``: rotation (3, 3) and position (m)."""
+    """Return the pose of a frame in ``base_footprint``: rotation (3, 3) and position (m)."""
     known = {frame.child: frame for frame in frames}
     rotation, position = np.eye(3), np.zeros(3)
     while name != "base_footprint":

@@ -1,4 +1,4 @@
-"""The map of a world: which cells are occupied, free and unknown, where not to go, and the command."""
+"""The map of a world: occupied, free and unknown cells, keep-out areas, and the command."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Boxes that no map has: they block no way, and are where the seed says."""
+"""Boxes that are not on the map: they block no way, and the seed determines their places."""
 
 import math
 

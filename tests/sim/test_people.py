@@ -1,4 +1,4 @@
-"""People: where they walk, that they stop before a robot, and that a seed says it all."""
+"""People: where they walk, that they stop before a robot, and reproducibility by seed."""
 
 import itertools
 import math
@@ -26,7 +26,7 @@ Stroll = Callable[..., tuple[World, PeopleSimulation]]
 
 @pytest.fixture
 def stroll():
-    """People in a world, with a robot that is where a call says."""
+    """People in a world, with a robot at the pose that a function returns."""
     worlds = []
 
     def make(
@@ -42,7 +42,7 @@ def stroll():
 
 
 def tracks(world: World, people: PeopleSimulation, seconds: int) -> list[list[tuple[float, float]]]:
-    """Where everybody is, ten times a second."""
+    """Return the positions of all people, ten times a second."""
     seen = []
     for tick in range(1, 10 * seconds + 1):
         world.wait_until(tick * SECOND // 10, threading.Event())

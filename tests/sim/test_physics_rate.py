@@ -1,4 +1,4 @@
-"""The houses' physics steps at 120 Hz: the base drives as true there as Tiago's figures say it does."""
+"""Physics at 120 Hz in the houses: the base drives as accurately as in Tiago's data sheet."""
 
 import math
 import threading

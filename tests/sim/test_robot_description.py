@@ -1,4 +1,4 @@
-"""Robots as data: another robot by its description, and what a description can get wrong."""
+"""Robot descriptions: another robot than the Tiago, and errors in descriptions."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""`btcore run` of a tree that wants a robot: what it reports, and what may be asked wrongly."""
+"""`btcore run` of a tree that needs a robot: its report, and errors in its options."""
 
 import json
 from collections.abc import Callable

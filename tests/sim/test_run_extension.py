@@ -1,4 +1,4 @@
-"""What the simulator brings to `btcore run`."""
+"""The simulator's extension of `btcore run`."""
 
 import math
 import subprocess
@@ -79,7 +79,7 @@ def test_a_run_from_providing_to_the_report():
 
 
 class Navigator:
-    """Somebody who is lost for good, and has failed once."""
+    """A navigator that stays lost and has failed once."""
 
     def estimate(self) -> Pose2D | None:
         return None

@@ -1,4 +1,4 @@
-"""What is told of a run: battery and odometry always, localisation and goals when somebody navigates."""
+"""The measures of a run: always battery and odometry, and with a navigator localisation and goals."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from btcore_sim.scene import load_scene
 
 
 class Navigator:
-    """Knows the truth but for a constant error, and has the outcomes that a test gives it."""
+    """A navigator whose estimate has a constant error, and whose outcomes the test sets."""
 
     def __init__(self, body: Any, error: Pose2D | None = None) -> None:
         self.body = body
@@ -94,7 +94,7 @@ def test_goals_are_told_by_how_they_ended_and_where_the_robot_was(body: Any, ste
     steer(body, 0.1, None)
     body.recharge()
     steer(body, 4.0, (0.3, 0.0))
-    navigator.end(0.2, 0.1, "SUCCEEDED")  # it says so, and is a metre away
+    navigator.end(0.2, 0.1, "SUCCEEDED")  # it reports success a metre away from the goal
     figures = metrics.figures()
     assert (figures["waypoints_visited"], figures["goals_failed"], figures["recharges"]) == (["wp1"], 1, 1)
 

@@ -1,4 +1,4 @@
-"""What a run adds to a world, from the options of `btcore run` to the report, and that a seed says it all."""
+"""Additions of a run to its world, from the options of `btcore run` to the report."""
 
 import threading
 from hashlib import sha256
@@ -22,7 +22,7 @@ SETTINGS: dict[str, Any] = {"world": "house", "seed": 3, "fast": True, "camera":
 
 
 def trace(seed: int, seconds: int = 12) -> str:
-    """A digest of every scan and true pose of a run with people, obstacles and events."""
+    """Return a digest of every scan and true pose of a run with people, obstacles and events."""
     scenario = Scenario(3, 2, [parse_event("box:2"), parse_event("kidnap:8")])
     world = World(scenario.scene(load_scene("aws_house"), seed), seed=seed)
     body = SimulatedRobot(world)

@@ -1,4 +1,4 @@
-"""Worlds: their files, their mistakes, their start poses, and the room between what stands in them."""
+"""Worlds: files, errors in files, start poses, and the distances between objects."""
 
 import itertools
 import json
@@ -17,7 +17,7 @@ WALLS = {"wall_east", "wall_north", "wall_west", "wall_south"}
 
 
 def outline(thing: SceneObject) -> np.ndarray:
-    """The thing's outline on the floor as points at most 5 mm apart, shape (n, 2)."""
+    """Return the object's outline on the floor as points at most 5 mm apart, shape (n, 2)."""
     x, y = thing.size[0] / 2, thing.size[1] / 2
     if thing.kind == "cylinder":
         around = np.linspace(0.0, 2 * math.pi, math.ceil(2 * math.pi * x / 0.005))
@@ -34,7 +34,7 @@ def outline(thing: SceneObject) -> np.ndarray:
 
 
 def gap(one: SceneObject, other: SceneObject) -> float:
-    """The distance (m) between two things that don't overlap; to 3 mm, never too large."""
+    """Return the distance (m) between two separate objects, exact to 3 mm and never too large."""
     return min(other.distance(*point) for point in outline(one)) - 0.0025
 
 

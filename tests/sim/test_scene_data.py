@@ -1,4 +1,4 @@
-"""What a body tells a viewer beside shapes and poses: its camera, its battery, and places with names."""
+"""Scene messages other than shapes and poses: camera, battery and named places."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The Tiago in its world: the contract of every Robot, and how true it drives."""
+"""The simulated Tiago: the checks of the `Robot` protocol, and the accuracy of its driving."""
 
 import math
 import threading

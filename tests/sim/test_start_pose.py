@@ -1,4 +1,4 @@
-"""Where a robot begins, and how noisy its sensors are, when the user says so."""
+"""The options for the start pose and for the noise of the sensors."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""The world: its clock, its order, its pace, and that a seed says it all."""
+"""The world: its clock, the order of tasks, its pace, and reproducibility by seed."""
 
 import os
 import subprocess
@@ -28,7 +28,7 @@ def world():
 
 
 def trace(seed: int, world: str = "arena_boxes", seconds: int = 8) -> str:
-    """A digest of every scan, odometry and true pose of a run."""
+    """Return a digest of every scan, odometry and true pose of a run."""
     body = SimulatedRobot(World(load_scene(world), seed=seed))
     seen = sha256()
     for tick in range(1, seconds * 10 + 1):

@@ -14,7 +14,7 @@ from btcore_robot.transforms import TransformError
 RATE = 10.0
 """The rate (Hz) of the record."""
 ODOM_FRAME = "odom"
-_CELL = 0.08  # m: of the laser points in a square of this size one is kept
+_CELL = 0.08  # m: the side of a square in which only the first laser point is kept
 
 
 class Trail:

@@ -143,7 +143,7 @@ class HeadTracker(LifecycleComponent):
 
     def step(self, now: int) -> None:
         """Detect objects in a new image, then command the head. *now* is the time (ns)."""
-        self._look()
+        self._detect()
         head = self.robot.head()
         if head is None:
             return
@@ -169,7 +169,7 @@ class HeadTracker(LifecycleComponent):
         shown = btcore_scene.Detection(picture="camera", name="object", stamp=detection.stamp, box=box)
         return MovingScene(detections=[shown])
 
-    def _look(self) -> None:
+    def _detect(self) -> None:
         image = self.robot.camera()
         # The camera is slower than the control: the same image may be returned several times.
         if image is None or image.stamp == self._last_stamp:

@@ -28,20 +28,20 @@ INITIAL_DEVIATION = (0.5, 0.5, 0.26)
 """The standard deviation (m, m, rad) of a given pose (nav2_amcl's default)."""
 FOUND_DEVIATION = (0.15, 0.15, 0.1)
 """The standard deviation (m, m, rad) of a pose that was found by relocalisation."""
-FEWEST_BEAMS = 10
+MIN_BEAMS = 10
 """Scans with fewer valid beams are ignored."""
-CARRIED_DEVIATION = (0.05, 0.05)
-"""The standard deviation (m, rad) of odometry between two updates, with a few percent of slip."""
-CARRIED_SCALES = (0.5, 0.3, 0.2, 0.15, 0.1, 0.1)
+ODOMETRY_DEVIATION = (0.05, 0.05)
+"""The standard deviation (m, rad) of the pose by odometry since the last update, with some wheel slip."""
+ODOMETRY_SCALES = (0.5, 0.3, 0.2, 0.15, 0.1, 0.1)
 """The scales (m) for matching from odometry: narrow, so that people before a wall don't pull the pose."""
-CLUSTER_AHEAD = 0.1
+CLUSTER_LEAD = 0.1
 """The lead of the score by which the cluster's pose replaces the pose by odometry."""
-BETTER_BY = 0.2
+LOST_LEAD = 0.2
 """The lead of the score by which another pose proves that the robot is lost."""
-BEARABLE = 0.3
+MIN_PRESENT_SCORE = 0.3
 """The least score of the present pose that is kept when no other pose explains the scan better."""
-SETTLED_FOR = 5 * NS_PER_S
-"""The time (ns) without a new doubt after a doubt was dismissed, unless the fit was good in between."""
+DOUBT_PAUSE = 5 * NS_PER_S
+"""The time (ns) after a dismissed doubt in which no new doubt begins, unless the fit was good in between."""
 
 
 class Localiser:
@@ -169,11 +169,11 @@ class Localiser:
         self.stamp = scan.stamp
         laser_xy = (laser.position[0], laser.position[1])
         points = laser.apply(beam_endpoints(scan, names.max_beams, self._least_range, self._most_range))
-        if len(points) >= FEWEST_BEAMS:
+        if len(points) >= MIN_BEAMS:
             if self.searching:
                 self._search(points, laser_xy, odometry)
             else:
-                self._watch(scan, points, laser_xy, odometry)
+                self._validate(scan, points, laser_xy, odometry)
                 self._track(scan, points, laser, odometry)
         self._publish()
 
@@ -219,14 +219,14 @@ class Localiser:
         self.weights = np.repeat([max(hypothesis.score, 0.01) for hypothesis in hypotheses], each)
         self.weights /= self.weights.sum()
 
-    def _watch(
+    def _validate(
         self, scan: LaserScan, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D
     ) -> None:
         """Compare the scan with the pose: begin a doubt, or examine a doubt that has begun."""
         estimate = self._estimate(odometry)
         doubtful = self._validator.is_pose_doubtful(scan, points, laser_xy, odometry, estimate)
         if self._dismissed is not None:
-            recent = self.stamp - self._dismissed < SETTLED_FOR
+            recent = self.stamp - self._dismissed < DOUBT_PAUSE
             if recent and self._validator.fit < FITS and not self._validator.scan_jumped:
                 return
             self._dismissed = None
@@ -234,16 +234,16 @@ class Localiser:
             self._doubting = True
             self._relocaliser.process_scan(points, laser_xy, odometry, self.stamp)
             if self._relocaliser.hypotheses:
-                self._judge(laser_xy)
+                self._resolve_doubt(laser_xy)
 
-    def _judge(self, laser_xy: tuple[float, float]) -> None:
+    def _resolve_doubt(self, laser_xy: tuple[float, float]) -> None:
         """Decide a doubt after the search of the map: dismiss it, or treat the robot as lost."""
         best = self._relocaliser.hypotheses[0]
         present = self._relocaliser.add_hypothesis(self._estimate(self._relocaliser.odometry), laser_xy)
-        if best.near(present):
+        if best.is_near(present):
             self._set_estimate(best.pose, self._relocaliser.odometry)
             present = best
-        if present.score >= best.score - BETTER_BY and present.score >= BEARABLE:
+        if present.score >= best.score - LOST_LEAD and present.score >= MIN_PRESENT_SCORE:
             self._relocaliser.restart()
             self._validator.reset()
             self._doubting, self._dismissed = False, self.stamp
@@ -304,7 +304,7 @@ class Localiser:
         if self._confirmed and self._surfaces.fit(estimate, points) < FITS:
             open_points = points[self._visibility.unobstructed_beams(estimate, laser_xy, points)]
         carried = self._surfaces.match(
-            estimate, open_points, laser_xy, deviation=CARRIED_DEVIATION, scales=CARRIED_SCALES
+            estimate, open_points, laser_xy, deviation=ODOMETRY_DEVIATION, scales=ODOMETRY_SCALES
         )
         if carried.share >= FITS:
             self._confirmed = True
@@ -317,7 +317,7 @@ class Localiser:
         prior = (max(0.1, float(deviation[:2].max())), max(0.05, float(deviation[2])))
         other = self._surfaces.match(cluster.pose, points, laser_xy, deviation=prior)
         views = self._visibility.agreement([carried.pose, other.pose], laser_xy, points[::2])
-        return other.pose if views[1].score > views[0].score + CLUSTER_AHEAD else carried.pose
+        return other.pose if views[1].score > views[0].score + CLUSTER_LEAD else carried.pose
 
     def _publish(self) -> None:
         if not self.parameters.tf_broadcast:

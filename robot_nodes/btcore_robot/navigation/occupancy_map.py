@@ -86,10 +86,10 @@ class YamlEntries(FieldReader):
             raise self._unexpected(key, value, "0 or 1")
         return bool(value)
 
-    def mistake(self, key: str, what: str) -> MapError:
-        """Return the error *what* at *key*, with file and line."""
+    def mistake(self, key: str, problem: str) -> MapError:
+        """Return an error with *problem* at *key*, with file and line."""
         line = self._lines.get(key)
-        return MapError(f"{self._path}{f':{line}' if line else ''}: '{key}' {what}")
+        return MapError(f"{self._path}{f':{line}' if line else ''}: '{key}' {problem}")
 
     def parse_number(self, value: object) -> float | None:
         """Return *value* as a float, or None. PyYAML (YAML 1.1) reads 1e-2 as a text."""

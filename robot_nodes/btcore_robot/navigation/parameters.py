@@ -261,7 +261,7 @@ def load_parameters(path: Path) -> NavigationParameters:
         warnings += overlay.typo_warnings
         unknown.update(overlay.unknown)
         unused += overlay.unknown
-    # Settings for all servers can't be checked: a key that one server lacks may belong to another server.
+    # Settings for all servers can't be checked: a key that a server lacks may belong to another server.
     for attribute in dict.fromkeys(_SERVERS.values()):
         if everywhere:
             overlay = ParameterOverlay(path, chosen.get(attribute, getattr(defaults, attribute)))

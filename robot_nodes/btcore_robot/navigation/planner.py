@@ -115,9 +115,8 @@ class Planner:
             now: the path's stamp (ns).
 
         Raises:
-            PlannerError: no path exists; the code is NO_VIAPOINTS_GIVEN for fewer than two poses, else that
-            of
-                `plan` plus 100, as in ComputePathThroughPoses.
+            PlannerError: no path exists. The code is NO_VIAPOINTS_GIVEN for fewer than two poses, otherwise
+                the code of `plan` plus 100, as in ComputePathThroughPoses.
 
         """
         if len(poses) < 2:
@@ -132,9 +131,9 @@ class Planner:
                 ) from None
         return join_paths(legs, now)
 
-    def _cell(self, pose: Pose2D, code: Nav2ErrorCode, what: str) -> Cell:
+    def _cell(self, pose: Pose2D, code: Nav2ErrorCode, role: str) -> Cell:
         if not (math.isfinite(pose.x) and math.isfinite(pose.y)) or not self.costmap.inside(pose.x, pose.y):
-            raise PlannerError(code, f"{what} {_position(pose)} is outside the map")
+            raise PlannerError(code, f"{role} {_position(pose)} is outside the map")
         return self.costmap.cell(pose.x, pose.y)
 
     def _open_start(self, costs: NDArray[np.float64], start: Pose2D, first: Cell) -> bool:

@@ -50,7 +50,7 @@ class PoseHypothesis:
         """The mean of the scores."""
         return sum(self.scores) / len(self.scores)
 
-    def near(self, other: "PoseHypothesis") -> bool:
+    def is_near(self, other: "PoseHypothesis") -> bool:
         """Return whether both hypotheses stand for the same pose."""
         apart = math.hypot(self.pose.x - other.pose.x, self.pose.y - other.pose.y)
         return apart < SAME_PLACE and abs(wrap_angle(self.pose.yaw - other.pose.yaw)) < SAME_HEADING
@@ -155,7 +155,7 @@ class Relocaliser:
         kept: list[PoseHypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.score):
             hopeless = bool(kept) and hypothesis.score < kept[0].score - DISCARD_MARGIN
-            if not hopeless and not any(hypothesis.near(other) for other in kept):
+            if not hopeless and not any(hypothesis.is_near(other) for other in kept):
                 kept.append(hypothesis)
         self.hypotheses = kept
 

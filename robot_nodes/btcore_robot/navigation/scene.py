@@ -20,28 +20,28 @@ from btcore_robot.robot import Pose2D
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
 PARTICLES_AT_MOST = 500
-"""Maximum particles that are sent, evenly chosen."""
+"""The maximum number of particles that are sent, chosen evenly."""
 
 GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 1_000_000_000, 250_000_000, 2_000_000_000
 """Minimum time (ns) between two messages with a costmap, or with a map that grows."""
 
 
 class NavigationScene:
-    """What the servers know. `static` starts again; `moving` returns what is new since the last call."""
+    """The scene messages of *servers*: `static` starts again, `moving` returns news since the last call."""
 
     def __init__(self, servers: Servers) -> None:
         self._servers = servers
-        self._begin()
+        self._forget()
 
-    def _begin(self) -> None:
+    def _forget(self) -> None:
         self._shown: dict[str, object] = {}
         self._next: dict[str, int] = {}
         self._start: Transform | None = None
 
     def static(self) -> StaticScene:
         """Return the map as it is now, and its keepout areas."""
-        self._begin()
-        self._shown["map"] = known = self._known_map()
+        self._forget()
+        self._shown["map"] = known = self._map()
         areas = [
             Area(name=f"keepout_{index}", frame=MAP_FRAME, corners=corners)
             for index, corners in enumerate(known.keepout)
@@ -49,90 +49,90 @@ class NavigationScene:
         return StaticScene(grids=[map_message(known)], areas=areas)
 
     def moving(self, now: int) -> MovingScene:
-        """Return what is new at *now* (ns)."""
+        """Return the messages that have changed at *now* (ns)."""
         localiser = self._servers.localiser
-        poses = self._paths()
+        poses = self._path_messages()
         if isinstance(localiser, Localiser) and self._is_new("particles", localiser.particles):
             step = max(1, math.ceil(len(localiser.particles) / PARTICLES_AT_MOST))
             poses.append(pose_rows("particles", "cloud", localiser.particles[::step]))
-        poses += self._beliefs()
-        placed = self._placed()
+        poses += self._pose_messages()
+        placed = self._odom_in_map()
         return MovingScene(
             frames=()
             if placed is None
             else [Frame(ODOM_FRAME, MAP_FRAME, placed.position, placed.quaternion)],
-            grids=self._grids(now),
+            grids=self._grid_messages(now),
             poses=poses,
             notes=self._notes(),
         )
 
-    def _known_map(self) -> OccupancyMap:
+    def _map(self) -> OccupancyMap:
         return self._servers.global_costmap.map
 
-    def _placed(self) -> Transform | None:
-        """Where odom is in the map, as far as that is known."""
+    def _odom_in_map(self) -> Transform | None:
+        """Return the pose of odom in the map, or None while the robot's pose is unknown."""
         here = self._servers.pose()
         if here is None:
             return None
         return Transform.from_pose(here) * Transform.from_pose(self._servers.robot.odometry().pose).inverse()
 
-    def _beliefs(self) -> list[Poses]:
-        """The estimated pose, and the pose by odometry alone since the estimate was first confident."""
-        here, placed = self._servers.pose(), self._placed()
+    def _pose_messages(self) -> list[Poses]:
+        """Return the estimated pose, and the pose by odometry alone since the first confident estimate."""
+        here, placed = self._servers.pose(), self._odom_in_map()
         if here is None or placed is None:
             return []
-        found = [pose_rows("estimate", "estimate", _rows([here]))]
+        messages = [pose_rows("estimate", "estimate", _rows([here]))]
         if self._start is None and self._servers.localiser.confident:
             self._start = placed
         if self._start is not None:
             reckoned = (self._start * Transform.from_pose(self._servers.robot.odometry().pose)).to_pose()
-            found.append(pose_rows("odometry", "odometry", _rows([reckoned])))
-        return found
+            messages.append(pose_rows("odometry", "odometry", _rows([reckoned])))
+        return messages
 
-    def _paths(self) -> list[Poses]:
-        """The path and the goals of the active navigator, or else of the path that is followed."""
-        handle, path = self._at_work(), self._driven()
+    def _path_messages(self) -> list[Poses]:
+        """Return the path and the goals of the active navigator, or else the path that is followed."""
+        handle, path = self._active_goal(), self._followed_path()
         goals: tuple[Pose2D, ...] = (path[-1],) if path is not None else ()
-        sort: object = path
+        source: object = path
         if handle is not None:
-            goals = sort = handle.goal.goals
+            goals = source = handle.goal.goals
             path = self._servers.compute_path.latest_path
-        found = []
+        messages = []
         if self._is_new("path", path):
-            found.append(pose_rows("path", "path", path.poses if path is not None else _rows(())))
-        if self._is_new("goals", sort):
-            found.append(pose_rows("goal", "goal", _rows(goals)))
-        return found
+            messages.append(pose_rows("path", "path", path.poses if path is not None else _rows(())))
+        if self._is_new("goals", source):
+            messages.append(pose_rows("goal", "goal", _rows(goals)))
+        return messages
 
-    def _driven(self) -> NavPath | None:
-        """The path that is driven along, say, for a tree of Nav2's nodes without a navigator around it."""
+    def _followed_path(self) -> NavPath | None:
+        """Return the path that the controller follows, for example in a tree without a navigator."""
         current = self._servers.follow_path.current
         if current is None or current.done or not len(current.goal.path):
             return None
         return current.goal.path
 
-    def _at_work(self) -> Any:
-        """The goal of a navigator that has one to go to, as its handle; None where nobody navigates."""
+    def _active_goal(self) -> Any:
+        """Return the handle of the active navigator's goal, or None without an active navigator."""
         for navigator in self._servers.navigators.values():
             current = getattr(navigator, "current", None)
             if current is not None and not current.done:
                 return current
         return None
 
-    def _grids(self, now: int) -> list[Grid]:
-        servers, found = self._servers, []
-        known = self._known_map()
+    def _grid_messages(self, now: int) -> list[Grid]:
+        servers, messages = self._servers, []
+        known = self._map()
         if known is not self._shown.get("map") and self._is_due("map", now, MAP_EVERY):
             self._shown["map"] = known
-            found.append(map_message(known))
+            messages.append(map_message(known))
         for name, costmap, every in (
             ("global_costmap", servers.global_costmap, GLOBAL_EVERY),
             ("local_costmap", servers.local_costmap, LOCAL_EVERY),
         ):
             if self._shown.get(name) != costmap.version and self._is_due(name, now, every):
                 self._shown[name] = costmap.version
-                found.append(grid_message(name, "costs", costmap.frame, costmap, costmap.costs))
-        return found
+                messages.append(grid_message(name, "costs", costmap.frame, costmap, costmap.costs))
+        return messages
 
     def _notes(self) -> dict[str, str]:
         localiser = self._servers.localiser
@@ -142,15 +142,15 @@ class NavigationScene:
             state = "sure"
         else:
             state = "**in doubt**: stands still"
-        return {"localisation": state, "goal": self._way()}
+        return {"localisation": state, "goal": self._goal_note()}
 
-    def _way(self) -> str:
-        handle = self._at_work()
+    def _goal_note(self) -> str:
+        handle = self._active_goal()
         if handle is not None and handle.feedback is not None:
             goal, feedback = handle.goal.goals[-1], handle.feedback
             tail = f", {feedback.number_of_recoveries} recoveries" if feedback.number_of_recoveries else ""
             return f"({goal.x:.1f}, {goal.y:.1f}), {feedback.distance_remaining:.1f} m to go{tail}"
-        path = self._driven()
+        path = self._followed_path()
         if path is not None:
             goal = path[-1]
             return f"({goal.x:.1f}, {goal.y:.1f}), {self._servers.remaining(path):.1f} m to go"

@@ -46,7 +46,7 @@ POLITE = 0.5  # m that a person keeps from a robot
 
 @dataclass(slots=True)
 class Person:
-    """Somebody who walks from *x*, *y* (m) at *vx*, *vy* (m/s), and stops 0.5 m before the robot."""
+    """A person who walks from *x*, *y* (m) at *vx*, *vy* (m/s), and stops 0.5 m before the robot."""
 
     x: float
     y: float
@@ -133,7 +133,7 @@ class FloorRobot(Robot):
 
     @property
     def speed(self) -> float:
-        """How fast (m/s) it truly goes."""
+        """Return the true speed (m/s)."""
         return self._base.twist.v
 
     def _move(self, now: int) -> None:
@@ -193,7 +193,7 @@ class FloorRobot(Robot):
 
 
 class NavigationRig:
-    """A robot with everything that drives it, its map lying where its odometry began."""
+    """A robot with all navigation servers, on a map whose origin is the start of odometry."""
 
     def __init__(self, robot: Robot, parameters: ControllerParameters | None = None) -> None:
         self.robot = robot
@@ -217,13 +217,13 @@ class NavigationRig:
             every(10.0, Phase.CONTROLLER, behaviour.step)
 
     def map_at(self, pose: tuple[float, float, float]) -> None:
-        """Say where odom is in the map."""
+        """Set the pose of odom in the map."""
         x, y, yaw = pose
         turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
         self.tree.set_static(TransformStamped("odom", "map", (x, y, 0.0), turned, 0))
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
-        """Let time pass until something holds; the seconds that took."""
+        """Advance the time until a condition is true; return the seconds that this took."""
         start = self.robot.clock.now()
         end = start + round(seconds * NS_PER_S)
         while self.robot.clock.now() < end and not until():
@@ -238,7 +238,7 @@ class NavigationRig:
 
 
 def path_through(*points: tuple[float, float], yaw: float = 0.0, frame: str = "map") -> NavPath:
-    """A path along straight lines between *points*, a pose every 5 cm, that ends with heading *yaw*."""
+    """Return a path along straight lines between *points*, a pose every 5 cm, with final heading *yaw*."""
     places = [np.array(points[:1])]
     for (x0, y0), (x1, y1) in pairwise(points):
         count = max(round(math.hypot(x1 - x0, y1 - y0) / 0.05), 1)
@@ -253,7 +253,7 @@ def path_through(*points: tuple[float, float], yaw: float = 0.0, frame: str = "m
 
 @pytest.fixture
 def floor() -> Callable[..., NavigationRig]:
-    """Put a robot on a floor: `floor(*boxes, start=…, seed=…, **controller_parameters)`."""
+    """Return the function `floor(*boxes, start=…, seed=…, **controller_parameters)`: a robot on a floor."""
 
     def make(*boxes: Box, start: Pose2D | None = None, seed: int = 0, **figures: float) -> NavigationRig:
         return NavigationRig(FloorRobot(boxes, start, seed), replace(ControllerParameters(), **figures))
@@ -263,23 +263,23 @@ def floor() -> Callable[..., NavigationRig]:
 
 @pytest.fixture
 def course_of() -> type[NavigationRig]:
-    """What drives a robot that is there already."""
+    """Return the servers of an existing robot."""
     return NavigationRig
 
 
 @pytest.fixture
 def path() -> Callable[..., NavPath]:
-    """`path((x, y), …, yaw=…)`: a path along straight lines."""
+    """Return the function `path((x, y), …, yaw=…)`, which returns a path along straight lines."""
     return path_through
 
 
 @pytest.fixture
 def follow() -> Callable[[NavPath], FollowPathGoal]:
-    """The goal to follow a path."""
+    """Return the goal to follow a path."""
     return FollowPathGoal
 
 
 @pytest.fixture
 def person() -> type[Person]:
-    """`person(x, y, vx, vy)`: somebody who walks."""
+    """Return the function `person(x, y, vx, vy)`, which returns a walking person."""
     return Person

@@ -4,7 +4,7 @@ from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
 
 
 class Counting(ActionServer[int, int, int]):
-    """Counts to its goal, one a step."""
+    """A server that counts up to its goal, by 1 in each step."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -10,7 +10,7 @@ from btcore_robot.robot import SonarReading
 
 
 def ended(course, handle, seconds=30.0):
-    """How long (s) it took to end."""
+    """Return the time (s) until the end."""
     return course.run(seconds, lambda: handle.done)
 
 

@@ -12,7 +12,7 @@ CORRIDOR = (-1.0, -1.2, 7.0, -1.0), (-1.0, 1.0, 7.0, 1.2)
 
 
 def commands(robot):
-    """Times (s), speeds (m/s) and turning rates (rad/s) of all commands."""
+    """Return the times (s), speeds (m/s) and turning rates (rad/s) of all commands."""
     return np.array([(stamp / 1e9, v, w) for stamp, v, w in robot.commands]).T
 
 

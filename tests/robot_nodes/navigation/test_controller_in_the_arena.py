@@ -19,13 +19,13 @@ START = (-4.8, -4.8)
 
 @pytest.fixture
 def arena(course_of):
-    """`arena(*faults)`: the course of a Tiago among the arena's boxes, in the south-west, looking east."""
+    """Return the function `arena(*faults)`: a Tiago among the arena's boxes, facing east."""
     worlds = []
 
     def make(*faults, at=(*START, 0.0), slip=0.02, slip_sigma=0.03, seed=0):
         scene = replace(load_scene("arena_boxes"), pose=Pose2D(*at))
         worlds.append(World(scene, seed=seed))
-        # Nobody localises here: with wheels that slip as Tiago's, the path would wander off among the boxes.
+        # There is no localiser here: with the slip of Tiago's wheels, the path would drift into the boxes.
         tiago = load_description()
         milder = replace(tiago, odometry=replace(tiago.odometry, slip=slip, slip_sigma=slip_sigma))
         course = course_of(

@@ -1,4 +1,4 @@
-"""What the controller is made of: the smoothed scan, clearance, pursuit, detours, checkers, the throttle."""
+"""The parts of the controller: smoothed scan, clearance, pursuit, detours, checkers, velocity smoother."""
 
 import math
 
@@ -54,7 +54,7 @@ def test_smoothing_keeps_what_no_echo_and_too_near_mean():
 
 @pytest.fixture
 def seen():
-    """Clearance at a place with a wall 1 m ahead of the laser, beside what a costmap remembers."""
+    """Return the clearance at a point, with a wall 1 m ahead of the laser and the obstacles of a costmap."""
 
     def make(costmap=None):
         field = ClearanceGrid()

@@ -25,18 +25,18 @@ HERE = Pose2D(2.025, 2.025, 0.0)
 
 
 def floor(side: float = 4.0, cells: int = 0, **keys: tuple) -> OccupancyMap:
-    """An empty square floor, everywhere as *cells* says."""
+    """Return a square map in which all cells have the value *cells*."""
     count = round(side / 0.05)
     return OccupancyMap(np.full((count, count), cells, dtype=np.int8), 0.05, (0.0, 0.0), **keys)
 
 
 def scan(*ranges: float, start: float = 0.0, step: float = 0.01, frame: str = "laser") -> LaserScan:
-    """Readings from the direction *start* (rad) on; the laser sees 0.05 … 25 m."""
+    """Return a scan that begins at the direction *start* (rad), of a laser with a range of 0.05 … 25 m."""
     return LaserScan(np.array(ranges, dtype=np.float32), 0, start, step, 0.05, 25.0, frame)
 
 
 def wall_at(distance: float) -> LaserScan:
-    """What a laser sees of a wall across its way, 0.5 rad to both sides."""
+    """Return the scan of a wall ahead, 0.5 rad to both sides."""
     angles = np.arange(-0.5, 0.5, 0.01)
     return scan(*(distance / np.cos(angles)), start=-0.5)
 
@@ -286,7 +286,7 @@ def test_the_local_costmap_has_the_keepouts_where_the_map_is():
 
 @pytest.fixture
 def littered() -> GlobalCostmap:
-    """A wall of the map at x = 0.5, and obstacles seen at x = 1, 2 and 3."""
+    """Return a costmap with a wall of the map at x = 0.5 and observed obstacles at x = 1, 2 and 3."""
     cells = floor().cells.copy()
     cells[:, 10] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -298,7 +298,7 @@ def littered() -> GlobalCostmap:
 
 
 def places(costmap: Costmap) -> list[float]:
-    """Where along y = 2 seen obstacles are."""
+    """Return the positions of observed obstacles along y = 2."""
     return [x for x in (1.0, 2.0, 3.0) if costmap.cost(x + 0.025, 2.0) == LETHAL]
 
 

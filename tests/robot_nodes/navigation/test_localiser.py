@@ -1,4 +1,4 @@
-"""The localiser of a robot whose wheels lie, in a flat of three rooms."""
+"""The localiser of a robot with inaccurate odometry, in a flat of three rooms."""
 
 import math
 from dataclasses import replace
@@ -25,7 +25,7 @@ START = Pose2D(3.0, 4.0, 0.0)
 
 
 class Wanderer:
-    """A robot among WALLS whose left wheel counts 2 % too much, and turns 5 %; its laser has noise."""
+    """A robot among WALLS whose odometry has errors (left wheel 2 %, turns 5 %) and whose laser has noise."""
 
     def __init__(self, seed=0):
         self.random = np.random.default_rng(seed)
@@ -97,7 +97,7 @@ AT_START = AmclParameters(initial_pose_x=START.x, initial_pose_y=START.y)
 
 
 class Walk:
-    """A wanderer and its localiser, step by step (10 Hz)."""
+    """A driving robot and its localiser, stepped at 10 Hz."""
 
     def __init__(self, parameters=AT_START, seed=0):
         self.robot = Wanderer(seed)
@@ -106,7 +106,7 @@ class Walk:
         self.localiser = Localiser(self.robot, FLAT, self.tree, np.random.default_rng([seed, 1]), parameters)
 
     def go(self, v, w, seconds):
-        """Drive so, and give the error (m, rad) after each step."""
+        """Drive with a velocity; return the error (m, rad) after each step."""
         errors = []
         for _ in range(round(seconds * 10)):
             self.step(v, w)
@@ -125,7 +125,7 @@ class Walk:
         return math.hypot(told.x - x, told.y - y), abs(math.remainder(told.yaw - yaw, 2 * math.pi))
 
     def round(self):
-        """Through all three rooms, and back to the start's neighbourhood."""
+        """Drive through all three rooms and back to the start."""
         legs = [
             (0.0, 0.5, 12.6),
             (0.3, 0.0, 17.0),
@@ -137,7 +137,7 @@ class Walk:
         return np.concatenate([self.go(*leg) for leg in legs])
 
     def until_found(self, seconds=60.0):
-        """Stand while in doubt, turn while it searches; the seconds until it is confident again."""
+        """Stand during doubt, turn during the search; return the seconds until the localiser is confident."""
         for step in range(round(seconds * 10)):
             self.step(0.0, 0.5 if self.localiser.searching else 0.0)
             if self.localiser.confident:

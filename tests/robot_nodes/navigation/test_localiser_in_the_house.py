@@ -1,4 +1,4 @@
-"""The simulated Tiago in its house: physics, laser noise, wheels that lie, and a kidnapper."""
+"""The localiser of the simulated Tiago in its house: physics, laser noise, odometry errors and kidnapping."""
 
 import math
 import threading
@@ -18,7 +18,7 @@ STEP = 100_000_000
 
 
 class House:
-    """A localiser on the schedule of the body that stands in the house."""
+    """A localiser on the schedule of a simulated robot in the house."""
 
     def __init__(self, world):
         self.body = SimulatedRobot(world)
@@ -29,7 +29,7 @@ class House:
         self.body.schedule.every(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
 
     def drive(self, v, w, seconds):
-        """Drive so; the errors (m, rad) at 10 Hz."""
+        """Drive with a velocity; return the errors (m, rad) at 10 Hz."""
         errors = []
         for _ in range(round(seconds * 10)):
             self.body.drive(v, w)

@@ -1,4 +1,4 @@
-"""The parts of the localiser, each for itself, by the figures of nav2_amcl."""
+"""The parts of the localiser in isolation, compared with the values of nav2_amcl."""
 
 import math
 
@@ -26,19 +26,19 @@ EYE = (0.0, 0.0)
 
 
 def empty(metres=10.0, resolution=0.05):
-    """A free floor from (0, 0) on."""
+    """Return a map of free floor whose origin is (0, 0)."""
     cells = round(metres / resolution)
     return np.zeros((cells, cells), dtype=np.int8)
 
 
 def walled(cells):
-    """A wall of three cells around it."""
+    """Return a map with a wall of three cells at its edges."""
     cells[:3], cells[-3:], cells[:, :3], cells[:, -3:] = 100, 100, 100, 100
     return cells
 
 
 def l_shaped():
-    """A room of 10 m with a block in its north-east: no two places in it look alike."""
+    """Return a room of 10 m with a block in the north-east, so that every place looks different."""
     cells = walled(empty())
     cells[120:, 130:] = 100
     cells[40:46, 60:90] = 100
@@ -46,7 +46,7 @@ def l_shaped():
 
 
 def seen_from(field_map, pose, count=120, reach=20.0):
-    """Where beams in all directions end, in the frame of a robot at *pose*: marched in steps of 5 mm."""
+    """Return the ends of beams in all directions, in the frame of a robot at *pose*, by steps of 5 mm."""
     angles = np.linspace(-math.pi, math.pi, count, endpoint=False)
     steps = np.arange(0.0, reach, 0.005)
     x = pose.x + np.cos(pose.yaw + angles)[:, None] * steps

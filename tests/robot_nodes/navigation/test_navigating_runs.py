@@ -1,4 +1,4 @@
-"""Runs of the command line that navigate: alike for a seed, clear about what is wrong, home after all."""
+"""Navigation from the command line: reproducible by seed, with clear errors, and back at the charger."""
 
 import json
 import subprocess
@@ -32,7 +32,7 @@ def run(*arguments: str) -> Result:
 
 
 def started(*arguments: str) -> subprocess.Popen[str]:
-    """A run in a process of its own, whose log pytest doesn't catch."""
+    """Run in a separate process, whose log pytest does not capture."""
     command = [sys.executable, "-m", "btcore", "run", *arguments, *QUICKLY]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
 

@@ -26,7 +26,7 @@ def cells(values: st.SearchStrategy[int]) -> st.SearchStrategy[np.ndarray]:
 
 
 def written(folder: Path, text: str, pixels: np.ndarray | None = None, name: str = "room.pgm") -> Path:
-    """A map file with this text, beside an image of these pixels."""
+    """Write a map file with a text, and an image with pixels beside it; return the file's path."""
     if pixels is not None:
         assert cv2.imwrite(str(folder / name), pixels)
     path = folder / "room.yaml"
@@ -35,7 +35,7 @@ def written(folder: Path, text: str, pixels: np.ndarray | None = None, name: str
 
 
 def loaded(folder: Path, pixels: list[list[int]], **keys: object) -> list[list[int]]:
-    """The cells of a map made of these pixels, as the image has them: the highest y first."""
+    """Return the cells of a map with these pixels, in the order of the image: the highest y first."""
     lines = {"image": "room.pgm", "resolution": 0.05, "origin": [0, 0, 0]} | keys
     text = "".join(f"{key}: {value}\n" for key, value in lines.items())
     found = load_map(written(folder, text, np.array(pixels, dtype=np.uint8)))

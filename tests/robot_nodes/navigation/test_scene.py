@@ -1,4 +1,4 @@
-"""What the navigation tells a viewer, in the simulated house: new things once, all again to a new viewer."""
+"""The scene messages of the navigation in the simulated house: news once, everything for a new viewer."""
 
 import math
 import threading
@@ -22,7 +22,7 @@ SECOND = 1_000_000_000
 
 
 class House:
-    """A robot that navigates in the house, and what it told."""
+    """A robot that navigates in the house, and its messages."""
 
     def __init__(self) -> None:
         scene = load_scene("house")
@@ -32,7 +32,7 @@ class House:
         self.told: list[MovingScene] = []
 
     def run(self, seconds: float) -> list[MovingScene]:
-        """What was told in each tenth of so many seconds."""
+        """Return the messages of each tenth of a second."""
         told = []
         for _ in range(round(seconds * 10)):
             self.world.wait_until(self.world.now() + SECOND // 10, threading.Event())

@@ -1,4 +1,4 @@
-"""The whole navigation in the simulator: a flat of two rooms and a closet that nothing leads into."""
+"""The whole navigation in the simulator, in a flat of two rooms and a closet without a door."""
 
 import math
 import threading
@@ -48,7 +48,7 @@ def box(name: str, x0: float, y0: float, x1: float, y1: float) -> SceneObject:
 
 
 class Flat:
-    """A body that navigates in the flat; *faults* fail, as on the command line."""
+    """A simulated robot that navigates in the flat; *faults* have the format of the command line."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class Flat:
         self.speeds: list[float] = []
 
     def run(self, seconds: float, until=lambda: False) -> float:
-        """Let time pass, until something holds; the seconds that took."""
+        """Advance the time until a condition is true; return the seconds that this took."""
         began, self.speeds = self.world.now(), []
         end = began + round(seconds * NS_PER_S)
         while self.world.now() < end and not until():
@@ -78,7 +78,7 @@ class Flat:
         return (self.world.now() - began) / NS_PER_S
 
     def off(self, x: float, y: float) -> float:
-        """How far (m) the body truly is from a place."""
+        """Return the true distance (m) of the robot from a place."""
         true = self.body.true_pose()
         return math.hypot(true.x - x, true.y - y)
 

@@ -1,4 +1,4 @@
-"""A plug-in for navigation trees, as somebody else would write it."""
+"""A plug-in for navigation trees by a third party."""
 
 from btcore import In, SyncAction, condition
 from btcore_robot.navigation.servers import Servers
@@ -7,7 +7,7 @@ from btcore_robot.robot import Robot
 
 @condition
 def is_path_short(servers: Servers, length: In[float] = 5.0) -> bool:
-    """SUCCESS while the way that is left is shorter than *length* (m)."""
+    """SUCCESS while the remaining path is shorter than *length* (m)."""
     path = servers.compute_path.latest_path
     return path is not None and servers.remaining(path) < length
 

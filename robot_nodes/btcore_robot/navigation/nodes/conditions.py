@@ -217,7 +217,7 @@ class TransformAvailable(Condition):
 
     def __init__(self, servers: Servers) -> None:
         self.transforms = servers.transforms
-        self.found = False
+        self.was_available = False
 
     def tick(self) -> bool:
         """Look up the transform.
@@ -228,8 +228,8 @@ class TransformAvailable(Condition):
         """
         if not (self.parent and self.child):
             raise NodeError("<TransformAvailable> needs the names of two frames: child and parent")
-        self.found = self.found or self.transforms.can_transform(self.parent, self.child)
-        return self.found
+        self.was_available = self.was_available or self.transforms.can_transform(self.parent, self.child)
+        return self.was_available
 
 
 class InitialPoseReceived(Condition):

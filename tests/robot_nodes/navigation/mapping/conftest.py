@@ -1,4 +1,4 @@
-"""A flat of boxes, what a laser like Tiago's sees in it, and a robot that is led through it."""
+"""A flat of boxes, the scans of a laser like Tiago's, and a robot that is moved through the flat."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -53,7 +53,7 @@ RING: tuple[Box, ...] = (
 def look(
     boxes: Sequence[Box], pose: Pose2D, random: np.random.Generator, sigma: float = 0.06, stamp: int = 0
 ) -> LaserScan:
-    """What the laser of a robot at *pose* sees, with noise."""
+    """Return a scan with noise, of a robot at *pose*."""
     half = math.radians(110.0)
     angles = np.linspace(-half, half, RAYS) + pose.yaw
     cos, sin = np.cos(angles), np.sin(angles)
@@ -74,7 +74,7 @@ def look(
 
 @dataclass
 class LedRobot(Robot):
-    """A robot that is carried along a way, and whose odometry is told by whoever carries it."""
+    """A robot that the test moves along a path; the test also sets its odometry."""
 
     told: Odometry = field(default_factory=lambda: Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.3, 0.0), 0))
     seen: LaserScan | None = None
@@ -161,7 +161,7 @@ class MappingRig:
             self._move(0.0, 0.0)
 
     def along(self, *places: tuple[float, float], step: float = 0.1) -> "MappingRig":
-        """Carry the robot to one place after the other, turning on the spot between."""
+        """Move the robot from place to place, with turns on the spot in between."""
         for (x0, y0), (x1, y1) in pairwise([(self.true.x, self.true.y), *places]):
             self.turn(math.remainder(math.atan2(y1 - y0, x1 - x0) - self.true.yaw, math.tau))
             count = max(1, round(math.hypot(x1 - x0, y1 - y0) / step))
@@ -176,17 +176,17 @@ class MappingRig:
             self._move(0.0, angle / count)
 
     def error(self) -> float:
-        """How far (m) the mapper is from the truth, now."""
+        """Return the present error (m) of the mapper's pose."""
         told = self.mapper.pose()
         return math.hypot(told.x - self.true.x, told.y - self.true.y)
 
     def key_errors(self) -> NDArray[np.float64]:
-        """How far (m) the key scans are from where they were taken."""
+        """Return the errors (m) of the key scans' poses."""
         true = np.array([(pose.x, pose.y) for pose in self.key_poses])
         return np.asarray(np.hypot(*(self.mapper.poses[:, :2] - true).T))
 
     def odometry_error(self) -> float:
-        """How far (m) odometry alone is off, begun at the true start."""
+        """Return the error (m) of odometry since the start."""
         start, told = Transform.from_pose(self.key_poses[0]), Transform.from_pose(self.robot.told.pose)
         x, y, _ = (start * told).position
         return math.hypot(x - self.true.x, y - self.true.y)
@@ -225,7 +225,7 @@ def survey() -> type[MappingRig]:
 
 @pytest.fixture(scope="session")
 def seen() -> Callable[..., KeyScan]:
-    """`seen(boxes, pose, seed)`: the key scan that is made there."""
+    """Return the function `seen(boxes, pose, seed)`, which returns the key scan at a pose."""
 
     def make(boxes: Sequence[Box], pose: Pose2D, seed: int = 0) -> KeyScan:
         scan = look(boxes, pose, np.random.default_rng([seed, 3]))
@@ -237,11 +237,11 @@ def seen() -> Callable[..., KeyScan]:
 
 @pytest.fixture(scope="session")
 def room() -> tuple[Box, ...]:
-    """A room of 6 m by 4 m about (0, 0) with two boxes in it."""
+    """Return a room of 6 m by 4 m around (0, 0) with two boxes."""
     return ROOM
 
 
 @pytest.fixture(scope="session")
 def ring() -> tuple[Box, ...]:
-    """A bare corridor 1.5 m wide around a block of 27 m by 17 m, with one edge to hold on to."""
+    """Return an empty corridor of 1.5 m around a block of 27 m by 17 m, with a single edge."""
     return RING

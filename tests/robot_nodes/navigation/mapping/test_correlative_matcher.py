@@ -1,4 +1,4 @@
-"""Matching scans: a known offset is found, and what can't be known is not claimed."""
+"""Scan matching: a known offset is found, and undetermined directions are reported as such."""
 
 import math
 from collections.abc import Callable
@@ -26,7 +26,7 @@ AROUND = (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, -0.2, 0.8), Pose2D(-0.4, 0.1, -0.9)
 
 @pytest.fixture(scope="module")
 def walls(seen: Seen, room: Boxes) -> CorrelationGrid:
-    """The room as four scans show it."""
+    """Return the grid of four scans of the room."""
     scans = [(seen(room, pose, seed), pose) for seed, pose in enumerate(AROUND, 10)]
     return CorrelationGrid([scan.outline.at(pose_to_row(pose)) for scan, pose in scans])
 
@@ -90,5 +90,5 @@ def test_the_two_sides_of_a_thin_wall_are_not_taken_for_one_another(seen: Seen) 
     walls = CorrelationGrid([seen(thin, Pose2D(0.0, 0.0, 0.0), 7).outline])
     true = np.array((2.1, 0.0, math.pi))
     found = walls.refine(true, seen(thin, Pose2D(*true), 8).outline, uncertainty=PoseUncertainty(0.05, 0.05))
-    # Its face is another: nothing draws it to the one that was seen, 0.1 m away.
+    # The point is on another face of the wall, so that the observed face 0.1 m away must not attract it.
     assert found.pose[0] == pytest.approx(2.1, abs=0.02)

@@ -1,4 +1,4 @@
-"""Exploring a small flat: what `btcore run mapping` makes of it, and that one can drive on that map."""
+"""The exploration of a small flat by `btcore run mapping`, and navigation on the resulting map."""
 
 import json
 from collections.abc import Callable
@@ -30,7 +30,7 @@ GO = """<root BTCPP_format="4"><BehaviorTree ID="Go"><Move goal="2.9;-0.8"/></Be
 
 @pytest.fixture(scope="module")
 def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two rooms with a door, and the map that an exploration made of them."""
+    """Two rooms with a door, and the map of an exploration."""
     folder = tmp_path_factory.mktemp("flat")
     objects = [
         {"name": name, "kind": "box", "position": at, "size": [*size, 2.0], "color": "#d9d4c7"}

@@ -1,4 +1,4 @@
-"""Where to look next, on maps that end somewhere."""
+"""The search for frontiers on incomplete maps."""
 
 import math
 
@@ -14,7 +14,7 @@ HERE = Pose2D(1.0, 2.0, 0.0)
 
 
 def known(*, beyond: bool = False, door: float = 1.0) -> OccupancyMap:
-    """A room of 4 m by 4 m with a door to the east; what is *beyond* may be known, too."""
+    """Return a room of 4 m by 4 m with a door to the east, and the cells *beyond* the door."""
     cells = np.full((80, 160), -1, dtype=np.int8)
     cells[2:78, 2:78] = 0
     cells[[1, 78], 1:79] = 100

@@ -1,4 +1,4 @@
-"""The map that scans make."""
+"""The map that is drawn from scans."""
 
 from collections.abc import Callable
 from pathlib import Path

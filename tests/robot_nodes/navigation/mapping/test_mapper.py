@@ -1,4 +1,4 @@
-"""The mapper on robots that are carried about, and whose wheels lie."""
+"""The mapper on robots that are moved along a path, with errors of odometry."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ def test_in_a_room_it_knows_where_it_is_though_its_wheels_lie(survey: MappingRig
 
 
 def around(survey: MappingRig, ring: Boxes, *, loops: bool) -> MappingRig:
-    """A drive around a corridor too long to see its end, with wheels that stretch the first half of it."""
+    """Drive around a corridor longer than the laser's range, with odometry that stretches its first half."""
     led = survey(ring, START, stretch=1.04, slip=1.02, loops=loops).along(*ROUND[:2], step=0.3)
     led.stretch = 0.96
     return led.along(*ROUND[2:], step=0.3)

@@ -1,4 +1,4 @@
-"""The pose graph on a loop: what was measured exactly is found exactly, and errors are spread."""
+"""The pose graph on a loop: exact measurements give exact poses, and errors are distributed."""
 
 import math
 
@@ -14,14 +14,14 @@ SURE = np.diag((1e4, 1e4, 1e5))
 
 
 def circle(count: int = 40, radius: float = 5.0) -> Floats:
-    """Poses along a circle, back to the first."""
+    """Return poses along a circle, back to the first."""
     angles = np.linspace(0.0, math.tau, count + 1)
     poses = np.stack((radius * np.sin(angles), radius * (1 - np.cos(angles)), angles), axis=1)
     return np.asarray(compose(np.zeros(3), poses))
 
 
 def driven(true: Floats, noise: Floats) -> PoseGraph:
-    """A graph of the steps between *true* poses, each with its *noise*."""
+    """Return a graph of the steps between *true* poses, each with *noise*."""
     graph = PoseGraph(true[0])
     for start, end, error in zip(true[:-1], true[1:], noise, strict=True):
         graph.add(relative_pose(start, end) + error, SURE)

@@ -23,7 +23,7 @@ NS_PER_S = 1_000_000_000
 
 
 def hall() -> OccupancyMap:
-    """Ten metres by ten, with walls around, and an unknown corner beyond x = y = 4 m."""
+    """Return a map of 10 m by 10 m with walls around, and an unknown corner beyond x = y = 4 m."""
     count = round(2 * HALF / CELL)
     cells = np.zeros((count, count), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
@@ -32,7 +32,7 @@ def hall() -> OccupancyMap:
 
 
 class Surveyed:
-    """Knows where the robot is: where odometry says, in a map that lies where odometry began."""
+    """A source of the robot's pose by odometry, on a map whose origin is the start of odometry."""
 
     def __init__(self, transforms: TransformTree) -> None:
         self.transforms = transforms
@@ -44,14 +44,14 @@ class Surveyed:
         return self.transforms.lookup("map", "base_footprint").to_pose() if self.confident else None
 
     def step(self, now: int) -> None:
-        """There is nothing to find out."""
+        """Do nothing: the pose is always known."""
 
     def reinitialise_global_localisation(self) -> None:
         self.searches += 1
 
 
 class Bench:
-    """A robot, its servers, and trees of Nav2's nodes among planned leaves."""
+    """A robot, its servers, and trees of Nav2's nodes and of leaves with planned results."""
 
     def __init__(self, course) -> None:
         self.course = course
@@ -76,7 +76,7 @@ class Bench:
         self.robot.schedule.every(20.0, Phase.PLANNER, self.compute_path.step)
 
     def tree(self, inside: str, **board: object) -> Tree:
-        """A tree of *inside* on a blackboard with the entries *board*."""
+        """Return a tree with the content *inside*, on a blackboard with the entries *board*."""
         nodes = Registry.standard()
         nav2_nodes.register(nodes)
         nodes.add(PlanAction)
@@ -88,11 +88,11 @@ class Bench:
         return tree
 
     def wait(self, seconds: float) -> None:
-        """Let time pass without a tick."""
+        """Advance the time without a tick."""
         self.robot.clock.wait_until(self.robot.clock.now() + round(seconds * NS_PER_S), threading.Event())
 
     def run(self, tree: Tree, seconds: float, hz: float = 100.0) -> Status:
-        """Tick until the result isn't RUNNING, for so long at most."""
+        """Tick until the result is not RUNNING, or until the time is over."""
         status = tree.tick_exactly_once()
         end = self.robot.clock.now() + round(seconds * NS_PER_S)
         while status is Status.RUNNING and self.robot.clock.now() < end:
@@ -101,7 +101,7 @@ class Bench:
         return status
 
     def letters(self, tree: Tree, count: int, every: float = 0.0) -> str:
-        """The first letters of what *count* ticks give, by a parent that doesn't reset what has ended."""
+        """Return the first letters of *count* results, below a parent that does not reset ended children."""
         found = ""
         for _ in range(count):
             found += tree.root.execute_tick().name[0]
@@ -110,7 +110,7 @@ class Bench:
         return found
 
     def move(self, x: float, y: float = 0.0, yaw: float = 0.0) -> None:
-        """Set the robot down somewhere else, odometry and all, and let its sensors see that."""
+        """Move the robot together with its odometry, and take new readings."""
         self.robot.pose = Pose2D(x, y, yaw)
         self.wait(0.1)
 
@@ -122,17 +122,17 @@ def bench(floor) -> Bench:
 
 @pytest.fixture
 def among(floor) -> Callable[..., Bench]:
-    """`among(*boxes)`: a bench with boxes on the floor."""
+    """Return the function `among(*boxes)`, which returns a bench with boxes on the floor."""
     return lambda *boxes: Bench(floor(*boxes))
 
 
 def plan(name: str, letters: str) -> str:
-    """A leaf that gives *letters*: R, S, F or K a tick, ``|`` between one start and the next."""
+    """A leaf that returns *letters*: R, S, F or K for each tick, with ``|`` between two starts."""
     return f'<PlanAction name="{name}" plan="{letters}"/>'
 
 
 def restarting_leaf(name: str, letters: str) -> str:
-    """The same, which starts anew when it is ticked again after it has ended, as a decorator makes it."""
+    """A planned leaf that starts again when it is ticked after its end, as below a decorator."""
     return f"<Inverter><Inverter>{plan(name, letters)}</Inverter></Inverter>"
 
 

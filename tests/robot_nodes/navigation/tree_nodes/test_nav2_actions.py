@@ -1,4 +1,4 @@
-"""Nav2's nodes that have a server do their work, a test a sentence of what is known of them."""
+"""Nav2's nodes with an action server: a test for each sentence of their documentation."""
 
 import math
 
@@ -316,7 +316,7 @@ def test_cancelling_what_does_nothing_is_a_success(bench):
 
 
 def look(bench) -> None:
-    """Have both costmaps see what the laser sees."""
+    """Add the laser's scan to both costmaps."""
     bench.wait(0.3)
     scan = bench.robot.scan()
     bench.costmap.observe(scan, bench.servers.transforms.lookup("map", scan.frame).to_pose())
@@ -333,7 +333,7 @@ def seen(among):
 
 
 def taken(costmap) -> tuple[bool, bool]:
-    """Whether the box ahead stands on *costmap*, and the one to the left."""
+    """Return whether *costmap* contains the box ahead, and the box to the left."""
     return costmap.cost(0.75, 0.0) >= 253, costmap.cost(0.9, 1.25) >= 253
 
 

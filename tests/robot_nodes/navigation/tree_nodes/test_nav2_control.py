@@ -1,4 +1,4 @@
-"""Nav2's control nodes, a test a sentence of what is known of them."""
+"""Nav2's control nodes: a test for each sentence of their documentation."""
 
 import pytest
 

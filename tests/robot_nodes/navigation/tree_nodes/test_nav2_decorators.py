@@ -1,4 +1,4 @@
-"""Nav2's decorators, a test a sentence of what is known of them."""
+"""Nav2's decorators: a test for each sentence of their documentation."""
 
 import pytest
 
@@ -208,7 +208,7 @@ NEAR_END = '<PathLongerOnApproach path="{path}">{}</PathLongerOnApproach>'
 
 
 def detour(path, length: float) -> NavPath:
-    """A way of *length* (m) to where the straight one of 1 m leads."""
+    """Return a path of *length* (m) to the end of the straight path of 1 m."""
     return path((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
 
 

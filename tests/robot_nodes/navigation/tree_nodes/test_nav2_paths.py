@@ -1,4 +1,4 @@
-"""Nav2's nodes that work on paths and goals, a test a sentence of what is known of them."""
+"""Nav2's nodes for paths and goals: a test for each sentence of their documentation."""
 
 import math
 
@@ -17,7 +17,7 @@ def at(x: float, y: float = 0.0, yaw: float = 0.0) -> Pose2D:
 
 @pytest.fixture
 def seen(among):
-    """A bench whose global costmap has seen a box on the floor."""
+    """A bench whose global costmap contains a box on the floor."""
     bench = among(BOX)
     bench.wait(0.2)
     scan = bench.robot.scan()
