@@ -44,7 +44,6 @@ class RobotClock(Protocol):
 
         Returns:
             Whether the wait ended because *wake* was set.
-
         """
 
 
@@ -82,7 +81,6 @@ class Schedule(Protocol):
 
         Returns:
             A function that ends the periodic calls.
-
         """
 
 
@@ -357,7 +355,6 @@ class Robot(Protocol):
             v: The speed (m/s), positive forward.
             w: The angular speed (rad/s), positive counter-clockwise.
             priority: The priority of the source; a higher number wins.
-
         """
 
     def stop(self) -> None:

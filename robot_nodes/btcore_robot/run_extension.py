@@ -77,7 +77,6 @@ class NavigationExtension(RunExtension):
 
         Raises:
             click.UsageError: The user's map or parameters cannot be used.
-
         """
         navigates, explores, tracks = _required_features(wanted)
         robot = next((resource for resource in provided if isinstance(resource, Robot)), None)

@@ -34,7 +34,6 @@ class _Tasks:
 
         Raises:
             ValueError: *hertz* is not above 0.
-
         """
         if not hertz > 0.0:
             raise ValueError(f"the rate of a task must be above 0 Hz, not {hertz}")

@@ -22,7 +22,6 @@ def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None
 
     Raises:
         AssertionError: The first violation of the protocol, described in a sentence.
-
     """
     checks = [check_info, check_scan, check_schedule, check_frames]
     checks += [check_camera, check_sonars, check_head, check_torso]

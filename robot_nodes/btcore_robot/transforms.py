@@ -120,7 +120,6 @@ class TransformTree:
 
         Raises:
             TransformError: The frame is below itself, or its numbers are not a transform.
-
         """
         link = self._links.get(frame.child)
         if link is None or link.parent != frame.parent or link.static:
@@ -133,7 +132,6 @@ class TransformTree:
 
         Raises:
             TransformError: The frame is below itself, or its numbers are not a transform.
-
         """
         _check(frame)
         link = self._add_link(frame, static=True)
@@ -151,7 +149,6 @@ class TransformTree:
             UnknownFrameError: A frame is not in the tree.
             ConnectivityError: No chain of frames connects the two.
             ExtrapolationError: The time is outside the stored period.
-
         """
         up, down = self._chain(target, source)
         if stamp is None:

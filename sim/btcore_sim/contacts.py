@@ -75,6 +75,7 @@ class ContactCounter:
         """Register the contacts of the step that ended at *now* (ns)."""
         self._near.clear()
         for point in pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client):
+            # PyBullet's contact points: [2] is the other body, [8] the distance, negative for an overlap.
             body: int = point[2]
             if body == self._floor:
                 continue

@@ -146,6 +146,7 @@ class EventRunner:
         for event in list(self._pending):
             if event.time <= now and (self._drop(event) if event.kind == "box" else self._kidnap()):
                 self._pending.remove(event)
+                # `_drop` and `_kidnap` log the place; kind and time are put before it.
                 self.event_log[-1] = {"event": event.kind, "t": now / 1e9, **self.event_log[-1]}
 
     def _drop(self, event: Event) -> bool:

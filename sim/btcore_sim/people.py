@@ -172,6 +172,7 @@ class PeopleSimulation:
             goal = self._floor.random_visible_point(person.random, here, self._needed(person), 0.5, 8.0)
             if goal is None or len(goals) == _CHOICES:
                 break
+            # `_ahead` depends on the goal, so each candidate is set as the goal to test it.
             person.goal = goal
             if not any(_ahead(person, place) for place in away_from):
                 goals.append(goal)

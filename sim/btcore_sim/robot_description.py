@@ -148,6 +148,7 @@ class RobotDescription:
     def with_noise(self, factor: float) -> "RobotDescription":
         """Return the same robot with the errors of laser and odometry multiplied by *factor*."""
         facts = replace(self.laser.facts, sigma=factor * self.laser.facts.sigma)
+        # All fields after the rate are errors.
         rate, *errors = astuple(self.odometry)
         odometry = OdometryFacts(rate, *(factor * error for error in errors))
         return replace(self, laser=replace(self.laser, facts=facts), odometry=odometry)

@@ -96,10 +96,12 @@ class SimulatedRobot(Robot):
         torso = self.description.torso
         self._torso = [self.model.joint(torso.joint)] if torso else []
         self._kinematics = Kinematics(self.description)
+        # The order of the kinematics, so that the positions can be passed on unchanged.
         self._joints = [self.model.joint(name) for name in self._kinematics.joints]
         self._base = DifferentialDrive(self.description.base, wheels.radius, wheels.separation)
         self._sources = CommandMultiplexer()
         self._rates: tuple[float, float] | None = None
+        # The motors hold their positions before the physics settles, so that head and torso do not sag.
         self.move_head(0.0, 0.0)
         self.lift(0.0)
         self._command_wheels(0)

@@ -25,7 +25,6 @@ class ColourWatcher(Process):
         context: The resources that processes share.
         ranges: The limits of hue, saturation and value.
         each: Whether every object is marked separately in the picture.
-
     """
 
     def __init__(self, context: ProcessContext, ranges: list[int], each: bool) -> None:

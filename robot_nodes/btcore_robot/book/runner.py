@@ -87,7 +87,6 @@ class BookRunner:
         ctx: The context of the command.
         settings: The values of the command's options.
         embodied: Whether the run needs a robot.
-
     """
 
     def __init__(self, ctx: click.Context, settings: Settings, *, embodied: bool = True) -> None:
@@ -140,7 +139,6 @@ class BookRunner:
 
         Raises:
             click.UsageError: The picture cannot be written.
-
         """
         path: Path | None = self.settings.get("picture")
         if path is not None and not path.resolve().parent.is_dir():

@@ -29,7 +29,6 @@ class TopView:
         low: The corner with the lowest x and y (m).
         high: The corner with the highest x and y (m).
         size: The width and height (pixels) of the picture.
-
     """
 
     def __init__(

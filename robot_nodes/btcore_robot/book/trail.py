@@ -40,7 +40,6 @@ class Trail:
             colours: The colour of each state.
             title: The title of the picture.
             extra: Further positions (m) that the picture must cover.
-
         """
         laser_points = self.laser_points()
         positions = np.array([(pose.x, pose.y) for pose in self.poses] or [(0.0, 0.0)])
@@ -78,7 +77,6 @@ def scan_points_in(context: ProcessContext, frame: str, scan: LaserScan) -> NDAr
         context: The context with the transform tree.
         frame: The frame of the points.
         scan: The scan to convert.
-
     """
     try:
         laser_pose: Transform = context.transforms.lookup(frame, scan.frame, scan.stamp)

@@ -26,7 +26,6 @@ class PID:
         max_error: The size of an error above which it counts as *max_output*.
         min_output: The size of the scaled error at its lower end.
         max_output: The maximum size of the scaled error and of the command.
-
     """
 
     def __init__(self, min_error: float, max_error: float, min_output: float, max_output: float) -> None:

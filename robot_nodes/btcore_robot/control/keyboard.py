@@ -60,7 +60,6 @@ def parse_key_script(text: str) -> ScriptedKeys:
 
     Raises:
         KeyInputError: A key or a time is invalid.
-
     """
     holds, until = [], 0
     for part in text.split(","):
@@ -84,7 +83,6 @@ class Terminal(KeySource):
 
     Raises:
         KeyInputError: Standard input is not a terminal.
-
     """
 
     def __init__(self) -> None:

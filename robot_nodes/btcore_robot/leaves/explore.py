@@ -42,7 +42,6 @@ class Explorer(Protocol):
 
         Raises:
             MapError: The files cannot be written.
-
         """
 
 

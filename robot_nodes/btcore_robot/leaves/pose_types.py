@@ -26,7 +26,6 @@ def pose_from_text(text: str) -> Pose2D:
 
     Raises:
         ConversionError: The text is not a pose, or the frame is not ``map``.
-
     """
     parts = [part.strip() for part in text.split(";")]
     if len(parts) == NAV2_PARTS:

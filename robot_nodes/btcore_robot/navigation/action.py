@@ -67,10 +67,9 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
         """End the goal as ABORTED.
 
         Args:
-            code: one of Nav2's error codes.
-            message: the reason, as a sentence for people.
-            value: a partial result.
-
+            code: One of Nav2's error codes.
+            message: The reason, as a sentence for people.
+            value: A partial result.
         """
         self._end(GoalStatus.ABORTED, ActionResult(code, message, value))
 
@@ -98,7 +97,10 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         self.current: GoalHandle[Goal, Feedback, Value] | None = None
 
     def send_goal(self, goal: Goal) -> GoalHandle[Goal, Feedback, Value]:
-        """Send *goal* and return its handle. A running or waiting goal becomes CANCELED at the next step."""
+        """Send *goal* and return its handle.
+
+        It replaces other goals: a waiting goal becomes CANCELED at once, a running goal at the next step.
+        """
         if self._next is not None:
             self._next.canceled("a newer goal took its place")
         self._next = GoalHandle(goal)
@@ -143,10 +145,9 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         """Begin an accepted goal.
 
         Args:
-            handle: the handle of the new goal.
-            now: the time (ns).
-            previous: the handle of a goal that is still running; it is pre-empted without a call of `stop`.
-
+            handle: The handle of the new goal.
+            now: The time (ns).
+            previous: The handle of a goal that is still running; it is pre-empted without a call of `stop`.
         """
 
     def work(self, handle: GoalHandle[Goal, Feedback, Value], now: int) -> None:
@@ -155,9 +156,8 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         The first call follows `start` in the same step; calls go on until the handle has ended.
 
         Args:
-            handle: the handle of the running goal.
-            now: the time (ns).
-
+            handle: The handle of the running goal.
+            now: The time (ns).
         """
         raise NotImplementedError
 
@@ -165,7 +165,6 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         """Stop the work on a goal that is cancelled; its handle becomes CANCELED right after this call.
 
         Args:
-            handle: the handle of the cancelled goal.
-            now: the time (ns).
-
+            handle: The handle of the cancelled goal.
+            now: The time (ns).
         """

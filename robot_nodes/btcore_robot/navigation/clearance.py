@@ -36,10 +36,12 @@ def smooth_scan(scan: LaserScan) -> LaserScan:
     near = ranges == -np.inf
     row = np.where(np.isfinite(ranges), np.minimum(ranges, _NO_ECHO), _NO_ECHO).astype(np.float32)
     row[near] = scan.range_min
+    # The median removes lone readings; the mean over readings of the same surface then reduces the noise.
     row = np.asarray(cv2.medianBlur(row[None, :], _MEDIAN)[0], dtype=np.float32)
     neighbours = sliding_window_view(np.pad(row, _BESIDE, mode="edge"), 2 * _BESIDE + 1)
     same = (np.abs(neighbours - row[:, None]) < _STEP).astype(np.float32)
     flat = np.einsum("ij,ij->i", neighbours, same) / same.sum(axis=1)
+    # The mean may be slightly below _NO_ECHO where a long reading is among the neighbours.
     flat[flat > _NO_ECHO - 1.0] = np.inf
     flat[near] = -np.inf
     return replace(scan, ranges=flat)
@@ -67,10 +69,9 @@ class ClearanceGrid:
         """Compute the grid again.
 
         Args:
-            scan: the newest scan.
-            laser: the laser's pose in the costmap's frame when it took the scan.
-            costmap: the source of the frame and of remembered obstacles.
-
+            scan: The newest scan.
+            laser: The laser's pose in the costmap's frame when it took the scan.
+            costmap: The source of the frame and of remembered obstacles.
         """
         half = self._side * self.resolution / 2
         self.origin = (laser.x - half, laser.y - half)
@@ -91,9 +92,8 @@ class ClearanceGrid:
         """Return the distances (m) at points of the costmap's frame, in their shape; 0 off the grid.
 
         Args:
-            x: the x coordinates (m).
-            y: the y coordinates (m), of the same shape.
-
+            x: The x coordinates (m).
+            y: The y coordinates (m), of the same shape.
         """
         cols = ((x - self.origin[0]) / self.resolution).astype(np.intp)
         rows = ((y - self.origin[1]) / self.resolution).astype(np.intp)
@@ -150,16 +150,15 @@ def laser_pose(tree: TransformTree, frame: str, scan: LaserScan) -> Pose2D:
     """Return the laser's pose in *frame* when it took *scan*, else its newest pose.
 
     Args:
-        tree: the transforms.
-        frame: the target frame.
-        scan: the scan, with the laser's frame and the stamp.
+        tree: The transforms.
+        frame: The target frame.
+        scan: The scan, with the laser's frame and the stamp.
 
     Returns:
         The pose at the scan's stamp, or the newest pose if the transforms of that moment are gone or pending.
 
     Raises:
         TransformError: *tree* has no transform between the two frames.
-
     """
     try:
         return tree.lookup(frame, scan.frame, scan.stamp).to_pose()

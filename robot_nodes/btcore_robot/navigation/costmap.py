@@ -182,9 +182,8 @@ class GlobalCostmap(LayeredCostmap):
         """Take over the observations; only windows with changes are computed again.
 
         Args:
-            now: the time (ns).
-            robot_pose: the robot's pose in the map; the cells under the robot become FREE.
-
+            now: The time (ns).
+            robot_pose: The robot's pose in the map; the cells under the robot become FREE.
         """
         self.stamp = now
         windows = [self.obstacles.reachable(laser, self.origin) for _, laser in self._pending.values()]
@@ -250,10 +249,9 @@ class LocalCostmap(LayeredCostmap):
         """Move the costmap with the robot and take over the observations.
 
         Args:
-            now: the time (ns).
-            robot_pose: the robot's pose in this costmap's frame, the new centre.
-            map_pose: the pose of the frame map in this costmap's frame, for the keep-outs.
-
+            now: The time (ns).
+            robot_pose: The robot's pose in this costmap's frame, the new centre.
+            map_pose: The pose of the frame map in this costmap's frame, for the keep-outs.
         """
         self.stamp = now
         if map_pose is not None:

@@ -86,12 +86,11 @@ def draw_keepouts(
     """Make keep-out rectangles LETHAL in a grid.
 
     Args:
-        costs: the grid's costs, changed in place.
-        resolution: the side length (m) of a cell.
-        origin: the lower-left corner (m) of the grid.
-        keepout: the rectangles, in the frame map.
-        frame: the pose of the frame map in the grid's frame.
-
+        costs: The grid's costs, changed in place.
+        resolution: The side length (m) of a cell.
+        origin: The lower-left corner (m) of the grid.
+        keepout: The rectangles, in the frame map.
+        frame: The pose of the frame map in the grid's frame.
     """
     cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
     for xmin, ymin, xmax, ymax in keepout:
@@ -182,10 +181,9 @@ class ObstacleLayer:
         """Clear and mark cells by a scan.
 
         Args:
-            scan: the scan.
-            laser: the laser's pose in the grid's frame.
-            origin: the lower-left corner (m) of the grid.
-
+            scan: The scan.
+            laser: The laser's pose in the grid's frame.
+            origin: The lower-left corner (m) of the grid.
         """
         ranges = scan.ranges.astype(np.float64)
         nearest = max(self.min_range, scan.range_min)
@@ -221,10 +219,9 @@ class ObstacleLayer:
         """Free the cells under the robot.
 
         Args:
-            place: the robot's pose in the grid's frame.
-            radius: the distance (m) of a cell's centre from *place* within which the cell becomes FREE.
-            origin: the lower-left corner (m) of the grid.
-
+            place: The robot's pose in the grid's frame.
+            radius: The distance (m) of a cell's centre from *place* within which the cell becomes FREE.
+            origin: The lower-left corner (m) of the grid.
         """
         x = (place.x - origin[0]) / self.resolution - 0.5
         y = (place.y - origin[1]) / self.resolution - 0.5

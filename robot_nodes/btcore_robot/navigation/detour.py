@@ -34,16 +34,15 @@ def find_detour(
     way.
 
     Args:
-        clearance: the distances to obstacles; its grid bounds the search, its frame is that of all points.
-        start: the robot's pose.
-        targets: points (m, shape ``(k, 2)``) in order of preference.
-        radius: the distance (m) to keep from obstacles.
-        last: the previous way (m, shape ``(n, 2)``, points as close as cells). Its cells are cheaper, so that
+        clearance: The distances to obstacles; its grid bounds the search, its frame is that of all points.
+        start: The robot's pose.
+        targets: Points (m, shape ``(k, 2)``) in order of preference.
+        radius: The distance (m) to keep from obstacles.
+        last: The previous way (m, shape ``(n, 2)``, points as close as cells). Its cells are cheaper, so that
             noise doesn't make the robot change between two sides.
 
     Returns:
         The index of the target and the points (m, shape ``(n, 2)``) of the way; None without a short way.
-
     """
     resolution = clearance.resolution * _COARSE
     distances = clearance.distances[_COARSE // 2 :: _COARSE, _COARSE // 2 :: _COARSE]

@@ -61,9 +61,8 @@ class SignedDistanceField:
         """Return the signed distance (m) and its gradient along x and y, at points of the map.
 
         Args:
-            x: the x coordinates (m).
-            y: the y coordinates (m), of the same shape.
-
+            x: The x coordinates (m).
+            y: The y coordinates (m), of the same shape.
         """
         u = (x - self._origin[0]) / self._resolution
         v = (y - self._origin[1]) / self._resolution
@@ -88,14 +87,13 @@ class SignedDistanceField:
         The method is Gauss-Newton; a beam weighs less the farther it ends from a surface (Geman and McClure).
 
         Args:
-            guess: the robot's pose to start from.
-            points: the ends of the beams in the robot's frame (m, shape ``(k, 2)``).
-            laser: the laser's position in the robot's frame (m). Surfaces that face away from it don't
+            guess: The robot's pose to start from.
+            points: The ends of the beams in the robot's frame (m, shape ``(k, 2)``).
+            laser: The laser's position in the robot's frame (m). Surfaces that face away from it don't
                 count.
-            deviation: the standard deviation (m, rad) of the guess. It keeps the guess in directions that the
+            deviation: The standard deviation (m, rad) of the guess. It keeps the guess in directions that the
                 beams don't determine, such as the position along a corridor.
-            scales: the scale (m) of the weights, one step for each.
-
+            scales: The scale (m) of the weights, one step for each.
         """
         x, y, yaw = guess.x, guess.y, guess.yaw
         position, heading = 1.0 / deviation[0] ** 2, 1.0 / deviation[1] ** 2
@@ -124,9 +122,8 @@ class SignedDistanceField:
         """Return the share (0 … 1) of *points* within `SURFACE_TOLERANCE` of a surface.
 
         Args:
-            pose: the robot's pose in the map.
-            points: the ends of the beams in the robot's frame (m, shape ``(k, 2)``).
-
+            pose: The robot's pose in the map.
+            points: The ends of the beams in the robot's frame (m, shape ``(k, 2)``).
         """
         cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
         x = pose.x + cos * points[:, 0] - sin * points[:, 1]

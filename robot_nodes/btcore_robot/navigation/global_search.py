@@ -108,6 +108,7 @@ class GlobalSearch:
             total[max(0, -down) : height - max(0, down), max(0, -across) : width - max(0, across)] += part[
                 max(0, down) : height + min(0, down), max(0, across) : width + min(0, across)
             ]
+        # A robot cannot stand there, however well the scan fits.
         total[~space.room] = 0
         return total
 

@@ -48,9 +48,8 @@ def grid_costs(costs: NDArray[np.uint8], *, allow_unknown: bool = True) -> NDArr
     """Return the prices of a costmap's cells as in NavFn: 50 + 0.8·cost, IMPASSABLE from INSCRIBED up.
 
     Args:
-        costs: the costs of the costmap.
-        allow_unknown: whether UNKNOWN cells get the price of cost 253; otherwise they are IMPASSABLE.
-
+        costs: The costs of the costmap.
+        allow_unknown: Whether UNKNOWN cells get the price of cost 253; otherwise they are IMPASSABLE.
     """
     return (_WITH_UNKNOWN if allow_unknown else _WITHOUT_UNKNOWN)[costs]
 
@@ -96,14 +95,13 @@ def find_cheapest_path(
     """Find a cheapest path.
 
     Args:
-        costs: the prices of `grid_costs`.
-        start: the first cell.
-        goal: the last cell.
-        bounds: lower bounds that hold for *costs* and the goal, if known.
+        costs: The prices of `grid_costs`.
+        start: The first cell.
+        goal: The last cell.
+        bounds: Lower bounds that hold for *costs* and the goal, if known.
 
     Returns:
         The cells of the path, with *start* and *goal*; None if there is no path.
-
     """
     if bounds is not None:
         least, across = bounds.least(start)

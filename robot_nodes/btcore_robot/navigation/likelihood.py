@@ -28,11 +28,10 @@ def beam_endpoints(
     """Return the ends of every ``(n - 1) // (most - 1)``-th beam in the laser's frame (m), shape ``(k, 2)``.
 
     Args:
-        scan: the scan, with n beams. Beams without an echo (±inf, NaN) are left out.
-        most: the number of beams to aim at.
-        least_range: beams shorter than this range (m) are left out.
-        greatest_range: beams from this range (m) on are left out.
-
+        scan: The scan, with n beams. Beams without an echo (±inf, NaN) are left out.
+        most: The number of beams to aim at.
+        least_range: Beams shorter than this range (m) are left out.
+        greatest_range: Beams from this range (m) on are left out.
     """
     step = max(1, (len(scan.ranges) - 1) // max(1, most - 1))
     ranges = scan.ranges[::step].astype(np.float64)
@@ -74,9 +73,8 @@ class LikelihoodField:
         """Return ``1 + Σ pz³`` for each particle, shape ``(n,)``.
 
         Args:
-            particles: the poses (x, y, yaw), shape ``(n, 3)``.
-            points: the beams' ends in the robot's frame (m), shape ``(k, 2)``.
-
+            particles: The poses (x, y, yaw), shape ``(n, 3)``.
+            points: The beams' ends in the robot's frame (m), shape ``(k, 2)``.
         """
         # This runs for every beam of every particle: float32, in place, sine and cosine once per particle.
         ends = (points * self._scale).astype(np.float32).T

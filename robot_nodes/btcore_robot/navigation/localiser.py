@@ -137,9 +137,8 @@ class Localiser:
         """Set the robot's present pose.
 
         Args:
-            pose: the pose in the map.
-            covariance: its covariance (x, y, yaw; shape ``(3, 3)``); INITIAL_DEVIATION by default.
-
+            pose: The pose in the map.
+            covariance: Its covariance (x, y, yaw; shape ``(3, 3)``); INITIAL_DEVIATION by default.
         """
         spread = np.diag(np.square(INITIAL_DEVIATION)) if covariance is None else covariance
         self._settle(pose, self._robot.odometry().pose, spread)

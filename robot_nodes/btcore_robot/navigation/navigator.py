@@ -55,18 +55,17 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     tree. While the scans contradict the robot's pose, no goal succeeds.
 
     Args:
-        servers: the servers of the robot; the nodes get them and the `Robot` as resources.
-        default_tree: the file of the tree for goals that name no other file.
-        through: whether goals have several poses.
-        plugins: libraries with further nodes for the trees.
-        on_end: a function that is called with the outcome of every goal.
-        hold: a function that returns whether goals have to wait.
-        give_up_reason: a function of the time (ns) at which a waiting goal began. A returned reason that is
+        servers: The servers of the robot; the nodes get them and the `Robot` as resources.
+        default_tree: The file of the tree for goals that name no other file.
+        through: Whether goals have several poses.
+        plugins: Libraries with further nodes for the trees.
+        on_end: A function that is called with the outcome of every goal.
+        hold: A function that returns whether goals have to wait.
+        give_up_reason: A function of the time (ns) at which a waiting goal began. A returned reason that is
             not empty aborts the goal.
 
     Raises:
-        RegistrationError: a library of *plugins* can't be used.
-
+        RegistrationError: A library of *plugins* can't be used.
     """
 
     def __init__(
@@ -231,10 +230,9 @@ def tree_file(name: str, default: Path) -> Path:
     here.
 
     Args:
-        name: the path from a goal or from the parameters. If no such file exists, a file of the same name in
+        name: The path from a goal or from the parameters. If no such file exists, a file of the same name in
             the folder of *default* is used.
-        default: the file for an empty name.
-
+        default: The file for an empty name.
     """
     if not name:
         return default

@@ -33,8 +33,6 @@ from btcore_robot.errors import RobotError
 from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
 from btcore_robot.yaml_errors import yaml_errors
 
-__all__ = ["Grid", "MapError", "OccupancyMap", "Rectangle", "load_map", "save_map"]
-
 Rectangle = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax (m) in the frame map."""
 
@@ -67,8 +65,7 @@ class YamlEntries(FieldReader):
         """Check for misspelt keys. Other unknown keys are ignored, as in map_server.
 
         Raises:
-            MapError: a key resembles a missing key of *keys*.
-
+            MapError: A key resembles a missing key of *keys*.
         """
         for key in self._fields:
             if key not in keys and (hint := did_you_mean(key, [name for name in keys if not self.has(name)])):
@@ -78,8 +75,7 @@ class YamlEntries(FieldReader):
         """Return the truth value (0, 1, true or false) at *key*.
 
         Raises:
-            MapError: the value is another.
-
+            MapError: The value is another.
         """
         value = self._field(key, default)
         if value not in (0, 1):
@@ -103,12 +99,11 @@ def read_entries(path: Path, content: str) -> YamlEntries:
     """Read a YAML file.
 
     Args:
-        path: the file.
-        content: what the file holds, for error messages (``a map``).
+        path: The file.
+        content: What the file holds, for error messages (``a map``).
 
     Raises:
-        MapError: the file can't be read, or isn't a YAML file of keys and values.
-
+        MapError: The file can't be read, or isn't a YAML file of keys and values.
     """
     text = read_text(path, f"a YAML file of {content}, not an image", MapError)
     values: dict[str, Any] = {}
@@ -241,8 +236,7 @@ def load_map(path: Path) -> OccupancyMap:
     """Return the map in the YAML file at *path*, by map_server's rules, with the keep-outs beside the file.
 
     Raises:
-        MapError: a file cannot be read or is invalid; the message has the file and the line.
-
+        MapError: A file cannot be read or is invalid; the message has the file and the line.
     """
     entries = read_entries(path, "a map")
     entries.check_keys(_KEYS)
@@ -282,12 +276,11 @@ def save_map(map: OccupancyMap, path: Path) -> None:
     raw.
 
     Args:
-        map: the map.
-        path: the YAML file.
+        map: The map.
+        path: The YAML file.
 
     Raises:
-        MapError: a file cannot be written.
-
+        MapError: A file cannot be written.
     """
     cells = np.flipud(map.cells)
     if np.isin(cells, (-1, 0, 100)).all():

@@ -82,8 +82,7 @@ def read_settings(path: Path) -> dict[str, Settings]:
     win.
 
     Raises:
-        ParameterError: the file can't be read, or isn't YAML of this form.
-
+        ParameterError: The file can't be read, or isn't YAML of this form.
     """
     text = read_text(path, "a YAML file of parameters", ParameterError)
     servers: dict[str, Settings] = {}

@@ -23,10 +23,9 @@ def number_field(default: float, *aliases: str, minimum: float | None = None) ->
     """Return a dataclass field that is a number.
 
     Args:
-        default: the default value.
-        aliases: other names in parameter files.
-        minimum: the least valid value.
-
+        default: The default value.
+        aliases: Other names in parameter files.
+        minimum: The least valid value.
     """
     return field(default=default, metadata={ALIASES: aliases, MINIMUM: minimum})
 
@@ -237,8 +236,7 @@ def load_parameters(path: Path) -> NavigationParameters:
     a warning of its own.
 
     Raises:
-        ParameterError: the file can't be read, or a value has the wrong type or is out of range.
-
+        ParameterError: The file can't be read, or a value has the wrong type or is out of range.
     """
     servers = read_settings(path)
     everywhere = servers.pop(EVERY_SERVER, {})

@@ -47,16 +47,15 @@ def sample_motion_model(
     distance from 0 or π, whichever is nearer, so that driving backward is as certain as driving forward.
 
     Args:
-        particles: the poses (x, y, yaw), shape ``(n, 3)``.
-        before: the odometry's pose at the last update.
-        after: the odometry's pose now.
+        particles: The poses (x, y, yaw), shape ``(n, 3)``.
+        before: The odometry's pose at the last update.
+        after: The odometry's pose now.
         alphas: α1 (noise of turns by turns), α2 (of turns by distance), α3 (of distance by distance) and α4
             (of distance by turns).
-        random: the source of the noise.
+        random: The source of the noise.
 
     Returns:
         The moved particles, shape ``(n, 3)``.
-
     """
     turn, way, turn_after = decompose_motion(before, after)
     a1, a2, a3, a4 = alphas
@@ -90,12 +89,11 @@ def kld_sample_size(bins: int, err: float, z: float, least: int, most: int) -> i
     gives no information; the result is *most*.
 
     Args:
-        bins: the number of occupied bins of the histogram.
-        err: the greatest divergence.
-        z: the quantile, used as in nav2_amcl.
-        least: the least number of particles.
-        most: the greatest number of particles.
-
+        bins: The number of occupied bins of the histogram.
+        err: The greatest divergence.
+        z: The quantile, used as in nav2_amcl.
+        least: The least number of particles.
+        most: The greatest number of particles.
     """
     if bins <= 1:
         return most
@@ -120,14 +118,13 @@ def resample(
     require. Then a sample of this size is drawn.
 
     Args:
-        particles: the poses (x, y, yaw), shape ``(n, 3)``.
-        weights: their weights, shape ``(n,)``, with the sum 1.
-        random: the source of random numbers.
-        err: the greatest divergence, as for `kld_sample_size`.
-        z: the quantile, as for `kld_sample_size`.
-        least: the least number of particles.
-        most: the greatest number of particles.
-
+        particles: The poses (x, y, yaw), shape ``(n, 3)``.
+        weights: Their weights, shape ``(n,)``, with the sum 1.
+        random: The source of random numbers.
+        err: The greatest divergence, as for `kld_sample_size`.
+        z: The quantile, as for `kld_sample_size`.
+        least: The least number of particles.
+        most: The greatest number of particles.
     """
     drawn = _systematic(weights, most, random)
     order = random.permutation(most)
@@ -156,6 +153,7 @@ def _bins(particles: Floats) -> NDArray[np.int64]:
     across = np.floor(particles[:, 0] / BIN_LENGTH).astype(np.int64) + _MAX_BINS
     along = np.floor(particles[:, 1] / BIN_LENGTH).astype(np.int64) + _MAX_BINS
     turn = np.floor(particles[:, 2] / BIN_TURN).astype(np.int64) % _TURNS
+    # A mixed-radix number: a single integer for the three indices of a bin.
     return (across * (2 * _MAX_BINS) + along) * _TURNS + turn
 
 
@@ -163,9 +161,8 @@ def best_cluster(particles: Floats, weights: Floats) -> Cluster:
     """Return the heaviest cluster of particles whose bins touch at sides or corners.
 
     Args:
-        particles: the poses (x, y, yaw), shape ``(n, 3)``.
-        weights: their weights, shape ``(n,)``.
-
+        particles: The poses (x, y, yaw), shape ``(n, 3)``.
+        weights: Their weights, shape ``(n,)``.
     """
     # Headings relative to their mean: the cut at ±π is then opposite to most particles.
     mean = math.atan2(weights @ np.sin(particles[:, 2]), weights @ np.cos(particles[:, 2]))
@@ -198,11 +195,10 @@ def sample_particles(pose: Pose2D, covariance: Floats, count: int, random: np.ra
     """Draw particles from a normal distribution.
 
     Args:
-        pose: the mean.
-        covariance: the covariance of x, y and yaw, shape ``(3, 3)``.
-        count: the number of particles.
-        random: the source of random numbers.
-
+        pose: The mean.
+        covariance: The covariance of x, y and yaw, shape ``(3, 3)``.
+        count: The number of particles.
+        random: The source of random numbers.
     """
     # The diagonal makes a covariance of zeros positive definite.
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(3))

@@ -89,11 +89,10 @@ def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: s
     """Return a path through points; each pose points to the next point.
 
     Args:
-        points: the positions (m), shape ``(n, 2)``; the last is that of the goal.
-        goal: the pose whose heading the last pose gets.
-        stamp: the time of planning (ns).
-        frame: the frame of the points.
-
+        points: The positions (m), shape ``(n, 2)``; the last is that of the goal.
+        goal: The pose whose heading the last pose gets.
+        stamp: The time of planning (ns).
+        frame: The frame of the points.
     """
     poses = np.empty((len(points), 3))
     poses[:, :2] = points
@@ -125,7 +124,6 @@ class NearestPoseSearch:
             reach: The maximum distance (m) along the path from the previous result; negative or infinite:
                 search the whole path, forwards and backwards.
             turn: The distance (m) that counts as much as a heading error of 1 rad.
-
         """
         whole = reach < 0.0 or math.isinf(reach)
         if whole or path != self.known:

@@ -46,14 +46,13 @@ def smooth_path(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray
     """Smooth a path; its ends stay.
 
     Args:
-        costs: the grid of the path; impassable cells are negative.
-        way: the path's points (row, column), shape ``(n, 2)``.
+        costs: The grid of the path; impassable cells are negative.
+        way: The path's points (row, column), shape ``(n, 2)``.
 
     Returns:
         Points at most a cell apart, on the grid and in no impassable cell. The price is mostly lower than
         that of *way*, and at most `MAX_COST_RATIO` times as high. If smoothing fails, the result is *way*
         itself.
-
     """
     if len(way) < 3:
         return way
@@ -78,11 +77,10 @@ def anchor_path(
     corner of an impassable cell is in between.
 
     Args:
-        costs: the grid of the path; impassable cells are negative.
-        cells: the cells of the path.
-        first: the first point (row, column), in the first cell.
-        last: the last point, in the last cell.
-
+        costs: The grid of the path; impassable cells are negative.
+        cells: The cells of the path.
+        first: The first point (row, column), in the first cell.
+        last: The last point, in the last cell.
     """
     way = np.array([first, *cells[1:-1], last], dtype=np.float64)
     if len(cells) > 1:

@@ -82,14 +82,13 @@ class Planner:
         The headings point along the path; the last pose has the heading of the goal.
 
         Args:
-            start: the first pose.
-            goal: the last pose.
-            now: the path's stamp (ns).
+            start: The first pose.
+            goal: The last pose.
+            now: The path's stamp (ns).
 
         Raises:
-            PlannerError: no path exists; the code is START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED,
+            PlannerError: No path exists; the code is START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED,
                 GOAL_OCCUPIED or NO_VALID_PATH.
-
         """
         first = self._cell(start, Nav2ErrorCode.START_OUTSIDE_MAP, "the robot")
         last = self._cell(goal, Nav2ErrorCode.GOAL_OUTSIDE_MAP, "the goal")
@@ -111,13 +110,12 @@ class Planner:
         """Return a path through several poses.
 
         Args:
-            poses: the start and the poses to pass, in order.
-            now: the path's stamp (ns).
+            poses: The start and the poses to pass, in order.
+            now: The path's stamp (ns).
 
         Raises:
-            PlannerError: no path exists. The code is NO_VIAPOINTS_GIVEN for fewer than two poses, otherwise
+            PlannerError: No path exists. The code is NO_VIAPOINTS_GIVEN for fewer than two poses, otherwise
                 the code of `plan` plus 100, as in ComputePathThroughPoses.
-
         """
         if len(poses) < 2:
             raise PlannerError(Nav2ErrorCode.NO_VIAPOINTS_GIVEN, "the list of goals is empty")

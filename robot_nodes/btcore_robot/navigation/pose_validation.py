@@ -39,10 +39,9 @@ def changed_beam_shares(before: LaserScan, after: LaserScan, turn: float) -> tup
     """Return the shares (0 … 1) of beams that became longer and that became shorter between two scans.
 
     Args:
-        before: the earlier scan.
-        after: the later scan.
-        turn: the robot's turn (rad) between the two scans.
-
+        before: The earlier scan.
+        after: The later scan.
+        turn: The robot's turn (rad) between the two scans.
     """
     chosen = np.arange(0, len(after.ranges), max(1, len(after.ranges) // _BEAMS))
     earlier = np.rint(chosen + turn / after.angle_increment).astype(np.intp)[:, None] + _NEIGHBOURS
@@ -99,12 +98,11 @@ class PoseValidator:
         """Return whether a scan makes the estimated pose doubtful.
 
         Args:
-            scan: the scan.
-            points: the ends of its beams in the robot's frame (m), shape ``(k, 2)``.
-            laser: the laser's position in the robot's frame (m).
-            odometry: the pose in odom at the scan's stamp.
-            pose: the estimated pose in the map at the scan's stamp.
-
+            scan: The scan.
+            points: The ends of its beams in the robot's frame (m), shape ``(k, 2)``.
+            laser: The laser's position in the robot's frame (m).
+            odometry: The pose in odom at the scan's stamp.
+            pose: The estimated pose in the map at the scan's stamp.
         """
         before, self._before = self._before, (scan, odometry.yaw)
         if before is not None and scan.stamp - before[0].stamp <= _MAX_PAUSE:

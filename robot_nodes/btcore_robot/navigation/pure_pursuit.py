@@ -60,6 +60,7 @@ class PurePursuit:
             high = min(int(np.searchsorted(self._along, self.travelled + _WINDOW)) + 1, high)
         squares = (self._x[low:high] - pose.x) ** 2 + (self._y[low:high] - pose.y) ** 2
         nearest = low + int(squares.argmin())
+        # The nearest position is on a segment that begins or ends at the nearest point.
         best = math.inf
         for start in (nearest - 1, nearest):
             if 0 <= start < len(self._x) - 1:

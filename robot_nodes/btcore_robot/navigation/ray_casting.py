@@ -67,12 +67,11 @@ class RayCaster:
         The method is sphere tracing: each step is as long as the distance to the nearest occupied cell.
 
         Args:
-            x: the x coordinates (m) of the points.
-            y: the y coordinates (m) of the points.
-            dx: the x components of the unit directions.
-            dy: the y components of the unit directions.
-            reach: the greatest distances (m) of interest; all arrays have the same shape.
-
+            x: The x coordinates (m) of the points.
+            y: The y coordinates (m) of the points.
+            dx: The x components of the unit directions.
+            dy: The y components of the unit directions.
+            reach: The greatest distances (m) of interest; all arrays have the same shape.
         """
         active = np.arange(x.size)
         px, py, ux, uy, limit = (a.ravel() for a in np.broadcast_arrays(x, y, dx, dy, reach))
@@ -114,10 +113,9 @@ class RayCaster:
         """Return the mask, shape ``(k,)``, of beams that end where the map allows or farther away.
 
         Args:
-            pose: the robot's pose in the map.
-            laser: the laser's position in the robot's frame (m).
-            points: the ends of the beams in the robot's frame (m), shape ``(k, 2)``.
-
+            pose: The robot's pose in the map.
+            laser: The laser's position in the robot's frame (m).
+            points: The ends of the beams in the robot's frame (m), shape ``(k, 2)``.
         """
         lengths, visible, _, _ = self._cast([pose], laser, points)
         mask: NDArray[np.bool_] = visible[0] < lengths * (1.0 + SHORT_A_METRE) + SHORT
@@ -129,10 +127,9 @@ class RayCaster:
         """Return the agreement of beams with the map for each of several poses.
 
         Args:
-            poses: the robot's poses in the map.
-            laser: the laser's position in the robot's frame (m).
-            points: the ends of the beams in the robot's frame (m), shape ``(k, 2)``.
-
+            poses: The robot's poses in the map.
+            laser: The laser's position in the robot's frame (m).
+            points: The ends of the beams in the robot's frame (m), shape ``(k, 2)``.
         """
         if not len(points) or not poses:
             return [ScanAgreement(0.0, 0.0) for _ in poses]

@@ -83,14 +83,13 @@ class Relocaliser:
         """Process a scan; return the robot's pose once a hypothesis is accepted.
 
         Args:
-            points: the ends of the scan's beams in the robot's frame (m), shape ``(k, 2)``.
-            laser: the laser's position in the robot's frame (m).
-            odometry: the pose in the frame odom at the scan's stamp.
-            stamp: the scan's stamp (ns).
+            points: The ends of the scan's beams in the robot's frame (m), shape ``(k, 2)``.
+            laser: The laser's position in the robot's frame (m).
+            odometry: The pose in the frame odom at the scan's stamp.
+            stamp: The scan's stamp (ns).
 
         Returns:
             The pose in the frame map at the scan's stamp, or None.
-
         """
         if self.hypotheses:
             return self._follow(points, laser, odometry, stamp)
@@ -111,9 +110,8 @@ class Relocaliser:
         """Add a hypothesis and return it with its score for the scan of the search.
 
         Args:
-            pose: the pose in the map at the moment of the search's scan.
-            laser: the laser's position in the robot's frame (m).
-
+            pose: The pose in the map at the moment of the search's scan.
+            laser: The laser's position in the robot's frame (m).
         """
         hypothesis = PoseHypothesis(pose)
         self._fit([hypothesis], self._points, laser, deviation=(0.1, 0.05))

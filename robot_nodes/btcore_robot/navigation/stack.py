@@ -266,9 +266,8 @@ def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:
     """Return a warning for each tree in *parameters* that doesn't exist, so that a default tree is used.
 
     Args:
-        parameters: the parameters of the navigator.
-        trees: the folder in which the default trees are found.
-
+        parameters: The parameters of the navigator.
+        trees: The folder in which the default trees are found.
     """
     named = (
         (parameters.default_nav_to_pose_bt_xml, TO_POSE),

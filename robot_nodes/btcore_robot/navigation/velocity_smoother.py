@@ -59,11 +59,10 @@ class VelocitySmoother:
         """Command the velocity nearest to the target that is reachable since the last command.
 
         Args:
-            v: the target speed (m/s).
-            w: the target turning rate (rad/s).
-            now: the time (ns).
-            period: the time (s) between two commands, an upper limit for the time since the last command.
-
+            v: The target speed (m/s).
+            w: The target turning rate (rad/s).
+            now: The time (ns).
+            period: The time (s) between two commands, an upper limit for the time since the last command.
         """
         seconds = period if self._stamp is None else min(max((now - self._stamp) / NS_PER_S, 0.0), period)
         limits = self.limits
@@ -89,6 +88,7 @@ class VelocitySmoother:
 
 def _next(last: float, target: float, up: float, down: float) -> float:
     """Return the value nearest to *target*, in size at most *up* above or *down* below *last*."""
+    # Driving backwards is the mirror image of driving forward.
     if last < 0.0 or (last == 0.0 and target < 0.0):
         return -_next(-last, -target, up, down)
     if target >= last:

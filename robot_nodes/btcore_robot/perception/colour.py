@@ -92,7 +92,6 @@ def debug_image(
         image: The image.
         colours: The range of colours that stays bright.
         objects: The detections to mark; if omitted, the box around all pixels of the colour.
-
     """
     mask = colour_mask(image, colours)
     shown = np.where(mask[:, :, None] > 0, image.rgb, image.rgb // 3).astype(np.uint8)

@@ -55,7 +55,6 @@ def detect_boxes(
         colours: The range of colours of the objects.
         frame: The frame of the boxes.
         camera: The pose of the image's frame in *frame*.
-
     """
     if image.depth is None:
         return []
@@ -82,7 +81,6 @@ def depth_to_points(
         depth: The depth image (m, along z), shape ``(height, width)``.
         camera_info: The camera's intrinsic parameters.
         pixels: The mask of the pixels to convert, shape ``(height, width)``.
-
     """
     rows, columns = np.nonzero(pixels)
     z = depth[rows, columns].astype(np.float64)

@@ -56,7 +56,6 @@ class LaunchEntry:
 
         Args:
             own_name: The default name of its process, by which parameters are selected from a file.
-
         """
         values: dict[str, ParameterValue] = {}
         for parameter in self.parameters:
@@ -77,7 +76,6 @@ def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
 
     Raises:
         LaunchError: The file cannot be read or is not a valid launch file.
-
     """
     if depth > _MAX_DEPTH:
         raise LaunchError(f"{path} includes itself, directly or through other files")
@@ -100,7 +98,6 @@ def launch_processes(entries: list[LaunchEntry], context: ProcessContext) -> lis
     Raises:
         LaunchError: A program does not exist.
         ParameterError: A parameter has an invalid value.
-
     """
     processes: list[Process] = []
     for entry in entries:

@@ -47,6 +47,7 @@ class LifecycleComponent:
     def change_state(self, transition: LifecycleTransition) -> bool:
         """Request *transition*; return False if it is invalid in the current state or refused."""
         target = _TARGETS.get((self.state, transition))
+        # The callback of CONFIGURE is `on_configure`, and so on.
         callback: Callable[[], bool] = getattr(self, f"on_{transition.name.lower()}")
         if target is None or not callback():
             return False

@@ -34,7 +34,6 @@ class Parameters:
 
         Raises:
             ParameterError: The given value has another type (a whole number is accepted for a float).
-
         """
         value = self._given.get(name, default)
         if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
@@ -81,7 +80,6 @@ def load_process_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
 
     Raises:
         ParameterError: The file cannot be read, or contains a value that is not a parameter.
-
     """
     servers = read_settings(path)
     parameters: dict[str, ParameterValue] = {}

@@ -40,7 +40,6 @@ class ProcessContext:
         schedule: The schedule of their timers.
         log_sink: A function that receives every log message.
         robot: The robot, if the processes have one.
-
     """
 
     def __init__(
@@ -116,7 +115,6 @@ class Process:
 
         Raises:
             TopicError: The topic has messages of another type.
-
         """
         resolved = self.context.topics.topic(self.resolve(topic), type_, self.name)
         resolved.publishers.append(self.name)
@@ -135,7 +133,6 @@ class Process:
 
         Raises:
             TopicError: The topic has messages of another type.
-
         """
         resolved = self.context.topics.topic(self.resolve(topic), type_, self.name)
         created = Subscription(resolved, callback, depth, self._wake, self.name)
@@ -255,7 +252,6 @@ class Executor:
 
         Raises:
             MessageLoopError: There are still messages after `MAX_DELIVERY_ROUNDS` rounds.
-
         """
         if self._running:
             return

@@ -54,7 +54,6 @@ def create_processes(
 
     Raises:
         UnknownProgramError: There is no program of that name.
-
     """
     if program not in PROGRAMS:
         hint = did_you_mean(program, PROGRAMS).strip() or f"there are {', '.join(PROGRAMS)}"

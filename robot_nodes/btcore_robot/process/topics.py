@@ -88,7 +88,6 @@ class Publisher(Generic[Message]):
 
         Raises:
             TopicError: The message is not of the topic's type.
-
         """
         topic = self.topic
         if not isinstance(message, topic.type):
@@ -98,6 +97,7 @@ class Publisher(Generic[Message]):
             )
         if self.latched:
             topic.latched = message
+        # A copy, because waking a subscriber may create or destroy subscriptions.
         for subscription in list(topic.subscriptions):
             subscription.put(message)
 
@@ -126,7 +126,6 @@ class Topics:
 
         Raises:
             TopicError: The topic exists with another type.
-
         """
         full = full_name(name)
         topic = self._topics.get(full)

@@ -157,7 +157,6 @@ class CorrelationGrid:
 
         Returns:
             The best pose; of poses with equal scores, the nearest to the guess.
-
         """
         height, width = self._shape
         reach = round(window.distance / RESOLUTION / window.cell_step) * window.cell_step
@@ -205,7 +204,6 @@ class CorrelationGrid:
             outline: The points and normals in the robot's frame.
             prior: A pose that attracts the result; *guess* if omitted.
             uncertainty: The uncertainty of the prior; without it the prior has no effect.
-
         """
         at = guess.astype(np.float64).copy()
         prior_information = np.zeros((3, 3)) if uncertainty is None else uncertainty.information()

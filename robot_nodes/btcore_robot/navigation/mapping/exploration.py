@@ -44,7 +44,6 @@ class Exploration(Navigation):
         trees: The folder of the navigator's behavior trees.
         parameters: The parameters of the servers; the defaults if omitted.
         keepout: Rectangles that are added to the map because the laser cannot detect them.
-
     """
 
     localiser: Mapper
@@ -99,7 +98,6 @@ class Exploration(Navigation):
 
         Raises:
             MapError: The files cannot be written.
-
         """
         save_map(self.mapper.map(), path)
 

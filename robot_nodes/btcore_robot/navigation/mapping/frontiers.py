@@ -62,7 +62,6 @@ def frontier_mask(map: OccupancyMap, excluded: Sequence[tuple[float, float]] = (
     Args:
         map: The map.
         excluded: Positions (m) near which no cell counts.
-
     """
     size = 2 * WALL_CELLS + 1
     # Unknown cells next to occupied cells are the inside of a wall, not unexplored space.
@@ -93,7 +92,6 @@ def find_frontiers(
         here: The robot's pose in the frame of the map.
         excluded: Positions (m) near which frontiers are ignored.
         radius: The robot's radius (m).
-
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
         frontier_mask(map, excluded).astype(np.uint8), connectivity=8

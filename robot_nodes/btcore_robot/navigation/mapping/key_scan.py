@@ -64,7 +64,6 @@ def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float 
         scans: At least one scan, oldest first.
         travelled: The distance (m) driven so far.
         margin: The distance (m) before an obstacle from which on the floor is not counted as free.
-
     """
     last = scans[-1]
     outlines = []

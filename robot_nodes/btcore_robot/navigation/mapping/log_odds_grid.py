@@ -28,7 +28,6 @@ class LogOddsGrid:
         resolution: The side (m) of a cell.
         radius: The robot's radius (m).
         keepout: Rectangles that are added to the map unchanged.
-
     """
 
     def __init__(

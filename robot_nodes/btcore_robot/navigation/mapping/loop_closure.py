@@ -46,7 +46,6 @@ class LoopClosureDetector:
         Returns:
             The index of the nearest old key scan and the match of the newest; None without a certain
             match.
-
         """
         newest, here = scans[-1], graph.poses[-1]
         if newest.travelled - self._tried_after < 1.0 or len(newest.outline.points) < _MIN_POINTS:

@@ -67,7 +67,6 @@ class Mapper:
         keepout: Rectangles that are added to the map because the laser cannot detect them.
         loops: Whether to close loops.
         frames: The names of the map, odometry and base frames.
-
     """
 
     lost = searching = is_contradicted = False
@@ -136,7 +135,6 @@ class Mapper:
 
         Args:
             now: The time (ns); not used, because scans and transforms carry stamps.
-
         """
         scan = self._robot.scan()
         if scan is None or scan.stamp == self.stamp:
@@ -185,6 +183,7 @@ class Mapper:
             self._grid.draw(self.scans, graph.poses)
         else:
             self._grid.add(scan, graph.poses[-1])
+        # Odometry carries the pose on from here until the next key scan.
         base_in_map = Transform.from_pose(row_to_pose(graph.poses[-1]))
         self.map_to_odom = base_in_map * Transform.from_pose(scan.odometry).inverse()
         self.version += 1
@@ -195,7 +194,6 @@ class Mapper:
         Args:
             scan: The new key scan.
             step: The same relative pose by odometry.
-
         """
         graph = self.graph
         assert graph is not None

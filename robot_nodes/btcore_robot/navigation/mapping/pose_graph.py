@@ -50,7 +50,6 @@ class PoseGraph:
         Args:
             step: The relative pose: x, y (m) and yaw (rad).
             information: Its inverse covariance, shape ``(3, 3)``.
-
         """
         last = len(self.poses)
         self.edges.append(Edge(last - 1, last, step, information))
@@ -64,7 +63,6 @@ class PoseGraph:
             last: The index of the measured pose.
             step: Pose *last* relative to pose *first*: x, y (m) and yaw (rad).
             information: Its inverse covariance, shape ``(3, 3)``.
-
         """
         self.edges.append(Edge(first, last, step, information, loop=True))
 
@@ -79,6 +77,7 @@ class PoseGraph:
         # Loops have their full weight in the first rounds and are weakened afterwards if they disagree.
         for scale in _LOOP_SCALES:
             step = self._step(first, last, steps, information, np.where(loops, scale, math.inf))
+            # A short step means convergence only at the last scale: a narrower scale moves the poses again.
             if step < _MIN_STEP and scale == _LOOP_SCALES[-1]:
                 break
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())

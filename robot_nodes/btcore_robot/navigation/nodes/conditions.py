@@ -224,7 +224,6 @@ class TransformAvailable(Condition):
 
         Raises:
             NodeError: A frame's name is empty.
-
         """
         if not (self.parent and self.child):
             raise NodeError("<TransformAvailable> needs the names of two frames: child and parent")

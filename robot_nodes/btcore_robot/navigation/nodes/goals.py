@@ -153,7 +153,6 @@ def is_occupied(servers: Servers, pose: Pose2D, threshold: float, footprint: boo
         threshold: The cost (0–254) from which on the pose is occupied.
         footprint: Whether to check the robot's circle in place of its centre.
         unknown: The result for a pose of unknown cost.
-
     """
     cost = servers.global_costmap.cost(pose.x, pose.y)
     if cost == UNKNOWN:

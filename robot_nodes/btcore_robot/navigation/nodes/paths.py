@@ -162,7 +162,6 @@ def blocked_poses(
         max_cost: The cost (0–254) from which on a pose is a collision.
         unknown: Whether unknown cost is a collision.
         reach: The distance (m) along the path to check; negative: to the end.
-
     """
     here = servers.pose()
     start = path.nearest(here.x, here.y) if here is not None else 0
