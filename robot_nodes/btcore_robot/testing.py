@@ -318,7 +318,7 @@ def drive_for(robot: Robot, command: tuple[float, float] | None, seconds: float)
 
 
 def is_standing(twist: Twist2D) -> bool:
-    """Return whether *twist* is that of a robot at rest (below 1 cm/s and 0.02 rad/s)."""
+    """Return whether *twist* means that the robot is at rest (below 1 cm/s and 0.02 rad/s)."""
     return abs(twist.v) < 0.01 and abs(twist.w) < 0.02
 
 

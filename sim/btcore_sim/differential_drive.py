@@ -120,7 +120,7 @@ class WheelErrorModel:
         self.left, self.right = (float(scale) for scale in random.normal(1.0, facts.scale_sigma, 2))
 
     def turning(self) -> float:
-        """Return the angle (rad) that the wheels measure for one radian, drawn anew for every reading."""
+        """Return the angle (rad) that the wheels measure for one radian, drawn for every reading."""
         return 1.0 + self._facts.slip + self._facts.slip_sigma * float(self._random.standard_normal())
 
 

@@ -166,7 +166,7 @@ class RobotExtension:
             self._body = None
 
     def replace_tree(self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
-        """Do nothing: the world goes on."""
+        """Do nothing: the world continues."""
 
     def on_interrupt(self) -> None:
         """Do nothing: an interrupted run is reported like any other."""

@@ -1,4 +1,4 @@
-"""What all commands of ``btcore book`` share: options, a robot in its world, and an executor of processes."""
+"""The common parts of the ``btcore book`` commands: options, a robot in its world, an executor."""
 
 import functools
 import json

@@ -53,7 +53,7 @@ class BumpGo(Process):
 
     The robot stops when the newest scan is older than 1 s, until there is a newer scan. The process
     subscribes to ``input_scan`` and publishes on ``output_vel``, starting with the first scan. In the cycle
-    of a state change the velocity is still that of the old state. In the state FORWARD an obstacle takes
+    of a state change the velocity is still the old state's velocity. In the state FORWARD an obstacle takes
     precedence over an old scan.
     """
 

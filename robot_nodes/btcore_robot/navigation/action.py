@@ -153,7 +153,7 @@ class ActionServer(Generic[Goal, Feedback, Value]):
     def work(self, handle: GoalHandle[Goal, Feedback, Value], now: int) -> None:
         """Work on the goal for one period.
 
-        The first call follows `start` in the same step; calls go on until the handle has ended.
+        The first call follows `start` in the same step; calls continue until the handle has ended.
 
         Args:
             handle: The handle of the running goal.

@@ -19,7 +19,7 @@ from btcore_robot.transforms import ExtrapolationError, TransformTree
 
 _NO_ECHO = 30.0  # m: stands for a ray without an echo
 _MEDIAN = 5  # rays; fewer than three equal readings among them count as noise
-_BESIDE = 4  # rays on either side that are averaged: 5 cm in all at a distance of 1 m
+_BESIDE = 4  # rays on either side that are averaged: 5 cm in total at a distance of 1 m
 _STEP = 0.2  # m: neighbours farther apart than this belong to different surfaces
 
 _THREE_RAYS = np.ones((1, 3), dtype=np.uint8)

@@ -358,7 +358,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             carrot = pursuit.carrot(pose, reach)
         free, share = self._free(carrot, odometry, here)
         speed = min(parameters.max_vel_x * share, (free - _MARGIN) / parameters.time_to_collision)
-        # A turn that has begun goes on until the robot is aligned, so that turns and drives don't alternate.
+        # A turn continues until the robot is aligned, so that turns and drives do not alternate.
         driving = self._turn_direction == 0.0 and speed >= _MIN_SPEED
         if abs(carrot.angle) > (parameters.rotate_to_heading_min_angle if driving else _ALIGNED):
             self._turn(carrot.angle, now)

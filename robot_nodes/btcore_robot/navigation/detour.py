@@ -34,7 +34,7 @@ def find_detour(
     way.
 
     Args:
-        clearance: The distances to obstacles; its grid bounds the search, its frame is that of all points.
+        clearance: The distances to obstacles; its grid bounds the search, and all points are in its frame.
         start: The robot's pose.
         targets: Points (m, shape ``(k, 2)``) in order of preference.
         radius: The distance (m) to keep from obstacles.

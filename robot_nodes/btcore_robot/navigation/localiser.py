@@ -47,8 +47,8 @@ DOUBT_PAUSE = 5 * NS_PER_S
 class Localiser:
     """The robot's pose on a map, estimated from laser and odometry. `step` is a task for the schedule.
 
-    The particle filter is that of nav2_amcl: differential motion model, likelihood field with the sum of
-    cubes, an update after each ``update_min_d`` or ``update_min_a``, KLD sampling with systematic resampling.
+    The particle filter is the same as in nav2_amcl: differential motion model, likelihood field with the sum
+    of cubes, an update after each ``update_min_d`` or ``update_min_a``, KLD sampling, systematic resampling.
     The heaviest cluster of particles is accurate to a few cells. For a better estimate, odometry carries the
     pose from update to update, and a match with the surfaces of the map corrects it. If the scan contradicts
     this pose, the cluster's pose replaces it.

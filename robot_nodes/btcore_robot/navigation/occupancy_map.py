@@ -75,7 +75,7 @@ class YamlEntries(FieldReader):
         """Return the truth value (0, 1, true or false) at *key*.
 
         Raises:
-            MapError: The value is another.
+            MapError: The value is not a truth value.
         """
         value = self._field(key, default)
         if value not in (0, 1):
@@ -100,7 +100,7 @@ def read_entries(path: Path, content: str) -> YamlEntries:
 
     Args:
         path: The file.
-        content: What the file holds, for error messages (``a map``).
+        content: The content of the file, for error messages (``a map``).
 
     Raises:
         MapError: The file can't be read, or isn't a YAML file of keys and values.
@@ -129,7 +129,7 @@ class Grid:
     origin: tuple[float, float]
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the row and column of the point *x*, *y* (m); beyond the edges the numbers go on."""
+        """Return the row and column of the point *x*, *y* (m); beyond the edges the numbers continue."""
         return (
             math.floor((y - self.origin[1]) / self.resolution),
             math.floor((x - self.origin[0]) / self.resolution),
@@ -150,7 +150,7 @@ class OccupancyMap(Grid):
     *cells* is int8 of shape ``(height, width)``: 0 is free, 100 occupied, a value between them a likelihood
     in percent, and -1 unknown; row 0 has the lowest y. *resolution* (m) is the side length of a cell,
     *origin* (m) the lower-left corner of the first cell in the frame map. The robot must stay out of the
-    rectangles *keepout*, whatever the cells are.
+    rectangles *keepout*, even where the cells are free.
 
     Raises MapError if the cells are not two-dimensional or the resolution is not a positive number.
     """
@@ -206,7 +206,7 @@ class OccupancyMap(Grid):
         return 0 <= row < self.height and 0 <= col < self.width
 
     def indices(self, points: NDArray[np.floating]) -> NDArray[np.intp]:
-        """Return rows and columns of *points* (m), both of shape ``(n, 2)``; beyond the edges they go on."""
+        """Return rows and columns of *points* (m), shape ``(n, 2)``; they continue beyond the edges."""
         places = np.floor((points - np.asarray(self.origin)) / self.resolution)
         cells: NDArray[np.intp] = places[:, ::-1].astype(np.intp)
         return cells

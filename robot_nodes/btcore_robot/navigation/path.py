@@ -89,7 +89,7 @@ def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: s
     """Return a path through points; each pose points to the next point.
 
     Args:
-        points: The positions (m), shape ``(n, 2)``; the last is that of the goal.
+        points: The positions (m), shape ``(n, 2)``; the last is the position of the goal.
         goal: The pose whose heading the last pose gets.
         stamp: The time of planning (ns).
         frame: The frame of the points.

@@ -1,11 +1,11 @@
 """The smoothing of a path over a grid, without touching the obstacles that the path goes around.
 
 At most forty cells of a path are kept as knots. The first step finds the cheapest chain of straight lines
-between knots; the price of a line is that of the cells under it. The second step relaxes this chain like a
-rubber band on the costs: the band shortens, slides down the slope of the costs and resists bending (an active
-contour, Kass et al. 1988, with implicit inner forces and explicit outer forces). Points are in cells (row,
-column); the centre of the first cell is at 0, 0. Prices are as in `btcore_robot.navigation.grid_search`:
-length times costs.
+between knots; the price of a line is the price of the cells under it. The second step relaxes this chain like
+a rubber band on the costs: the band shortens, slides down the slope of the costs and resists bending (an
+active contour, Kass et al. 1988, with implicit inner forces and explicit outer forces). Points are in cells
+(row, column); the centre of the first cell is at 0, 0. Prices are as in
+`btcore_robot.navigation.grid_search`: length times costs.
 """
 
 from collections.abc import Sequence
@@ -51,8 +51,8 @@ def smooth_path(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray
 
     Returns:
         Points at most a cell apart, on the grid and in no impassable cell. The price is mostly lower than
-        that of *way*, and at most `MAX_COST_RATIO` times as high. If smoothing fails, the result is *way*
-        itself.
+        the price of *way*, and at most `MAX_COST_RATIO` times as high. If smoothing fails, the result is
+        *way* itself.
     """
     if len(way) < 3:
         return way

@@ -31,7 +31,7 @@ from btcore_robot.robot import Pose2D
 
 _BOUNDS_KEPT = 8
 _THROUGH = Nav2ErrorCode.THROUGH_UNKNOWN - Nav2ErrorCode.COMPUTE_PATH_UNKNOWN
-"""The difference between an error code of ComputePathThroughPoses and that of ComputePathToPose."""
+"""The offset of ComputePathThroughPoses' error codes from ComputePathToPose's error codes."""
 
 PLANNER_ID = "GridBased"
 """The name of the only plug-in, as in the book's and Nav2's files."""

@@ -26,10 +26,10 @@ BEYOND = 0.4
 class ScanAgreement:
     """The agreement of a scan with the map at a pose, as shares (0 … 1) of its beams.
 
-    *hit_share* is that of beams that end on occupied cells, *through_share* that of beams that went through
-    them. The other beams end earlier: a person or a thing that is not on the map is in the way, or the pose
-    is wrong. Obstacles never let a beam go through a wall, so that *through_share* distinguishes a lost robot
-    from a robot in a crowd.
+    *hit_share* is the share of beams that end on occupied cells, *through_share* the share of beams that went
+    through them. The other beams end earlier: a person or a thing that is not on the map is in the way, or
+    the pose is wrong. Obstacles never let a beam go through a wall, so that *through_share* distinguishes a
+    lost robot from a robot in a crowd.
     """
 
     hit_share: float

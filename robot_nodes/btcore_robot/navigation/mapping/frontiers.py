@@ -150,7 +150,7 @@ def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
     around = frontier_cells[
         max(0, near_row - reach) : near_row + reach + 1, max(0, near_col - reach) : near_col + reach + 1
     ]
-    # A part of the minimum length: what is left of a frontier after a look at it is shorter.
+    # A part of the minimum length, because the rest of a frontier that was observed is shorter.
     return int(np.count_nonzero(around)) * map.resolution >= MIN_LENGTH / 3
 
 

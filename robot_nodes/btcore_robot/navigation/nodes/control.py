@@ -91,7 +91,7 @@ class RecoveryNode(ControlNode):
             self.current = 0
 
     def finish(self, status: Status) -> Status:
-        """Halt both children and start anew next time."""
+        """Halt both children and start again at the next tick."""
         self.reset_children()
         self.retries = self.current = 0
         return status

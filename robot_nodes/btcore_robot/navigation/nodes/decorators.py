@@ -30,7 +30,7 @@ RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 class RateController(DecoratorNode):
     """Tick the child at *hz*, and on every tick while it is RUNNING; return RUNNING in between.
 
-    The period starts anew when the child succeeds.
+    The period starts again when the child succeeds.
     """
 
     hz: Annotated[In[float], "Rate (Hz)."] = 10.0
