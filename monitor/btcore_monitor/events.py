@@ -7,12 +7,15 @@ clock in ns, *wall* is ns since the epoch. A C++ robot does not send the time of
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 from btcore_scene import MovingScene, StaticScene
 
 Kind = Literal["action", "condition", "control", "decorator", "subtree"]
 """The family of a node."""
+
+KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+"""All families, in the order of BehaviorTree.CPP's enum NodeType, whose ACTION is 1."""
 
 ConnectionState = Literal["waiting", "connected", "lost", "ended"]
 """The connection to the robot: not there yet · connected · no contact for some time · the run is over."""

@@ -6,6 +6,7 @@ values portable, which may be slow. Blackboards of a tree that does not tick are
 that changes during that is read again.
 """
 
+import contextlib
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -21,7 +22,13 @@ ROOT: Final = "ROOT"
 _ATTEMPTS: Final = 20
 """Maximum readings of a container that another thread changes at the same time."""
 
-_SHARED: Final = frozenset({bool, int, float, str, type(None), bytes})
+_COPIES: Final[Mapping[type, Callable[[Any], object]]] = {
+    list: list,
+    tuple: list,
+    deque: list,
+    set: list,
+    dict: dict,
+}
 
 
 class ReservedNameError(MonitorError):
@@ -69,7 +76,7 @@ class BlackboardTracker:
 
     def read_now(self) -> Boards:
         """Return all blackboards with their current values. Any thread may call this method."""
-        return {path: _steady(_Values(board)) for path, board in self._boards.items()}
+        return {path: _read(board) for path, board in self._boards.items()}
 
     def for_groot(self, names: list[str], boards: Boards) -> dict[str, Mapping[str, Any] | None]:
         """Return the content of a BLACKBOARD reply. Any thread may call this method.
@@ -101,36 +108,20 @@ class BlackboardTracker:
         return reply
 
 
-class _Values:
-    """Reads one blackboard's values when called."""
-
-    def __init__(self, board: Blackboard) -> None:
-        self._board = board
-
-    def __call__(self) -> dict[str, object]:
-        return {key: frozen(entry.value) for key, entry in list(self._board.local_entries().items())}
-
-
-def _steady(read: Callable[[], dict[str, object]]) -> dict[str, object]:
-    """Return the result of *read*, called again while another thread changes the container."""
+def _read(board: Blackboard) -> dict[str, object]:
+    """Return the values of *board*, read again while another thread changes the container."""
     for _ in range(_ATTEMPTS):
-        try:
-            return read()
-        except RuntimeError:  # a container changed size during iteration
-            continue
+        # A container that changes size during the iteration raises RuntimeError.
+        with contextlib.suppress(RuntimeError):
+            return {key: frozen(entry.value) for key, entry in list(board.local_entries().items())}
     return {}
 
 
 def frozen(value: object) -> object:
     """Return *value*, or a copy one level deep if it is a built-in container."""
-    kind = type(value)
-    if kind in _SHARED:
-        return value
-    if kind is list or kind is tuple or kind is deque or kind is set:
-        return list(value)  # type: ignore[call-overload]
-    if kind is dict:
-        return dict(value)  # type: ignore[call-overload]
-    return value
+    # By the exact type: a subclass may have any constructor.
+    copy = _COPIES.get(type(value))
+    return value if copy is None else copy(value)
 
 
 def portable_board(board: Mapping[str, object]) -> dict[str, Any]:
@@ -143,8 +134,8 @@ def _readable(value: object) -> Any:
     for _ in range(_ATTEMPTS):
         try:
             return to_portable(value)
-        except RuntimeError:
+        except RuntimeError:  # perhaps a container changed during the iteration
             continue
         except Exception:
-            return None
+            break
     return None

@@ -30,9 +30,8 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot1_feed import Groot1Feed
-from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.watch.groot2_feed import Groot2Feed
-from btcore_monitor.watch.protocol_detection import Groot1DetectedError
 from btcore_monitor.watch.request_client import NoReplyError
 from btcore_monitor.watch.scene import SceneClient
 from btcore_monitor.wire import scene_channel as wire

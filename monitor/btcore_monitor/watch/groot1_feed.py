@@ -16,12 +16,10 @@ from zmq.utils.monitor import parse_monitor_message
 
 from btcore_monitor.events import IDLE, DataMissed, DataSource, Event, StatusChanged, TreeSeen
 from btcore_monitor.watch.address import Address
-from btcore_monitor.watch.protocol_detection import groot1_tree_in
 from btcore_monitor.watch.request_client import NoReplyError, RequestClient, Socket
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 from btcore_monitor.wire.groot1 import QUESTION, Update, WireChange, decode_update
-from btcore_monitor.wire.groot1_conversion import Groot1ObservedTree, read_groot1
-from btcore_monitor.wire.groot1_tree import WireTree
+from btcore_monitor.wire.groot1_tree import Groot1ObservedTree, WireTree, find_tree, read_groot1
 
 PROBE_AFTER: Final = 3.0
 """Seconds (wall clock) without an update after which a request checks whether the robot is there."""
@@ -188,7 +186,7 @@ class Groot1Feed:
             self._client.begin(QUESTION)
 
     def _take(self, frames: list[bytes], now: float) -> None:
-        tree = groot1_tree_in(frames)
+        tree = find_tree(frames)
         if tree is None:
             what = describe_bytes(frames[0]) if len(frames) == 1 else f"{len(frames)} frames"
             raise ProtocolError(f"expected a tree in Groot 1's protocol from {self.address}, and got {what}")

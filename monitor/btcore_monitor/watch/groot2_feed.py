@@ -131,7 +131,7 @@ class Groot2Feed:
         if self.client.busy:
             request = self._pending
             try:
-                reply = self.client.finish()
+                reply = self.client.finish_request()
             except RobotRefusedError as error:
                 self._pending = None
                 if not self._continue_without(request, str(error), events):
@@ -147,7 +147,7 @@ class Groot2Feed:
     def leave(self) -> None:
         """Stop the recording that this feed started, without waiting for the reply."""
         if self.tree is not None and self._validator is not None:
-            self.client.part(Request.TOGGLE_RECORDING, b"stop")
+            self.client.send_last_request(Request.TOGGLE_RECORDING, b"stop")
 
     # Requests
 
@@ -174,7 +174,7 @@ class Groot2Feed:
     def _begin(self, kind: Request, body: bytes | None = None) -> None:
         self._pending = kind
         self._requested_at = self._clock.wall()
-        self.client.begin(kind, body)
+        self.client.begin_request(kind, body)
 
     # Replies
 

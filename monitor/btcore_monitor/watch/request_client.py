@@ -10,6 +10,7 @@ from typing import Final
 
 import zmq
 
+from btcore_monitor.closeable import Closeable
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.watch.address import Address
 
@@ -27,8 +28,8 @@ class NoReplyError(MonitorError):
     """No reply within the timeout: there is no robot at the address, or the network is slow."""
 
 
-class RequestClient:
-    """Sends requests to one robot and receives its replies. Use it from one thread.
+class RequestClient(Closeable):
+    """Sends requests to one robot and receives its replies; a context manager. Use it from one thread.
 
     Args:
         address: The robot's address.

@@ -5,6 +5,7 @@ before parsing, so there are no entities to expand, and the parser fetches nothi
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Final
 
 from lxml import etree
@@ -148,19 +149,10 @@ class _Reader:
             waiting.extend((child, node.uid, child_subtree) for child in reversed(below))
         # The family of a node without a model depends on its number of children, which is known only now.
         for node in nodes:
-            yield ObservedNode(
-                node.uid,
-                node.name,
-                node.id,
-                node.kind
-                if node.id in self._kinds or node.kind == "subtree"
-                else kind_from_children(len(children[node.uid])),
-                node.path,
-                node.parent,
-                tuple(children[node.uid]),
-                node.ports,
-                node.subtree,
-            )
+            below_node = tuple(children[node.uid])
+            known = node.id in self._kinds or node.kind == "subtree"
+            kind = node.kind if known else kind_from_children(len(below_node))
+            yield replace(node, kind=kind, children=below_node)
 
     def _content(self, path: str) -> list[etree._Element]:
         if path not in self._trees:

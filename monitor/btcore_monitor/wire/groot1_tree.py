@@ -1,23 +1,22 @@
-"""The tree in the reply of Groot 1's request socket: a flatbuffer ⇄ nodes and models.
+"""The tree in the reply of Groot 1's request socket: a flatbuffer ⇄ nodes and models → an ObservedTree.
 
 The schema is BehaviorTree.CPP 3.8's ``BT_logger_generated.h``. Groot 1 reads the buffer without any check,
 so every field that it reads is written: all statuses, vectors and strings, even if they are empty.
+
+The protocol has neither paths nor the ID of the main tree. Paths follow BehaviorTree.CPP 4's rule, and the
+main tree gets the name of its root node. A robot's process numbers the nodes of all its trees together; an
+observed node gets its position in the tree as uid, as in Groot 1.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from btcore.flatbuffer import FlatbufferError, Table
+from btcore_monitor.events import KINDS, ObservedNode, ObservedTree, kind_from_children
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 
 if TYPE_CHECKING:
     from flatbuffers import Builder
-
-ACTION: Final = 1
-CONDITION: Final = 2
-CONTROL: Final = 3
-DECORATOR: Final = 4
-SUBTREE: Final = 5
 
 INPUT: Final = 0
 OUTPUT: Final = 1
@@ -56,7 +55,7 @@ class WirePort(NamedTuple):
 
 
 class WireModel(NamedTuple):
-    """The model of all nodes with the registration ID *id*. *type* is ACTION, CONDITION, …"""
+    """The model of all nodes with the registration ID *id*. *type* 1 is the first of KINDS; 0 is none."""
 
     id: str
     type: int
@@ -84,6 +83,17 @@ def decode_tree(data: bytes) -> WireTree:
         raise ProtocolError(f"{error}: {describe_bytes(data)}") from None
 
 
+def find_tree(frames: Sequence[bytes]) -> WireTree | None:
+    """Return the tree in the reply of a Groot 1 publisher, or None if *frames* is another reply."""
+    if len(frames) != 1:
+        return None
+    try:
+        tree = decode_tree(frames[0])
+    except ProtocolError:
+        return None
+    return tree if tree.nodes else None
+
+
 def status_places(data: bytes) -> list[int]:
     """Return the byte offset of each node's status in *data*, the result of :func:`encode_tree`.
 
@@ -106,7 +116,7 @@ def _read_node(table: Table) -> WireNode:
 
 def _read_model(table: Table) -> WireModel:
     id = table.text(_MODEL_ID)
-    kind = _among(table.i8(_MODEL_TYPE), SUBTREE, f"a type of the model '{id}'")
+    kind = _among(table.i8(_MODEL_TYPE), len(KINDS), f"a type of the model '{id}'")
     return WireModel(id, kind, tuple(map(_read_port, table.tables(_MODEL_PORTS))))
 
 
@@ -133,55 +143,47 @@ def encode_tree(tree: WireTree) -> bytes:
     builder.ForceDefaults(True)
     nodes = _tables(builder, [_write_node(builder, node) for node in tree.nodes])
     models = _tables(builder, [_write_model(builder, model) for model in tree.models])
-    builder.StartObject(3)
-    builder.PrependUint16Slot(_ROOT_UID, tree.nodes[0].uid if tree.nodes else 0, 0)
-    builder.PrependUOffsetTRelativeSlot(_NODES, nodes, 0)
-    builder.PrependUOffsetTRelativeSlot(_MODELS, models, 0)
-    builder.Finish(builder.EndObject())
+    root_uid = tree.nodes[0].uid if tree.nodes else 0
+    builder.Finish(_write_table(builder, "Haa", root_uid, nodes, models))
     return bytes(builder.Output())
 
 
 def _write_node(builder: "Builder", node: WireNode) -> int:
     children = _vector(builder, 2, node.children, builder.PrependUint16)
-    remaps = _tables(builder, [_write_texts(builder, pair) for pair in node.ports])
-    name, id = builder.CreateSharedString(node.name), builder.CreateSharedString(node.id)
-    builder.StartObject(6)
-    builder.PrependUint16Slot(_UID, node.uid, 0)
-    builder.PrependUOffsetTRelativeSlot(_CHILDREN, children, 0)
-    builder.PrependInt8Slot(_STATUS, node.status, 0)
-    builder.PrependUOffsetTRelativeSlot(_NAME, name, 0)
-    builder.PrependUOffsetTRelativeSlot(_ID, id, 0)
-    builder.PrependUOffsetTRelativeSlot(_REMAPS, remaps, 0)
-    return int(builder.EndObject())
-
-
-def _write_texts(builder: "Builder", pair: tuple[str, str]) -> int:
-    port, text = (builder.CreateSharedString(item) for item in pair)
-    builder.StartObject(2)
-    builder.PrependUOffsetTRelativeSlot(_REMAP_PORT, port, 0)
-    builder.PrependUOffsetTRelativeSlot(_REMAP_TEXT, text, 0)
-    return int(builder.EndObject())
+    remaps = _tables(builder, [_write_table(builder, "aa", *_texts(builder, *pair)) for pair in node.ports])
+    name, id = _texts(builder, node.name, node.id)
+    return _write_table(builder, "Habaaa", node.uid, children, node.status, name, id, remaps)
 
 
 def _write_model(builder: "Builder", model: WireModel) -> int:
     ports = _tables(builder, [_write_port(builder, port) for port in model.ports])
-    id = builder.CreateSharedString(model.id)
-    builder.StartObject(3)
-    builder.PrependUOffsetTRelativeSlot(_MODEL_ID, id, 0)
-    builder.PrependInt8Slot(_MODEL_TYPE, model.type, 0)
-    builder.PrependUOffsetTRelativeSlot(_MODEL_PORTS, ports, 0)
-    return int(builder.EndObject())
+    return _write_table(builder, "aba", *_texts(builder, model.id), model.type, ports)
 
 
 def _write_port(builder: "Builder", port: WirePort) -> int:
-    name, kind = builder.CreateSharedString(port.name), builder.CreateSharedString(port.type)
-    description = builder.CreateSharedString(port.description)
-    builder.StartObject(4)
-    builder.PrependUOffsetTRelativeSlot(_PORT_NAME, name, 0)
-    builder.PrependInt8Slot(_PORT_DIRECTION, port.direction, 0)
-    builder.PrependUOffsetTRelativeSlot(_PORT_TYPE, kind, 0)
-    builder.PrependUOffsetTRelativeSlot(_PORT_DESCRIPTION, description, 0)
+    name, kind, description = _texts(builder, port.name, port.type, port.description)
+    return _write_table(builder, "abaa", name, port.direction, kind, description)
+
+
+def _write_table(builder: "Builder", fields: str, *values: int) -> int:
+    """Write a table with *values* in its fields 0, 1, … and return its offset.
+
+    *fields* has a letter for each field, as in :mod:`struct`: H for uint16, b for int8, and a for the offset
+    of a string, vector or table, which must be written before.
+    """
+    prepend = {
+        "H": builder.PrependUint16Slot,
+        "b": builder.PrependInt8Slot,
+        "a": builder.PrependUOffsetTRelativeSlot,
+    }
+    builder.StartObject(len(fields))
+    for slot, (field, value) in enumerate(zip(fields, values, strict=True)):
+        prepend[field](slot, value, 0)
     return int(builder.EndObject())
+
+
+def _texts(builder: "Builder", *texts: str) -> list[int]:
+    return [builder.CreateSharedString(text) for text in texts]
 
 
 def _tables(builder: "Builder", offsets: list[int]) -> int:
@@ -194,3 +196,71 @@ def _vector(builder: "Builder", width: int, items: Iterable[int], prepend: Calla
     for item in backwards:
         prepend(item)
     return int(builder.EndVector())
+
+
+class Groot1ObservedTree(NamedTuple):
+    """An observed tree, its uids by the robot's uids, and the statuses in the robot's reply by uid."""
+
+    tree: ObservedTree
+    uids: dict[int, int]
+    statuses: dict[int, int]
+
+
+def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
+    """Return the observed tree of *tree*.
+
+    Args:
+        tree: The nodes and models of the robot's reply.
+        tree_id: The ID of the observed tree, 32 hexadecimal digits. The protocol itself has no tree IDs.
+
+    Raises:
+        ProtocolError: The nodes do not form one tree.
+    """
+    ordered = _depth_first(tree)
+    uids = {node.uid: place for place, (node, _) in enumerate(ordered, start=1)}
+    kinds = {model.id: KINDS[model.type - 1] for model in tree.models if model.type}
+    nodes: list[ObservedNode] = []
+    subtrees = {"": ordered[0][0].name}
+    subtree_below: dict[int, str] = {0: ""}
+    for node, parent in ordered:
+        uid, above = uids[node.uid], uids.get(parent, 0)
+        kind = kinds.get(node.id) or kind_from_children(len(node.children))
+        subtree = subtree_below[above]
+        path = node.name if node.name != node.id and kind != "subtree" else f"{node.name}::{uid}"
+        if subtree:
+            path = f"{subtree}/{path}"
+        subtree_below[uid] = subtree
+        if kind == "subtree":
+            subtree_below[uid] = path
+            subtrees[path] = node.name
+        children = tuple(uids[child] for child in node.children)
+        nodes.append(
+            ObservedNode(uid, node.name, node.id, kind, path, above, children, dict(node.ports), subtree)
+        )
+    statuses = {uids[node.uid]: node.status for node, _ in ordered}
+    return Groot1ObservedTree(ObservedTree(tree_id, subtrees[""], tuple(nodes), subtrees), uids, statuses)
+
+
+def _depth_first(tree: WireTree) -> list[tuple[WireNode, int]]:
+    """Return the nodes in pre-order, each with its parent's uid (-1 for the root)."""
+    if not tree.nodes:
+        raise ProtocolError("expected nodes in the tree, and got none")
+    by_uid = {node.uid: node for node in tree.nodes}
+    if len(by_uid) != len(tree.nodes):
+        raise ProtocolError(
+            f"expected unique uids, and {len(tree.nodes)} nodes have {len(by_uid)} different uids"
+        )
+    ordered: list[tuple[WireNode, int]] = []
+    waiting = [(tree.nodes[0].uid, -1)]
+    while waiting:
+        uid, parent = waiting.pop()
+        node = by_uid.pop(uid, None)
+        if node is None:
+            raise ProtocolError(
+                f"expected a tree, and node {parent} has node {uid} as a child that is missing or used twice"
+            )
+        ordered.append((node, parent))
+        waiting.extend((child, uid) for child in reversed(node.children))
+    if by_uid:
+        raise ProtocolError(f"expected a tree, and node {next(iter(by_uid))} has no parent")
+    return ordered

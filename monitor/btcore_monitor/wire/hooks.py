@@ -12,10 +12,9 @@ from btcore_monitor.wire.groot2 import Request, RequestHeader
 from btcore_monitor.wire.nlohmann_json import (
     JsonError,
     read_json,
-    require_boolean,
     require_member,
     require_number,
-    require_string,
+    require_type,
 )
 
 PRE: Final = 0
@@ -117,18 +116,18 @@ def decode_unlocking(body: bytes) -> BreakpointUnlock:
     value = read_json(body)
     uid = require_number(require_member(value, "uid"))
     # In the order of groot2_publisher.cpp, which decides the first error of a request with several.
-    status = require_string(require_member(value, "desired_status"))
+    status = require_type(require_member(value, "desired_status"), str)
     position = _position(value)
-    remove = require_boolean(require_member(value, "remove_when_done"))
+    remove = require_type(require_member(value, "remove_when_done"), bool)
     return BreakpointUnlock(uid, position, status if status in OVERRIDING else NO_STATUS, remove)
 
 
 def _hook(value: Any) -> WireHook:
     uid, position = require_number(require_member(value, "uid")), _position(value)
-    enabled = require_boolean(require_member(value, "enabled"))
+    enabled = require_type(require_member(value, "enabled"), bool)
     mode = REPLACE if require_number(require_member(value, "mode")) else BREAKPOINT
-    once = require_boolean(require_member(value, "once"))
-    status = require_string(require_member(value, "desired_status"))
+    once = require_type(require_member(value, "once"), bool)
+    status = require_type(require_member(value, "desired_status"), str)
     if status not in STATUS_NAMES:
         raise JsonError(f"Cannot convert this to NodeStatus: {status}")
     return WireHook(uid, position, mode, once, status, enabled)

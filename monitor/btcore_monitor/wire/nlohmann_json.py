@@ -5,12 +5,14 @@ A C++ publisher sends the text of the library's exception in its error reply. Cl
 
 import json
 import re
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from btcore_monitor.wire.errors import ProtocolError
 
 _LITERALS: Final = ("true", "false", "null")
 _LOOSE: Final = re.compile(r"[A-Za-z_]+")
+
+T = TypeVar("T", bool, str)
 
 
 class JsonError(ProtocolError):
@@ -105,23 +107,13 @@ def require_number(value: Any) -> int:
     return int(value)
 
 
-def require_boolean(value: Any) -> bool:
-    """Return *value*, a bool.
+def require_type(value: Any, kind: type[T]) -> T:
+    """Return *value*, an instance of *kind* (bool or str).
 
     Raises:
-        JsonError: *value* is not a bool.
+        JsonError: *value* has another type.
     """
-    if not isinstance(value, bool):
-        raise JsonError(f"[json.exception.type_error.302] type must be boolean, but is {_kind(value)}")
-    return value
-
-
-def require_string(value: Any) -> str:
-    """Return *value*, a string.
-
-    Raises:
-        JsonError: *value* is not a string.
-    """
-    if not isinstance(value, str):
-        raise JsonError(f"[json.exception.type_error.302] type must be string, but is {_kind(value)}")
+    if not isinstance(value, kind):
+        expected = "boolean" if kind is bool else "string"
+        raise JsonError(f"[json.exception.type_error.302] type must be {expected}, but is {_kind(value)}")
     return value

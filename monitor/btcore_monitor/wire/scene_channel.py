@@ -20,9 +20,9 @@ Stamps are ns of the tree's clock, ``wall`` is ns since the epoch, lengths are i
 x y z w, and every pose names its frame.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar, get_origin
 
 import msgpack
 
@@ -197,22 +197,11 @@ _KINDS: Final[dict[str, type[Any]]] = {
         PieceMessage,
     )
 }
-_TYPES: Final[dict[Any, type]] = {
-    int: int,
-    str: str,
-    bool: bool,
-    bytes: bytes,
-    dict[str, Any]: dict,
-    dict[int, int]: dict,
-    list[bytes]: list,
-    list[list[int]]: list,
-    StaticScene: StaticScene,
-    MovingScene: MovingScene,
-}
-_FIELDS: Final = {
-    kind: tuple((field.name, _TYPES[field.type]) for field in fields(message))
+_FIELDS: Final[Mapping[str, Sequence[tuple[str, Any]]]] = {
+    kind: [(field.name, get_origin(field.type) or field.type) for field in fields(message)]
     for kind, message in _KINDS.items()
 }
+"""Names and classes of the fields by kind. Only the class of a container is checked here, not its items."""
 _T = TypeVar("_T")
 
 
@@ -255,9 +244,8 @@ def decode(data: bytes) -> Message:
     if not isinstance(kind, str):
         raise ProtocolError(f"expected the kind of a message, and got {kind!r}")
     if kind not in _KINDS:
-        return UnknownMessage(
-            _field(str, values, "tree_id", kind), values["seq"] if _is_int(values.get("seq")) else 0
-        )
+        seq = values.get("seq")
+        return UnknownMessage(_field(str, values, "tree_id", kind), seq if _is_int(seq) else 0)
     if kind == TreeMessage.kind:
         values["statuses"] = _pairs(values)
     elif kind in scene_schema.SCENES:

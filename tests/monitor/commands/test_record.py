@@ -26,6 +26,7 @@ from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.wire.fulltree import read_fulltree, write_fulltree
+from btcore_monitor.wire.groot2 import Request, decode_transitions
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 ROOT = Path(__file__).parents[3]
@@ -145,13 +146,13 @@ def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp
         serve(sample, groot2=0, scene=False) as publisher,
         Groot2Client(parse_address(publisher.address)) as owner,
     ):
-        owner.start_recording()
+        owner.request(Request.TOGGLE_RECORDING, b"start")
         recorder = record(publisher.address, "-o", "run.btlog", "--no-record", "--blackboard-rate", "0")
         until(lambda: "recording 'Main'" in recorder.stderr_text, "the tree")
         sample.tick_exactly_once()
         running = {node.uid: node.status for node in sample.nodes}
         until(lambda: read_btlog(tmp_path / "run.btlog").statuses() == running, "how the nodes stand")
-        assert len(owner.transitions()) == 5
+        assert len(decode_transitions(owner.request(Request.GET_TRANSITIONS).body)) == 5
         assert recorder.end(signal.SIGINT) == 0, recorder.stderr_text
     assert "requested 20 times a second (--no-record): changes between are unseen" in recorder.stderr_text
     assert "blackboard: not requested" in recorder.stderr_text

@@ -17,6 +17,7 @@ from btcore_monitor.events import (
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.wire.groot2 import Request
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
@@ -165,7 +166,7 @@ def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, wat
             while not done.is_set():
                 status = SUCCESS if status == IDLE else IDLE
                 robot.change((4, status))
-                other.transitions()
+                other.request(Request.GET_TRANSITIONS)
 
     thread = threading.Thread(target=read)
     thread.start()
@@ -190,7 +191,7 @@ def test_a_recording_that_somebody_else_begins_anew_is_left_to_them(cpp_robot, w
     began = time.monotonic()
     until(lambda: time.monotonic() - began > 1.5, "a time that tells the two recordings apart")
     with Groot2Client(parse_address(robot.address)) as other:
-        other.start_recording()
+        other.request(Request.TOGGLE_RECORDING, b"start")
     robot.change((4, RUNNING))
     until(lambda: viewer.of(DataMissed), "the hole")
     assert "another client began a recording" in viewer.of(DataMissed)[0].reason

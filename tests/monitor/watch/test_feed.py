@@ -14,6 +14,7 @@ from btcore_monitor.events import (
     ConnectionChanged,
     Event,
     ExceptionRaised,
+    ObservedTree,
     SceneMoving,
     SceneStatic,
     StatusChanged,
@@ -24,11 +25,14 @@ from btcore_monitor.events import (
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
-from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
+from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.request_client import NoReplyError
 from btcore_monitor.watch.scene import SceneClient
 from btcore_monitor.wire import scene_channel as wire
 from btcore_monitor.wire.errors import RobotRefusedError
-from btcore_monitor.wire.groot2 import Request
+from btcore_monitor.wire.fulltree import read_fulltree
+from btcore_monitor.wire.groot2 import Request, StatusRecord, decode_statuses, decode_transitions
+from btcore_monitor.wire.msgpack_values import decode_boards
 from btcore_scene import Box, Frame, MovingScene, Scan, StaticScene
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
@@ -83,6 +87,15 @@ class Scene:
     def scene_moving(self) -> MovingScene:
         frame = Frame("base_link", "map", (0, 0, 0), (0, 0, 0, 1))
         return MovingScene(stamp=5, frames=[frame], scan=Scan(ranges=b"\x00\x00\x80\x3f"))
+
+
+def fulltree(client: Groot2Client) -> ObservedTree:
+    reply = client.request(Request.FULLTREE)
+    return read_fulltree(reply.body, reply.tree_id)
+
+
+def statuses(client: Groot2Client) -> dict[int, StatusRecord]:
+    return decode_statuses(client.request(Request.STATUS).body)
 
 
 def numbers(watcher: Watcher) -> list[int]:
@@ -219,13 +232,13 @@ def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(
 
 def test_a_client_that_asks_in_groot2s_words_sees_the_next_tree_at_once(sample, endless):
     with serve(sample, groot2=0) as publisher, Groot2Client(parse_address(publisher.address)) as client:
-        first = client.fulltree()
+        first = fulltree(client)
         publisher.replace(endless)
         endless.tick_exactly_once()
-        second = client.fulltree()
+        second = fulltree(client)
         assert (first.name, second.name) == ("Main", "Endless")
         assert second.tree_id == publisher.tree_id != first.tree_id
-        assert set(client.statuses()) == {node.uid for node in endless.nodes}
+        assert statuses(client).keys() == {node.uid for node in endless.nodes}
 
 
 def test_a_sign_of_life_of_an_unknown_tree_makes_a_client_ask(until):
@@ -366,14 +379,15 @@ def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch,
 
 def test_a_client_asks_in_groot2s_words(sample):
     with serve(sample, groot2=0) as publisher, Groot2Client(parse_address(publisher.address)) as client:
-        tree = client.fulltree()
+        tree = fulltree(client)
         assert tree.tree_id == publisher.tree_id
-        client.start_recording()
+        client.request(Request.TOGGLE_RECORDING, b"start")
         sample.tick_exactly_once()
-        assert client.statuses()[1].status == 1
-        assert [(one.uid, one.status) for one in client.transitions()][:2] == [(1, 1), (2, 2)]
-        assert client.blackboards(["Main"])["Main"]["x"] == 42
-        client.stop_recording()
+        assert statuses(client)[1].status == 1
+        transitions = decode_transitions(client.request(Request.GET_TRANSITIONS).body)
+        assert [(one.uid, one.status) for one in transitions][:2] == [(1, 1), (2, 2)]
+        assert decode_boards(client.request(Request.BLACKBOARD, b"Main").body)["Main"]["x"] == 42
+        client.request(Request.TOGGLE_RECORDING, b"stop")
         with pytest.raises(RobotRefusedError, match="refuses HOOKS_DUMP: hooks are disabled"):
             client.request(Request.HOOKS_DUMP)
 
@@ -383,10 +397,10 @@ def test_a_client_of_a_silent_robot_says_so_and_can_ask_again(sample):
         port = publisher.port
     with Groot2Client(parse_address(f":{port}"), timeout=0.05) as client:
         with pytest.raises(NoReplyError, match=f"no answer from tcp://127.0.0.1:{port} in 0.05 s"):
-            client.statuses()
+            client.request(Request.STATUS)
         client.timeout = 10
         with serve(sample, groot2=port):
-            assert len(client.statuses()) == 10
+            assert len(statuses(client)) == 10
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ from btcore_monitor.events import ConnectionChanged, DataMissed, Event, StatusCh
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.feed import Feed
-from btcore_monitor.watch.groot2_client import Groot2Client
-from btcore_monitor.watch.protocol_detection import Groot1DetectedError
+from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.wire.groot1 import WireChange, encode_update
 from btcore_monitor.wire.groot1_tree import WireModel, WireNode, WireTree, encode_tree
+from btcore_monitor.wire.groot2 import Request
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parents[1] / "captures"
@@ -362,9 +362,9 @@ def test_a_robot_may_come_back_with_the_other_protocol(endless, watch, until):
 def test_a_client_of_groot2_tells_a_robot_of_version_3_and_does_not_hurt_it(until):
     with Robot(TREE) as robot, Groot2Client(parse_address(f":{robot.port}")) as client:
         with pytest.raises(Groot1DetectedError, match="uses Groot 1's protocol"):
-            client.fulltree()
+            client.request(Request.FULLTREE)
         with pytest.raises(Groot1DetectedError):
-            client.statuses()
+            client.request(Request.STATUS)
         assert not robot.hurt
         assert robot.asked == 2
 

@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from btcore_monitor.events import KINDS
 from btcore_monitor.wire import groot1
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot1 import Update, WireChange, decode_update, encode_update
-from btcore_monitor.wire.groot1_conversion import read_groot1
 from btcore_monitor.wire.groot1_tree import (
-    SUBTREE,
     WireModel,
     WireNode,
     WirePort,
     WireTree,
     decode_tree,
     encode_tree,
+    read_groot1,
     status_places,
 )
 
@@ -223,7 +223,7 @@ nodes = st.builds(
 models = st.builds(
     WireModel,
     texts,
-    st.integers(0, SUBTREE),
+    st.integers(0, len(KINDS)),
     st.lists(st.builds(WirePort, texts, st.integers(0, 2), texts, texts), max_size=3).map(tuple),
 )
 trees = st.builds(WireTree, st.lists(nodes, max_size=8).map(tuple), st.lists(models, max_size=5).map(tuple))

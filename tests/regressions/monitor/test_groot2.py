@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -13,13 +14,15 @@ from btcore.errors import RegistrationError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.document import parse_file, parse_text
-from btcore_monitor.events import ObservedNode
+from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import RobotRefusedError
-from btcore_monitor.wire.groot2 import Request, RequestHeader
+from btcore_monitor.wire.fulltree import read_fulltree
+from btcore_monitor.wire.groot2 import Request, RequestHeader, decode_statuses
+from btcore_monitor.wire.msgpack_values import decode_boards
 
 Connect = Callable[[str], Groot2Client]
 
@@ -47,6 +50,15 @@ def connect() -> Iterator[Connect]:
         client.close()
 
 
+def fulltree(client: Groot2Client) -> ObservedTree:
+    reply = client.request(Request.FULLTREE)
+    return read_fulltree(reply.body, reply.tree_id)
+
+
+def blackboards(client: Groot2Client, name: str) -> dict[str, dict[str, Any]]:
+    return decode_boards(client.request(Request.BLACKBOARD, name.encode()).body)
+
+
 def published(xml: str, blackboard: Blackboard | None = None, nodes: Registry | None = None) -> Publisher:
     """The publisher of a tree that was ticked once."""
     tree = btcore.loads(xml, nodes=nodes, blackboard=blackboard, clock=SimClock())
@@ -70,7 +82,7 @@ def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_a_tree_with_an_outer_blac
     board = Blackboard(outer)
     board["own"] = 7
     with published(PLAIN, board) as publisher:
-        assert connect(publisher.address).blackboards(["Main"]) == {
+        assert blackboards(connect(publisher.address), "Main") == {
             "Main": {"own": 7},
             "ROOT": {"shared": 42},
         }
@@ -78,7 +90,7 @@ def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_a_tree_with_an_outer_blac
 
 def test_cpp_pr_1168_root_is_the_main_trees_blackboard_when_a_subtrees_is_asked_for(connect: Connect) -> None:
     with published(NESTED.format(ID="Inner")) as publisher:
-        boards = connect(publisher.address).blackboards(["Inner"])
+        boards = blackboards(connect(publisher.address), "Inner")
     assert boards == {"Inner": {"local": 5}, "ROOT": {"inner": 2, "own": 2}}
 
 
@@ -86,15 +98,15 @@ def test_cpp_pr_1168_there_is_no_root_beside_the_outermost_blackboard_itself(con
     board = Blackboard()
     board["own"] = 7
     with published(PLAIN, board) as publisher:
-        assert connect(publisher.address).blackboards(["Main"]) == {"Main": {"own": 7}}
+        assert blackboards(connect(publisher.address), "Main") == {"Main": {"own": 7}}
 
 
 def test_cpp_pr_1168_a_subtree_that_is_named_root_is_an_error_and_not_a_mixture(connect: Connect) -> None:
     with published(NESTED.format(ID="ROOT")) as publisher:
         client = connect(publisher.address)
         with pytest.raises(RobotRefusedError, match="named ROOT"):
-            client.blackboards(["ROOT"])
-        assert client.blackboards(["Main"]) == {"Main": {"inner": 2, "own": 2}}
+            blackboards(client, "ROOT")
+        assert blackboards(client, "Main") == {"Main": {"inner": 2, "own": 2}}
 
 
 # --- hooks
@@ -121,8 +133,8 @@ def test_cpp_pr_1170_hook_insert_that_lacks_its_parts_is_an_error_and_the_publis
         client = connect(publisher.address)
         with pytest.raises(RobotRefusedError, match="hooks are disabled"):
             client.request(Request.HOOK_INSERT, body)
-        assert client.fulltree().root.id == "AlwaysSuccess"
-        assert set(client.statuses()) == {1}
+        assert fulltree(client).root.id == "AlwaysSuccess"
+        assert decode_statuses(client.request(Request.STATUS).body).keys() == {1}
 
 
 # --- names of ports, and of subtrees
@@ -150,7 +162,7 @@ def test_groot2_64_dots_in_port_names_of_an_older_robot_are_shown(connect: Conne
 
         answering = threading.Thread(target=answer)
         answering.start()
-        node = connect(f":{port}").fulltree().root
+        node = fulltree(connect(f":{port}")).root
         answering.join()
     assert (node.id, node.kind) == ("LoadController", "action")
     assert node.ports == {"request.name": "arm", "response.ok": "{ok}"}
@@ -190,8 +202,8 @@ def test_groot2_40_name_on_subtree_is_its_name_and_no_port(connect: Connect) -> 
     tree = NESTED.format(ID="Inner").replace('name="Inner"', 'name="patrol"')
     with published(tree) as publisher:
         client = connect(publisher.address)
-        picture = client.fulltree()
-        boards = client.blackboards(["patrol"])
+        picture = fulltree(client)
+        boards = blackboards(client, "patrol")
     subtree = only(picture.nodes, "subtree")
     assert (subtree.name, subtree.path) == ("patrol", "patrol")
     assert subtree.ports == {"theirs": "{inner}"}
