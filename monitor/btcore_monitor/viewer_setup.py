@@ -1,13 +1,16 @@
-"""The destinations of a tree's view, with their options, for all commands that show a tree.
+"""The destinations of a tree's view, with their options, and further options that commands share.
 
 Large packages are imported only when they are needed, so that ``--help`` is fast and works without rerun.
 """
 
 import contextlib
+import functools
 import importlib.util
 import signal
+import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -17,20 +20,7 @@ import click
 from btcore_monitor.display_options import display_options
 
 if TYPE_CHECKING:
-    from btcore_monitor.screen.sinks import RecordingSinks
-
-
-def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options for the viewer to *command*.
-
-    The parameters are save, serve_web, screenshot, at, size and memory_limit, and display, a
-    :class:`~btcore_monitor.display_options.DisplayOptions`.
-    """
-    command = display_options(command)
-    for option in reversed(_options()):
-        command = option(command)
-    return command
-
+    from btcore_monitor.screen.sinks import RecordingSinks, WebView
 
 duration_option = click.option(
     "--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after this time."
@@ -39,26 +29,19 @@ duration_option = click.option(
 
 def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options for requests to a robot to *command*: no_record and blackboard_rate."""
-    for option in reversed(
-        [
-            click.option(
-                "--no-record",
-                is_flag=True,
-                help="Do not read a C++ robot's recording of transitions: the first client to read it "
-                "consumes it.",
-            ),
-            click.option(
-                "--blackboard-rate",
-                type=click.FloatRange(min=0, max=100),
-                default=2.0,
-                show_default=True,
-                metavar="HZ",
-                help="How often to request a C++ robot's blackboards; 0: never.",
-            ),
-        ]
-    ):
-        command = option(command)
-    return command
+    command = click.option(
+        "--blackboard-rate",
+        type=click.FloatRange(min=0, max=100),
+        default=2.0,
+        show_default=True,
+        metavar="HZ",
+        help="How often to request a C++ robot's blackboards; 0: never.",
+    )(command)
+    return click.option(
+        "--no-record",
+        is_flag=True,
+        help="Do not read a C++ robot's recording of transitions: the first client to read it consumes it.",
+    )(command)
 
 
 def check_installed(*modules: str) -> None:
@@ -76,6 +59,150 @@ def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple
     if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
         raise click.BadParameter(f"'{value}' is not a size: use WIDTHxHEIGHT in pixels, such as 1920x1080")
     return int(width), int(height)
+
+
+def check_is_recording(save: Path) -> None:
+    """Raise click.UsageError if the file of ``--save`` has not the suffix ``.rrd``."""
+    if save.suffix.lower() != ".rrd":
+        raise click.UsageError(
+            f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
+        )
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Raise click.UsageError if the folder of *option*'s file does not exist."""
+    if not path.resolve().parent.is_dir():
+        raise click.UsageError(f"{option} {path}: there is no folder {path.resolve().parent}")
+
+
+def check_writable(option: str, path: Path) -> None:
+    """Raise click.UsageError if *option*'s file cannot be written; an existing file is not changed."""
+    check_folder(option, path)
+    is_new = not path.exists()
+    try:
+        with path.open("ab"):
+            pass
+        if is_new:
+            path.unlink()
+    except OSError as error:
+        raise click.UsageError(f"{option} {path}: it can't be written: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def stop_on_signals(stop: threading.Event) -> Iterator[None]:
+    """Set *stop* on SIGINT (Ctrl-C) and SIGTERM, so that files are completed."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def wait_for_stop(duration: float | None = None) -> None:
+    """Return on SIGINT or SIGTERM, or after *duration* s, while a view is served to browsers."""
+    click.echo("monitor: Ctrl-C ends it", err=True)
+    stop = threading.Event()
+    with stop_on_signals(stop):
+        stop.wait(duration)
+
+
+@dataclass(frozen=True, slots=True)
+class ViewerOptions:
+    """The destinations of a view, as chosen by the options of :func:`viewer_options`.
+
+    *at* is the tree time (s) of the screenshot (None: the end), *size* its width and height in pixels.
+    """
+
+    save: Path | None
+    serve_web: int | None
+    screenshot: Path | None
+    at: float | None
+    size: tuple[int, int]
+    memory_limit: str
+
+    def given(self) -> list[str]:
+        """Return the options that name a destination and are present on the command line."""
+        names = ("save", "serve_web", "screenshot")
+        return [f"--{name.replace('_', '-')}" for name in names if getattr(self, name) is not None]
+
+    @contextlib.contextmanager
+    def open(self, window: bool) -> "Iterator[RecordingSinks]":
+        """Open the destinations, and also a window if *window* is true and the view is not served.
+
+        A screenshot is made from a file, which is temporary without ``--save`` and exists in the ``with``
+        block.
+
+        Raises:
+            click.UsageError: There is no destination, or a file has the wrong suffix or folder.
+            ScreenError: The viewer or a display is not available.
+        """
+        from btcore_monitor.screen.sinks import RecordingSinks, open_window
+
+        with contextlib.ExitStack() as stack:
+            save = self.save
+            if self.screenshot is not None:
+                check_folder("--screenshot", self.screenshot)
+                if save is None:
+                    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))
+                    save = Path(folder) / "screenshot.rrd"
+            if save is not None:
+                check_is_recording(save)
+                check_folder("--save", save)
+            if self.serve_web is not None:
+                web = self.open_web(self.serve_web)
+                yield RecordingSinks(save=save, viewer=web.address, keep=web)
+            elif window:
+                yield RecordingSinks(save=save, viewer=open_window(self.memory_limit))
+            elif save is not None:
+                yield RecordingSinks(save=save)
+            else:
+                raise click.UsageError(
+                    "--no-view leaves nothing to do: add --save FILE.rrd, --serve-web or "
+                    "--screenshot FILE.png"
+                )
+
+    def open_web(self, port: int) -> "WebView":
+        """Serve the web viewer on *port*, and print its address."""
+        from btcore_monitor.screen.sinks import serve_web
+
+        web = serve_web(port, memory_limit=self.memory_limit)
+        click.echo(f"monitor: look at {web.page}", err=True)
+        return web
+
+    def take_screenshot(self, recordings: Sequence[Path]) -> None:
+        """Write the picture of the last of *recordings* to the file of ``--screenshot``, if it is given.
+
+        Raises:
+            ScreenError: The viewer or a driver is not available.
+        """
+        if self.screenshot is not None and recordings:
+            from btcore_monitor.screen.screenshot import screenshot
+
+            screenshot(recordings[-1], self.screenshot, self.at, self.size)
+            click.echo(f"monitor: the picture is {self.screenshot}", err=True)
+
+
+def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options for the viewer to *command*.
+
+    The parameters are ``viewer``, a :class:`ViewerOptions`, and ``display``, a
+    :class:`~btcore_monitor.display_options.DisplayOptions`.
+    """
+    command = display_options(command)
+
+    @functools.wraps(command)
+    def with_viewer(*arguments: Any, **settings: Any) -> Any:
+        viewer = ViewerOptions(**{field.name: settings.pop(field.name) for field in fields(ViewerOptions)})
+        return command(*arguments, viewer=viewer, **settings)
+
+    for option in reversed(_options()):
+        with_viewer = option(with_viewer)
+    return with_viewer
 
 
 def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
@@ -119,94 +246,3 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
             help="What the viewer may use before it drops its oldest data: 2GB, or a share of the memory.",
         ),
     ]
-
-
-def check_is_recording(save: Path) -> None:
-    """Raise click.UsageError if the file of ``--save`` has not the suffix ``.rrd``."""
-    if save.suffix.lower() != ".rrd":
-        raise click.UsageError(
-            f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
-        )
-
-
-def check_folder(option: str, path: Path) -> None:
-    """Raise click.UsageError if the folder of *option*'s file does not exist."""
-    if not path.resolve().parent.is_dir():
-        raise click.UsageError(f"{option} {path}: there is no folder {path.resolve().parent}")
-
-
-def check_writable(option: str, path: Path) -> None:
-    """Raise click.UsageError if *option*'s file cannot be written; an existing file is not changed."""
-    check_folder(option, path)
-    is_new = not path.exists()
-    try:
-        with path.open("ab"):
-            pass
-        if is_new:
-            path.unlink()
-    except OSError as fault:
-        raise click.UsageError(f"{option} {path}: it can't be written: {fault.strerror or fault}") from None
-
-
-def open_sinks(save: Path | None, web_port: int | None, window: bool, memory_limit: str) -> "RecordingSinks":
-    """Open the destinations of a view.
-
-    Args:
-        save: The file of the recording, or None.
-        web_port: The port of the web viewer, or None.
-        window: Whether to open a window.
-        memory_limit: The viewer's memory, such as ``2GB`` or ``25%``.
-
-    Raises:
-        click.UsageError: There is no destination.
-        ScreenError: The viewer or a display is not available.
-    """
-    from btcore_monitor.screen.sinks import RecordingSinks, open_window, serve_web
-
-    if save is not None:
-        check_is_recording(save)
-        check_folder("--save", save)
-    if web_port is not None:
-        web = serve_web(web_port, memory_limit=memory_limit)
-        click.echo(f"monitor: look at {web.page}", err=True)
-        return RecordingSinks(save=save, viewer=web.address, keep=web)
-    if window:
-        return RecordingSinks(save=save, viewer=open_window(memory_limit))
-    if save is None:
-        raise click.UsageError(
-            "--no-view leaves nothing to do: add --save FILE.rrd, --serve-web or --screenshot FILE.png"
-        )
-    return RecordingSinks(save=save)
-
-
-@contextlib.contextmanager
-def stop_on_signals(stop: threading.Event) -> Iterator[None]:
-    """Set *stop* on SIGINT (Ctrl-C) and SIGTERM, so that files are completed."""
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def save_screenshot(recording: Path, picture: Path, at: float | None, size: tuple[int, int]) -> None:
-    """Write a screenshot.
-
-    Args:
-        recording: The recording.
-        picture: The PNG file to write.
-        at: Tree time (s), or None for the recording's end.
-        size: Width and height (pixels).
-
-    Raises:
-        ScreenError: The viewer or a driver is not available.
-    """
-    from btcore_monitor.screen.screenshot import screenshot
-
-    screenshot(recording, picture, at, size)
-    click.echo(f"monitor: the picture is {picture}", err=True)

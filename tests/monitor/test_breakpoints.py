@@ -261,7 +261,7 @@ def test_from_the_terminal_a_status_is_injected_and_hooks_are_listed_and_cleared
     assert hook(robot.address, "list").stdout == "breakpoint before go/right\n"
     assert hook(robot.address, "release", "right").stdout == "released go/right\n"
     assert hook(robot.address, "clear").stdout == "cleared go/right\n"
-    assert "stands before the next tick; running: " in hook(robot.address, "step", "2").stdout
+    assert "stopped before the next tick; running: " in hook(robot.address, "step", "2").stdout
 
 
 def test_from_the_terminal_breakpoints_are_watched_until_the_last_is_released(robot):

@@ -4,22 +4,22 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Collection, Iterator
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from btcore_monitor.viewer_setup import check_installed, duration_option, stop_on_signals
 
 if TYPE_CHECKING:
-    from btcore_monitor.breakpoints import BreakpointClient
+    from btcore_monitor.breakpoints import BreakpointClient, HookReached
     from btcore_monitor.wire.hooks import WireHook
 
-_LOOK_EVERY: Final = 0.1
+_CHECK_EVERY: Final = 0.1
 """Time (s) between two checks whether to stop."""
 
-_SILENCE: Final = (
+_TIMEOUT_NOTICE: Final = (
     "a robot without requests for 5 s disables its hooks; any btcore hook command before that keeps them"
 )
 
@@ -72,11 +72,19 @@ def _robot() -> Iterator["BreakpointClient"]:
     try:
         with BreakpointClient(address, patience) as robot:
             yield robot
-    except BreakpointError as fault:
-        raise click.ClickException(str(fault)) from None
+    except BreakpointError as error:
+        raise click.ClickException(str(error)) from None
 
 
 _after = click.option("--after", is_flag=True, help="After the node's tick instead of before.")
+_within = click.option(
+    "--within",
+    type=click.FloatRange(min=0),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long to wait for the next tick.",
+)
 _status = click.Choice(["SUCCESS", "FAILURE"], case_sensitive=False)
 
 
@@ -96,13 +104,9 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, dura
         for path in paths:
             click.echo(f"breakpoint {'after' if after else 'before'} {path}")
         if leave:
-            click.echo(_SILENCE, err=True)
+            click.echo(_TIMEOUT_NOTICE, err=True)
             return
-        left: Callable[[], bool] | None = None
-        if once:
-            mine = set(paths)
-            left = lambda: any(robot.path_of(one.uid) in mine for one in robot.hooks())  # noqa: E731
-        _stay(robot, duration, left)
+        _print_reached(robot, duration, until_removed=paths if once else ())
         _clear(robot, paths)
 
 
@@ -121,14 +125,7 @@ def release(pattern: str, status: str | None, remove: bool) -> None:
 
 @hook.command()
 @click.argument("count", type=click.IntRange(min=1), required=False)
-@click.option(
-    "--within",
-    type=click.FloatRange(min=0),
-    default=5.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="How long to wait for a tick.",
-)
+@_within
 def step(count: int | None, within: float) -> None:
     """Stop the tree before its root, and run a single tick (or COUNT ticks).
 
@@ -136,14 +133,14 @@ def step(count: int | None, within: float) -> None:
     """
     with _robot() as robot:
         if count is not None or not sys.stdin.isatty():
-            _tell_step(robot, robot.step(count or 1, within))
-            click.echo(_SILENCE, err=True)
+            _print_step(robot, robot.step(count or 1, within))
+            click.echo(_TIMEOUT_NOTICE, err=True)
             return
-        _tell_step(robot, robot.step(0, within))
+        _print_step(robot, robot.step(0, within))
         click.echo("Enter: one tick · q: let it run", err=True)
         try:
             while sys.stdin.readline().strip().lower() not in ("q", "quit"):
-                _tell_step(robot, robot.step(1, within))
+                _print_step(robot, robot.step(1, within))
         except KeyboardInterrupt:
             click.echo(err=True)
         finally:
@@ -155,14 +152,7 @@ def step(count: int | None, within: float) -> None:
 @click.argument("status", type=_status, metavar="STATUS")
 @_after
 @click.option("--keep", is_flag=True, help="Every tick, until Ctrl-C, instead of only the next tick.")
-@click.option(
-    "--within",
-    type=click.FloatRange(min=0),
-    default=5.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="How long to wait for the next tick.",
-)
+@_within
 @duration_option
 def inject(pattern: str, status: str, after: bool, keep: bool, within: float, duration: float | None) -> None:
     """Let the next tick of the nodes that match PATTERN end with STATUS (SUCCESS or FAILURE)."""
@@ -171,7 +161,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
         if keep:
             for path in paths:
                 click.echo(f"{path}: always {status}")
-            _stay(robot, duration)
+            _print_reached(robot, duration)
             _clear(robot, paths)
             return
         waiting, deadline = set(paths), time.monotonic() + within
@@ -192,11 +182,8 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
 def list_() -> None:
     """List the robot's hooks, also those of other clients."""
     with _robot() as robot:
-        found = robot.hooks()
-        for one in found:
-            click.echo(_described(one, robot.path_of(one.uid)))
-        if not found:
-            click.echo("no hooks")
+        lines = [_describe(hook, robot.path_of(hook.uid)) for hook in robot.hooks()]
+        click.echo("\n".join(lines) or "no hooks")
 
 
 @hook.command()
@@ -209,26 +196,25 @@ def clear(pattern: str, disable: bool) -> None:
             robot.disable()
             click.echo("all hooks are disabled")
             return
-        found = robot.clear(pattern)
-        click.echo("\n".join(f"cleared {path}" for path in found) or "no hooks")
+        paths = robot.clear(pattern)
+        click.echo("\n".join(f"cleared {path}" for path in paths) or "no hooks")
 
 
-def _described(one: "WireHook", path: str) -> str:
+def _describe(hook: "WireHook", path: str) -> str:
     from btcore_monitor.wire.hooks import BREAKPOINT, OVERRIDING, PRE
 
     words = [
-        "breakpoint" if one.mode == BREAKPOINT else "injects",
-        "before" if one.position == PRE else "after",
+        "breakpoint" if hook.mode == BREAKPOINT else "injects",
+        "before" if hook.position == PRE else "after",
+        path,
+        hook.desired_status if hook.desired_status in OVERRIDING else "",
+        "once" if hook.once else "",
+        "" if hook.enabled else "(disabled)",
     ]
-    words.append(path)
-    if one.desired_status in OVERRIDING:
-        words.append(one.desired_status)
-    words += ["once"] if one.once else []
-    words += [] if one.enabled else ["(disabled)"]
-    return " ".join(words)
+    return " ".join(filter(None, words))
 
 
-def _tell_step(robot: "BreakpointClient", reached: Any) -> None:
+def _print_step(robot: "BreakpointClient", reached: "HookReached") -> None:
     statuses = robot.statuses()
     nodes = robot.tree.by_uid
     running = [
@@ -238,24 +224,31 @@ def _tell_step(robot: "BreakpointClient", reached: Any) -> None:
         and not any(statuses.get(nodes[child].path) == "RUNNING" for child in node.children)
     ]
     where = "before the next tick" if reached.uid == robot.tree.root.uid else f"at {reached.path}"
-    click.echo(f"stands {where}; running: {', '.join(running) or 'nothing'}")
+    click.echo(f"stopped {where}; running: {', '.join(running) or 'nothing'}")
 
 
-def _stay(robot: "BreakpointClient", duration: float | None, more: Callable[[], bool] | None = None) -> None:
-    """Say what is reached until a signal, the time, or *more* (asked after each) ends it."""
+def _print_reached(
+    robot: "BreakpointClient", duration: float | None, until_removed: Collection[str] = ()
+) -> None:
+    """Print the hooks that are reached, until a signal or for *duration* s.
+
+    Given paths in *until_removed*, stop also when no node of these paths has a hook any more.
+    """
     stop = threading.Event()
     deadline = None if duration is None else time.monotonic() + duration
     with stop_on_signals(stop):
         while not stop.is_set() and (deadline is None or time.monotonic() < deadline):
-            reached = robot.poll(_LOOK_EVERY)
+            reached = robot.poll(_CHECK_EVERY)
             if reached is not None:
                 click.echo(f"reached {reached.path}")
-            elif more is not None and not more():
+            elif until_removed and not any(
+                robot.path_of(hook.uid) in until_removed for hook in robot.hooks()
+            ):
                 return
 
 
 def _clear(robot: "BreakpointClient", paths: list[str]) -> None:
-    """Take away what was set; what is gone already is no matter."""
+    """Remove the hooks at *paths*; hooks that no longer exist are ignored."""
     from btcore_monitor.breakpoints import BreakpointError
 
     for path in paths:

@@ -1,7 +1,6 @@
 """``btcore monitor``: watch a robot live, record it, or take a screenshot."""
 
 import contextlib
-import tempfile
 import threading
 import time
 from pathlib import Path
@@ -11,14 +10,14 @@ import click
 
 from btcore_monitor.display_options import DisplayOptions, explicit_options
 from btcore_monitor.viewer_setup import (
+    ViewerOptions,
     check_folder,
     check_installed,
     duration_option,
-    open_sinks,
     robot_options,
-    save_screenshot,
     stop_on_signals,
     viewer_options,
+    wait_for_stop,
 )
 
 if TYPE_CHECKING:
@@ -30,8 +29,8 @@ DEFAULT_ADDRESS: Final = "tcp://127.0.0.1:1667"
 _RECORDING: Final = b"RRF"
 """The first bytes of rerun's files."""
 _WAIT: Final = 0.2
-"""Time (s) between two checks of an idle feed."""
-_LOOK_EVERY: Final = 2.0
+"""Time (s) between two checks whether all robots' threads have ended."""
+_CHECK_VIEWER_EVERY: Final = 2.0
 """Time (s) between two checks whether the viewer is still open."""
 
 
@@ -44,12 +43,7 @@ _LOOK_EVERY: Final = 2.0
 @duration_option
 def monitor(
     addresses: tuple[str, ...],
-    save: Path | None,
-    serve_web: int | None,
-    screenshot: Path | None,
-    at: float | None,
-    size: tuple[int, int],
-    memory_limit: str,
+    viewer: ViewerOptions,
     display: DisplayOptions,
     no_record: bool,
     blackboard_rate: float,
@@ -65,38 +59,30 @@ def monitor(
     check_installed("rerun", "zmq", "msgpack", "numpy")
     from btcore_monitor.screen.sinks import ScreenError
 
-    watching = [one for one in addresses if not one.endswith(".rrd")] if addresses else [DEFAULT_ADDRESS]
-    recordings = [Path(one) for one in addresses if one.endswith(".rrd")]
+    recordings = [Path(address) for address in addresses if address.endswith(".rrd")]
+    robots = [address for address in addresses if not address.endswith(".rrd")]
     try:
         if recordings:
-            if watching:
+            if robots:
                 raise click.UsageError("a recording and a robot can't be watched at once: name one kind")
             _check_is_live()
-            _show_recordings(recordings, screenshot, serve_web, at, size, memory_limit, duration)
+            _show_recordings(recordings, viewer, duration)
             return
+        robots = robots or [DEFAULT_ADDRESS]
         with contextlib.ExitStack() as stack:
-            if screenshot is not None:
-                check_folder("--screenshot", screenshot)
-                if save is None:
-                    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))
-                    save = Path(folder) / "screenshot.rrd"
-            feeds = _feeds(watching, blackboard_rate, not no_record)
-            for feed in feeds:
-                stack.enter_context(contextlib.closing(feed))
-            wants_window = not no_view and screenshot is None and serve_web is None
-            sinks = open_sinks(save, serve_web, wants_window, memory_limit)
+            feeds = [stack.enter_context(feed) for feed in _feeds(robots, blackboard_rate, not no_record)]
+            sinks = stack.enter_context(viewer.open(not no_view and viewer.screenshot is None))
             files = _watch(feeds, sinks, display, until_end, duration)
-            if save is not None and not files and screenshot is None:
-                seen_at = ", ".join(watching)
+            viewer.take_screenshot(files)
+            if files:
+                return
+            if viewer.screenshot is not None:
+                raise click.ClickException(f"no tree was seen at {', '.join(robots)}, so there is no picture")
+            if viewer.save is not None:
+                seen_at = ", ".join(robots)
                 click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
-            if screenshot is not None:
-                if not files:
-                    raise click.ClickException(
-                        f"no tree was seen at {', '.join(watching)}, so there is no picture"
-                    )
-                save_screenshot(files[-1], screenshot, at, size)
-    except ScreenError as fault:
-        raise click.ClickException(str(fault)) from None
+    except ScreenError as error:
+        raise click.ClickException(str(error)) from None
 
 
 def _check_is_live() -> None:
@@ -113,13 +99,13 @@ def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[
     from btcore_monitor.watch.feed import Feed
 
     try:
-        places = [parse_address(one) for one in addresses]
-    except AddressError as fault:
-        raise click.UsageError(str(fault)) from None
-    for at, place in enumerate(places):
-        if place in places[:at]:
-            raise click.UsageError(f"{place} is named twice, and one window shows a robot once")
-    return [Feed(one, blackboard_rate=blackboard_rate, record=record) for one in addresses]
+        parsed = [parse_address(address) for address in addresses]
+    except AddressError as error:
+        raise click.UsageError(str(error)) from None
+    for index, address in enumerate(parsed):
+        if address in parsed[:index]:
+            raise click.UsageError(f"{address} is named twice, and one window shows a robot once")
+    return [Feed(address, blackboard_rate=blackboard_rate, record=record) for address in addresses]
 
 
 def _watch(
@@ -134,49 +120,49 @@ def _watch(
     from btcore_monitor.screen.viewer_windows import SharedWindow
 
     stop = threading.Event()
-    together = SharedWindow(sinks, [_called(feed) for feed in feeds])
-    screens = [display.screen(slot) for slot in together.slots] if len(feeds) > 1 else [display.screen(sinks)]
-    faults: list[BaseException] = []
+    window = SharedWindow(sinks, [_label(feed) for feed in feeds])
+    views = [display.screen(slot) for slot in window.slots] if len(feeds) > 1 else [display.screen(sinks)]
+    errors: list[BaseException] = []
 
-    def run(feed: "Feed", screen: "RobotView") -> None:
+    def run(feed: "Feed", view: "RobotView") -> None:
         try:
-            _show(feed, screen, until_end, stop)
-        except BaseException as fault:
-            faults.append(fault)
+            _show(feed, view, until_end, stop)
+        except BaseException as error:
+            errors.append(error)
             stop.set()
         finally:
-            screen.close()
+            view.close()
 
     threads = [
         threading.Thread(target=run, args=pair, name=f"monitor {pair[0].address}")
-        for pair in zip(feeds, screens, strict=True)
+        for pair in zip(feeds, views, strict=True)
     ]
     with stop_on_signals(stop):
         for thread in threads:
             thread.start()
         deadline = None if duration is None else time.monotonic() + duration
-        watched, look_at = sinks.viewer, time.monotonic() + _LOOK_EVERY
+        open_viewer, next_check = sinks.viewer, time.monotonic() + _CHECK_VIEWER_EVERY
         while any(thread.is_alive() for thread in threads) and not stop.wait(_WAIT):
             now = time.monotonic()
             if deadline is not None and now >= deadline:
                 break
-            if watched is not None and now >= look_at:
-                look_at = now + _LOOK_EVERY
-                if not is_viewer_open(watched):
-                    watched = None
+            if open_viewer is not None and now >= next_check:
+                next_check = now + _CHECK_VIEWER_EVERY
+                if not is_viewer_open(open_viewer):
+                    open_viewer = None
                     click.echo("monitor: the viewer was closed", err=True)
                     if sinks.save is None:
                         break
         stop.set()
         for thread in threads:
             thread.join()
-    together.close()
-    if faults:
-        raise faults[0]
-    return together.files or screens[0].files
+    window.close()
+    if errors:
+        raise errors[0]
+    return window.files or views[0].files
 
 
-def _called(feed: "Feed") -> str:
+def _label(feed: "Feed") -> str:
     """Return the name of a robot among several: the shortest form of its address."""
     from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
@@ -186,53 +172,34 @@ def _called(feed: "Feed") -> str:
     return host if port == DEFAULT_PORT else f"{host} {port}"
 
 
-def _show(feed: "Feed", screen: "RobotView", until_end: bool, stop: threading.Event) -> None:
+def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event) -> None:
     from btcore_monitor.events import ConnectionChanged
-    from btcore_monitor.watch.feed import ABANDONED_AFTER
 
-    away_since: float | None = time.monotonic()
-    while not stop.is_set():
-        events = feed.poll(_WAIT)
+    for events in feed.batches(until_end):
         for event in events:
-            screen.show(event)
+            view.show(event)
             if isinstance(event, ConnectionChanged):
                 click.echo(f"monitor: {event.detail or event.state}", err=True)
-                away_since = None if event.state == "connected" else time.monotonic()
-                if event.state == "ended" and until_end:
-                    return
         if not events:
-            screen.flush()
-            if until_end and away_since is not None and time.monotonic() - away_since > ABANDONED_AFTER:
-                return
+            view.flush()
+        if stop.is_set():
+            return
 
 
-def _show_recordings(
-    recordings: list[Path],
-    picture: Path | None,
-    web_port: int | None,
-    at: float | None,
-    size: tuple[int, int],
-    memory_limit: str,
-    duration: float | None,
-) -> None:
-    from btcore_monitor.screen.sinks import open_window, serve_web
+def _show_recordings(recordings: list[Path], viewer: ViewerOptions, duration: float | None) -> None:
+    from btcore_monitor.screen.sinks import open_window
 
     for recording in recordings:
         if not recording.is_file():
             raise click.UsageError(f"there is no recording {recording}")
         with recording.open("rb") as file:
             if not file.read(4).startswith(_RECORDING):
-                raise click.UsageError(f"{recording} is no recording of rerun")
-    if picture is not None:
-        check_folder("--screenshot", picture)
-        save_screenshot(recordings[-1], picture, at, size)
-        return
-    if web_port is None:
-        open_window(memory_limit, files=recordings)
-        return
-    web = serve_web(web_port, memory_limit=memory_limit)
-    web.show(recordings)
-    click.echo(f"monitor: look at {web.page}; Ctrl-C ends it", err=True)
-    stop = threading.Event()
-    with stop_on_signals(stop):
-        stop.wait(duration)
+                raise click.UsageError(f"{recording} is not a rerun recording")
+    if viewer.screenshot is not None:
+        check_folder("--screenshot", viewer.screenshot)
+        viewer.take_screenshot(recordings)
+    elif viewer.serve_web is not None:
+        viewer.open_web(viewer.serve_web).show(recordings)
+        wait_for_stop(duration)
+    else:
+        open_window(viewer.memory_limit, files=recordings)

@@ -76,17 +76,17 @@ def record(
                 _follow(feed, files, duration, until_end)
             finally:
                 files.close()
-    except (AddressError, LogError) as fault:
-        raise click.ClickException(str(fault)) from None
-    except WRITE_ERRORS as fault:
-        text = f"the recording ends here, because writing failed: {fault}"
+    except (AddressError, LogError) as error:
+        raise click.ClickException(str(error)) from None
+    except WRITE_ERRORS as error:
+        text = f"the recording ends here, because writing failed: {error}"
         raise click.ClickException(text) from None
     if not files.written:
         raise click.ClickException(f"no tree was seen at {address}, so nothing is recorded")
     log = files.log
     lost = f"; {log.gaps} gaps are marked in them" if log.gaps else ""
     count = f"{log.transitions} transitions in " if log.paths else ""
-    _say(f"{count}{join_names(map(str, files.written), most=20)}{lost}")
+    _print(f"{count}{join_names(map(str, files.written), most=20)}{lost}")
 
 
 class _Files:
@@ -97,37 +97,35 @@ class _Files:
 
         recordings = _recordings(outputs)
         self.log = LogWriter([path for path in outputs if path not in recordings])
-        self.screens = _screens(recordings, display) if recordings else []
+        self.views: list[RobotView] = []
+        if recordings:
+            from btcore_monitor.screen.sinks import RecordingSinks
+
+            self.views = [display.screen(RecordingSinks(save=path)) for path in recordings]
 
     @property
     def written(self) -> list[Path]:
         """The files that exist now."""
-        return [*self.log.files, *(path for screen in self.screens for path in screen.files)]
+        return [*self.log.files, *(path for view in self.views for path in view.files)]
 
     def show(self, event: "Event") -> None:
         """Process an event."""
         self.log.show(event)
-        for screen in self.screens:
-            screen.show(event)
+        for view in self.views:
+            view.show(event)
 
     def flush(self) -> None:
         """Write buffered data."""
         self.log.flush()
-        for screen in self.screens:
-            screen.flush()
+        for view in self.views:
+            view.flush()
 
     def close(self) -> None:
         """Finish every file, even if closing another file fails."""
         with contextlib.ExitStack() as stack:
             stack.callback(self.log.close)
-            for screen in self.screens:
-                stack.callback(screen.close)
-
-
-def _screens(recordings: Sequence[Path], display: DisplayOptions) -> "list[RobotView]":
-    from btcore_monitor.screen.sinks import RecordingSinks
-
-    return [display.screen(RecordingSinks(save=path)) for path in recordings]
+            for view in self.views:
+                stack.callback(view.close)
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
@@ -144,26 +142,26 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
             for event in feed.poll(left):
                 files.show(event)
                 if isinstance(event, TreeSeen):
-                    _tell(event, files)
+                    _print_source(event, statuses_only=not files.views)
                 elif isinstance(event, TransitionsLost):
-                    _say(f"the transitions {event.first} to {event.last} are lost")
+                    _print(f"the transitions {event.first} to {event.last} are lost")
                 elif isinstance(event, DataMissed):
-                    _say(f"{event.topic} missing: {event.reason}")
+                    _print(f"{event.topic} missing: {event.reason}")
                 elif isinstance(event, ConnectionChanged):
-                    _say(event.detail or event.state)
+                    _print(event.detail or event.state)
                     ended = event.state == "ended"
             files.flush()
             if ended and until_end:
                 return
 
 
-def _tell(event: "TreeSeen", files: _Files) -> None:
+def _print_source(event: "TreeSeen", statuses_only: bool) -> None:
     """Print which data the files will not contain."""
-    _say(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
+    _print(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
     for topic, sentence in event.source.unavailable.items():
-        _say(f"{topic}: {sentence}")
-    if not files.screens:
-        _say(_STATUSES_ONLY)
+        _print(f"{topic}: {sentence}")
+    if statuses_only:
+        _print(_STATUSES_ONLY)
 
 
 def _recordings(outputs: Sequence[Path]) -> list[Path]:
@@ -171,18 +169,18 @@ def _recordings(outputs: Sequence[Path]) -> list[Path]:
 
 
 def _check(outputs: Sequence[Path], known: Sequence[str]) -> None:
-    places: set[Path] = set()
+    seen: set[Path] = set()
     for path in outputs:
         if path.suffix not in known:
             raise click.UsageError(
                 f"-o {path}: what can be recorded ends in {join_names(known, 'or')}; "
                 f"did you mean {path.with_suffix(known[0])}?"
             )
-        if path.resolve() in places:
+        if path.resolve() in seen:
             raise click.UsageError(f"-o names {path} twice, and a file holds one log")
-        places.add(path.resolve())
+        seen.add(path.resolve())
         check_writable("-o", path)
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     click.echo(f"record: {text}", err=True)

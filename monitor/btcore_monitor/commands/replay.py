@@ -1,12 +1,8 @@
 """``btcore replay``: a log file, in the viewer with time travel, or as lines of text."""
 
-import contextlib
-import tempfile
-import threading
 import uuid
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Final
 
 import click
@@ -14,35 +10,22 @@ import click
 from btcore.clock import NS_PER_S
 from btcore.logs import Recording, read_log
 from btcore.logs.console import format_transition
-from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
+from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
 from btcore_monitor.display_options import DisplayOptions
 from btcore_monitor.events import (
+    KINDS,
     DataMissed,
     DataSource,
     Event,
-    Kind,
     ObservedNode,
     ObservedTree,
     StatusChanged,
     TreeSeen,
+    kind_from_children,
 )
-from btcore_monitor.viewer_setup import (
-    check_folder,
-    check_installed,
-    open_sinks,
-    save_screenshot,
-    stop_on_signals,
-    viewer_options,
-)
+from btcore_monitor.viewer_setup import ViewerOptions, check_installed, viewer_options, wait_for_stop
 
-_KINDS: Final[dict[NodeType, Kind]] = {
-    NodeType.ACTION: "action",
-    NodeType.CONDITION: "condition",
-    NodeType.CONTROL: "control",
-    NodeType.DECORATOR: "decorator",
-    NodeType.SUBTREE: "subtree",
-}
 _NOT_KEPT: Final = "not in a log file"
 LOG_FILE: Final = DataSource(
     "a log file", {"ticks": _NOT_KEPT, "exceptions": _NOT_KEPT, "blackboard": _NOT_KEPT}
@@ -79,12 +62,7 @@ def replay(
     patterns: Sequence[str],
     begin: float | None,
     end: float | None,
-    save: Path | None,
-    serve_web: int | None,
-    screenshot: Path | None,
-    at: float | None,
-    size: tuple[int, int],
-    memory_limit: str,
+    viewer: ViewerOptions,
     display: DisplayOptions,
 ) -> None:
     """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2) or a format-3 .fbl.
@@ -93,22 +71,21 @@ def replay(
     --screenshot need no display. Times are in seconds since the log began. A truncated file is shown up to
     its end.
     """
-    shown = [option for option, given in _given(save, serve_web, screenshot) if given]
-    if text and shown:
-        raise click.UsageError(f"--text and {shown[0]} are two answers: ask for one.")
+    if text and viewer.given():
+        raise click.UsageError(f"--text and {viewer.given()[0]} exclude each other: choose one.")
     if patterns and not text:
         raise click.UsageError("--node selects lines, so it needs --text.")
     if begin is not None and end is not None and begin > end:
         raise click.UsageError(f"--from {begin:g} is after --to {end:g}.")
     recording = read_log(log)
-    for remark in recording.warnings:
-        click.echo(f"warning: {remark}", err=True)
+    for warning in recording.warnings:
+        click.echo(f"warning: {warning}", err=True)
     window = _window(recording, begin, end)
     if text:
         _print(recording, window, patterns)
         return
     check_installed("rerun", "numpy")
-    _show(recording, window, save, serve_web, screenshot, at, size, memory_limit, display)
+    _show(recording, window, viewer, display)
 
 
 def observed_tree(recording: Recording) -> ObservedTree:
@@ -120,7 +97,7 @@ def observed_tree(recording: Recording) -> ObservedTree:
     for uid, node in recording.nodes.items():
         parent = parents.get(uid, 0)
         subtree = inside[uid] = inside.get(parent, "")
-        kind = _KINDS.get(node.type, "control" if node.children else "action")
+        kind = KINDS[node.type - 1] if node.type else kind_from_children(len(node.children))
         if kind == "subtree":
             trees[node.path] = node.name
             # The nodes below look up their parent's subtree.
@@ -148,16 +125,8 @@ def events(recording: Recording, window: range) -> Iterator[Event]:
     ends = [gap.reason for gap in gaps]
     if recording.damage and window.stop == len(recording.transitions):
         ends.append(recording.damage)
-    for said in ends:
-        yield DataMissed(since, stamp, since, "transitions", said)
-
-
-def _given(save: Path | None, serve_web: int | None, screenshot: Path | None) -> list[tuple[str, bool]]:
-    return [
-        ("--save", save is not None),
-        ("--serve-web", serve_web is not None),
-        ("--screenshot", screenshot is not None),
-    ]
+    for reason in ends:
+        yield DataMissed(since, stamp, since, "transitions", reason)
 
 
 def _window(recording: Recording, begin: float | None, end: float | None) -> range:
@@ -198,50 +167,29 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
             click.echo(f"{'—':>12}  gap: {gaps.pop(0).reason}")
         stamp, uid, previous, status = recording.transitions[index]
         if uid in chosen:
-            said = format_transition(stamp - recording.start, chosen[uid], previous, status, width)
+            line = format_transition(stamp - recording.start, chosen[uid], previous, status, width)
             colour = _COLOURS.get(status)
-            click.secho(said, fg=colour, dim=colour is None)
+            click.secho(line, fg=colour, dim=colour is None)
     for gap in gaps:
         click.echo(f"{'—':>12}  gap: {gap.reason}")
     if recording.damage and window.stop == len(recording.transitions):
         click.echo(f"{'—':>12}  {recording.damage}")
 
 
-def _show(
-    recording: Recording,
-    window: range,
-    save: Path | None,
-    serve_web: int | None,
-    screenshot: Path | None,
-    at: float | None,
-    size: tuple[int, int],
-    memory_limit: str,
-    display: DisplayOptions,
-) -> None:
+def _show(recording: Recording, window: range, viewer: ViewerOptions, display: DisplayOptions) -> None:
     from btcore_monitor.screen.sinks import ScreenError
 
-    wants_window = save is None and serve_web is None and screenshot is None
+    wants_window = not viewer.given()
     try:
-        with contextlib.ExitStack() as stack:
-            file = save
-            if screenshot is not None:
-                check_folder("--screenshot", screenshot)
-                if file is None:
-                    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))
-                    file = Path(folder) / "replay.rrd"
-            sinks = open_sinks(file, serve_web, wants_window, memory_limit)
-            screen = display.screen(sinks)
+        with viewer.open(wants_window) as sinks:
+            view = display.screen(sinks)
             for event in events(recording, window):
-                screen.show(event)
-            screen.close()
-            if save is not None:
-                click.echo(f"monitor: the recording is {save}", err=True)
-            if screenshot is not None:
-                save_screenshot(screen.files[-1], screenshot, at, size)
-            if serve_web is not None:
-                stop = threading.Event()
-                click.echo("monitor: Ctrl-C ends it", err=True)
-                with stop_on_signals(stop):
-                    stop.wait()
-    except ScreenError as fault:
-        raise click.ClickException(f"{fault}, or --text for lines" if wants_window else str(fault)) from None
+                view.show(event)
+            view.close()
+            if viewer.save is not None:
+                click.echo(f"monitor: the recording is {viewer.save}", err=True)
+            viewer.take_screenshot(view.files)
+            if viewer.serve_web is not None:
+                wait_for_stop()
+    except ScreenError as error:
+        raise click.ClickException(f"{error}, or --text for lines" if wants_window else str(error)) from None

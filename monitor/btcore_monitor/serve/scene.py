@@ -1,14 +1,15 @@
 """A server of the scene channel: queued items in, messages out, without sockets."""
 
+import io
 import logging
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Final
 
 from btcore.status import Status
 from btcore_monitor.serve.blackboards import portable_board
 from btcore_monitor.serve.history import History
-from btcore_monitor.serve.jpeg import with_jpeg
 from btcore_monitor.serve.queueing_observer import (
     BoardsChanged,
     Finished,
@@ -33,9 +34,10 @@ from btcore_monitor.wire.scene_channel import (
     TreeMessage,
     encode,
 )
-from btcore_scene import StaticScene
+from btcore_scene import MovingScene, Picture, StaticScene
 
 _ROWS_AT_MOST: Final = 5_000
+_JPEG_QUALITY: Final = 80
 
 _log = logging.getLogger("monitor")
 
@@ -161,22 +163,31 @@ class SceneServer:
     def _again(self, request: bytes, topic: bytes) -> Iterator[Frames]:
         if request == b"tree":
             past = self.history
-            yield (
-                topic,
-                encode(
-                    TreeMessage(
-                        self.tree_id,
-                        past.stamp,
-                        past.wall,
-                        self._xml,
-                        past.oldest,
-                        past.latest,
-                        past.statuses,
-                    )
-                ),
+            tree = TreeMessage(
+                self.tree_id, past.stamp, past.wall, self._xml, past.oldest, past.latest, past.statuses
             )
+            yield topic, encode(tree)
         if request in (b"tree", b"static"):
             if self._static is not None:
                 yield topic, self._static
         elif request.isdigit() and len(request) < 19:  # fits into 64 bits
             yield topic, encode(self.history.piece(self.tree_id, int(request)))
+
+
+def with_jpeg(scene: MovingScene) -> MovingScene:
+    """Return *scene* with its rgb8 pictures as JPEG, or unchanged if Pillow is not installed."""
+    return (
+        replace(scene, pictures=[_jpeg(picture) for picture in scene.pictures]) if scene.pictures else scene
+    )
+
+
+def _jpeg(picture: Picture) -> Picture:
+    if picture.format != "rgb8":
+        return picture
+    try:
+        from PIL import Image
+    except ImportError:
+        return picture
+    file = io.BytesIO()
+    Image.frombytes("RGB", picture.size, picture.data).save(file, "JPEG", quality=_JPEG_QUALITY)
+    return replace(picture, format="jpeg", data=file.getvalue())

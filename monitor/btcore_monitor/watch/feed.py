@@ -10,6 +10,7 @@ The robot may start later, disappear, and come back with another tree.
 import threading
 import time
 from collections.abc import Iterator
+from itertools import chain
 from typing import Final
 
 import zmq
@@ -96,10 +97,15 @@ class Feed(Closeable):
 
         With *until_end*, stop also at the end of the robot's run, or when it is away for ABANDONED_AFTER.
         """
+        return chain.from_iterable(self.batches(until_end))
+
+    def batches(self, until_end: bool = False) -> Iterator[list[Event]]:
+        """Yield the events in lists, and an empty list whenever no event arrives for 0.2 s."""
         away_since: float | None = time.monotonic()
         while not self._stopped.is_set():
-            for event in self.poll(_STEP):
-                yield event
+            events = self.poll(_STEP)
+            yield events
+            for event in events:
                 if isinstance(event, ConnectionChanged):
                     if until_end and event.state == "ended":
                         return

@@ -22,7 +22,7 @@ x y z w, and every pose names its frame.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Final, TypeVar, get_origin
+from typing import Any, ClassVar, Final, TypeGuard, TypeVar, get_origin
 
 import msgpack
 
@@ -266,7 +266,7 @@ def _field(type_: type[_T], values: Mapping[str, Any], name: str, kind: str) -> 
     return value
 
 
-def _is_int(value: object) -> bool:
+def _is_int(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 

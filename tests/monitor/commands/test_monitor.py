@@ -179,4 +179,4 @@ def test_a_file_that_is_no_recording_is_said_at_once(tmp_path):
     command = [sys.executable, "-m", "btcore_monitor", str(junk), "--screenshot", str(tmp_path / "junk.png")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert f"{junk} is no recording of rerun" in done.stderr
+    assert f"{junk} is not a rerun recording" in done.stderr

@@ -72,7 +72,7 @@ def test_a_time_and_nodes_can_be_picked(replay: Replay) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--text", "--save", "x.rrd"], "--text and --save are two answers"),
+        (["--text", "--save", "x.rrd"], "--text and --save exclude each other"),
         (["--node", "cnt", "--save", "x.rrd"], "--node selects lines, so it needs --text"),
         (["--text", "--node", "Sub::7"], "no node's path is like 'Sub::7'; did you mean 'Sub::6'?"),
         (["--text", "--from", "3", "--to", "2"], "--from 3 is after --to 2"),

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from btcore_monitor.serve.jpeg import with_jpeg
 from btcore_monitor.serve.queueing_observer import merge_scenes, weight
+from btcore_monitor.serve.scene import with_jpeg
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.scene_channel import MovingMessage, StaticMessage, decode, encode
 from btcore_scene import (
