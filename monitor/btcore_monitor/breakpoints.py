@@ -13,7 +13,6 @@ a request every second. Times are in s of wall clock.
 import contextlib
 import threading
 import time
-from collections.abc import Iterable
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
@@ -115,7 +114,7 @@ class BreakpointClient(Closeable):
         except AddressError as error:
             raise BreakpointError(str(error)) from None
         self._client = Groot2Client(self.address, timeout)
-        self._asking = threading.RLock()
+        self._lock = threading.RLock()
         self._requested: list[RequestedHook] = []
         self._tree: ObservedTree | None = None
         self._closed = threading.Event()
@@ -138,7 +137,7 @@ class BreakpointClient(Closeable):
     @property
     def tree(self) -> ObservedTree:
         """The robot's tree."""
-        with self._asking:
+        with self._lock:
             if self._tree is None:
                 reply = self._reply(Request.FULLTREE, None)
                 self._tree = read_fulltree(reply.body, reply.tree_id)
@@ -289,16 +288,16 @@ class BreakpointClient(Closeable):
         breakpoints = self._matching_hooks(root.path, BREAKPOINT)
         if not any(hook.enabled for hook in breakpoints if hook.position == PRE):
             self._set([RequestedHook(root.path, WireHook(root.uid))])
-            self._stand(timeout)
+            self._wait_for_breakpoint(timeout)
         reached = HookReached(root.uid, root.path)
         for _ in range(ticks):
             self._ask(Request.BREAKPOINT_UNLOCK, encode_unlocking(BreakpointUnlock(root.uid, PRE)))
-            reached = self._stand(timeout)
+            reached = self._wait_for_breakpoint(timeout)
             if reached.uid != root.uid:
                 break
         return reached
 
-    def _stand(self, timeout: float) -> HookReached:
+    def _wait_for_breakpoint(self, timeout: float) -> HookReached:
         """Wait for a breakpoint, and ignore injected statuses."""
         deadline = time.monotonic() + timeout
         while True:
@@ -313,15 +312,14 @@ class BreakpointClient(Closeable):
     # --- requests
 
     def _set(self, requested: list[RequestedHook]) -> list[str]:
-        paths: dict[str, None] = {}
-        hooks: list[WireHook] = []
-        for request in requested:
-            nodes = find_nodes(self.tree, request.pattern)
-            hooks += [request.hook._replace(uid=node.uid) for node in nodes]
-            paths |= dict.fromkeys(node.path for node in nodes)
+        hooks = [hook for request in requested for hook in self._resolve(request)]
         self._ask(Request.HOOK_INSERT, encode_hooks(hooks))
         self._requested += [request for request in requested if not request.hook.once]
-        return list(paths)
+        return list(dict.fromkeys(self.path_of(hook.uid) for hook in hooks))
+
+    def _resolve(self, request: RequestedHook) -> list[WireHook]:
+        """Return a hook for each node of the current tree that matches *request*."""
+        return [request.hook._replace(uid=node.uid) for node in find_nodes(self.tree, request.pattern)]
 
     def _matching_hooks(self, pattern: str, *modes: int) -> list[WireHook]:
         """Return the hooks of matching nodes, of these modes (default: all)."""
@@ -330,10 +328,11 @@ class BreakpointClient(Closeable):
 
     def _hook_list(self) -> str:
         paths = list(dict.fromkeys(self.path_of(hook.uid) for hook in self.hooks()))
-        return f"the robot's hooks are at {_listed(paths)}" if paths else "the robot has no hooks"
+        more = f" and {len(paths) - 8} more" if len(paths) > 8 else ""
+        return f"the robot's hooks are at {', '.join(paths[:8])}{more}" if paths else "the robot has no hooks"
 
     def _ask(self, kind: Request, body: bytes | None = None) -> Reply:
-        with self._asking:
+        with self._lock:
             tree = self.tree
             reply = self._reply(kind, body)
             if reply.tree_id != tree.tree_id:
@@ -346,8 +345,7 @@ class BreakpointClient(Closeable):
         hooks: list[WireHook] = []
         for request in self._requested:
             with contextlib.suppress(BreakpointError):
-                nodes = find_nodes(self.tree, request.pattern)
-                hooks += [request.hook._replace(uid=node.uid) for node in nodes]
+                hooks += self._resolve(request)
         if hooks:
             self._reply(Request.HOOK_INSERT, encode_hooks(hooks))
 
@@ -404,8 +402,7 @@ class BreakpointClient(Closeable):
     def _free(self) -> None:
         self._closed.set()
         self._client.close()
-        self._notices.close(linger=0)
-        self._context.term()
+        self._context.destroy(linger=0)
 
 
 class _HookGoneError(BreakpointError):
@@ -418,8 +415,3 @@ def _overriding(status: str | int) -> str:
     if name not in OVERRIDING:
         raise BreakpointError(f"'{status}' can't be injected: SUCCESS and FAILURE can")
     return name
-
-
-def _listed(paths: Iterable[str]) -> str:
-    known = list(paths)
-    return ", ".join(known[:8]) + (f" and {len(known) - 8} more" if len(known) > 8 else "")

@@ -8,9 +8,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from btcore_monitor.screen import camera_view, now, panels, scene, statistics_table
+from btcore_monitor.screen import camera_view, panels, scene
 from btcore_monitor.screen.lanes import Lanes
-from btcore_monitor.screen.levels import LEVELS
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tree import FOLDED, TreeView
@@ -66,12 +65,17 @@ class Pane:
     lanes: Lanes
     eye: Eye | None = None
     costed: bool = True
-    level: str = LEVELS[0]
+    level: str = panels.LEVELS[0]
     place: str = ""
 
     def at(self, entity: str) -> str:
         """Return the path of *entity* in the recording."""
         return f"{self.place}/{entity}" if self.place else entity
+
+    @property
+    def background(self) -> rrb.Background:
+        """The background of views of a drawing."""
+        return rrb.Background(color=self.palette.background, kind="SolidColor")
 
     @property
     def timeline(self) -> str:
@@ -99,11 +103,6 @@ def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
     return width, height * _TREE_OF_WIDE - 30.0
 
 
-def blueprint(pane: Pane) -> rrb.Blueprint:
-    """Return the window of a tree."""
-    return windowed(layout(pane), pane.timeline)
-
-
 def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
     """Return a window with only *content* that follows *timeline*."""
     return rrb.Blueprint(
@@ -123,7 +122,7 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
         pane: The views' data.
         name: The title of the tab that contains the views.
     """
-    counts = rrb.TextDocumentView(origin=pane.at(statistics_table.STATISTICS), name="Statistics")
+    counts = rrb.TextDocumentView(origin=pane.at(panels.STATISTICS), name="Statistics")
     lane_view = rrb.Tabs(lanes(pane), counts)
     ticks = [_curve(pane, "Tick duration [ms]", "tick", legend=True), _curve(pane, "Tick rate [Hz]", "rate")]
     if not pane.costed:
@@ -164,26 +163,22 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
 
 def trees(pane: Pane) -> rrb.View | rrb.Container:
     """Return the view of the tree; a big tree also has a view with folded subtrees, in another tab."""
-    drawings = [_tree(pane, tree) for tree in pane.trees]
-    return drawings[0] if len(drawings) == 1 else rrb.Tabs(*drawings)
-
-
-def _tree(pane: Pane, tree: TreeView) -> rrb.View:
-    x0, y0, x1, y1 = tree.bounds()
-    still: Mapping[Any, Any] = {
-        pane.at(entity): rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only
-    }
-    return rrb.Spatial2DView(
-        origin=pane.at(tree.origin),
-        name=f"Folded · {pane.name}" if tree.origin == FOLDED else f"Behavior tree · {pane.name}",
-        background=_ground(pane),
-        visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[y0, y1]),
-        overrides=still,
-    )
-
-
-def _ground(pane: Pane) -> rrb.Background:
-    return rrb.Background(color=pane.palette.background, kind="SolidColor")
+    views = []
+    for tree in pane.trees:
+        x0, y0, x1, y1 = tree.bounds()
+        still: Mapping[Any, Any] = {
+            pane.at(entity): rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only
+        }
+        views.append(
+            rrb.Spatial2DView(
+                origin=pane.at(tree.origin),
+                name=f"{'Folded' if tree.origin == FOLDED else 'Behavior tree'} · {pane.name}",
+                background=pane.background,
+                visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[y0, y1]),
+                overrides=still,
+            )
+        )
+    return views[0] if len(views) == 1 else rrb.Tabs(*views)
 
 
 def _axis() -> rrb.TimeAxis:
@@ -212,7 +207,7 @@ def _curve(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View
 
 def running(pane: Pane) -> rrb.View:
     """Return the view of the nodes that run now."""
-    return rrb.TextDocumentView(origin=pane.at(now.NOW), name="Now")
+    return rrb.TextDocumentView(origin=pane.at(panels.NOW), name="Now")
 
 
 def _words(pane: Pane) -> rrb.Container:
@@ -222,18 +217,14 @@ def _words(pane: Pane) -> rrb.Container:
     if pane.eye is not None and pane.eye.navigates:
         colours = rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours")
         board = rrb.Tabs(board, colours)
-    return rrb.Vertical(
-        running(pane),
-        board,
-        row_shares=[0.54, 0.46],
-    )
+    return rrb.Vertical(running(pane), board, row_shares=[0.54, 0.46])
 
 
 def log(pane: Pane) -> rrb.View:
     """Return the log of transitions. The user can change the displayed levels in the viewer."""
     rows = None
-    if pane.level != LEVELS[0]:
-        rows = rrb.TextLogRows(filter_by_log_level=LEVELS[LEVELS.index(pane.level) :])
+    if pane.level != panels.LEVELS[0]:
+        rows = rrb.TextLogRows(filter_by_log_level=panels.LEVELS[panels.LEVELS.index(pane.level) :])
     columns: Sequence[TextLogColumn] = [
         TextLogColumn("Body", visible=True),
         TextLogColumn("EntityPath", visible=False),
@@ -259,16 +250,10 @@ def _scene(pane: Pane, eye: Eye) -> rrb.Container:
         pane, "Close up", _BESIDE, (0.0, 0.0, 0.4), follow=f"/{pane.at(eye.robot)}"
     )
     if eye.pictures:
-        close = rrb.Vertical(close, _camera(pane), row_shares=[0.5, 0.5])
+        origin = pane.at(camera_view.CAMERA)
+        camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
+        close = rrb.Vertical(close, camera, row_shares=[0.5, 0.5])
     return rrb.Horizontal(wide, close, column_shares=[0.66, 0.34])
-
-
-def _camera(pane: Pane) -> rrb.View:
-    return rrb.Spatial2DView(
-        origin=pane.at(camera_view.CAMERA),
-        name="Camera",
-        background=_ground(pane),
-    )
 
 
 def _space(
@@ -286,7 +271,7 @@ def _space(
     return rrb.Spatial3DView(
         origin=pane.at(scene.ORIGIN),
         name=name,
-        background=_ground(pane),
+        background=pane.background,
         line_grid=rrb.LineGrid3D(visible=True, spacing=1.0, color=0xFFFFFF14, stroke_width=1.0),
         eye_controls=rrb.EyeControls3D(
             kind="Orbital",

@@ -52,7 +52,7 @@ class Lanes:
         slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
         over = [*depths, *slots] if depths else []
         self.entities = lane_entities([*over, *distinct_names(nodes)])
-        self._over = [rows.series(entity, _names) for entity in self.entities[: len(over)]]
+        self._over = [rows.series(entity, _states) for entity in self.entities[: len(over)]]
         self._over_entities = self.entities[: len(over)]
         index = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._series = {
@@ -60,7 +60,7 @@ class Lanes:
             for node, entity in zip(nodes, self.entities[len(over) :], strict=True)
         }
         self._names = [node.name for node in tree.nodes]
-        self._depths = [np.array([index[node.uid] for node in one], dtype=np.intp) for one in depths.values()]
+        self._depths = [[index[node.uid] for node in level] for level in depths.values()]
         self._leaf = np.array([not node.children for node in tree.nodes])
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)
         # The lanes of further leaves appear when several leaves run at the same time.
@@ -91,43 +91,39 @@ class Lanes:
         for at in changed:
             series = self._series.get(at)
             if series is not None:
-                series.add(states.t, states.wall, int(states.shown[at]))
+                series.add(states.t, states.wall, SHOWN_NAMES[states.shown[at]])
         if not self._over:
             return
         running = states.shown == RUNNING
-        at_work = [next((int(at) for at in one if running[at]), None) for one in self._depths]
-        at_work += self._placed(np.flatnonzero(running & self._leaf).tolist())
-        for lane, one in enumerate(at_work):
-            name = NOTHING if one is None else self._names[one]
+        active = [next((at for at in level if running[at]), None) for level in self._depths]
+        active += self._placed(np.flatnonzero(running & self._leaf).tolist())
+        for lane, index in enumerate(active):
+            name = NOTHING if index is None else self._names[index]
             if name != self._shown[lane]:
                 self._shown[lane] = name
                 self._over[lane].add(states.t, states.wall, name)
 
     def _placed(self, running: list[int]) -> list[int | None]:
         """Return the running leaf of each lane. A leaf keeps its lane; a new leaf takes a free lane."""
-        self._slots = [one if one in running else None for one in self._slots]
-        for one in running:
-            if one not in self._slots and None in self._slots:
-                self._slots[self._slots.index(None)] = one
+        self._slots = [leaf if leaf in running else None for leaf in self._slots]
+        for leaf in running:
+            if leaf not in self._slots and None in self._slots:
+                self._slots[self._slots.index(None)] = leaf
         return self._slots
 
 
 def _depths(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
     """Map the names of lanes to their nodes: the subtrees of a depth, or else the root's children."""
-    found: dict[int, list[ObservedNode]] = {}
+    by_depth: dict[int, list[ObservedNode]] = {}
     depth: dict[int, int] = {0: 0}
     for node in tree.nodes:
         depth[node.uid] = depth[node.parent] + (node.kind == "subtree")
         if node.kind == "subtree" and depth[node.uid] <= SUBTREES_DEEP:
-            found.setdefault(depth[node.uid], []).append(node)
-    if not found:
+            by_depth.setdefault(depth[node.uid], []).append(node)
+    if not by_depth:
         return {"branch": [tree.by_uid[uid] for uid in tree.root.children]}
-    return {"subtree" if level == 1 else f"subtree {level}": nodes for level, nodes in found.items()}
+    return {"subtree" if level == 1 else f"subtree {level}": nodes for level, nodes in by_depth.items()}
 
 
-def _states(values: list[int]) -> Iterable[Any]:
-    return rr.StateChange.columns(state=[SHOWN_NAMES[one] for one in values])
-
-
-def _names(values: list[str]) -> Iterable[Any]:
+def _states(values: list[str]) -> Iterable[Any]:
     return rr.StateChange.columns(state=values)

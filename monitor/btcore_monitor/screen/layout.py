@@ -12,7 +12,7 @@ shapes of all nodes below (top-down).
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, TypeVar
 
 GAP_X: Final = 22.0
 GAP_Y: Final = 36.0
@@ -40,6 +40,8 @@ _EVEN_TRIES: Final = 4
 """Number of heights that are tried to make columns even."""
 _TRIES: Final = 18
 """Number of widths, and of heights, that are tried for a node's children."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +134,7 @@ def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
         if not below:
             shapes = [_Shape(box.width, height, 0.0)]
         elif not wrap:
-            shapes = [_in_columns(box, height, widths, [[one[0]] for one in below])]
+            shapes = [_in_columns(box, height, widths, [[offers[0]] for offers in below])]
         else:
             shapes = _best(_wrapped(box, height, widths, below))
         offered[index] = [_framed(shape) for shape in shapes] if box.framed else shapes
@@ -142,22 +144,22 @@ def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
 def _wrapped(
     box: Box, height: float, widths: Sequence[float], below: Sequence[Sequence[_Shape]]
 ) -> Iterable[_Shape]:
-    heights = {shape.height for one in below for shape in one}
-    total = sum(one[0].height + HANG_Y for one in below)
-    limits = _spread(heights) + _steps(max(heights), total)
+    heights = {shape.height for offered in below for shape in offered}
+    total = sum(offered[0].height + HANG_Y for offered in below)
+    limits = _spread(sorted(heights), _TRIES) + _steps(max(heights), total)
     for limit in limits:
-        lowest = [_lowest_within(one, limit) for one in below]
+        lowest = [_lowest_within(offered, limit) for offered in below]
         yield _in_columns(box, height, widths, _stacked(lowest, limit))
-    yield _in_columns(box, height, widths, [[one[-1]] for one in below])
+    yield _in_columns(box, height, widths, [[offered[-1]] for offered in below])
     if len(below) == 1:
         return
-    narrowest = [one[0] for one in below]
-    widest = [one[-1] for one in below]
+    narrowest = [offered[0] for offered in below]
+    widest = [offered[-1] for offered in below]
     least = max(shape.width for shape in narrowest)
     most = sum(shape.width for shape in widest) + GAP_X * (len(below) - 1)
     for room in _steps(least, most):
         for chosen in (_widest_within, _smallest_within):
-            shapes = [chosen(one, room) for one in below]
+            shapes = [chosen(offered, room) for offered in below]
             yield _flowed(box, height, shapes, room if len(below) >= ROWS_FROM else 0.0)
 
 
@@ -169,36 +171,36 @@ def _steps(low: float, high: float) -> list[float]:
 
 def _stacked(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
     """Put neighbours into columns of similar height, at most *limit*."""
-    columns = _filled(shapes, limit)
-    total = sum(shape.height for shape in shapes) + HANG_Y * (len(shapes) - len(columns))
-    least = max(total / len(columns), max(shape.height for shape in shapes))
+    heights = [shape.height for shape in shapes]
+    columns = _fill(shapes, heights, HANG_Y, limit)
+    total = sum(heights) + HANG_Y * (len(shapes) - len(columns))
+    least = max(total / len(columns), *heights)
     for step in range(_EVEN_TRIES):
-        even = _filled(shapes, least + (limit - least) * step / _EVEN_TRIES)
+        even = _fill(shapes, heights, HANG_Y, least + (limit - least) * step / _EVEN_TRIES)
         if len(even) <= len(columns):
             return even
     return columns
 
 
-def _filled(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
-    """Put neighbours into columns, and fill each column up to *limit*."""
-    columns: list[list[_Shape]] = []
+def _fill(shapes: Sequence[_Shape], sizes: Sequence[float], gap: float, limit: float) -> list[list[_Shape]]:
+    """Put neighbours into lines, and fill each line up to *limit*, as words fill the lines of a text."""
+    lines: list[list[_Shape]] = []
     used = limit
-    for shape in shapes:
-        if columns and used + HANG_Y + shape.height <= limit:
-            columns[-1].append(shape)
-            used += HANG_Y + shape.height
+    for shape, size in zip(shapes, sizes, strict=True):
+        if lines and used + gap + size <= limit:
+            lines[-1].append(shape)
+            used += gap + size
         else:
-            columns.append([shape])
-            used = shape.height
-    return columns
+            lines.append([shape])
+            used = size
+    return lines
 
 
-def _spread(values: set[float]) -> list[float]:
-    """Return at most _TRIES of *values*, spread evenly."""
-    ordered = sorted(values)
-    if len(ordered) <= _TRIES:
-        return ordered
-    return [ordered[round(step * (len(ordered) - 1) / (_TRIES - 1))] for step in range(_TRIES)]
+def _spread(items: list[T], most: int) -> list[T]:
+    """Return at most *most* of *items*, spread evenly."""
+    if len(items) <= most:
+        return items
+    return [items[round(step * (len(items) - 1) / (most - 1))] for step in range(most)]
 
 
 def _lowest_within(shapes: Sequence[_Shape], limit: float) -> _Shape:
@@ -223,22 +225,16 @@ def _smallest_within(shapes: Sequence[_Shape], room: float) -> _Shape:
 def _best(shapes: Iterable[_Shape]) -> list[_Shape]:
     """Return the Pareto-optimal shapes (by width and height), narrowest first, thinned to _OFFERS."""
     front: list[_Shape] = []
-    for shape in sorted(shapes, key=lambda one: (one.width, one.height, one.hung)):
+    for shape in sorted(shapes, key=lambda shape: (shape.width, shape.height, shape.hung)):
         if not front or shape.height < front[-1].height - 0.01:
             front.append(shape)
-    if len(front) > _OFFERS:
-        front = [front[round(step * (len(front) - 1) / (_OFFERS - 1))] for step in range(_OFFERS)]
-    return front
+    return _spread(front, _OFFERS)
 
 
 def _framed(shape: _Shape) -> _Shape:
-    return _Shape(
-        shape.width + 2 * FRAME_PAD,
-        shape.height + 2 * FRAME_PAD,
-        shape.anchor + FRAME_PAD,
-        shape.groups,
-        shape.hung,
-        shape.shift,
+    pad = FRAME_PAD
+    return replace(
+        shape, width=shape.width + 2 * pad, height=shape.height + 2 * pad, anchor=shape.anchor + pad
     )
 
 
@@ -257,7 +253,7 @@ def _in_columns(
         down = max(down, sum(shape.height for shape in column) + HANG_Y * (len(column) - 1))
         first += len(column)
     middle = (middles[0] + middles[-1]) / 2
-    near = min(middles, key=lambda one: abs(one - middle))
+    near = min(middles, key=lambda x: abs(x - middle))
     if abs(near - middle) < _SNAP:
         middle = near
     anchor = middle - box.width / 2
@@ -275,15 +271,7 @@ def _column_width(column: Sequence[_Shape]) -> float:
 
 def _flowed(box: Box, height: float, children: Sequence[_Shape], room: float) -> _Shape:
     """Return the shape with children in rows, at most *room* wide, that hang from the spine."""
-    rows: list[list[_Shape]] = []
-    used = room
-    for shape in children:
-        if rows and used + GAP_X + shape.width <= room:
-            rows[-1].append(shape)
-            used += GAP_X + shape.width
-        else:
-            rows.append([shape])
-            used = shape.width
+    rows = _fill(children, [shape.width for shape in children], GAP_X, room)
     gap = HANG_Y if len(rows) == len(children) else GAP_Y
     across = max(sum(shape.width for shape in row) + GAP_X * (len(row) - 1) for row in rows)
     down = height + sum(gap + max(shape.height for shape in row) for row in rows)

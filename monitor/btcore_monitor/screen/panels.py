@@ -1,5 +1,6 @@
-"""The panels beside the tree: log of transitions, blackboard, tick duration and tick rate."""
+"""The panels beside the tree: log of transitions, state, blackboard, statistics, tick duration and rate."""
 
+import re
 from collections import deque
 from collections.abc import Iterable, Mapping
 from statistics import median
@@ -7,9 +8,15 @@ from typing import Any, Final
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from btcore_monitor.events import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
     STATUS_NAMES,
+    SUCCESS,
     ConnectionChanged,
     DataMissed,
     DataSource,
@@ -19,29 +26,53 @@ from btcore_monitor.events import (
     Ticked,
     TransitionsLost,
 )
+from btcore_monitor.screen.captions import distinct_names
 from btcore_monitor.screen.font import elide
-from btcore_monitor.screen.levels import OF_STATUS
-from btcore_monitor.screen.markdown_text import brief, escape_markdown
-from btcore_monitor.screen.now import markdown_columns
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, scalars
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, scalars
 from btcore_monitor.screen.style import Palette
+from btcore_monitor.screen.tick_states import RESET_OFFSET, SHOWN_NAMES, TickStates
+from btcore_monitor.screen.tree import leaves
+from btcore_scene import MovingScene
 
 LOG: Final = "log"
+NOW: Final = "now"
 BLACKBOARD: Final = "blackboard"
+STATISTICS: Final = "statistics"
 TICK_MS: Final = "tick/duration"
 BUDGET_MS: Final = "tick/budget"
 RATE: Final = "rate/ticks"
 UNSENT: Final = "tick/unsent"
 """Entity of the text that replaces the tick duration if the robot does not send it."""
-NAME_WIDTH: Final = 24
+
+LEVELS: Final = ("TRACE", "DEBUG", "INFO", "WARN", "ERROR")
+"""Levels of the log's lines, from the most to the least detailed, with rerun's names."""
+_LEVEL_OF_STATUS: Final[Mapping[int, str]] = {
+    IDLE: "TRACE",
+    RUNNING: "DEBUG",
+    SKIPPED: "DEBUG",
+    SUCCESS: "INFO",
+    FAILURE: "WARN",
+}
+"""Level of a transition, by its new status. Missing data has the level WARN, an exception of a node ERROR."""
+
+_NAME_WIDTH: Final = 24
 _VALUE_ROOM: Final = 60
+_NAMES_AT_MOST: Final = 4
+_CELL: Final = 28
+"""Characters that always fit into a cell of a table; the viewer does not wrap cells."""
+EVERY_NS: Final = 1_000_000_000
+"""Shortest time (ns of the tree's clock) between two updates of the statistics."""
+ROWS_AT_MOST: Final = 60
+_PATH_ROOM: Final = 56
+"""Characters of a displayed path; big trees show paths to distinguish their leaves."""
+_INDENT: Final = "\u2003"
 
 
 class TransitionLog:
     """The log of transitions, exceptions, gaps and connection changes."""
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette) -> None:
-        width = min(NAME_WIDTH, max(len(node.name) for node in tree.nodes))
+        width = min(_NAME_WIDTH, max(len(node.name) for node in tree.nodes))
         self._names = {node.uid: f"{elide(node.name, width):{width}}" for node in tree.nodes}
         self._width = width
         self._palette = palette
@@ -51,45 +82,46 @@ class TransitionLog:
     def change(self, event: StatusChanged) -> None:
         """Log a transition as a line ``time  #number  name  PREVIOUS → STATUS``, and as numbers."""
         line = (
-            f"{event.t / 1e9:9.2f}s #{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
+            f"#{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
             f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"
         )
-        colour = int(self._palette.ink[event.status])
-        self._lines.add(event.t, event.wall, (line, OF_STATUS[event.status], colour))
+        level, colour = _LEVEL_OF_STATUS[event.status], self._palette.ink[event.status]
+        self._add(event.t, event.wall, line, level, colour)
         self._numbers.add(event.t, event.wall, event)
 
     def not_found(self, pattern: str, t: int, wall: int) -> None:
         """Log that no node matches a search pattern, at tree time *t* and wall time *wall* (ns)."""
-        line = f"{t / 1e9:9.2f}s no node's name or path matches '{pattern}'"
-        self._lines.add(t, wall, (line, "WARN", int(self._palette.ink[1])))
+        self._warn(t, wall, f"no node's name or path matches '{pattern}'")
 
     def raised(self, event: ExceptionRaised) -> None:
         """Log the exception of a node."""
-        line = f"{event.t / 1e9:9.2f}s {event.path} raised: {brief(event.message)}"
-        self._lines.add(event.t, event.wall, (line, "ERROR", int(self._palette.ink[3])))
+        line = f"{event.path} raised: {brief(event.message)}"
+        self._add(event.t, event.wall, line, "ERROR", self._palette.ink[FAILURE])
 
     def gap(self, event: TransitionsLost, t: int, wall: int) -> None:
         """Log a gap in the transitions at tree time *t* and wall time *wall* (ns)."""
-        line = f"{t / 1e9:9.2f}s transitions #{event.first} to #{event.last} are missing: they never arrived"
-        self._lines.add(t, wall, (line, "WARN", int(self._palette.ink[1])))
+        self._warn(t, wall, f"transitions #{event.first} to #{event.last} are missing: they never arrived")
 
-    def unseen(self, event: DataMissed) -> None:
+    def incomplete(self, event: DataMissed) -> None:
         """Log missing data of unknown amount."""
         since = f"since {event.since / 1e9:.2f}s " if event.since < event.t else ""
-        line = f"{event.t / 1e9:9.2f}s {event.topic} {since}incomplete: {event.reason}"
-        self._lines.add(event.t, event.wall, (line, "WARN", int(self._palette.ink[1])))
+        self._warn(event.t, event.wall, f"{event.topic} {since}incomplete: {event.reason}")
 
     def show_source(self, source: DataSource, t: int, wall: int) -> None:
         """Log which data the robot does not send, at tree time *t* and wall time *wall* (ns)."""
-        for topic, sentence in source.unavailable.items():
-            line = f"{t / 1e9:9.2f}s {topic}: {sentence}"
-            self._lines.add(t, wall, (line, "INFO", self._palette.faint))
+        for topic, reason in source.unavailable.items():
+            self._add(t, wall, f"{topic}: {reason}", "INFO", self._palette.faint)
 
     def link(self, event: ConnectionChanged, t: int, wall: int) -> None:
         """Log a change of the connection at tree time *t* and wall time *wall* (ns)."""
-        line = f"{t / 1e9:9.2f}s robot {event.state}" + (f": {event.detail}" if event.detail else "")
-        level = "WARN" if event.state == "lost" else "INFO"
-        self._lines.add(t, wall, (line, level, self._palette.faint))
+        line = f"robot {event.state}" + (f": {event.detail}" if event.detail else "")
+        self._add(t, wall, line, "WARN" if event.state == "lost" else "INFO", self._palette.faint)
+
+    def _warn(self, t: int, wall: int, line: str) -> None:
+        self._add(t, wall, line, "WARN", self._palette.ink[RUNNING])
+
+    def _add(self, t: int, wall: int, line: str, level: str, colour: int) -> None:
+        self._lines.add(t, wall, (f"{t / 1e9:9.2f}s {line}", level, int(colour)))
 
 
 def _lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
@@ -98,11 +130,92 @@ def _lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
 
 
 def _numbers(values: list[StatusChanged]) -> Iterable[Any]:
-    def column(name: str) -> Any:
-        return np.array([getattr(one, name) for one in values], dtype=np.int64)
-
     names = ("number", "tick", "uid", "previous", "status")
-    return rr.AnyValues.columns(**{name: column(name) for name in names})
+    columns: dict[str, Any] = {
+        name: np.array([getattr(event, name) for event in values], dtype=np.int64) for name in names
+    }
+    return rr.AnyValues.columns(**columns)
+
+
+class NowPanel:
+    """A few lines of text: running leaves, failed leaves, the robot's notes, its contacts, and the tick."""
+
+    def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
+        self._series: Series[str] = rows.series(NOW, markdown_columns)
+        self._leaf = np.array([not node.children for node in tree.nodes])
+        leaves = [node for node in tree.nodes if not node.children]
+        self._names = dict(zip(np.flatnonzero(self._leaf).tolist(), distinct_names(leaves), strict=True))
+        self._contacts = ""
+        self._notes: dict[str, str] = {}
+        self._shown = ""
+        self._source_lines: list[str] = []
+        self._raised = ""
+        self._root = STATUS_NAMES[IDLE]
+        self._lost = self._gaps = 0
+
+    def show_source(self, source: DataSource) -> None:
+        """Add lines for the data that the robot does not send."""
+        self._source_lines = [f"| by | {source.name} |"] if source.unavailable else []
+        if "exceptions" in source.unavailable:
+            self._source_lines.append(f"| raised | {source.unavailable['exceptions']} |")
+
+    def raised(self, event: ExceptionRaised, states: TickStates) -> None:
+        """Show the last node that raised, immediately, because a tick that raises may be the last tick."""
+        path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
+        self._raised = f"**{path}** raised at {event.t / 1e9:.2f} s: {message}"
+        self._show(event.t, event.wall, states, self._root)
+
+    def missing(self, event: TransitionsLost | DataMissed) -> None:
+        """Count missing transitions."""
+        if isinstance(event, TransitionsLost):
+            self._lost += event.last - event.first + 1
+        elif event.topic == "transitions":
+            self._gaps += 1
+
+    def moving(self, data: MovingScene) -> None:
+        """Keep the notes and the contacts of *data* for the next update."""
+        self._notes.update(data.notes)
+        if data.collisions is not None:
+            self._contacts = f"{data.collisions} collisions · {data.grazes or 0} grazes"
+
+    def tick(self, event: Ticked, states: TickStates) -> None:
+        """Show the state after a tick."""
+        self._show(event.t, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
+
+    def moment(self, states: TickStates) -> None:
+        """Show *states* of a robot that does not report its ticks."""
+        self._show(states.t, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
+
+    def _show(self, t: int, wall: int, states: TickStates, root: str) -> None:
+        self._root = root
+        runs = states.shown == RUNNING
+        failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
+        short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
+        # Long texts are outside the table, because the viewer wraps only lines outside tables.
+        lines = [self._raised, ""] if self._raised else []
+        lines += [f"| runs | {self._leaves(runs) or '–'} |", "|:--|:--|"]
+        if (failed & self._leaf).any():
+            lines.append(f"| failed | {self._leaves(failed)} |")
+        lines += [f"| {name} | {note} |" for name, note in short.items()]
+        if self._contacts:
+            lines.append(f"| robot | {self._contacts} |")
+        lines.append(f"| root | {root} |")
+        lines += self._source_lines
+        if self._lost:
+            lines.append(f"| lost | {self._lost} transitions |")
+        if self._gaps:
+            lines.append(f"| lost | transitions, {self._gaps} times |")
+        for name, note in self._notes.items():
+            lines += [] if name in short else ["", f"{name}: {note}"]
+        document = "\n".join(lines)
+        if document != self._shown:
+            self._shown = document
+            self._series.add(t, wall, document)
+
+    def _leaves(self, chosen: NDArray[np.bool_]) -> str:
+        indices = np.flatnonzero(chosen & self._leaf).tolist()
+        text = ", ".join(f"**{escape_markdown(self._names[index])}**" for index in indices[:_NAMES_AT_MOST])
+        return text if len(indices) <= _NAMES_AT_MOST else f"{text} and {len(indices) - _NAMES_AT_MOST} more"
 
 
 class BlackboardTable:
@@ -142,13 +255,10 @@ def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mappi
         lines += ["", f"| **{escape_markdown(path)}** | |" if path else "| key | value |", "|:--|:--|"]
         known = before.get(path, {})
         for key, value in board.items():
-            new = key not in known or known[key] != value
+            is_new = key not in known or known[key] != value
+            bold = "**" if is_new and before else ""
             text = "–" if value is None else f"`{escape_markdown(_short(value))}`"
-            lines.append(
-                f"| **{escape_markdown(key)}** | {text} |"
-                if new and before
-                else f"| {escape_markdown(key)} | {text} |"
-            )
+            lines.append(f"| {bold}{escape_markdown(key)}{bold} | {text} |")
     return "\n".join(lines[1:]) if lines else "*no entries*"
 
 
@@ -164,6 +274,92 @@ def _short(value: Any) -> str:
     else:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
     return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
+
+
+class StatisticsTable:
+    """The observed results and running times of every node of a tree.
+
+    Only the time during which the monitor is connected counts. A node that is RUNNING at the connection
+    counts from then on. Trees of more than ROWS_AT_MOST nodes show the leaves with the longest running time,
+    then the leaves with the most results.
+    """
+
+    def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
+        self._series: Series[str] = rows.series(STATISTICS, markdown_columns)
+        self._nodes = tree.nodes
+        self._depth = {node.uid: tree.depth(node.uid) for node in tree.nodes}
+        self._results: dict[int, list[int]] = {node.uid: [0, 0, 0] for node in tree.nodes}
+        self._running_ns = dict.fromkeys(self._results, 0)
+        self._since: dict[int, int] = {}
+        self._next_update: int | None = None
+        self._shown_at = 0
+        self._changed = False
+
+    def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
+        """Begin with known statuses; earlier changes are unknown.
+
+        Args:
+            t: Tree time (ns).
+            wall: Wall time (ns).
+            statuses: The nodes' statuses by uid.
+        """
+        self._since = {uid: t for uid, status in statuses.items() if status == RUNNING}
+        self._changed = True
+        self.show(t, wall)
+
+    def change(self, event: StatusChanged) -> None:
+        """Count a transition."""
+        counts = self._results.get(event.uid)
+        if counts is None:
+            return
+        self._changed = True
+        since = self._since.pop(event.uid, None)
+        if since is not None:
+            self._running_ns[event.uid] += max(0, event.t - since)
+        if event.status == RUNNING:
+            self._since[event.uid] = event.t
+        elif event.status != IDLE:
+            counts[event.status - SUCCESS] += 1
+
+    def update(self, t: int, wall: int) -> None:
+        """Update the table at *t* (ns) if the last update is old enough."""
+        if self._next_update is None or t >= self._next_update:
+            self.show(t, wall)
+
+    def show(self, t: int, wall: int) -> None:
+        """Update the table at *t* (ns) if a node has changed or runs."""
+        if self._changed or (self._since and t != self._shown_at):
+            self._changed = False
+            self._shown_at = t
+            self._next_update = t + EVERY_NS
+            self._series.add(t, wall, self.markdown(t))
+
+    def markdown(self, t: int) -> str:
+        """Return the table as of *t* (ns)."""
+        running = {
+            uid: ns + (max(0, t - self._since[uid]) if uid in self._since else 0)
+            for uid, ns in self._running_ns.items()
+        }
+        nodes = list(self._nodes)
+        indented = len(nodes) <= ROWS_AT_MOST
+        if not indented:
+            work = {node.uid: (running[node.uid], sum(self._results[node.uid])) for node in leaves(nodes)}
+            ticked = [node for node in nodes if any(work.get(node.uid, ()))]
+            nodes = sorted(ticked, key=lambda node: work[node.uid], reverse=True)[:ROWS_AT_MOST]
+        lines = ["| node | results | success | running | a run |", "|:--|--:|--:|--:|--:|"]
+        for node in nodes:
+            succeeded, failed, skipped = self._results[node.uid]
+            ended = succeeded + failed
+            rate = f"{100 * succeeded / ended:.0f} %" if ended else "–"
+            seconds = running[node.uid] / 1e9
+            results = f"{ended}" + (f" + {skipped} skipped" if skipped else "")
+            each = f"{seconds / ended:.2f} s" if ended and seconds else "–"
+            name = _INDENT * self._depth[node.uid] + node.name if indented else elide(node.path, _PATH_ROOM)
+            ran = f"{seconds:.1f} s" if seconds else "–"
+            lines.append(f"| {escape_markdown(name)} | {results} | {rate} | {ran} | {each} |")
+        if not indented:
+            lines += ["", f"*the {len(nodes)} leaves that ran longest, of {len(self._nodes)} nodes*"]
+        return "\n".join(lines)
 
 
 class TickCost:
@@ -182,17 +378,9 @@ class TickCost:
 
     def draw(self) -> None:
         """Log the names and colours of the lines."""
-        log, palette = self._rows.log, self._palette
-        log(
-            BUDGET_MS,
-            rr.SeriesLines(colors=[int(palette.ink[3])], names=["budget"], widths=[1.6]),
-            static=True,
-        )
-        log(
-            RATE,
-            rr.SeriesLines(colors=[int(palette.ink[2])], names=["ticks a second"], widths=[1.6]),
-            static=True,
-        )
+        ink = self._palette.ink
+        self._rows.log(BUDGET_MS, curve("budget", ink[FAILURE]), static=True)
+        self._rows.log(RATE, curve("ticks a second", ink[SUCCESS]), static=True)
 
     def tick(self, event: Ticked) -> None:
         """Add a tick. The budget is the usual time between ticks.
@@ -211,7 +399,25 @@ class TickCost:
         if abs(budget - self._budget_ns) > self._budget_ns // 20:
             self._budget_ns = budget
             name = f"tick (budget {budget / 1e6:.4g} ms)"
-            look = rr.SeriesLines(colors=[self._palette.laser], names=[name], widths=[1.6])
-            self._rows.log(TICK_MS, look, static=True)
+            self._rows.log(TICK_MS, curve(name, self._palette.laser), static=True)
         if self._worst * 10 > self._budget_ns:
             self._budget.add(event.t, event.wall, self._budget_ns / 1e6)
+
+
+def escape_markdown(text: str) -> str:
+    """Replace the characters of *text* that are markup in a markdown table."""
+    return text.replace("|", "¦").replace("`", "'").replace("\n", " ")
+
+
+def brief(message: str) -> str:
+    """Return the first line of an error's *message*, without the tree's file and the node's name.
+
+    Both are displayed beside the message already.
+    """
+    line = message.partition("\n")[0]
+    return re.sub(r"^\S+:\d+: (node '.*?' <.*?> raised while \w+: )?", "", line)
+
+
+def markdown_columns(values: list[str]) -> Iterable[Any]:
+    """Return columns with a markdown document in each row."""
+    return rr.TextDocument.columns(text=values, media_type=["text/markdown"] * len(values))

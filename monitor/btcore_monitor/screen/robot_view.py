@@ -23,13 +23,18 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.screen.blueprint import Eye, Pane, tree_room
 from btcore_monitor.screen.lanes import Lanes
-from btcore_monitor.screen.levels import LEVELS
-from btcore_monitor.screen.now import NowPanel
-from btcore_monitor.screen.panels import UNSENT, BlackboardTable, TickCost, TransitionLog
+from btcore_monitor.screen.panels import (
+    LEVELS,
+    UNSENT,
+    BlackboardTable,
+    NowPanel,
+    StatisticsTable,
+    TickCost,
+    TransitionLog,
+)
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.scene import SceneView
 from btcore_monitor.screen.sinks import RecordingSinks
-from btcore_monitor.screen.statistics_table import StatisticsTable
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
 from btcore_monitor.screen.tree import BIG, TreeView, fold_subtrees, matching
@@ -50,7 +55,7 @@ class RobotView:
         sinks: Where the recordings go, or the robot's part of a window with several robots.
         palette: The colours.
         find: Patterns such as ``Dock*``. Nodes whose name or path matches are highlighted and have lanes.
-        level: The lowest level of the log's lines (:mod:`~btcore_monitor.screen.levels`).
+        level: The lowest level of the log's lines (a member of LEVELS).
     """
 
     def __init__(
@@ -66,7 +71,7 @@ class RobotView:
         self._find = find
         self._level = level
         self._shown: _Shown | None = None
-        self._met: TreeSeen | None = None
+        self._new_tree: TreeSeen | None = None
         self._scene: SceneStatic | None = None
         self._sent = time.monotonic()
 
@@ -79,8 +84,8 @@ class RobotView:
         """Process an event."""
         if isinstance(event, TreeSeen):
             self._draw()
-            self._met = event
-        elif isinstance(event, SceneStatic) and (self._met is not None or self._shown is None):
+            self._new_tree = event
+        elif isinstance(event, SceneStatic) and (self._new_tree is not None or self._shown is None):
             self._scene = event
             self._draw()
         else:
@@ -96,7 +101,7 @@ class RobotView:
         self._draw()
         if self._shown is not None:
             self._shown.settle()
-            self._shown.send()
+            self._shown.rows.send()
 
     def close(self) -> None:
         """Send the rest and finish the file."""
@@ -105,15 +110,15 @@ class RobotView:
 
     def _draw(self) -> None:
         """Draw the new tree. This waits for the next event, because a scene leaves less room for the tree."""
-        met, self._met = self._met, None
-        if met is None:
+        new, self._new_tree = self._new_tree, None
+        if new is None:
             return
-        if self._shown is not None and self._shown.is_of(met):
-            self._shown.again(met)
+        if self._shown is not None and self._shown.is_of(new):
+            self._shown.resume(new)
         else:
             self._finish()
             scene = self._scene is not None
-            self._shown = _Shown(met, self._window, self._palette, scene, self._find, self._level)
+            self._shown = _Shown(new, self._window, self._palette, scene, self._find, self._level)
             if self._shown.file is not None:
                 self.files.append(self._shown.file)
         if self._scene is not None:
@@ -151,8 +156,8 @@ class _Shown:
         self._palette = palette
         self.states = TickStates(tree)
         self._uids = {node.path: node.uid for node in tree.nodes}
-        looked_for = [(pattern, matching(tree, pattern)) for pattern in find]
-        found = {uid for _, uids in looked_for for uid in uids}
+        matches = {pattern: matching(tree, pattern) for pattern in find}
+        found = {uid for uids in matches.values() for uid in uids}
         self.lanes = Lanes(self.rows, tree, palette, found)
         room = ROOM if self.place else tree_room(len(self.lanes.entities), scene)
         self.tree = TreeView(self.rows, tree, palette, room, found)
@@ -167,7 +172,7 @@ class _Shown:
         self.scene = SceneView(self.rows, palette)
         self._t, self._wall = event.t, event.wall
         self._show_source(event.source, event.t, event.wall)
-        for pattern, uids in looked_for:
+        for pattern, uids in matches.items():
             if not uids:
                 self.log.not_found(pattern, event.t, event.wall)
         self._show_blueprint()
@@ -176,8 +181,8 @@ class _Shown:
         self.lanes.draw()
         self.cost.draw()
         self._restart(event)
-        self.send()
-        self._takers: dict[type, Callable[..., None]] = {
+        self.rows.send()
+        self._handlers: dict[type, Callable[..., None]] = {
             StatusChanged: self._changed,
             Ticked: self._ticked,
             BlackboardSeen: self._boards,
@@ -185,11 +190,11 @@ class _Shown:
             SceneMoving: self._moving,
             ExceptionRaised: self._raised,
             TransitionsLost: self._gap,
-            DataMissed: self._unseen,
+            DataMissed: self._incomplete,
             ConnectionChanged: self._link,
         }
 
-    def again(self, event: TreeSeen) -> None:
+    def resume(self, event: TreeSeen) -> None:
         """Continue the same tree after a lost connection with its present statuses, without transitions."""
         self._at(event.t, event.wall)
         self._restart(event)
@@ -208,9 +213,9 @@ class _Shown:
             self.now.moment(self.states)
 
     def show(self, event: Event) -> None:
-        taker = self._takers.get(type(event))
-        if taker is not None:
-            taker(event)
+        handler = self._handlers.get(type(event))
+        if handler is not None:
+            handler(event)
 
     def _show_source(self, source: DataSource, t: int, wall: int) -> None:
         if source == self.source:
@@ -230,16 +235,13 @@ class _Shown:
         if "ticks" in self.source.unavailable and self.states.is_open:
             self._end_tick(self._t, self._wall)
 
-    def send(self) -> None:
-        self.rows.send()
-
     def close(self) -> None:
-        self._rest()
+        self._show_remaining()
         self.statistics.show(self._t, self._wall)
-        self.send()
+        self.rows.send()
         self.window.end(self.recording)
 
-    def _rest(self) -> None:
+    def _show_remaining(self) -> None:
         """Show the changes after the last tick, for example of a tree that was halted."""
         if self.states.is_open:
             self._end_tick(self._t, self._wall)
@@ -267,14 +269,14 @@ class _Shown:
         self.states.change(event)
         self.log.change(event)
         self.statistics.change(event)
-        self.statistics.look(event.t, event.wall)
+        self.statistics.update(event.t, event.wall)
 
     def _ticked(self, event: Ticked) -> None:
         self._at(event.t, event.wall)
         self._end_tick(event.t, event.wall)
         self.cost.tick(event)
         self.now.tick(event, self.states)
-        self.statistics.look(event.t, event.wall)
+        self.statistics.update(event.t, event.wall)
 
     def _boards(self, event: BlackboardSeen) -> None:
         self._at(event.t, event.wall)
@@ -305,21 +307,19 @@ class _Shown:
         self.log.gap(event, self._t, self._wall)
         self.now.missing(event)
 
-    def _unseen(self, event: DataMissed) -> None:
-        self.log.unseen(event)
+    def _incomplete(self, event: DataMissed) -> None:
+        self.log.incomplete(event)
         self.now.missing(event)
 
     def _link(self, event: ConnectionChanged) -> None:
         self.log.link(event, self._t, self._wall)
         if event.state == "ended":
-            self._rest()
+            self._show_remaining()
 
     def _show_blueprint(self) -> None:
-        scene = self.scene
-        eye = None
+        scene, eye = self.scene, None
         if scene.present:
-            has = scene.pictured, scene.powered, scene.navigates
-            eye = Eye(*scene.eye(), scene.robot(), *has)
+            eye = Eye(*scene.eye(), scene.robot(), scene.pictured, scene.powered, scene.navigates)
         pane = Pane(
             self._palette,
             self.name,

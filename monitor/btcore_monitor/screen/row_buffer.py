@@ -101,6 +101,11 @@ def scalars(values: list[float]) -> Iterable[Any]:
     return rr.Scalars.columns(scalars=np.array(values, dtype=np.float64))
 
 
+def curve(name: str, colour: int) -> Any:
+    """Return the name and colour of a curve in a plot."""
+    return rr.SeriesLines(colors=[int(colour)], names=[name], widths=[1.6])
+
+
 def strip_colours(values: list[Any]) -> Iterable[Any]:
     """Return columns with the colours of a LineStrips2D (a uint32 array) in each row."""
     return rr.LineStrips2D.columns(colors=np.concatenate(values)).partition([len(one) for one in values])

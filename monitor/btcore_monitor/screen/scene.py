@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from btcore_monitor.screen.camera_view import CameraView
 from btcore_monitor.screen.floor import Floor
 from btcore_monitor.screen.navigation_markers import NavigationMarkers
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, scalars
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, scalars
 from btcore_monitor.screen.shapes import archetypes, extent
 from btcore_monitor.screen.style import Palette
 from btcore_scene import UPRIGHT, Laser, MovingScene, Part, StaticScene
@@ -153,8 +153,7 @@ class SceneView:
             (f"{SPEED}/w", palette.laser, "ω  rad/s"),
             (f"{BATTERY}/level", int(palette.ink[2]), "battery  %"),
         ):
-            look = rr.SeriesLines(colors=[colour], names=[label], widths=[1.6])
-            log(entity, look, static=True)
+            log(entity, curve(label, colour), static=True)
 
     def moving(self, t: int, wall: int, data: MovingScene) -> None:
         """Draw the changes: moved frames, a new scan, the speed, and other new data.

@@ -35,56 +35,40 @@ _ROUND: Final = "0 0,0,7.4,7.4,70,380 / 3.2,4.2 7,2.4 9.4,6 / -2.6,0 2.6,0 / 0.4
 _UPDATED: Final = "0 0,9 8,0 0,-9 -8,0 0,9 / 0,3.6 0,-3.6 / -2.2,1.4 0,3.6 2.2,1.4"
 _INFINITY: Final = "0 -4.6,0,4.6,4.6,0,360 / 4.6,0,4.6,4.6,180,540"
 
-_BY_ID: Final[dict[str, str]] = {
-    "Sequence": _ARROW,
-    "ReactiveSequence": _ARROW_LOW + _WAVE,
-    "AsyncSequence": _ARROW,
-    "SequenceStar": _ARROW_LOW + _MEMORY,
-    "SequenceWithMemory": _ARROW_LOW + _MEMORY,
-    "Fallback": _QUESTION,
-    "Selector": _QUESTION,
-    "AsyncFallback": _QUESTION,
-    "ReactiveFallback": _QUESTION_LOW + _WAVE,
-    "Parallel": _PARALLEL,
-    "ParallelAll": _PARALLEL,
-    "IfThenElse": _BRANCH,
-    "WhileDoElse": _BRANCH,
-    "TryCatch": _BRANCH,
-    "ManualSelector": _HAND,
-    "Inverter": _NOT,
-    "ForceSuccess": _TICK,
-    "AlwaysSuccess": _TICK,
-    "ForceFailure": _CROSS,
-    "AlwaysFailure": _CROSS,
-    "RecoveryNode": _RECOVER,
-    "PipelineSequence": _PIPELINE,
-    "RoundRobin": _ROUND,
-    "NonblockingSequence": _ARROW_LOW + _MEMORY,
-    "RateController": _CLOCK,
-    "SingleTrigger": _ONCE,
-    "GoalUpdated": _UPDATED,
-    "GlobalUpdatedGoal": _UPDATED,
-    "SkipUnlessUpdated": _UPDATED,
-    "WaitValueUpdate": _UPDATED,
-    "Wait": _CLOCK,
-    "Repeat": _LOOP,
-    "KeepRunningUntilFailure": _INFINITY,
-    "RetryUntilSuccessful": _RETRY,
-    "RetryUntilSuccesful": _RETRY,
-    "Timeout": _CLOCK,
-    "Delay": _CLOCK,
-    "Sleep": _CLOCK,
-    "RunOnce": _ONCE,
-    "Precondition": _DIAMOND,
-    "ScriptCondition": _DIAMOND,
-    "BlackboardCheckInt": _DIAMOND,
-    "BlackboardCheckDouble": _DIAMOND,
-    "BlackboardCheckString": _DIAMOND,
-    "BlackboardCheckBool": _DIAMOND,
-    "Script": _PEN,
-    "SetBlackboard": _PEN,
-    "UnsetBlackboard": _PEN,
+_IDS: Final[dict[str, tuple[str, ...]]] = {
+    _ARROW: ("Sequence", "AsyncSequence"),
+    _ARROW_LOW + _WAVE: ("ReactiveSequence",),
+    _ARROW_LOW + _MEMORY: ("SequenceStar", "SequenceWithMemory", "NonblockingSequence"),
+    _QUESTION: ("Fallback", "Selector", "AsyncFallback"),
+    _QUESTION_LOW + _WAVE: ("ReactiveFallback",),
+    _PARALLEL: ("Parallel", "ParallelAll"),
+    _BRANCH: ("IfThenElse", "WhileDoElse", "TryCatch"),
+    _HAND: ("ManualSelector",),
+    _NOT: ("Inverter",),
+    _TICK: ("ForceSuccess", "AlwaysSuccess"),
+    _CROSS: ("ForceFailure", "AlwaysFailure"),
+    _RECOVER: ("RecoveryNode",),
+    _PIPELINE: ("PipelineSequence",),
+    _ROUND: ("RoundRobin",),
+    _CLOCK: ("RateController", "Wait", "Timeout", "Delay", "Sleep"),
+    _ONCE: ("SingleTrigger", "RunOnce"),
+    _UPDATED: ("GoalUpdated", "GlobalUpdatedGoal", "SkipUnlessUpdated", "WaitValueUpdate"),
+    _LOOP: ("Repeat",),
+    _INFINITY: ("KeepRunningUntilFailure",),
+    # The misspelling is the ID in BehaviorTree.CPP 3.
+    _RETRY: ("RetryUntilSuccessful", "RetryUntilSuccesful"),
+    _DIAMOND: (
+        "Precondition",
+        "ScriptCondition",
+        "BlackboardCheckInt",
+        "BlackboardCheckDouble",
+        "BlackboardCheckString",
+        "BlackboardCheckBool",
+    ),
+    _PEN: ("Script", "SetBlackboard", "UnsetBlackboard"),
 }
+"""Registration IDs by drawing."""
+_BY_ID: Final = {node_id: drawing for drawing, ids in _IDS.items() for node_id in ids}
 _BY_PREFIX: Final = (("Switch", _BRANCH), ("Loop", _LOOP))
 _BY_KIND: Final[dict[str, str]] = {
     "action": _PLAY,
@@ -99,20 +83,7 @@ def symbol(node_id: str, kind: str) -> list[Stroke]:
     """Return the strokes for a registration ID; an unknown *node_id* is drawn by its *kind*."""
     drawing = _BY_ID.get(node_id)
     if drawing is None:
-        drawing = next((one for prefix, one in _BY_PREFIX if node_id.startswith(prefix)), None)
+        drawing = next((shape for prefix, shape in _BY_PREFIX if node_id.startswith(prefix)), None)
     if drawing is None:
         drawing = _BY_KIND.get(kind, _RING)
     return parse(drawing)[1]
-
-
-def placed(strokes: list[Stroke], x: float, y: float, radius: float) -> list[Stroke]:
-    """Move and scale strokes.
-
-    Args:
-        strokes: The strokes, with y pointing up.
-        x: The middle in a picture whose y points down.
-        y: As *x*.
-        radius: The length of 10 units of the strokes.
-    """
-    scale = radius / 10.0
-    return [[(x + px * scale, y - py * scale) for px, py in stroke] for stroke in strokes]

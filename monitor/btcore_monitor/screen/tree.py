@@ -1,7 +1,7 @@
 """The drawing of a tree. Pills, badges and edges are drawn once; afterwards only their colours change."""
 
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Final
@@ -12,7 +12,7 @@ import rerun as rr
 from btcore_monitor.events import IDLE, RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.captions import Caption, captions, ports
-from btcore_monitor.screen.font import Stroke, strokes_of
+from btcore_monitor.screen.font import Stroke, placed, strokes_of
 from btcore_monitor.screen.layout import Box, Layout, Place, lay_out
 from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
 from btcore_monitor.screen.legend import legend
@@ -26,7 +26,7 @@ from btcore_monitor.screen.subtree_drawing import (
     node_entities,
     split_by_subtree,
 )
-from btcore_monitor.screen.symbols import placed, symbol
+from btcore_monitor.screen.symbols import symbol
 from btcore_monitor.screen.tick_states import TickStates
 
 ORIGIN: Final = "tree"
@@ -79,9 +79,10 @@ class TreeView:
         index = {node.uid: at for at, node in enumerate(whole.nodes)}
         self._index = np.array([index[node.uid] for node in tree.nodes], dtype=np.intp)
         self._at = {node.uid: at for at, node in enumerate(tree.nodes)}
-        self._nearest_of = self._nearest(whole)
-        self._found = sorted({at for at in map(self._nearest_of, found) if at is not None})
+        self._whole = whole
+        self._found = {at for uid in found if (at := self._nearest(uid)) is not None}
         self._raised: dict[int, bool] = {}
+        """Whether the node was IDLE since, by the index of each node with a ring."""
         self._inner = np.array([bool(node.children) for node in tree.nodes])
         self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
@@ -118,12 +119,13 @@ class TreeView:
         rims = np.where(shown == IDLE, palette.rest[states.results[self._index]], palette.rim[shown])
         for subtree in self.subtrees:
             subtree.colour(t, wall, pills, rims, running)
-        again = [at for at, rested in self._raised.items() if rested and shown[at] != IDLE]
-        for at in self._raised:
-            self._raised[at] = self._raised[at] or shown[at] == IDLE
-        if again:
-            for at in again:
-                del self._raised[at]
+        rings = len(self._raised)
+        self._raised = {
+            at: was_idle or shown[at] == IDLE
+            for at, was_idle in self._raised.items()
+            if not was_idle or shown[at] == IDLE
+        }
+        if len(self._raised) != rings:
             self._ring(t, wall)
 
     def raised(self, uid: int, t: int, wall: int) -> None:
@@ -134,7 +136,7 @@ class TreeView:
             t: Tree time (ns).
             wall: Wall time (ns).
         """
-        at = self._nearest_of(uid)
+        at = self._nearest(uid)
         if at is not None:
             self._raised[at] = False
             self._ring(t, wall)
@@ -143,14 +145,10 @@ class TreeView:
         for subtree in self.subtrees:
             subtree.ring(t, wall, self._raised)
 
-    def _nearest(self, whole: ObservedTree) -> Callable[[int], int | None]:
-        """Return a function from a uid of *whole* to the index of the node or its nearest ancestor."""
-
-        def nearest(uid: int) -> int | None:
-            above = (uid, *(node.uid for node in whole.ancestors(uid)))
-            return next((self._at[one] for one in above if one in self._at), None)
-
-        return nearest
+    def _nearest(self, uid: int) -> int | None:
+        """Return the index of the node *uid* of the complete tree, or of its nearest drawn ancestor."""
+        uids = (uid, *(node.uid for node in self._whole.ancestors(uid)))
+        return next((self._at[uid] for uid in uids if uid in self._at), None)
 
     def draw(self) -> None:
         """Draw the parts that never change."""
@@ -170,7 +168,8 @@ class TreeView:
             subtree.lines("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
             found = [self._pills[at] for at in subtree.at if at in self._found]
             subtree.lines("found", found, 3.4, colors=[palette.found], radii=[half + style.HALO])
-            badges = [((one.x + half, one.y), (one.x + half + 0.01, one.y)) for one in places]
+            # A strip needs a length; its round ends make it a disc.
+            badges = [((place.x + half, place.y), (place.x + half + 0.01, place.y)) for place in places]
             subtree.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
             strokes, colours, radii = self._ink(subtree.at.tolist())
             subtree.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
@@ -190,13 +189,13 @@ class TreeView:
         entities = node_entities(self.tree, self.origin)
         for node, pill, entity in zip(self.tree.nodes, self._pills, entities, strict=True):
             # A single component, because each component takes a kilobyte of the file.
-            what = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
+            components = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
             if shaped:
                 radius = style.PILL_HEIGHT / 2 - style.RIM
-                what.append(
+                components.append(
                     rr.LineStrips2D([pill], colors=[self.palette.badge], radii=[radius], draw_order=3.8)
                 )
-            self._rows.log(entity, *what, static=True)
+            self._rows.log(entity, *components, static=True)
 
     def _ink(self, indices: Sequence[int]) -> tuple[list[Strip], list[int], list[float]]:
         """Return the strokes, colours and radii of names, notes and symbols of the nodes at *indices*."""
@@ -208,7 +207,7 @@ class TreeView:
             caption = self.captions[node.uid]
             centre = place.x + style.PILL_HEIGHT / 2
             left = centre + style.BADGE_RADIUS + 7.0
-            sign = placed(symbol(node.id, node.kind), centre, place.y, style.BADGE_RADIUS * 0.66)
+            sign = placed(symbol(node.id, node.kind), centre, place.y, style.BADGE_RADIUS * 0.066)
             raise_by = style.NOTE_LIFT if caption.note else 0.0
             name = strokes_of(
                 caption.name, left, place.y + style.TEXT_HEIGHT * 0.46 - raise_by, style.TEXT_HEIGHT
@@ -288,7 +287,7 @@ def _written(
 
 
 def _pixel(layout: Layout, room: tuple[float, float]) -> float:
-    """Units that a pixel is, with all of *layout* in view."""
+    """Return the size of a pixel (units of the drawing) if the view shows all of *layout*."""
     (width, height), (across, down) = layout.size, room
     margin = style.PILL_HEIGHT * 0.7
     wide = (width + margin) / (across - 2 * _MARGIN)
@@ -313,12 +312,12 @@ def _rounded(x0: float, y0: float, x1: float, y1: float, radius: float = 12.0) -
 
 
 def leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
-    """The nodes that do the work, in tree order."""
+    """Return the actions and conditions without children, in tree order."""
     return [node for node in nodes if not node.children and node.kind in ("action", "condition")]
 
 
 def matching(tree: ObservedTree, pattern: str) -> list[int]:
-    """uids of the nodes whose name, ID or path is like *pattern* (``*`` and ``?``), in any case of letters.
+    """Return the uids of the nodes whose name, ID or path matches *pattern* (``*``, ``?``), ignoring case.
 
     A pattern without ``*``, ``?`` and ``[`` is a part of the name or path.
     """
@@ -328,5 +327,5 @@ def matching(tree: ObservedTree, pattern: str) -> list[int]:
     return [
         node.uid
         for node in tree.nodes
-        if any(fnmatchcase(one.casefold(), wanted) for one in (node.name, node.id, node.path))
+        if any(fnmatchcase(text.casefold(), wanted) for text in (node.name, node.id, node.path))
     ]

@@ -15,7 +15,7 @@ from typing import Final, Protocol
 import rerun as rr
 import rerun.blueprint as rrb
 
-from btcore_monitor.screen.blueprint import Pane, blueprint, lanes, layout, log, running, trees, windowed
+from btcore_monitor.screen.blueprint import Pane, lanes, layout, log, running, trees, windowed
 from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 
@@ -63,7 +63,7 @@ class SingleRobotWindow:
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
         """Show *pane* as the only content of the window."""
-        recording.send_blueprint(blueprint(pane))
+        recording.send_blueprint(windowed(layout(pane), pane.timeline))
 
     def end(self, recording: rr.RecordingStream) -> None:
         """Finish the recording."""

@@ -82,11 +82,7 @@ class Publisher(Closeable):
         try:
             self.port = self._bind(port, groot1, bind)
         except BaseException:
-            for socket in (self._requests.socket, self._notices, self._stream):
-                socket.close()
-            if self._groot1 is not None:
-                self._groot1.close()
-            self._context.term()
+            self._context.destroy(linger=0)
             raise
         self.address = f"tcp://{_reachable(bind)}:{self.port}"
         """The address of the tree for a client on this machine."""

@@ -136,10 +136,8 @@ class Groot1Feed:
     def close(self) -> None:
         """Free the sockets."""
         self._updates.disable_monitor()
-        self._links.close(linger=0)
-        self._updates.close()
         self._client.close()
-        self._context.term()
+        self._context.destroy(linger=0)
 
     # Receiving
 

@@ -119,6 +119,4 @@ class RequestClient(Closeable):
 
     def close(self) -> None:
         """Free the socket."""
-        if self._socket is not None:
-            self._socket.close()
-        self._context.term()
+        self._context.destroy()

@@ -92,8 +92,7 @@ class SceneClient:
 
     def close(self) -> None:
         """Free the socket."""
-        self.socket.close()
-        self._context.term()
+        self._context.destroy()
 
     def _register(self) -> None:
         if not self._here:

@@ -12,7 +12,7 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
-from btcore_monitor.screen.levels import LEVELS
+from btcore_monitor.screen.panels import LEVELS
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 

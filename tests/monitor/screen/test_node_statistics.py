@@ -5,7 +5,7 @@ import re
 import pytest
 
 from btcore_monitor.events import ObservedNode, ObservedTree, StatusChanged, TreeSeen
-from btcore_monitor.screen.statistics_table import EVERY_NS, ROWS_AT_MOST
+from btcore_monitor.screen.panels import EVERY_NS, ROWS_AT_MOST
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
 SECOND = 10**9

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.screen.font import elide, glyph, strokes_of, width_of
-from btcore_monitor.screen.symbols import placed, symbol
+from btcore_monitor.screen.font import elide, glyph, placed, strokes_of, width_of
+from btcore_monitor.screen.symbols import symbol
 
 BOX = glyph("漢")
 """What stands for a character that has no letter here."""
@@ -70,7 +70,7 @@ def test_kinds_are_told_apart_by_their_symbols(pair):
 def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind():
     kinds = ("action", "condition", "control", "decorator", "subtree")
     for kind in kinds:
-        for stroke in placed(symbol("SomethingOfYourOwn", kind), 100.0, 50.0, 10.0):
+        for stroke in placed(symbol("SomethingOfYourOwn", kind), 100.0, 50.0, 1.0):
             for x, y in stroke:
                 assert abs(x - 100.0) <= 11.0
                 assert abs(y - 50.0) <= 11.0

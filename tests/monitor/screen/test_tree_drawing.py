@@ -7,7 +7,7 @@ import rerun as rr
 from btcore_monitor.events import ObservedNode, ObservedTree, TreeSeen
 from btcore_monitor.screen.captions import captions
 from btcore_monitor.screen.lanes import distinct_names
-from btcore_monitor.screen.markdown_text import brief
+from btcore_monitor.screen.panels import brief
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.style import GROOT, NAME_ROOM, NOTE_ROOM
 from btcore_monitor.screen.subtree_drawing import BRANCHES_AT_MOST, PARTS, node_entities, split_by_subtree
