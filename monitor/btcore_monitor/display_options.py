@@ -56,8 +56,8 @@ class DisplayOptions:
 
     def arguments(self) -> list[str]:
         """Return the options as arguments for the command line of another command."""
-        found = [part for pattern in self.find for part in ("--find", pattern)]
-        return ["--palette", self.palette, "--log-level", self.log_level, *found]
+        patterns = [part for pattern in self.find for part in ("--find", pattern)]
+        return ["--palette", self.palette, "--log-level", self.log_level, *patterns]
 
     def screen(self, shown_in: "RecordingSinks | RobotWindow") -> "RobotView":
         """Return a view of a robot with these options."""

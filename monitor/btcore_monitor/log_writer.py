@@ -8,7 +8,7 @@ and the changed statuses after a gap are written as transitions at that moment.
 import sqlite3
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from btcore.clock import NS_PER_US
 from btcore.logs.btlog import EXTENSION as BTLOG
@@ -47,22 +47,22 @@ class LogWriter:
         """The number of gaps."""
         self._trees = 0
         self._tree_id = ""
-        self._logs: list[_Log] = []
+        self._logs: list[_BtLog | _SqliteLog] = []
         self._statuses: dict[int, int] = {}
         self._start = 0
         self._next: int | None = None
-        self._lost = self._unseen = ""
+        self._lost = self._incomplete = ""
 
     def show(self, event: Event) -> None:
         """Process an event. Its transitions are written by :meth:`flush`."""
         if isinstance(event, TreeSeen):
-            self._seen(event)
+            self._begin(event)
         elif isinstance(event, StatusChanged):
             self._changed(event)
         elif isinstance(event, TransitionsLost):
             self._missing(f"the transitions {event.first} to {event.last} are lost")
         elif isinstance(event, DataMissed) and event.topic == "transitions":
-            self._unseen = event.reason
+            self._incomplete = event.reason
         elif isinstance(event, ConnectionChanged) and event.state == "lost":
             self._lost = f"the robot was away: {event.detail}"
 
@@ -77,16 +77,16 @@ class LogWriter:
         for log in logs:
             log.close()
 
-    def _seen(self, event: TreeSeen) -> None:
+    def _begin(self, event: TreeSeen) -> None:
         if event.tree.tree_id == self._tree_id:
-            self._missing(self._unseen or self._lost or "the robot was away")
+            self._missing(self._incomplete or self._lost or "the robot was away")
         else:
             self._open(event)
             if "transitions" in event.source.unavailable:
                 self._missing(event.source.unavailable["transitions"], known=True)
             if any(event.statuses.values()):
                 self._missing("the tree was running before the recording began")
-        self._lost = self._unseen = ""
+        self._lost = self._incomplete = ""
         self._update(event.t, event.statuses)
 
     def _open(self, event: TreeSeen) -> None:
@@ -98,7 +98,7 @@ class LogWriter:
         for path in self.paths:
             if self._trees > 1:
                 path = path.with_name(f"{path.stem}.{self._trees}{path.suffix}")
-            self._logs.append(_BtLog(path, event) if path.suffix == BTLOG else _Sqlite(path, event))
+            self._logs.append(_BtLog(path, event) if path.suffix == BTLOG else _SqliteLog(path, event))
             self.files.append(path)
 
     def _changed(self, event: StatusChanged) -> None:
@@ -107,9 +107,9 @@ class LogWriter:
         if self._next is not None and event.number > self._next:
             # The robot's history no longer holds its first transitions.
             self._missing(f"the transitions up to {event.number - 1} were before the recording")
-        if self._unseen:
-            self._missing(self._unseen)
-            self._unseen = ""
+        if self._incomplete:
+            self._missing(self._incomplete)
+            self._incomplete = ""
         self._next = None
         self._update(event.t, {event.uid: event.previous})
         self._write(event.t, event.uid, event.previous, event.status)
@@ -135,16 +135,9 @@ class LogWriter:
             log.gap(reason)
 
 
-class _Log(Protocol):
-    """A log file of one tree."""
-
-    def add(self, since: int, uid: int, previous: Status, status: Status) -> None: ...
-    def gap(self, reason: str) -> None: ...
-    def flush(self) -> None: ...
-    def close(self) -> None: ...
-
-
 class _BtLog:
+    """A ``.btlog`` file. It has the same methods as :class:`_SqliteLog`."""
+
     def __init__(self, path: Path, event: TreeSeen) -> None:
         self._file = BtLogWriter(path, write_fulltree(event.tree), event.wall // NS_PER_US)
         self._rows: list[tuple[int, int, int]] = []
@@ -168,30 +161,32 @@ class _BtLog:
             self._file.close()
 
 
-class _Sqlite:
+class _SqliteLog:
+    """An SQLite file. A gap is written with the next transition, because only rows have a text."""
+
     def __init__(self, path: Path, event: TreeSeen) -> None:
         tree = event.tree
         xml = write_fulltree(tree).decode("utf-8", "replace")
-        self._base = SqliteWriter(path, xml, [(node.path, node.uid) for node in tree.nodes])
-        self._base.begin_at(event.wall // NS_PER_US)
+        self._file = SqliteWriter(path, xml, [(node.path, node.uid) for node in tree.nodes])
+        self._file.begin_at(event.wall // NS_PER_US)
         self._gaps: list[str] = []
 
     def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
         extra = GAP_PREFIX + "; ".join(self._gaps) if self._gaps else ""
         self._gaps.clear()
-        self._base.add(since, uid, previous, status, extra)
+        self._file.add(since, uid, previous, status, extra)
 
     def gap(self, reason: str) -> None:
         self._gaps.append(reason)
 
     def flush(self) -> None:
-        self._base.flush()
+        self._file.flush()
 
     def close(self) -> None:
         try:
-            self._base.finish()
+            self._file.finish()
         finally:
-            self._base.close()
+            self._file.close()
 
 
 WRITE_ERRORS: Final = (OSError, sqlite3.Error)

@@ -23,8 +23,10 @@ WRITE_TIMEOUT: Final = 60.0
 VIEWER_GRACE: Final = 10.0
 """Time (s, wall clock) for the viewer to receive the remaining data after the last tick."""
 
-_SAY_AFTER: Final = 2.0
-_LOOK_EVERY: Final = 0.2
+_ANNOUNCE_AFTER: Final = 2.0
+"""Time (s, wall clock) of waiting after which a message explains why."""
+
+_CHECK_EVERY: Final = 0.2
 
 
 class MonitorProcess:
@@ -52,7 +54,7 @@ class MonitorProcess:
         After an *interrupted* run a viewer does not stay.
         """
         if self.stays:
-            self._stay(interrupted)
+            self._keep_open(interrupted)
             return
         limit = WRITE_TIMEOUT if self.saves else VIEWER_GRACE
         try:
@@ -70,17 +72,17 @@ class MonitorProcess:
     def _wait(self, limit: float) -> int:
         deadline = time.monotonic() + limit
         try:
-            return self.process.wait(_SAY_AFTER)
+            return self.process.wait(_ANNOUNCE_AFTER)
         except subprocess.TimeoutExpired:
             print_message(f"{self.name}: waiting until all data is received")
             return self.process.wait(max(0.0, deadline - time.monotonic()))
 
-    def _stay(self, interrupted: bool) -> None:
+    def _keep_open(self, interrupted: bool) -> None:
         stop = threading.Event()
         with stop_on_signals(stop):
             if not interrupted and self.process.poll() is None:
                 print_message(f"the run is over, and {self.name} stays: Ctrl-C ends it")
-                while self.process.poll() is None and not stop.wait(_LOOK_EVERY):
+                while self.process.poll() is None and not stop.wait(_CHECK_EVERY):
                     pass
             self.process.terminate()
             try:

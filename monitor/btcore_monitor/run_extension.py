@@ -6,7 +6,7 @@ process never draws. All messages go to stderr.
 
 import importlib.util
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +23,7 @@ from btcore_monitor.viewer_setup import check_is_recording, check_writable
 from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
-_APART: Final = BESIDE_GROOT2 - DEFAULT_PORT
+_GROOT1_OFFSET: Final = BESIDE_GROOT2 - DEFAULT_PORT
 """Offset of Groot 1's ports from Groot 2's ports if both are served: 1667 and 2666."""
 
 
@@ -48,7 +48,7 @@ class MonitorExtension(RunExtension):
             ["--port"],
             type=click.IntRange(0, 65533),
             help=f"The first port; 0 takes free ones.  [default: {DEFAULT_PORT}, for Groot 1 {PUBLISH_PORT}; "
-            f"Groot 1 beside Groot 2 is {_APART} further; a free one for --monitor and --save alone]",
+            f"Groot 1 beside Groot 2 is {_GROOT1_OFFSET} further; a free one for --monitor and --save alone]",
         ),
         click.Option(
             ["--allow-control"],
@@ -111,12 +111,6 @@ class MonitorExtension(RunExtension):
             )
         return ()
 
-    def attach(
-        self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
-    ) -> AbstractContextManager[None]:
-        """Publish *tree* during the run, according to the options."""
-        return self._published(tree, resources, settings)
-
     def replace_tree(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
         """Publish *tree* instead of the previous tree; clients stay connected."""
         if self._publisher is not None:
@@ -127,9 +121,8 @@ class MonitorExtension(RunExtension):
         self._interrupted = True
 
     @contextmanager
-    def _published(
-        self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
-    ) -> Iterator[None]:
+    def attach(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> Iterator[None]:
+        """Publish *tree* during the run, according to the options."""
         save: Path | None = settings["save"]
         if not settings["publish"] and not _shown(settings):
             yield
@@ -149,10 +142,10 @@ class MonitorExtension(RunExtension):
         with publisher:
             print_message(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
             if publisher.groot1 is not None:
-                why = f", since Groot 2 has {publisher.port}" if port is not None else ""
+                reason = f", since Groot 2 has {publisher.port}" if port is not None else ""
                 print_message(
                     f"Groot 1 finds it at publisher port {publisher.groot1} and server port "
-                    f"{publisher.groot1 + 1}{why}"
+                    f"{publisher.groot1 + 1}{reason}"
                 )
             options = DisplayOptions.from_settings(settings).arguments()
             monitors: list[MonitorProcess] = []
@@ -180,12 +173,12 @@ class MonitorExtension(RunExtension):
 
 def _shown(settings: Mapping[str, Any]) -> list[str]:
     """Return the given options that show or record the run."""
-    asked = {
+    given = {
         "--save": settings["save"] is not None,
         "--monitor": settings["monitor"],
         "--serve-web": settings["serve_web"] is not None,
     }
-    return [option for option, is_asked in asked.items() if is_asked]
+    return [option for option, is_given in given.items() if is_given]
 
 
 def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
@@ -196,10 +189,10 @@ def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
     if "groot2" not in publish:
         return None, PUBLISH_PORT if first is None else first
     port = DEFAULT_PORT if first is None else first
-    groot1 = port + _APART if port else 0
+    groot1 = port + _GROOT1_OFFSET if port else 0
     if groot1 + GROOT1_PORTS > 1 << 16:
         raise click.UsageError(
-            f"--port {port} leaves no port for Groot 1, which is {_APART} further: choose one up to "
-            f"{(1 << 16) - GROOT1_PORTS - _APART}"
+            f"--port {port} leaves no port for Groot 1, which is {_GROOT1_OFFSET} further: choose one up to "
+            f"{(1 << 16) - GROOT1_PORTS - _GROOT1_OFFSET}"
         )
     return port, groot1

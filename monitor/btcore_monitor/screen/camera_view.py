@@ -11,14 +11,14 @@ from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_scene import Camera, Detection, MovingScene, Picture, StaticScene
 
 CAMERA: Final = "camera"
-_FOUND: Final = 0xFFD54AFF
+_DETECTED: Final = 0xFFD54AFF
 _SIGHT: Final = 0xFFD54A90
 _DEPTH: Final = 0.7
 """Length (m) of the pyramid that shows a camera's field of view."""
 _OLD: Final = 1_000_000_000
 """Age (ns of the tree's clock) above which a picture is drawn faint, with the time when it was taken."""
 _FAINT: Final = 0.3
-_WORDS: Final = 0xF5F7FAFF
+_TEXT_COLOUR: Final = 0xF5F7FAFF
 
 
 class CameraView:
@@ -31,7 +31,7 @@ class CameraView:
         """Whether a picture has been received."""
         self._series: dict[tuple[str, str], Series[Any]] = {}
         self._ages: dict[tuple[str, str], _Age] = {}
-        self._found: Series[Sequence[Detection]] = rows.series(f"{CAMERA}/detections", _boxes)
+        self._detections: Series[Sequence[Detection]] = rows.series(f"{CAMERA}/detections", _boxes)
         self._shown: object = None
 
     def static(self, data: StaticScene) -> None:
@@ -51,13 +51,13 @@ class CameraView:
                 self._series[key] = self._rows.series(entity, _jpegs if key[1] == "jpeg" else _images)
                 self._ages[key] = _Age(self._rows, picture)
             self._series[key].add(t, wall, picture)
-            self._ages[key].renewed(t, wall)
+            self._ages[key].renew(t, wall)
         for age in self._ages.values():
-            age.look(t, wall)
+            age.update(t, wall)
         detections = data.detections
         if detections is not None and detections != self._shown:
             self._shown = detections
-            self._found.add(t, wall, detections)
+            self._detections.add(t, wall, detections)
 
 
 class _Age:
@@ -69,33 +69,33 @@ class _Age:
         self._opacity: Series[float] = rows.series(
             f"{CAMERA}/pictures/{name}", lambda values: drawn.columns(opacity=values)
         )
-        self._words: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._labels)
+        self._captions: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._labels)
         self._seen = 0
         self._faint = False
 
-    def renewed(self, t: int, wall: int) -> None:
+    def renew(self, t: int, wall: int) -> None:
         """Show a new picture without fading."""
         self._seen = t
         if self._faint:
             self._faint = False
             self._opacity.add(t, wall, 1.0)
-            self._words.add(t, wall, "")
+            self._captions.add(t, wall, "")
 
-    def look(self, t: int, wall: int) -> None:
+    def update(self, t: int, wall: int) -> None:
         """Fade the picture if it is too old at *t*."""
         if not self._faint and t - self._seen > _OLD:
             self._faint = True
             self._opacity.add(t, wall, _FAINT)
-            self._words.add(t, wall, f"as of {self._seen / 1e9:.1f} s")
+            self._captions.add(t, wall, f"as of {self._seen / 1e9:.1f} s")
 
     def _labels(self, values: list[str]) -> Iterable[Any]:
-        words = [text for text in values if text]
+        captions = [text for text in values if text]
         columns = rr.Points2D.columns(
-            positions=np.array([self._middle] * len(words), dtype=np.float32).reshape(-1, 2),
-            labels=words,
-            show_labels=[True] * len(words),
-            colors=[_WORDS] * len(words),
-            radii=[0.0] * len(words),
+            positions=np.array([self._middle] * len(captions), dtype=np.float32).reshape(-1, 2),
+            labels=captions,
+            show_labels=[True] * len(captions),
+            colors=[_TEXT_COLOUR] * len(captions),
+            radii=[0.0] * len(captions),
         )
         return columns.partition([int(text != "") for text in values])
 
@@ -131,7 +131,7 @@ def _boxes(values: list[Sequence[Detection]]) -> Iterable[Any]:
     columns = rr.Boxes2D.columns(
         centers=boxes[:, :2] + boxes[:, 2:] / 2,
         half_sizes=boxes[:, 2:] / 2,
-        colors=np.full(len(all_detections), _FOUND, dtype=np.uint32),
+        colors=np.full(len(all_detections), _DETECTED, dtype=np.uint32),
         radii=[-1.5] * len(all_detections),
         labels=[detection.name for detection in all_detections],
     )

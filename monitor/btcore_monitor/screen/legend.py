@@ -43,18 +43,18 @@ def legend(palette: Palette, left: float, bottom: float, pixel: float, searched:
     colours: list[int] = []
     radii: list[float] = []
     x, y = left + _MARGIN * pixel, bottom - (_MARGIN + _DOT) * pixel
-    for colour, said in entries:
+    for colour, label in entries:
         start = x + _DOT * pixel
         x = start + _DOT_LENGTH * pixel
         lines.append([(start, y), (x, y)])
         colours.append(colour)
         radii.append(_DOT * pixel)
         x += (_DOT + 6.0) * pixel
-        words = strokes_of(said, x, y + _TEXT * 0.48 * pixel, _TEXT * pixel)
+        words = strokes_of(label, x, y + _TEXT * 0.48 * pixel, _TEXT * pixel)
         lines += words
         colours += [palette.faint] * len(words)
         radii += [_STROKE * pixel] * len(words)
-        x += width_of(said, _TEXT * pixel) + _GAP * pixel
+        x += width_of(label, _TEXT * pixel) + _GAP * pixel
     return rr.LineStrips2D(
         [np.array(line, dtype=np.float32) for line in lines],
         colors=np.array(colours, dtype=np.uint32),

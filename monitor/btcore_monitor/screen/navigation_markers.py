@@ -58,11 +58,11 @@ def _stance(rows: Rows, footprint: float) -> Strips:
 def _rings(rows: Rows, radius: float, z: float) -> Strips:
     turn = np.linspace(0.0, 2 * np.pi, _RING + 1)
     circle = radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)
-    found: Strips = []
+    strips: Strips = []
     for pose, ahead in zip(rows, _ahead(rows), strict=True):
-        found.append(_lifted(pose[:2] + circle, z))
-        found.append(_lifted(np.stack((pose[:2], pose[:2] + _NOSE * radius * ahead)), z))
-    return found
+        strips.append(_lifted(pose[:2] + circle, z))
+        strips.append(_lifted(np.stack((pose[:2], pose[:2] + _NOSE * radius * ahead)), z))
+    return strips
 
 
 def _ahead(rows: Rows) -> Rows:
@@ -121,7 +121,7 @@ class NavigationMarkers:
             self._series[entity] = self._rows.series(entity, _strips)
             lines = rr.LineStrips3D.from_fields(colors=[style.colour], radii=[style.radius])
             self._rows.log(entity, lines, static=True)
-        self._hang(entity, poses.frame or root)
+        self._place(entity, poses.frame or root)
         rows = np.frombuffer(poses.rows, dtype="<f4").reshape(-1, 3)
         self._series[entity].add(t, wall, style.strips(rows, self.footprint))
 
@@ -130,7 +130,7 @@ class NavigationMarkers:
             entity = f"{self._origin}/{ARROWS}/{name}"
             if entity not in self._series:
                 self._series[entity] = self._rows.series(entity, _arrows)
-            self._hang(entity, arrow.frame or root)
+            self._place(entity, arrow.frame or root)
         for entity, series in self._series.items():
             if entity.startswith(f"{self._origin}/{ARROWS}/"):
                 shown = arrows.get(entity.rsplit("/", 1)[1])
@@ -144,48 +144,52 @@ class NavigationMarkers:
             frame = box.frame or root
             entity = f"{self._origin}/{BOXES}/{frame}"
             by_frame.setdefault(entity, []).append(box)
-            self._hang(entity, frame)
-        for entity, there in by_frame.items():
+            self._place(entity, frame)
+        for entity, group in by_frame.items():
             if entity not in self._series:
                 self._series[entity] = self._rows.series(entity, _boxes)
                 self._rows.log(entity, rr.Boxes3D.from_fields(show_labels=False), static=True)
                 self._box_entities.append(entity)
-            if self._shown.get(entity) != there:
-                self._shown[entity] = there
-                self._series[entity].add(t, wall, there)
+            if self._shown.get(entity) != group:
+                self._shown[entity] = group
+                self._series[entity].add(t, wall, group)
 
-    def _hang(self, entity: str, frame: str) -> None:
+    def _place(self, entity: str, frame: str) -> None:
         if self._frames.get(entity) != frame:
             self._frames[entity] = frame
             self._rows.log(entity, self._rows.in_frame(frame), static=True)
 
 
 def _boxes(values: list[Sequence[BoundingBox]]) -> Iterable[Any]:
-    there = [one for boxes in values for one in boxes]
-    turned = [one.quaternion or UPRIGHT for one in there]
+    boxes = [box for row in values for box in row]
     columns = rr.Boxes3D.columns(
-        centers=np.array([one.position for one in there], dtype=np.float32).reshape(-1, 3),
-        half_sizes=np.array([one.size for one in there], dtype=np.float32).reshape(-1, 3) / 2,
-        quaternions=np.array(turned, dtype=np.float32).reshape(-1, 4),
-        colors=np.array([one.color or _BOX_COLOUR for one in there], dtype=np.uint8).reshape(-1, 4),
-        radii=np.full(len(there), _BOX_LINE, dtype=np.float32),
-        labels=[one.name for one in there],
+        centers=_table([box.position for box in boxes], 3),
+        half_sizes=_table([box.size for box in boxes], 3) / 2,
+        quaternions=_table([box.quaternion or UPRIGHT for box in boxes], 4),
+        colors=np.array([box.color or _BOX_COLOUR for box in boxes], dtype=np.uint8).reshape(-1, 4),
+        radii=[_BOX_LINE] * len(boxes),
+        labels=[box.name for box in boxes],
     )
-    return columns.partition([len(boxes) for boxes in values])
+    return columns.partition([len(row) for row in values])
 
 
 def _strips(values: list[Strips]) -> Iterable[Any]:
-    strips = [strip for one in values for strip in one]
-    return rr.LineStrips3D.columns(strips=strips).partition([len(one) for one in values])
+    columns = rr.LineStrips3D.columns(strips=[strip for row in values for strip in row])
+    return columns.partition([len(row) for row in values])
 
 
 def _arrows(values: list[Arrow | None]) -> Iterable[Any]:
-    there = [one for one in values if one is not None]
-    starts = np.array([one.start for one in there], dtype=np.float32).reshape(-1, 3)
-    ends = np.array([one.end for one in there], dtype=np.float32).reshape(-1, 3)
-    colours = np.array([one.color or _ARROW_COLOUR for one in there], dtype=np.uint8).reshape(-1, 4)
-    counts = [int(one is not None) for one in values]
+    arrows = [arrow for arrow in values if arrow is not None]
+    starts = _table([arrow.start for arrow in arrows], 3)
     columns = rr.Arrows3D.columns(
-        origins=starts, vectors=ends - starts, colors=colours, radii=[_ARROW] * len(there)
+        origins=starts,
+        vectors=_table([arrow.end for arrow in arrows], 3) - starts,
+        colors=np.array([arrow.color or _ARROW_COLOUR for arrow in arrows], dtype=np.uint8).reshape(-1, 4),
+        radii=[_ARROW] * len(arrows),
     )
-    return columns.partition(counts)
+    # No arrow in a row removes the arrow of the row before.
+    return columns.partition([int(arrow is not None) for arrow in values])
+
+
+def _table(rows: Sequence[Sequence[float]], width: int) -> Rows:
+    return np.array(rows, dtype=np.float32).reshape(-1, width)

@@ -68,19 +68,19 @@ class RowBuffer:
 
     def series(self, entity: str, encode: Encode[Value]) -> Series[Value]:
         """Return a new series for *entity*, whose values *encode* converts to columns."""
-        made = Series(self._below + entity, encode)
-        self._series.append(made)
-        return made
+        series = Series(self._below + entity, encode)
+        self._series.append(series)
+        return series
 
-    def log(self, entity: str, *what: Any, static: bool) -> None:
+    def log(self, entity: str, *components: Any, static: bool) -> None:
         """Log data without buffering.
 
         Args:
             entity: The entity.
-            what: The components.
+            components: The components.
             static: Whether the data is valid for all times.
         """
-        self.recording.log(self._below + entity, *what, static=static)
+        self.recording.log(self._below + entity, *components, static=static)
 
     def frame(self, name: str) -> str:
         """Return the name of the robot's frame *name* in the recording."""
@@ -92,8 +92,8 @@ class RowBuffer:
 
     def send(self) -> None:
         """Send the rows of every series."""
-        for one in self._series:
-            one.send(self.recording)
+        for series in self._series:
+            series.send(self.recording)
 
 
 def scalars(values: list[float]) -> Iterable[Any]:
@@ -108,4 +108,4 @@ def curve(name: str, colour: int) -> Any:
 
 def strip_colours(values: list[Any]) -> Iterable[Any]:
     """Return columns with the colours of a LineStrips2D (a uint32 array) in each row."""
-    return rr.LineStrips2D.columns(colors=np.concatenate(values)).partition([len(one) for one in values])
+    return rr.LineStrips2D.columns(colors=np.concatenate(values)).partition([len(row) for row in values])

@@ -243,7 +243,7 @@ class SceneView:
 
     def _robot(self) -> Vector | None:
         """Return the robot's position on the floor (m, root frame), or None if it is unknown."""
-        frame: str | None = next((one for one in _BODIES if one in self._poses), None)
+        frame: str | None = next((body for body in _BODIES if body in self._poses), None)
         if frame is None:
             return None
         place = np.zeros(3)
@@ -275,7 +275,7 @@ class SceneView:
 
 
 def _segment(name: str) -> str:
-    return "".join(one if one.isalnum() or one in "_-" else "_" for one in name) or "_"
+    return "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name) or "_"
 
 
 def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:
@@ -296,12 +296,12 @@ def _near(first: Pose, second: Pose) -> bool:
 
 def _positions(values: list[Any]) -> Iterable[Any]:
     columns = rr.Points3D.columns(positions=np.concatenate(values))
-    return columns.partition([len(one) for one in values])
+    return columns.partition([len(row) for row in values])
 
 
 def _vertices(values: list[Any]) -> Iterable[Any]:
     columns = rr.Mesh3D.columns(vertex_positions=np.concatenate(values))
-    return columns.partition([len(one) for one in values])
+    return columns.partition([len(row) for row in values])
 
 
 def _strips(values: list[Any]) -> Iterable[Any]:

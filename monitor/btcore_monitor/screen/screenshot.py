@@ -56,7 +56,7 @@ def screenshot(
         views = _wait_for_views(client)
         chosen = None
         if view is not None:
-            chosen = next((one.view_id for one in views if one.name.startswith(view)), None)
+            chosen = next((known.view_id for known in views if known.name.startswith(view)), None)
             if chosen is None:
                 names = ", ".join(sorted(known.name for known in views))
                 raise ScreenError(f"there is no view {view!r} in the recording; views are: {names}")
@@ -67,16 +67,16 @@ def screenshot(
 def _set_time(client: "ViewerClient", t: float | None) -> None:
     """Set the time cursor to *t* on the window's timeline: tree time, or wall time for several robots."""
     recordings = client.get_state().recordings
-    timelines = [one for recording in recordings for one in recording.timelines]
+    timelines = [timeline for recording in recordings for timeline in recording.timelines]
     if any(recording.current_timeline == WALL_TIME for recording in recordings):
-        spans = [(one.start, one.end) for one in timelines if one.name == WALL_TIME]
+        spans = [(timeline.start, timeline.end) for timeline in timelines if timeline.name == WALL_TIME]
         wall = max((end for _, end in spans if end is not None), default=0)
         if t is not None:
             wall = min((start for start, _ in spans if start is not None), default=0) + round(t * 1e9)
         client.set_time(WALL_TIME, timestamp=np.datetime64(wall, "ns"), play_state="paused")
         return
     if t is None:
-        ends = [one.end for one in timelines if one.name == TREE_TIME and one.end is not None]
+        ends = [line.end for line in timelines if line.name == TREE_TIME and line.end is not None]
         t = max(ends) / 1e9 if ends else 0.0
     client.set_time(TREE_TIME, duration=t, play_state="paused")
 
@@ -98,12 +98,12 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
     ]
     # The viewer's warnings would be visible in the picture as pop-ups.
     environment = {**os.environ, "RUST_LOG": "error", "RERUN_APP_ONLY": "true"}
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment
         )
         try:
-            _wait_for_port(process, port, said)
+            _wait_for_port(process, port, output)
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
             yield client
         finally:
@@ -115,12 +115,12 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
                 process.wait()
 
 
-def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, said: "IO[bytes]") -> None:
+def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, output: "IO[bytes]") -> None:
     deadline = time.monotonic() + _START_WITHIN
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            said.seek(0)
-            text = said.read().decode(errors="replace")
+            output.seek(0)
+            text = output.read().decode(errors="replace")
             if "adapter" in text or "ulkan" in text:
                 raise ScreenError(
                     "no Vulkan driver was found for the picture; on Debian and Ubuntu "
@@ -137,8 +137,8 @@ def _wait_for_views(client: "ViewerClient") -> "list[View]":
     deadline = time.monotonic() + _LOAD_WITHIN
     while time.monotonic() < deadline:
         state = client.get_state()
-        ready = any(timeline.name == TREE_TIME for one in state.recordings for timeline in one.timelines)
-        if state.views and ready and not state.loading:
+        timelines = {timeline.name for recording in state.recordings for timeline in recording.timelines}
+        if state.views and TREE_TIME in timelines and not state.loading:
             return list(state.views)
         time.sleep(0.1)
     raise ScreenError(f"the recording did not load within {_LOAD_WITHIN:.0f} s")

@@ -61,11 +61,10 @@ def viewer_program() -> Path:
     Raises:
         ScreenError: The viewer is not installed.
     """
-    found = importlib.util.find_spec("rerun_cli")
-    places = list(found.submodule_search_locations or []) if found else []
-    for place in places:
+    spec = importlib.util.find_spec("rerun_cli")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
         for name in ("rerun", "rerun.exe"):
-            program = Path(place) / name
+            program = Path(folder) / name
             if program.exists():
                 return program
     raise ScreenError("the rerun viewer is not installed: pip install 'btcore[monitor]'")
@@ -105,8 +104,8 @@ def open_window(memory_limit: str = "25%", port: int = 9876, files: Sequence[Pat
 
 def is_viewer_open(address: str) -> bool:
     """Return whether a viewer listens at *address* (``rerun+http://HOST:PORT/proxy``)."""
-    place = urlsplit(address)
-    with contextlib.suppress(OSError), socket.create_connection((place.hostname, place.port), timeout=1.0):
+    url = urlsplit(address)
+    with contextlib.suppress(OSError), socket.create_connection((url.hostname, url.port), timeout=1.0):
         return True
     return False
 
@@ -144,7 +143,7 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
         relayed = free_port(grpc_port)
         address = rr.serve_grpc(recording=relay, grpc_port=relayed, server_memory_limit=memory_limit)
         rr.serve_web_viewer(web_port=source, open_browser=False, connect_to=address)
-    except (RuntimeError, OSError) as fault:
-        raise ScreenError(f"cannot serve the web viewer on port {web_port}: {fault}") from fault
+    except (RuntimeError, OSError) as error:
+        raise ScreenError(f"cannot serve the web viewer on port {web_port}: {error}") from error
     page = f"http://127.0.0.1:{web_port}/?hide_welcome_screen&url={quote(address, safe='')}"
     return WebView(page, address, relay, server)

@@ -43,9 +43,9 @@ class SubtreeDrawing:
         self.entity = entity
         self.at = at
         self._palette = palette
-        self._strips = [pills[one] for one in at]
-        self._edges = [edges[one] for one in at]
-        self._joined = np.array([len(one) > 0 for one in self._edges], dtype=bool)
+        self._strips = [pills[index] for index in at]
+        self._edges = [edges[index] for index in at]
+        self._joined = np.array([len(edge) > 0 for edge in self._edges], dtype=bool)
         self._rows = rows
         self._pills: Series[Any] = rows.series(f"{entity}/pills", strip_colours)
         self._rims: Series[Any] = rows.series(f"{entity}/rims", strip_colours)
@@ -76,14 +76,14 @@ class SubtreeDrawing:
         path = np.flatnonzero(running[self.at] & self._joined).tolist()
         if path != self._last_path:
             self._last_path = path
-            self._path.add(t, wall, [self._edges[one] for one in path])
+            self._path.add(t, wall, [self._edges[index] for index in path])
 
     def ring(self, t: int, wall: int, raised: Iterable[int]) -> None:
         """Draw rings around exactly those nodes of this subtree that are in *raised* (tree indices)."""
-        here = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
-        if here != self._last_rings:
-            self._last_rings = here
-            self._rings.add(t, wall, [self._strips[one] for one in here])
+        inside = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
+        if inside != self._last_rings:
+            self._last_rings = inside
+            self._rings.add(t, wall, [self._strips[index] for index in inside])
 
     def draw(self, labels: Sequence[str], hover: Mapping[str, Sequence[str]], stroke: float) -> None:
         """Draw pills and edges.
@@ -94,7 +94,7 @@ class SubtreeDrawing:
             stroke: The smallest radius of the running path, so that it is visible in a small drawing.
         """
         palette, half = self._palette, PILL_HEIGHT / 2
-        edges = [one for one in self._edges if len(one)]
+        edges = [edge for edge in self._edges if len(edge)]
         self.lines("edges", edges, 2.0, colors=[palette.edge], radii=[EDGE_STROKE])
         self.look("path", 3.0, colors=[palette.path], radii=[max(PATH_STROKE, stroke)])
         self.look("raised", 3.6, colors=[palette.raised], radii=[half + RING])
@@ -104,11 +104,11 @@ class SubtreeDrawing:
             rr.LineStrips2D(
                 self._strips,
                 radii=[half - RIM],
-                labels=[labels[one] for one in self.at],
+                labels=[labels[index] for index in self.at],
                 show_labels=False,
                 draw_order=5.0,
             ),
-            hover_values({name: [column[one] for one in self.at] for name, column in hover.items()}),
+            hover_values({name: [column[index] for index in self.at] for name, column in hover.items()}),
             static=True,
         )
 
@@ -161,32 +161,31 @@ def split_by_subtree(tree: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[s
     level: dict[str, int] = {tree.root.subtree: 0}
     for subtree, outer in above.items():
         level[subtree] = level.get(outer, 0) + 1
-    own = set(sorted(level, key=lambda one: level[one])[:most])
-    found: dict[str, list[int]] = {}
+    own = set(sorted(level, key=lambda subtree: level[subtree])[:most])
+    indices: dict[str, list[int]] = {}
     for at, node in enumerate(tree.nodes):
         subtree = node.subtree
         while subtree not in own and subtree in above:
             subtree = above[subtree]
-        found.setdefault(subtree, []).append(at)
-    return found
+        indices.setdefault(subtree, []).append(at)
+    return indices
 
 
 def node_entities(tree: ObservedTree, origin: str) -> list[str]:
     """Return the entity of each node, by its path below *origin*, in the order of the nodes."""
     taken: set[str] = set()
-    found = []
+    entities = []
     for node in tree.nodes:
         entity = entity_path(origin, node.path)
         if entity in taken or entity.rsplit("/", 1)[1] in PARTS:
             entity += f".{node.uid}"
         taken.add(entity)
-        found.append(entity)
-    return found
+        entities.append(entity)
+    return entities
 
 
 def entity_path(origin: str, path: str) -> str:
     """Return the entity of a *path* below *origin*; ``::`` and special characters are replaced."""
-    parts = [
-        re.sub(r"[^\w.-]+", "_", one.replace("::", "."), flags=re.ASCII).strip("_") for one in path.split("/")
-    ]
-    return "/".join([origin, *(one for one in parts if one)])
+    names = path.replace("::", ".").split("/")
+    parts = [re.sub(r"[^\w.-]+", "_", name, flags=re.ASCII).strip("_") for name in names]
+    return "/".join([origin, *filter(None, parts)])

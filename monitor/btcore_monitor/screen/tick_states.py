@@ -86,8 +86,8 @@ class TickStates:
             return
         self._touched.add(at)
         if event.status == IDLE:
-            said = self._ended.get(at)
-            self.shown[at] = IDLE if said is None else RESET_OFFSET + said
+            result = self._ended.get(at)
+            self.shown[at] = IDLE if result is None else RESET_OFFSET + result
         else:
             self.shown[at] = event.status
             if event.status == RUNNING:

@@ -106,9 +106,9 @@ class SharedWindow:
             if slot.pane is not None and slot.pane.place != pane.place:
                 self._earlier = [*self._earlier, slot.pane][-EARLIER:]
             slot.pane = pane
-            panes = [one.pane for one in self.slots if one.pane is not None]
-            tabs = [layout(one, one.name) for one in panes]
-            tabs += [layout(one, f"{one.name}, earlier") for one in self._earlier]
+            panes = [each.pane for each in self.slots if each.pane is not None]
+            tabs = [layout(pane, pane.name) for pane in panes]
+            tabs += [layout(pane, f"{pane.name}, earlier") for pane in self._earlier]
             recording.send_blueprint(windowed(rrb.Tabs(_side_by_side(panes), *tabs), WALL_TIME))
 
     def close(self) -> None:
@@ -121,19 +121,19 @@ class SharedWindow:
 class SharedWindowSlot:
     """A robot's part of a shared window."""
 
-    def __init__(self, together: SharedWindow, label: str) -> None:
+    def __init__(self, window: SharedWindow, label: str) -> None:
         self.label = label
         self.pane: Pane | None = None
         """The present content."""
-        self._together = together
+        self._window = window
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
         """Return the shared recording."""
-        return self._together.begin(self)
+        return self._window.begin(self)
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
         """Show *pane* without changing other robots' panes."""
-        self._together.show(recording, self, pane)
+        self._window.show(recording, self, pane)
 
     def end(self, recording: rr.RecordingStream) -> None:
         """Do nothing: other robots may still write to the recording."""
@@ -141,16 +141,16 @@ class SharedWindowSlot:
 
 def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
     if len(panes) > _BESIDE:
-        small = [rrb.Vertical(trees(one), lanes(one), row_shares=[0.68, 0.32]) for one in panes]
+        small = [rrb.Vertical(trees(pane), lanes(pane), row_shares=[0.68, 0.32]) for pane in panes]
         return rrb.Grid(*small, grid_columns=math.ceil(math.sqrt(len(panes))), name="All robots")
     columns = [
         rrb.Vertical(
-            trees(one),
-            lanes(one),
-            rrb.Horizontal(running(one), log(one), column_shares=[0.38, 0.62]),
+            trees(pane),
+            lanes(pane),
+            rrb.Horizontal(running(pane), log(pane), column_shares=[0.38, 0.62]),
             row_shares=[0.5, 0.28, 0.22],
         )
-        for one in panes
+        for pane in panes
     ]
     return rrb.Horizontal(*columns, name="All robots")
 

@@ -65,13 +65,13 @@ class BlackboardTracker:
                     updated[key] = frozen(entry.value)
             if updated or len(seen) != len(entries):
                 changed = True
-                kept = self._frozen[path]
+                values = self._frozen[path]
                 if len(seen) != len(entries):
                     for key in seen.keys() - entries.keys():
                         del seen[key]
-                    kept = {key: value for key, value in kept.items() if key in entries}
+                    values = {key: value for key, value in values.items() if key in entries}
                 # a new dict: the publisher's thread may still read the old one
-                self._frozen[path] = kept | updated
+                self._frozen[path] = values | updated
         return dict(self._frozen) if changed else None
 
     def read_now(self) -> Boards:

@@ -84,7 +84,8 @@ class Publisher(Closeable):
         except BaseException:
             self._context.destroy(linger=0)
             raise
-        self.address = f"tcp://{_reachable(bind)}:{self.port}"
+        host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
+        self.address = f"tcp://{host}:{self.port}"
         """The address of the tree for a client on this machine."""
         self._change = threading.Condition()
         self._clients = 0
@@ -286,7 +287,3 @@ class Publisher(Closeable):
             with self._change:
                 self._clients = len(scene.clients)
                 self._change.notify_all()
-
-
-def _reachable(bind: str) -> str:
-    return "127.0.0.1" if bind in ("*", "0.0.0.0") else bind

@@ -44,7 +44,7 @@ from btcore_monitor.wire.groot2 import (
 STATUS_EVERY: Final = 0.05
 """Seconds (wall clock) between two requests for statuses."""
 
-HOLES_AT_MOST: Final = 3
+GAPS_AT_MOST: Final = 3
 """Gaps in the recording of a tree after which the feed stops requesting recorded transitions."""
 
 _FORGIVEN_AFTER: Final = 200
@@ -77,7 +77,7 @@ class Groot2Feed:
         self._no_record = ""
         self._tree_id = ""
         self._records: dict[int, StatusRecord] | None = None
-        self._looked: dict[int, StatusRecord] | None = None
+        self._observed: dict[int, StatusRecord] | None = None
         self._validator: RecordingValidator | None = None
         self._clock = RobotClock()
         self._boards = BlackboardPoller(blackboard_rate)
@@ -89,7 +89,7 @@ class Groot2Feed:
         self._seen_up_to = 0
         self._is_first = True
         self._must_stop = False
-        self._holes = self._whole = 0
+        self._gaps = self._complete = 0
         self._number = 0
         self._every = STATUS_EVERY
         self._next_status = 0.0
@@ -98,7 +98,7 @@ class Groot2Feed:
         """Start again by requesting the tree. The recording of an unchanged tree continues."""
         self.tree = None
         self._records = None
-        self._looked = None
+        self._observed = None
         self._pending = None
 
     @property
@@ -160,7 +160,7 @@ class Groot2Feed:
         elif self._must_stop:
             self._must_stop = False
             self._begin(Request.TOGGLE_RECORDING, b"stop")
-        elif self._looked is not None:
+        elif self._observed is not None:
             self._begin(Request.GET_TRANSITIONS)
         elif self._records is not None and self._record and self._validator is None:
             self._begin(Request.TOGGLE_RECORDING, b"start")
@@ -182,21 +182,21 @@ class Groot2Feed:
         if self.tree is None or reply.tree_id != self.tree.tree_id:
             self.forget()
             if reply.kind == Request.FULLTREE:
-                self._meet(read_fulltree(reply.body, reply.tree_id))
+                self._begin_tree(read_fulltree(reply.body, reply.tree_id))
             return
         if reply.kind == Request.STATUS:
-            self._look(decode_statuses(reply.body), events)
+            self._observe(decode_statuses(reply.body), events)
         elif reply.kind == Request.BLACKBOARD:
             boards = self._boards.answer(reply.body)
             if boards is not None:
                 wall = self._clock.wall()
                 events.append(BlackboardSeen(self._clock.t(wall), wall, boards))
         elif reply.kind == Request.GET_TRANSITIONS:
-            self._enter(reply.body, events)
+            self._apply(reply.body, events)
         elif reply.kind == Request.TOGGLE_RECORDING and reply.body:
             self._start(1000 * decode_recording_start(reply.body))
 
-    def _meet(self, tree: ObservedTree) -> None:
+    def _begin_tree(self, tree: ObservedTree) -> None:
         self.tree = tree
         self._boards.begin(tree)
         if tree.tree_id == self._tree_id:
@@ -207,20 +207,20 @@ class Groot2Feed:
         self._no_record = "" if self._record else "--no-record"
         self._must_stop = False
         self._is_first = True
-        self._holes = self._whole = self._number = self._seen_up_to = 0
+        self._gaps = self._complete = self._number = self._seen_up_to = 0
         self._every = STATUS_EVERY
         self._clock.begin(self._clock.wall())
 
-    def _look(self, looked: dict[int, StatusRecord], events: list[Event]) -> None:
+    def _observe(self, observed: dict[int, StatusRecord], events: list[Event]) -> None:
         assert self.tree is not None
-        looked = {uid: record for uid, record in looked.items() if uid in self.tree.by_uid}
-        before, self._records = self._records, looked
+        observed = {uid: record for uid, record in observed.items() if uid in self.tree.by_uid}
+        before, self._records = self._records, observed
         if self._validator is not None:
-            self._looked = looked
+            self._observed = observed
         elif before is not None:
-            self._compare(before, looked, events)
+            self._compare(before, observed, events)
         elif not self._record:
-            self._show(self._clock.wall(), looked, events)
+            self._show(self._clock.wall(), observed, events)
 
     def _start(self, wall: int) -> None:
         """Begin a recording that starts at *wall* (robot's clock). The tree is shown with the first batch."""
@@ -254,19 +254,19 @@ class Groot2Feed:
         }
         if self._validator is not None:
             return DataSource("Groot 2, recorded", lacks)
-        why = f" ({self._no_record})" if self._no_record else ""
+        reason = f" ({self._no_record})" if self._no_record else ""
         lacks["transitions"] = (
-            f"statuses are requested {1 / STATUS_EVERY:g} times a second{why}: changes between are unseen"
+            f"statuses are requested {1 / STATUS_EVERY:g} times a second{reason}: changes between are unseen"
         )
         return DataSource("Groot 2, sampled", lacks)
 
     # Events
 
     def _compare(
-        self, before: Mapping[int, StatusRecord], looked: Mapping[int, StatusRecord], events: list[Event]
+        self, before: Mapping[int, StatusRecord], observed: Mapping[int, StatusRecord], events: list[Event]
     ) -> None:
         wall = self._clock.wall()
-        for uid, record in looked.items():
+        for uid, record in observed.items():
             old = before.get(uid, StatusRecord(0, 0))
             if record == old:
                 continue
@@ -284,83 +284,83 @@ class Groot2Feed:
         self._seen_up_to = max(self._seen_up_to, self._clock.t(wall))
         events.append(StatusChanged(self._number, self._seen_up_to, wall, 0, uid, previous, status))
 
-    def _enter(self, body: bytes, events: list[Event]) -> None:
+    def _apply(self, body: bytes, events: list[Event]) -> None:
         """Process the transitions that the robot recorded since the previous batch."""
         assert self._validator is not None
-        assert self._looked is not None
-        looked, self._looked = self._looked, None
+        assert self._observed is not None
+        observed, self._observed = self._observed, None
         batch = decode_transitions(body)
         drained_at, self._drained_at = self._drained_at, self._requested_at
         if batch and self._recording_from + 1000 * batch[0].offset < drained_at - self._unsure_by:
             # Offsets count from the start of the recording, which another client's `start` moves.
-            self._leave(
-                looked, "another client began a recording of this robot, or its clock was set", events
-            )
+            reason = "another client began a recording of this robot, or its clock was set"
+            self._abandon_recording(observed, reason, events)
             return
         before = self._validator.statuses
         try:
-            steps = self._validator.enter(looked, batch)
-        except MissingTransitionsError as hole:
-            self._miss(hole, events)
+            steps = self._validator.apply(observed, batch)
+        except MissingTransitionsError as error:
+            self._handle_gap(error, events)
         else:
             if self._is_first:
                 self._show(self._recording_from, before, events)
             for transition, previous in steps:
                 wall = self._recording_from + 1000 * transition.offset
                 self._report(wall, transition.uid, previous, transition.status, events)
-            self._whole += bool(steps)
-            if self._whole >= _FORGIVEN_AFTER:
-                self._holes = self._whole = 0
+            self._complete += bool(steps)
+            if self._complete >= _FORGIVEN_AFTER:
+                self._gaps = self._complete = 0
         self._is_first = False
         if len(batch) >= _SOONER_FROM:
             self._every = max(_SOONEST, self._every / 2)
         elif len(batch) <= _LATER_UNTIL:
             self._every = min(STATUS_EVERY, self._every * 2)
 
-    def _miss(self, hole: MissingTransitionsError, events: list[Event]) -> None:
+    def _handle_gap(self, error: MissingTransitionsError, events: list[Event]) -> None:
         assert self._validator is not None
         if self._is_first:  # no event was reported yet
             self._show(self._requested_at, self._validator.statuses, events)
             return
-        self._holes += 1
-        self._whole = 0
-        if self._holes < HOLES_AT_MOST:
-            self._report_gap(str(hole), events)
+        self._gaps += 1
+        self._complete = 0
+        if self._gaps < GAPS_AT_MOST:
+            self._report_gap(str(error), events)
             self._show(self._requested_at, self._validator.statuses, events)
-        elif isinstance(hole, RecordingOverflowError):
-            self._must_stop = True
-            self._leave(self._validator.statuses, f"{hole}: it changes faster than it can be polled", events)
         else:
-            self._leave(self._validator.statuses, "another client reads this robot's recording too", events)
+            reason = "another client reads this robot's recording too"
+            if isinstance(error, RecordingOverflowError):
+                self._must_stop = True
+                reason = f"{error}: it changes faster than it can be polled"
+            self._abandon_recording(self._validator.statuses, reason, events)
 
-    def _leave(self, records: dict[int, StatusRecord], why: str, events: list[Event]) -> None:
+    def _abandon_recording(self, records: dict[int, StatusRecord], reason: str, events: list[Event]) -> None:
         """Stop using the recording, and continue with statuses only."""
-        self._report_gap(why, events)
+        self._report_gap(reason, events)
         self._record = False
-        self._no_record = why
+        self._no_record = reason
         self._validator = None
         self._records = records
         self._show(self._requested_at, records, events)
 
-    def _report_gap(self, why: str, events: list[Event]) -> None:
+    def _report_gap(self, reason: str, events: list[Event]) -> None:
         if self._is_first:
             return
         wall = self._requested_at
-        events.append(DataMissed(self._clock.t(wall), wall, self._seen_up_to, "transitions", why))
+        events.append(DataMissed(self._clock.t(wall), wall, self._seen_up_to, "transitions", reason))
 
-    def _continue_without(self, request: Request | None, why: str, events: list[Event]) -> bool:
+    def _continue_without(self, request: Request | None, reason: str, events: list[Event]) -> bool:
         """Continue without the data that the robot refused. Return false if the data is necessary."""
         if request is Request.BLACKBOARD:
             wall = self._clock.wall()
             t = self._clock.t(wall)
             names = self._boards.refused()
             events.extend(
-                DataMissed(t, wall, t, "blackboard", f"{name} isn't shown: {why}") for name in names
+                DataMissed(t, wall, t, "blackboard", f"{name} isn't shown: {reason}") for name in names
             )
         elif request in (Request.TOGGLE_RECORDING, Request.GET_TRANSITIONS) and self._records is not None:
             self._record = False
-            self._validator = self._looked = None
-            self._no_record = why
+            self._validator = self._observed = None
+            self._no_record = reason
             self._show(self._clock.wall(), self._records, events)
         else:
             return False

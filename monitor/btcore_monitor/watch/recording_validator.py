@@ -28,13 +28,13 @@ class RecordingValidator:
     def __init__(self, statuses: Mapping[int, StatusRecord]) -> None:
         self.statuses = dict(statuses)
 
-    def enter(
-        self, looked: Mapping[int, StatusRecord], batch: Sequence[RecordedTransition]
+    def apply(
+        self, observed: Mapping[int, StatusRecord], batch: Sequence[RecordedTransition]
     ) -> list[tuple[RecordedTransition, int]]:
         """Apply a batch of transitions.
 
         Args:
-            looked: The statuses at a time after the previous batch and not after this batch.
+            observed: The statuses at a time after the previous batch and not after this batch.
             batch: The recorded transitions, the oldest first.
 
         Returns:
@@ -42,15 +42,15 @@ class RecordingValidator:
 
         Raises:
             RecordingOverflowError: The batch is as large as the robot's buffer.
-            MissingTransitionsError: The batch does not agree with *looked*. Then `statuses` holds the latest
-                known status of each node.
+            MissingTransitionsError: The batch does not agree with *observed*. Then `statuses` holds the
+                latest known status of each node.
         """
         steps = []
         problem = ""
         before = self.statuses
         now = dict(before)
-        # Nodes whose status differs from *looked*. The batch agrees if the set is empty at some moment.
-        different = {uid for uid, record in looked.items() if now.get(uid) != record}
+        # Nodes whose status differs from *observed*. The batch agrees if the set is empty at some moment.
+        different = {uid for uid, record in observed.items() if now.get(uid) != record}
         agreed = not different
         for transition in batch:
             known = now.get(transition.uid)
@@ -62,7 +62,7 @@ class RecordingValidator:
             now[transition.uid] = StatusRecord(
                 transition.status, known.status if transition.status == IDLE else 0
             )
-            if now[transition.uid] == looked.get(transition.uid):
+            if now[transition.uid] == observed.get(transition.uid):
                 different.discard(transition.uid)
             else:
                 different.add(transition.uid)
@@ -72,7 +72,7 @@ class RecordingValidator:
             return steps
         moved = {transition.uid for transition in batch}
         self.statuses = before | {
-            uid: now[uid] if uid in moved and uid in now else record for uid, record in looked.items()
+            uid: now[uid] if uid in moved and uid in now else record for uid, record in observed.items()
         }
         if len(batch) >= RECORDED_AT_MOST:
             raise RecordingOverflowError(

@@ -107,7 +107,7 @@ def _read_node(table: Table) -> WireNode:
     return WireNode(
         uid,
         table.numbers(_CHILDREN),
-        _among(table.i8(_STATUS), 3, f"a status of node {uid}"),
+        _check_range(table.i8(_STATUS), 3, f"a status of node {uid}"),
         table.text(_NAME),
         table.text(_ID),
         tuple((remap.text(_REMAP_PORT), remap.text(_REMAP_TEXT)) for remap in table.tables(_REMAPS)),
@@ -116,17 +116,17 @@ def _read_node(table: Table) -> WireNode:
 
 def _read_model(table: Table) -> WireModel:
     id = table.text(_MODEL_ID)
-    kind = _among(table.i8(_MODEL_TYPE), len(KINDS), f"a type of the model '{id}'")
+    kind = _check_range(table.i8(_MODEL_TYPE), len(KINDS), f"a type of the model '{id}'")
     return WireModel(id, kind, tuple(map(_read_port, table.tables(_MODEL_PORTS))))
 
 
 def _read_port(table: Table) -> WirePort:
     name = table.text(_PORT_NAME)
-    direction = _among(table.i8(_PORT_DIRECTION), INOUT, f"a direction of the port '{name}'")
+    direction = _check_range(table.i8(_PORT_DIRECTION), INOUT, f"a direction of the port '{name}'")
     return WirePort(name, direction, table.text(_PORT_TYPE), table.text(_PORT_DESCRIPTION))
 
 
-def _among(number: int, most: int, what: str) -> int:
+def _check_range(number: int, most: int, what: str) -> int:
     if not 0 <= number <= most:
         raise ProtocolError(f"expected {what} from 0 to {most}, and got {number}")
     return number

@@ -44,10 +44,10 @@ def test_what_was_recorded_completely_passes_wherever_the_look_falls(one, two, t
     batch = robot.walk(one)
     look = robot.looked()
     batch += robot.walk(two)
-    assert [step for step, _ in validator.enter(look, batch)] == batch
+    assert [step for step, _ in validator.apply(look, batch)] == batch
     assert validator.statuses == robot.statuses
     batch = robot.walk(three)
-    steps = validator.enter(robot.looked(), batch)
+    steps = validator.apply(robot.looked(), batch)
     assert validator.statuses == robot.statuses
     assert all(previous != step.status for step, previous in steps)
 
@@ -62,7 +62,7 @@ def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was
     told = False
     for found in (kept, robot.walk(three), []):
         try:
-            validator.enter(look, found)
+            validator.apply(look, found)
         except MissingTransitionsError:
             told = True
         look = robot.looked()
@@ -74,29 +74,29 @@ def test_a_missing_beginning_is_a_hole():
     robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1), (1, 1), (2, 1)])
     with pytest.raises(MissingTransitionsError, match="do not lead to its statuses"):
-        validator.enter(robot.looked(), batch[2:])
+        validator.apply(robot.looked(), batch[2:])
     assert validator.statuses == robot.statuses
-    assert validator.enter(robot.looked(), []) == []
+    assert validator.apply(robot.looked(), []) == []
 
 
 def test_a_node_can_not_go_to_where_it_is():
     validator = RecordingValidator(START)
     twice = [RecordedTransition(0, 1, RUNNING), RecordedTransition(1, 1, RUNNING)]
     with pytest.raises(MissingTransitionsError, match="node 1 went twice to the same status"):
-        validator.enter({**START, 1: StatusRecord(RUNNING, 0)}, twice)
+        validator.apply({**START, 1: StatusRecord(RUNNING, 0)}, twice)
 
 
 def test_a_full_buffer_is_a_hole_even_if_it_would_pass():
     robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1)] * 1000)
     with pytest.raises(RecordingOverflowError, match="keeps 1000 transitions"):
-        validator.enter(robot.looked(), batch)
+        validator.apply(robot.looked(), batch)
     assert validator.statuses[1].status == robot.statuses[1].status
-    assert len(validator.enter(robot.looked(), robot.walk([(1, 1)] * 999))) == 999
+    assert len(validator.apply(robot.looked(), robot.walk([(1, 1)] * 999))) == 999
 
 
 def test_nodes_that_the_tree_does_not_have_are_not_reported():
-    assert RecordingValidator(START).enter(START, [RecordedTransition(0, 99, RUNNING)]) == []
+    assert RecordingValidator(START).apply(START, [RecordedTransition(0, 99, RUNNING)]) == []
 
 
 def test_the_robots_clock_is_ours_until_it_tells_its_own():
