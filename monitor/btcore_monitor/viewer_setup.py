@@ -154,8 +154,8 @@ class ViewerOptions:
                 check_is_recording(save)
                 check_folder("--save", save)
             if self.serve_web is not None:
-                web = self.open_web(self.serve_web)
-                yield RecordingSinks(save=save, viewer=web.address, keep=web)
+                web = self.open_web(self.serve_web)  # served as long as this object exists
+                yield RecordingSinks(save=save, viewer=web.address)
             elif window:
                 yield RecordingSinks(save=save, viewer=open_window(self.memory_limit))
             elif save is not None:

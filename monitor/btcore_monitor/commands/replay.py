@@ -161,19 +161,15 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
         if not patterns or any(fnmatchcase(path, pattern) for pattern in patterns)
     }
     width = max(map(len, chosen.values()), default=0)
-    gaps = [gap for gap in recording.gaps if window.start <= gap.at <= window.stop]
-    for index in window:
-        while gaps and gaps[0].at <= index:
-            click.echo(f"{'—':>12}  gap: {gaps.pop(0).reason}")
-        stamp, uid, previous, status = recording.transitions[index]
-        if uid in chosen:
-            line = format_transition(stamp - recording.start, chosen[uid], previous, status, width)
+    for event in events(recording, window):
+        if isinstance(event, DataMissed):
+            label = "" if event.reason == recording.damage else "gap: "
+            click.echo(f"{'—':>12}  {label}{event.reason}")
+        elif isinstance(event, StatusChanged) and event.uid in chosen:
+            status = Status(event.status)
+            line = format_transition(event.t, chosen[event.uid], Status(event.previous), status, width)
             colour = _COLOURS.get(status)
             click.secho(line, fg=colour, dim=colour is None)
-    for gap in gaps:
-        click.echo(f"{'—':>12}  gap: {gap.reason}")
-    if recording.damage and window.stop == len(recording.transitions):
-        click.echo(f"{'—':>12}  {recording.damage}")
 
 
 def _show(recording: Recording, window: range, viewer: ViewerOptions, display: DisplayOptions) -> None:

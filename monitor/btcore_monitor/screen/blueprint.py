@@ -11,6 +11,7 @@ from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 from btcore_monitor.screen import camera_view, panels, scene
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
+from btcore_monitor.screen.scene import Eye
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tree import FOLDED, TreeView
 
@@ -32,22 +33,6 @@ _COLOURS: Final = " · green: its goal · orange: trail · pink: where it may be
 _SPEED: Final = "Speed: orange m/s · cyan rad/s"
 _BESIDE: Final = (1.25, -1.35, 1.95)
 """Position (m) of the close-up's eye relative to the robot, high enough to see its foot behind cut walls."""
-
-
-@dataclass(frozen=True, slots=True)
-class Eye:
-    """The position of the scene's eye, and the point that it looks at (m).
-
-    *robot* is the entity that a close-up follows; *pictures*, *battery* and *navigates* are True if there
-    are camera pictures, a battery level and navigation data to show.
-    """
-
-    position: tuple[float, float, float]
-    target: tuple[float, float, float]
-    robot: str = ""
-    pictures: bool = False
-    battery: bool = False
-    navigates: bool = False
 
 
 @dataclass(frozen=True, slots=True)

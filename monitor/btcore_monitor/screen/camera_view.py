@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, image_format
 from btcore_scene import Camera, Detection, MovingScene, Picture, StaticScene
 
 CAMERA: Final = "camera"
@@ -116,12 +116,7 @@ def _jpegs(pictures: list[Picture]) -> Iterable[Any]:
 
 
 def _images(pictures: list[Picture]) -> Iterable[Any]:
-    formats = [
-        rr.components.ImageFormat(
-            width=picture.size[0], height=picture.size[1], color_model="RGB", channel_datatype="U8"
-        )
-        for picture in pictures
-    ]
+    formats = [image_format(picture.size, "RGB") for picture in pictures]
     return rr.Image.columns(buffer=[picture.data for picture in pictures], format=formats)
 
 

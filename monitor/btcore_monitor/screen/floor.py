@@ -1,19 +1,17 @@
 """Maps, costmaps, named places and keep-out areas on the floor of a scene."""
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, image_format
 from btcore_monitor.screen.style import Palette
 from btcore_scene import Grid, MovingScene, StaticScene
 
-GRIDS: Final = "grids"
-PLACES: Final = "places"
-AREAS: Final = "areas"
 _KEPT_OUT: Final = 0xFF6B6BB0
 _LAYERS: Final = {"occupancy": 0.004, "costs": 0.012}
 """Heights (m) above the floor. Of two costmaps, the costmap that was received later is above the other."""
@@ -81,11 +79,11 @@ class Floor:
                 radii=[0.06],
                 show_labels=True,
             )
-            log(f"{self._origin}/{PLACES}", self._rows.in_frame(root), points, static=True)
+            log(f"{self._origin}/places", self._rows.in_frame(root), points, static=True)
         if data.areas:
             strips = [strip for area in data.areas for strip in _hatched(*area.corners)]
             drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
-            log(f"{self._origin}/{AREAS}", self._rows.in_frame(root), drawn, static=True)
+            log(f"{self._origin}/areas", self._rows.in_frame(root), drawn, static=True)
         # Not logged as static: in rerun, static data hides data that is logged later.
         self.moving(t, wall, data, root)
 
@@ -97,13 +95,10 @@ class Floor:
     def _known(self, grid: Grid, root: str) -> Series[Grid]:
         known = self._grids.get(grid.name)
         if known is None:
-            entity = f"{self._origin}/{GRIDS}/{grid.name}"
+            entity = f"{self._origin}/grids/{grid.name}"
             height = _LAYERS[grid.kind] + _STEP * len(self._grids)
-
-            def columns(grids: list[Grid]) -> Iterable[Any]:
-                return _columns(grids, height)
-
-            known = self._grids[grid.name] = self._rows.series(entity, columns)
+            encode = partial(_columns, height=height)
+            known = self._grids[grid.name] = self._rows.series(entity, encode)
             frame = self._rows.in_frame(grid.frame or root)
             self._rows.log(entity, frame, static=True)
         return known
@@ -116,15 +111,10 @@ def image(grid: Grid) -> Rgba:
     return _COLOURS[grid.kind][cells[::-1]]
 
 
-def _format(grid: Grid) -> rr.components.ImageFormat:
-    width, height = grid.size
-    return rr.components.ImageFormat(width=width, height=height, color_model="RGBA", channel_datatype="U8")
-
-
 def _columns(grids: list[Grid], height: float) -> Iterable[Any]:
     return rr.GridMap.columns(
         data=[image(grid).tobytes() for grid in grids],
-        format=[_format(grid) for grid in grids],
+        format=[image_format(grid.size, "RGBA") for grid in grids],
         cell_size=[grid.resolution for grid in grids],
         translation=[[*grid.origin, height] for grid in grids],
         opacity=[_OPACITY] * len(grids),

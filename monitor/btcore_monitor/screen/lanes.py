@@ -53,7 +53,6 @@ class Lanes:
         over = [*depths, *slots] if depths else []
         self.entities = lane_entities([*over, *distinct_names(nodes)])
         self._over = [rows.series(entity, _states) for entity in self.entities[: len(over)]]
-        self._over_entities = self.entities[: len(over)]
         index = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._series = {
             index[node.uid]: rows.series(entity, _states)
@@ -83,7 +82,7 @@ class Lanes:
                 labels=[NOTHING, *names],
                 colors=[int(palette.fill[IDLE]), *(shades[at % 2] for at in range(len(names)))],
             )
-            for entity in self._over_entities:
+            for entity in self.entities[: len(self._over)]:
                 log(entity, look, static=True)
 
     def show(self, states: TickStates, changed: Iterable[int]) -> None:

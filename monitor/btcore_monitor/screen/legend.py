@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from btcore_monitor.events import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
+from btcore_monitor.events import FAILURE, IDLE, RUNNING, SKIPPED, STATUS_NAMES, SUCCESS
 from btcore_monitor.screen.font import Stroke, strokes_of, width_of
 from btcore_monitor.screen.style import Palette
 
@@ -29,14 +29,10 @@ def legend(palette: Palette, left: float, bottom: float, pixel: float, searched:
         pixel: The size of a pixel (units of the drawing).
         searched: Whether the legend has an entry for highlighted nodes.
     """
-    entries = [
-        (int(palette.fill[RUNNING]), "RUNNING"),
-        (int(palette.fill[SUCCESS]), "SUCCESS"),
-        (int(palette.fill[FAILURE]), "FAILURE"),
-        (int(palette.fill[SKIPPED]), "SKIPPED"),
-        (int(palette.fill[IDLE]), "IDLE, rimmed by its last result"),
-        (palette.raised, "raised"),
-    ]
+    statuses = (RUNNING, SUCCESS, FAILURE, SKIPPED)
+    entries = [(int(palette.fill[status]), STATUS_NAMES[status]) for status in statuses]
+    entries.append((int(palette.fill[IDLE]), "IDLE, rimmed by its last result"))
+    entries.append((palette.raised, "raised"))
     if searched:
         entries.append((palette.found, "found"))
     lines: list[Stroke] = []

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_scene import UPRIGHT, Arrow, BoundingBox, MovingScene, Poses
 
-POSES: Final = "poses"
 ARROWS: Final = "arrows"
 BOXES: Final = "boxes"
 _RING: Final = 24
@@ -112,7 +111,7 @@ class NavigationMarkers:
             self._show_boxes(t, wall, data.boxes, root)
 
     def _show_poses(self, t: int, wall: int, poses: Poses, root: str) -> None:
-        entity = f"{self._origin}/{POSES}/{poses.name}"
+        entity = f"{self._origin}/poses/{poses.name}"
         if self._shown.get(entity) == poses.rows:
             return
         self._shown[entity] = poses.rows

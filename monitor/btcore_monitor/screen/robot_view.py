@@ -21,7 +21,7 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
-from btcore_monitor.screen.blueprint import Eye, Pane, tree_room
+from btcore_monitor.screen.blueprint import Pane, tree_room
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.panels import (
     LEVELS,
@@ -317,15 +317,12 @@ class _Shown:
             self._show_remaining()
 
     def _show_blueprint(self) -> None:
-        scene, eye = self.scene, None
-        if scene.present:
-            eye = Eye(*scene.eye(), scene.robot(), scene.pictured, scene.powered, scene.navigates)
         pane = Pane(
             self._palette,
             self.name,
             self.trees,
             self.lanes,
-            eye,
+            self.scene.eye(),
             costed="ticks" not in self.source.unavailable,
             level=self.level,
             place=self.place,

@@ -6,7 +6,7 @@ A run that is faster than real time gives longer columns.
 """
 
 from collections.abc import Callable, Iterable
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 import rerun as rr
@@ -99,6 +99,14 @@ class RowBuffer:
 def scalars(values: list[float]) -> Iterable[Any]:
     """Return columns with a number in each row."""
     return rr.Scalars.columns(scalars=np.array(values, dtype=np.float64))
+
+
+def image_format(size: tuple[int, int], color_model: Literal["RGB", "RGBA"]) -> Any:
+    """Return the format of an image with a byte for each channel; *size* is width and height."""
+    width, height = size
+    return rr.components.ImageFormat(
+        width=width, height=height, color_model=color_model, channel_datatype="U8"
+    )
 
 
 def curve(name: str, colour: int) -> Any:

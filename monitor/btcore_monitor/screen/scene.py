@@ -3,6 +3,7 @@
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -59,6 +60,22 @@ Pose = tuple[str, tuple[float, ...], tuple[float, ...]]
 """A parent frame, a position (m) and a quaternion."""
 
 
+@dataclass(frozen=True, slots=True)
+class Eye:
+    """The position of the scene's eye, and the point that it looks at (m).
+
+    *robot* is the entity that a close-up follows; *pictures*, *battery* and *navigates* are True if there
+    are camera pictures, a battery level and navigation data to show.
+    """
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+    robot: str = ""
+    pictures: bool = False
+    battery: bool = False
+    navigates: bool = False
+
+
 class SceneView:
     """The scene of a robot: `static` draws its parts, and `moving` updates their poses."""
 
@@ -88,16 +105,6 @@ class SceneView:
         """Whether there are camera pictures to show."""
         return self._cameras.pictured
 
-    @property
-    def powered(self) -> bool:
-        """Whether there is a battery level to show."""
-        return self._static.battery is not None
-
-    @property
-    def navigates(self) -> bool:
-        """Whether there is navigation data to show."""
-        return bool(self._static.grids)
-
     def static(self, t: int, wall: int, data: StaticScene) -> bool:
         """Draw the static scene.
 
@@ -125,7 +132,7 @@ class SceneView:
             self._markers.footprint = data.footprint_radius
         self._draw_sensors()
         self._floor.static(t, wall, data, self._root)
-        if self.navigates:
+        if data.grids:
             log(COLOURS, rr.TextDocument(_COLOUR_LEGEND, media_type="text/markdown"), static=True)
         self._cameras.static(data)
         return True
@@ -258,14 +265,23 @@ class SceneView:
             frame = parent
         return None
 
-    def eye(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Return the position of the eye and the point to look at (m), chosen by the extent of the world."""
-        around = [part for part in self._static.parts if part.frame in (None, self._root)]
-        (x0, y0), (x1, y1) = extent(around)
+    def eye(self) -> Eye | None:
+        """Return where the scene is seen from, chosen by the extent of the world, or None without a scene."""
+        if not self.present:
+            return None
+        data = self._static
+        (x0, y0), (x1, y1) = extent([part for part in data.parts if part.frame in (None, self._root)])
         x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0, _SPAN)
-        return (x - 0.08 * span, y - 0.71 * span, 0.885 * span), (x, y - 0.05 * span, 0.0)
+        return Eye(
+            position=(x - 0.08 * span, y - 0.71 * span, 0.885 * span),
+            target=(x, y - 0.05 * span, 0.0),
+            robot=self._body(),
+            pictures=self.pictured,
+            battery=data.battery is not None,
+            navigates=bool(data.grids),
+        )
 
-    def robot(self) -> str:
+    def _body(self) -> str:
         """Return the entity of the robot's body, which a close-up follows, or "" without a body."""
         frames = {part.frame or self._root: part.kind for part in self._static.parts}
         for frame in (*_BODIES, *frames):

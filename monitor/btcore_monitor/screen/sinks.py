@@ -2,9 +2,9 @@
 
 import contextlib
 import importlib.util
+import itertools
 import socket
-import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import quote, urlsplit
@@ -30,21 +30,17 @@ class RecordingSinks:
 
     save: Path | None = None
     viewer: str | None = None
-    keep: object = None
-    """An object that has to live as long as the sinks, for example a served web view."""
-    _trees: int = field(default=0, init=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
+    # next() of a counter is atomic: robots' threads may attach recordings at the same time.
+    _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1), init=False)
 
     def attach(self, recording: rr.RecordingStream) -> Path | None:
         """Send *recording* to all destinations, and return its file, or None without a file."""
-        with self._lock:
-            self._trees += 1
-            count = self._trees
+        number = next(self._numbers)
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         file = self.save
         if file is not None:
-            if count > 1:
-                file = file.with_name(f"{file.stem}.{count}{file.suffix}")
+            if number > 1:
+                file = file.with_name(f"{file.stem}.{number}{file.suffix}")
             sinks.append(rr.FileSink(file))
         if self.viewer is not None:
             sinks.append(rr.GrpcSink(self.viewer))

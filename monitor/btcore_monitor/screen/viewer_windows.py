@@ -10,7 +10,7 @@ import re
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -29,27 +29,11 @@ _BESIDE: Final = 3
 """Greatest number of robots side by side with log and lanes; more robots have only lanes, in several rows."""
 
 
-class RobotWindow(Protocol):
-    """The window of a robot's successive trees."""
-
-    label: str
-    """The robot's name for users; empty if there is only a single robot."""
-
-    def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
-        """Return the recording for a tree *name*, the tree's place in it, and the file, or None."""
-        ...
-
-    def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
-        """Show *pane*, which may replace an earlier version of the same pane."""
-        ...
-
-    def end(self, recording: rr.RecordingStream) -> None:
-        """End the tree's recording."""
-        ...
-
-
 class SingleRobotWindow:
-    """A recording for each tree, so that a restarted robot does not overwrite earlier data."""
+    """A recording for each tree, so that a restarted robot does not overwrite earlier data.
+
+    It has the same methods as a :class:`SharedWindowSlot`.
+    """
 
     label = ""
 
@@ -57,7 +41,7 @@ class SingleRobotWindow:
         self._sinks = sinks
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
-        """Begin a new recording."""
+        """Return a new recording for a tree *name*, the tree's place in it, and its file, or None."""
         recording = _recording(f"btcore {name}", name)
         return recording, "", self._sinks.attach(recording)
 
@@ -123,6 +107,7 @@ class SharedWindowSlot:
 
     def __init__(self, window: SharedWindow, label: str) -> None:
         self.label = label
+        """The robot's name for users."""
         self.pane: Pane | None = None
         """The present content."""
         self._window = window
@@ -137,6 +122,10 @@ class SharedWindowSlot:
 
     def end(self, recording: rr.RecordingStream) -> None:
         """Do nothing: other robots may still write to the recording."""
+
+
+RobotWindow = SingleRobotWindow | SharedWindowSlot
+"""The window of a robot's successive trees."""
 
 
 def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:

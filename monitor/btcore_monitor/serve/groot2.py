@@ -90,10 +90,12 @@ class Groot2Server:
         if kind in groot2.TWO_FRAMES and len(frames) != 2:
             return groot2.encode_error(groot2.TWO_PARTS)
         try:
-            if kind in groot2.HOOKS:
-                body = self._control(kind, frames)
-            else:
+            if kind not in groot2.HOOKS:
                 body = self._body(kind, frames)
+            elif self.control is not None:
+                body = self.control.answer(kind, frames[1] if len(frames) > 1 else b"")
+            else:
+                return groot2.encode_error(groot2.HOOKS_DISABLED)
         except (ReservedNameError, RequestRejectedError, JsonError) as error:
             return groot2.encode_error(str(error))
         return groot2.encode_reply(header, self._tree_id, body)
@@ -111,11 +113,6 @@ class Groot2Server:
         recorded = b"".join(self._recorded)
         self._recorded.clear()
         return recorded
-
-    def _control(self, kind: Request, frames: Sequence[bytes]) -> bytes | None:
-        if self.control is None:
-            raise RequestRejectedError(groot2.HOOKS_DISABLED)
-        return self.control.answer(kind, frames[1] if len(frames) > 1 else b"")
 
     def _toggle(self, command: bytes) -> bytes | None:
         if command != b"start":

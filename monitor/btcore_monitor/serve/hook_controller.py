@@ -55,10 +55,7 @@ class HookController:
         self._fired: deque[int] = deque(maxlen=_NOTICES_AT_MOST)
         self._lock = threading.Lock()
         self._closed = False
-        self._unsubscribe = self._hooks.subscribe(self._on_hook)
-
-    def _on_hook(self, hook: Hook) -> None:
-        self._fired.append(hook.uid)
+        self._unsubscribe = self._hooks.subscribe(lambda hook: self._fired.append(hook.uid))
 
     def close(self) -> None:
         """Remove all hooks and reject later requests. Any thread may call this method."""
@@ -110,8 +107,8 @@ class HookController:
                     # As in BehaviorTree.CPP, a hook of an unknown node is accepted and has no effect.
                     self._hooks.insert(_in_engine(hook))
             elif kind is Request.HOOK_REMOVE:
-                place = decode_place(body)
-                if not self._hooks.remove(place.uid, HookPosition(place.position)):
+                uid, position = decode_place(body)
+                if not self._hooks.remove(uid, HookPosition(position)):
                     raise RequestRejectedError(groot2.NO_SUCH_NODE)
             else:
                 unlock = decode_unlocking(body)

@@ -3,7 +3,7 @@
 from typing import Any
 
 from btcore_monitor.events import ObservedTree
-from btcore_monitor.wire.groot2 import blackboard_name, boards_by_path, encode_names
+from btcore_monitor.wire.groot2 import boards_by_path, encode_names
 from btcore_monitor.wire.msgpack_values import Boards, decode_boards
 
 
@@ -30,7 +30,7 @@ class BlackboardPoller:
     def begin(self, tree: ObservedTree) -> None:
         """Poll the blackboards of *tree* from now on."""
         self._main = tree.name
-        self._groups = [[blackboard_name(path, tree.name) for path in tree.subtrees]]
+        self._groups = [[path or tree.name for path in tree.subtrees]]
         self._left.clear()
         self._shown = None
         self.due = 0.0 if self.rate > 0 else float("inf")

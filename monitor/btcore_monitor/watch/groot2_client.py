@@ -8,6 +8,9 @@ and sending a reply while more frames wait is an error of its REP socket that en
 
 import random
 import time
+from typing import Final
+
+import zmq
 
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.request_client import TIMEOUT, RequestClient
@@ -15,6 +18,9 @@ from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.groot1_tree import find_tree
 from btcore_monitor.wire.groot2 import Reply, Request
+
+_LAST_REQUEST_MS: Final = 200
+"""Maximum time for the last request to be sent after the socket is closed."""
 
 
 class Groot1DetectedError(ProtocolError):
@@ -90,4 +96,6 @@ class Groot2Client(RequestClient):
 
     def send_last_request(self, kind: Request, body: bytes | None = None) -> None:
         """Send a last request before :meth:`close`, without waiting for its reply."""
-        self.send_last(groot2.encode_request(kind, self._random.getrandbits(32), body))
+        self.begin_request(kind, body)
+        self.busy = False
+        self.socket.setsockopt(zmq.LINGER, _LAST_REQUEST_MS)

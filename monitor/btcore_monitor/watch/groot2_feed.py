@@ -10,6 +10,7 @@ the feed numbers the transitions itself, and ``TreeSeen.numbered`` is false.
 
 import time
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Final
 
 from btcore_monitor.events import (
@@ -270,14 +271,12 @@ class Groot2Feed:
             old = before.get(uid, StatusRecord(0, 0))
             if record == old:
                 continue
-            steps = [record.status]
+            steps = [old.status, record.status]
             if record.status == 0 and record.previous not in (0, old.status):
-                steps = [record.previous, 0]  # the node had the previous status between the two requests
-            previous = old.status
-            for status in steps:
+                steps.insert(1, record.previous)  # the node had this status between the two requests
+            for previous, status in pairwise(steps):
                 if status != previous:
                     self._report(wall, uid, previous, status, events)
-                previous = status
 
     def _report(self, wall: int, uid: int, previous: int, status: int, events: list[Event]) -> None:
         self._number += 1

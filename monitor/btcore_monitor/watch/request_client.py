@@ -19,7 +19,6 @@ TIMEOUT: Final = 1.0
 
 _REPLY_AT_MOST: Final = 256 << 20
 """Maximum bytes of a frame in a reply, because the other program may not be a robot."""
-_LAST_REQUEST_MS: Final = 200
 
 Socket = zmq.Socket[bytes]
 
@@ -100,12 +99,6 @@ class RequestClient(Closeable):
         if self.patience:
             self.timeout = min(self.patience, max(self._least, 4 * self.round_trip))
         return frames
-
-    def send_last(self, frames: Sequence[bytes]) -> None:
-        """Send a last request before :meth:`close`, without waiting for its reply."""
-        self.begin(frames)
-        self.busy = False
-        self.socket.setsockopt(zmq.LINGER, _LAST_REQUEST_MS)
 
     def wait(self, seconds: float) -> None:
         """Return when a reply arrives, or after *seconds*."""

@@ -118,7 +118,8 @@ class SceneClient:
             return
         if message.tree_id != self.tree_id:
             # The TreeMessage of this tree has not arrived yet, or was lost.
-            if isinstance(message, AliveMessage) and self._may_be_lost():
+            waited = time.monotonic() - self._tree_requested_at
+            if isinstance(message, AliveMessage) and self.tree_id and waited >= _ASK_AGAIN_AFTER:
                 self._request_tree()
             return
         self.error = ""
@@ -139,9 +140,6 @@ class SceneClient:
                     self.error = str(error)
                     self.errors += 1
             self._advance(received)
-
-    def _may_be_lost(self) -> bool:
-        return bool(self.tree_id) and time.monotonic() - self._tree_requested_at >= _ASK_AGAIN_AFTER
 
     def _begin(self, message: TreeMessage) -> None:
         self.tree_id = message.tree_id

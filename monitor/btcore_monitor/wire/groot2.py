@@ -280,11 +280,6 @@ def decode_breakpoint_reached(frames: Sequence[bytes]) -> int:
     return int(frames[1])
 
 
-def blackboard_name(path: str, main: str) -> str:
-    """Return the name of the subtree at *path* in a BLACKBOARD request; *main* is the main tree's ID."""
-    return path or main
-
-
 def boards_by_path(boards: Mapping[str, dict[str, Any]], main: str) -> dict[str, dict[str, Any]]:
     """Return the *boards* of a reply with paths as keys.
 

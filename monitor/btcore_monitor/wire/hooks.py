@@ -45,13 +45,6 @@ class WireHook(NamedTuple):
     enabled: bool = True
 
 
-class HookLocation(NamedTuple):
-    """The node and the position of a hook."""
-
-    uid: int
-    position: int
-
-
 class BreakpointUnlock(NamedTuple):
     """How a tick that waits at a breakpoint continues."""
 
@@ -95,14 +88,14 @@ def decode_hooks(body: bytes) -> list[WireHook]:
     return [_hook(item) for item in (value if isinstance(value, list) else [value])]
 
 
-def decode_place(body: bytes) -> HookLocation:
-    """Return the location of the hook that a HOOK_REMOVE request removes.
+def decode_place(body: bytes) -> tuple[int, int]:
+    """Return the uid and the position of the hook that a HOOK_REMOVE request removes.
 
     Raises:
         JsonError: *body* is not JSON, or a member is missing or invalid.
     """
     value = read_json(body)
-    return HookLocation(require_number(require_member(value, "uid")), _position(value))
+    return require_number(require_member(value, "uid")), _position(value)
 
 
 def decode_unlocking(body: bytes) -> BreakpointUnlock:

@@ -127,10 +127,6 @@ def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def _utf8(text: str) -> bytes:
-    return text.encode("utf-8", "replace")
-
-
 def _packed(value: Any) -> bytes:
     """Return *value* as nlohmann::json::to_msgpack encodes it: sorted keys, float32 where that is exact."""
     if isinstance(value, float):
@@ -138,7 +134,7 @@ def _packed(value: Any) -> bytes:
         return struct.pack(">Bf", 0xCA, value) if single else struct.pack(">Bd", 0xCB, value)
     if isinstance(value, dict):
         # std::map orders std::string by bytes, Python orders str by code points
-        keys = sorted(value, key=_utf8)
+        keys = sorted(value, key=lambda key: key.encode("utf-8", "replace"))
         header: bytes = msgpack.Packer().pack_map_header(len(keys))
         return header + b"".join(_packed(key) + _packed(value[key]) for key in keys)
     if isinstance(value, list):
