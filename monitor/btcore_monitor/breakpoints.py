@@ -90,6 +90,7 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
     if nodes:
         return nodes
     known = list(dict.fromkeys(text for node in tree.nodes for text in (node.path, node.name)))
+    # Reversed, so that the first of several texts that differ only in case wins.
     folded = {text.casefold(): text for text in reversed(known)}
     near = get_close_matches(pattern.casefold(), folded, n=1)
     hint = f"; did you mean '{folded[near[0]]}'?" if near else f" (it is called '{tree.name}')"
@@ -114,6 +115,7 @@ class BreakpointClient(Closeable):
         except AddressError as error:
             raise BreakpointError(str(error)) from None
         self._client = Groot2Client(self.address, timeout)
+        # Reentrant, because `tree` is used inside requests. The keep-alive thread sends requests, too.
         self._lock = threading.RLock()
         self._requested: list[RequestedHook] = []
         self._tree: ObservedTree | None = None
@@ -124,6 +126,7 @@ class BreakpointClient(Closeable):
         self._notices.setsockopt(zmq.SUBSCRIBE, b"")
         self._thread = threading.Thread(target=self._keep_alive, name="btcore-breakpoints", daemon=True)
         try:
+            # The first request raises an error if there is no robot, before the thread starts.
             _ = self.tree
             self._client.timeout = DEFAULT_TIMEOUT
             self._subscribe(timeout)
@@ -304,7 +307,7 @@ class BreakpointClient(Closeable):
             reached = self.poll(max(0.0, deadline - time.monotonic()))
             if reached is None:
                 raise BreakpointError(
-                    f"the tree came to no other tick within {timeout:g} s: it is done, not ticked, or slow"
+                    f"no tick began within {timeout:g} s: the tree has ended, is not ticked, or is slow"
                 )
             if any(hook.uid == reached.uid and hook.mode == BREAKPOINT for hook in self.hooks()):
                 return reached
@@ -335,6 +338,7 @@ class BreakpointClient(Closeable):
         with self._lock:
             tree = self.tree
             reply = self._reply(kind, body)
+            # The robot has another tree, whose uids are different and which has no hooks yet.
             if reply.tree_id != tree.tree_id:
                 self._tree = None
                 self._set_again()

@@ -14,5 +14,6 @@ class Closeable(ABC):
     def __enter__(self) -> Self:
         return self
 
+    # The exception is not suppressed.
     def __exit__(self, *error: object) -> None:
         self.close()

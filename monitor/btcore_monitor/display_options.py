@@ -22,8 +22,8 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = {
         "default": PALETTE_NAMES[0],
         "show_default": True,
         "envvar": "BTCORE_PALETTE",
-        "help": "Colours of statuses: Groot's, or some that don't need red and green told apart; also by "
-        "BTCORE_PALETTE in the environment.",
+        "help": "Colours of statuses: Groot's, or colours for red-green colour blindness; also set by the "
+        "environment variable BTCORE_PALETTE.",
     },
     "--find": {
         "multiple": True,
@@ -35,8 +35,8 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = {
         "type": click.Choice(LOG_LEVELS, case_sensitive=False),
         "default": LOG_LEVELS[0],
         "show_default": True,
-        "help": "What the viewer's list of transitions begins with: trace, all; debug, none to IDLE; info, "
-        "results; warn, FAILURE and what is missing; error, what a node raised. The viewer can change it.",
+        "help": "Lowest level in the list of transitions: trace, all; debug, without IDLE; info, results; "
+        "warn, FAILURE and missing data; error, exceptions of nodes. It can be changed in the viewer.",
     },
 }
 
@@ -76,6 +76,7 @@ def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
         rest = {name: value for name, value in settings.items() if name not in _names()}
         return command(*arguments, display=display, **rest)
 
+    # Reversed: click lists options in the order of decorators, of which the last applied is the first.
     for option, attributes in reversed(list(_OPTIONS.items())):
         with_display = click.option(option, **attributes)(with_display)
     return with_display

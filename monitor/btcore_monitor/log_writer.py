@@ -111,6 +111,7 @@ class LogWriter:
             self._missing(self._incomplete)
             self._incomplete = ""
         self._next = None
+        # The previous status differs from the known status after a gap.
         self._update(event.t, {event.uid: event.previous})
         self._write(event.t, event.uid, event.previous, event.status)
 
@@ -122,6 +123,7 @@ class LogWriter:
                 self._write(t, uid, before, status)
 
     def _write(self, t: int, uid: int, previous: int, status: int) -> None:
+        # A log's times must not be negative, even if a robot's clock goes back.
         since = max(0, t - self._start) // NS_PER_US
         self._statuses[uid] = status
         self.transitions += 1

@@ -41,8 +41,10 @@ class MonitorProcess:
         until = [] if stays else ["--until-end"]
         # In its own session, Ctrl-C ends only the run, and the recording is still completed.
         self.process = subprocess.Popen(
+            # -P: a module in the working directory must not replace an installed module.
             [sys.executable, "-P", "-m", "btcore_monitor", publisher.address, *until, *options],
             stdin=subprocess.DEVNULL,
+            # The results of the run are on stdout, messages of the monitor are on stderr.
             stdout=2,
             start_new_session=True,
             env=os.environ | {"PYTHONPATH": path},
@@ -81,7 +83,7 @@ class MonitorProcess:
         stop = threading.Event()
         with stop_on_signals(stop):
             if not interrupted and self.process.poll() is None:
-                print_message(f"the run is over, and {self.name} stays: Ctrl-C ends it")
+                print_message(f"the run is over; {self.name} stays open until Ctrl-C")
                 while self.process.poll() is None and not stop.wait(_CHECK_EVERY):
                     pass
             self.process.terminate()

@@ -88,7 +88,7 @@ class MonitorExtension(RunExtension):
                 "--publish groot1 needs flatbuffers, which isn't installed: pip install 'btcore[monitor]'"
             )
         if settings["allow_control"] and "groot2" not in settings["publish"]:
-            raise click.UsageError("--allow-control needs --publish groot2, by which a robot is controlled")
+            raise click.UsageError("--allow-control needs --publish groot2, since Groot 1 has no control")
         save: Path | None = settings["save"]
         if save is not None:
             check_is_recording(save)
@@ -101,13 +101,12 @@ class MonitorExtension(RunExtension):
         if not shown:
             for option in explicit_options():
                 raise click.UsageError(
-                    f"{option} is about what is shown, and nothing is: add --monitor, --serve-web or --save "
-                    "FILE.rrd"
+                    f"{option} has no effect without a view: add --monitor, --serve-web or --save FILE.rrd"
                 )
         if settings["monitor"] and not has_display():
             raise click.ClickException(
                 "--monitor: there is no display here. --serve-web shows the run in a browser, --save "
-                "FILE.rrd records it for later, and --publish groot2 lets a monitor in from elsewhere"
+                "FILE.rrd records it for later, and --publish groot2 lets a monitor connect from elsewhere"
             )
         return ()
 
@@ -161,11 +160,13 @@ class MonitorExtension(RunExtension):
                 wait_until_listening(publisher, monitors)
                 self._publisher = publisher
                 yield
+            # After an error, do not wait for viewers.
             except BaseException:
                 self._interrupted = True
                 raise
             finally:
                 self._publisher = None
+                # Before waiting: a monitor process ends when it has received the end of the stream.
                 publisher.finish()
                 for monitor in monitors:
                     monitor.finish(self._interrupted)

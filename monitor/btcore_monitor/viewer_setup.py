@@ -95,6 +95,7 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
     def handle(number: int, frame: FrameType | None) -> None:
         stop.set()
 
+    # Only the main thread may set handlers, so commands call this function there.
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
@@ -193,6 +194,7 @@ def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
     The parameters are ``viewer``, a :class:`ViewerOptions`, and ``display``, a
     :class:`~btcore_monitor.display_options.DisplayOptions`.
     """
+    # The display options first, so that they follow the options of the viewer in the help text.
     command = display_options(command)
 
     @functools.wraps(command)

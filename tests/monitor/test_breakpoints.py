@@ -249,7 +249,7 @@ def test_what_cannot_be_done_is_told_with_what_is_there(robot):
             breaks.inject("left", "RUNNING")
         with pytest.raises(BreakpointError, match=r"no breakpoint was reached within 0.01 s"):
             breaks.wait(0.01)
-        with pytest.raises(BreakpointError, match=r"came to no other tick within 0\.01 s"):
+        with pytest.raises(BreakpointError, match=r"no tick began within 0\.01 s"):
             breaks.step(timeout=0.01)
 
 

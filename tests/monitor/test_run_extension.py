@@ -222,7 +222,7 @@ def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]
         ),
         "look": (
             ["--publish", "groot2", "--port", "0", "--find", "Dock*"],
-            "--find is about what is shown, and nothing is: add --monitor, --serve-web or --save FILE.rrd",
+            "--find has no effect without a view: add --monitor, --serve-web or --save FILE.rrd",
         ),
         "suffix": (["--save", "run.txt"], "a recording is an .rrd file: --save run.rrd"),
         "folder": (["--save", "/no/such/folder/run.rrd"], "there is no folder /no/such/folder"),
@@ -257,5 +257,5 @@ def test_without_a_display_the_viewer_is_refused_before_the_run_in_one_sentence(
     assert done.returncode == 2
     assert done.stderr == (
         "error: --monitor: there is no display here. --serve-web shows the run in a browser, --save FILE.rrd "
-        "records it for later, and --publish groot2 lets a monitor in from elsewhere\n"
+        "records it for later, and --publish groot2 lets a monitor connect from elsewhere\n"
     )

@@ -31,6 +31,7 @@ class Hooked(click.Group):
         """Parse the arguments, and insert the default address if a command is in its place."""
         if len(args) > 2 and args[1] == "--wait":  # --wait may follow the address, too
             args = [*args[1:3], args[0], *args[3:]]
+        # The index of the first argument after --wait and its value.
         at = 2 if args[:1] == ["--wait"] else 0
         if len(args) == at + 1 and args[at].isalpha() and args[at] not in self.commands:
             near = get_close_matches(args[at], self.commands, n=1)
@@ -164,6 +165,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
             _print_reached(robot, duration)
             _clear(robot, paths)
             return
+        # An injected status may be used at any later tick, so it is removed after the timeout.
         waiting, deadline = set(paths), time.monotonic() + within
         while waiting:
             reached = robot.poll(max(0.0, deadline - time.monotonic()))

@@ -64,7 +64,7 @@ def monitor(
     try:
         if recordings:
             if robots:
-                raise click.UsageError("a recording and a robot can't be watched at once: name one kind")
+                raise click.UsageError("recordings and robots cannot be shown together")
             _check_is_live()
             _show_recordings(recordings, viewer, duration)
             return
@@ -89,8 +89,7 @@ def _check_is_live() -> None:
     """Raise click.UsageError if there are display options, because a recording keeps its own options."""
     for option in explicit_options():
         raise click.UsageError(
-            f"a recording is shown as it was made: {option} goes with watching a robot, and with btcore "
-            "replay of a log"
+            f"{option} has no effect on a recording: use it with a robot, or with btcore replay and a log"
         )
 
 
@@ -104,7 +103,7 @@ def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[
         raise click.UsageError(str(error)) from None
     for index, address in enumerate(parsed):
         if address in parsed[:index]:
-            raise click.UsageError(f"{address} is named twice, and one window shows a robot once")
+            raise click.UsageError(f"{address} is given twice")
     return [Feed(address, blackboard_rate=blackboard_rate, record=record) for address in addresses]
 
 
@@ -133,6 +132,7 @@ def _watch(
         finally:
             view.close()
 
+    # Signals arrive in this thread, so the robots are shown in other threads.
     threads = [
         threading.Thread(target=run, args=pair, name=f"monitor {pair[0].address}")
         for pair in zip(feeds, views, strict=True)
@@ -193,6 +193,7 @@ def _show_recordings(recordings: list[Path], viewer: ViewerOptions, duration: fl
         if not recording.is_file():
             raise click.UsageError(f"there is no recording {recording}")
         with recording.open("rb") as file:
+            # Checked here, because the viewer would show the error only in its window.
             if not file.read(4).startswith(_RECORDING):
                 raise click.UsageError(f"{recording} is not a rerun recording")
     if viewer.screenshot is not None:

@@ -122,6 +122,7 @@ class _Files:
 
     def close(self) -> None:
         """Finish every file, even if closing another file fails."""
+        # The stack calls all callbacks, even if one of them raises an exception.
         with contextlib.ExitStack() as stack:
             stack.callback(self.log.close)
             for view in self.views:
@@ -173,11 +174,11 @@ def _check(outputs: Sequence[Path], known: Sequence[str]) -> None:
     for path in outputs:
         if path.suffix not in known:
             raise click.UsageError(
-                f"-o {path}: what can be recorded ends in {join_names(known, 'or')}; "
+                f"-o {path}: unknown file type; supported types are {join_names(known, 'and')}; "
                 f"did you mean {path.with_suffix(known[0])}?"
             )
         if path.resolve() in seen:
-            raise click.UsageError(f"-o names {path} twice, and a file holds one log")
+            raise click.UsageError(f"-o {path} is given twice")
         seen.add(path.resolve())
         check_writable("-o", path)
 

@@ -115,6 +115,7 @@ def events(recording: Recording, window: range) -> Iterator[Event]:
     since, stamp = first - recording.start, first
     statuses = dict(recording.statuses(window.start))
     yield TreeSeen(observed_tree(recording), since, stamp, statuses, source=LOG_FILE)
+    # A gap's `at` is the index of the transition that follows the gap.
     gaps = [gap for gap in recording.gaps if window.start <= gap.at <= window.stop]
     for index in window:
         before, (stamp, uid, previous, status) = since, recording.transitions[index]
@@ -143,7 +144,7 @@ def _window(recording: Recording, begin: float | None, end: float | None) -> ran
         return range(0)
     length = since[-1] / NS_PER_S
     raise click.UsageError(
-        f"{recording.path}: nothing happens in that time; its transitions are at "
+        f"{recording.path}: there are no transitions in this time range; the transitions are at "
         f"{since[0] / NS_PER_S:.3f} s to {length:.3f} s"
     )
 
@@ -154,7 +155,7 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
         if not any(fnmatchcase(path, pattern) for path in keys.values()):
             guess = nearest_name(pattern, keys.values())
             hint = f"; did you mean '{guess}'?" if guess else ""
-            raise click.UsageError(f"--node: no node's path is like '{pattern}'{hint}")
+            raise click.UsageError(f"--node: no node's path matches '{pattern}'{hint}")
     chosen = {
         uid: path
         for uid, path in keys.items()

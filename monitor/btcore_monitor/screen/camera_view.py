@@ -38,6 +38,7 @@ class CameraView:
         """Draw the cameras' fields of view."""
         for camera in data.cameras:
             entity = f"{self._origin}/sight/{camera.name}"
+            # A negative radius is in pixels of the screen (in rerun).
             lines = rr.LineStrips3D(_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
             self._rows.log(entity, self._rows.in_frame(camera.frame), lines, static=True)
 
@@ -102,6 +103,7 @@ class _Age:
 
 def _pyramid(camera: Camera) -> list[NDArray[np.float64]]:
     width, height = camera.size
+    # The first pixel's centre is at 0, so the picture's centre is at (width - 1) / 2.
     cx, cy = camera.center or ((width - 1) / 2, (height - 1) / 2)
     fx, fy = camera.focal
     columns, rows = np.array([0, width, width, 0, 0]), np.array([0, 0, height, height, 0])

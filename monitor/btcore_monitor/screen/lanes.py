@@ -64,7 +64,8 @@ class Lanes:
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)
         # The lanes of further leaves appear when several leaves run at the same time.
         self._shown: list[str | None] = [None] * (len(depths) + 1) + [NOTHING] * (LEAVES_AT_ONCE - 1)
-        self.title = "What ran over time" if over else f"{'What was found' if found else 'Leaves'} over time"
+        content = "Running nodes" if over else "Found nodes" if found else "Leaves"
+        self.title = f"{content} over time"
 
     def draw(self) -> None:
         """Log the colours of the lanes."""
@@ -116,6 +117,7 @@ def _depths(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
     by_depth: dict[int, list[ObservedNode]] = {}
     depth: dict[int, int] = {0: 0}
     for node in tree.nodes:
+        # The number of SubTree nodes from the root to the node; parents precede their children.
         depth[node.uid] = depth[node.parent] + (node.kind == "subtree")
         if node.kind == "subtree" and depth[node.uid] <= SUBTREES_DEEP:
             by_depth.setdefault(depth[node.uid], []).append(node)

@@ -127,6 +127,7 @@ def _cost(shape: _Shape, aspect: float) -> float:
 def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
     """Return the shapes of the root, narrowest first."""
     offered: list[list[_Shape]] = [[] for _ in boxes]
+    # From the last box to the first: children follow their parents.
     for index in range(len(boxes) - 1, -1, -1):
         box = boxes[index]
         below = [offered[child] for child in box.children]
@@ -165,6 +166,7 @@ def _wrapped(
 
 def _steps(low: float, high: float) -> list[float]:
     """Return _TRIES sizes from *low* to *high* in a geometric progression."""
+    # 0.01 more than the exact size, so that rounding errors do not exclude a shape that just fits.
     ratio = max(1.0, high / low) ** (1 / (_TRIES - 1))
     return [low * ratio**step + 0.01 for step in range(_TRIES)]
 
@@ -225,6 +227,7 @@ def _smallest_within(shapes: Sequence[_Shape], room: float) -> _Shape:
 def _best(shapes: Iterable[_Shape]) -> list[_Shape]:
     """Return the Pareto-optimal shapes (by width and height), narrowest first, thinned to _OFFERS."""
     front: list[_Shape] = []
+    # By width: a wider shape is only useful if it is lower.
     for shape in sorted(shapes, key=lambda shape: (shape.width, shape.height, shape.hung)):
         if not front or shape.height < front[-1].height - 0.01:
             front.append(shape)
@@ -289,6 +292,7 @@ class _Drawing:
         self._frames: list[tuple[int, float, float, float, float]] = []
 
     def draw(self, root: _Shape) -> Layout:
+        # Not recursive, because a tree may be deeper than Python's recursion limit.
         waiting = [(0, root, 0.0, 0.0)]
         while waiting:
             index, shape, left, top = waiting.pop()

@@ -31,7 +31,7 @@ def legend(palette: Palette, left: float, bottom: float, pixel: float, searched:
     """
     statuses = (RUNNING, SUCCESS, FAILURE, SKIPPED)
     entries = [(int(palette.fill[status]), STATUS_NAMES[status]) for status in statuses]
-    entries.append((int(palette.fill[IDLE]), "IDLE, rimmed by its last result"))
+    entries.append((int(palette.fill[IDLE]), "IDLE (border: last result)"))
     entries.append((palette.raised, "raised"))
     if searched:
         entries.append((palette.found, "found"))

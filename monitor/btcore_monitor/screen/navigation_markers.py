@@ -112,6 +112,7 @@ class NavigationMarkers:
 
     def _show_poses(self, t: int, wall: int, poses: Poses, root: str) -> None:
         entity = f"{self._origin}/poses/{poses.name}"
+        # Comparing bytes is faster than drawing an unchanged path again.
         if self._shown.get(entity) == poses.rows:
             return
         self._shown[entity] = poses.rows

@@ -55,6 +55,7 @@ class PageServer:
 
 
 class _Server(ThreadingHTTPServer):
+    # A browser may keep its connection open; the process must still be able to exit.
     daemon_threads = True
     source = 0
 

@@ -255,6 +255,7 @@ def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mappi
         lines += ["", f"| **{escape_markdown(path)}** | |" if path else "| key | value |", "|:--|:--|"]
         known = before.get(path, {})
         for key, value in board.items():
+            # Nothing is bold in the first table, in which all entries would be new.
             is_new = key not in known or known[key] != value
             bold = "**" if is_new and before else ""
             text = "–" if value is None else f"`{escape_markdown(_short(value))}`"
@@ -263,9 +264,11 @@ def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mappi
 
 
 def _short(value: Any) -> str:
+    # As in scripts, not True and False as in Python.
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
+        # The class of an object is in `__type` (msgpack_values.py).
         parts = (f"{key}={_short(part)}" for key, part in value.items() if key != "__type")
         text = f"{value.get('__type', '')}({', '.join(parts)})"
     elif isinstance(value, list | tuple):
@@ -393,6 +396,7 @@ class TickCost:
         self._worst = max(self._worst, event.duration_ns)
         if before is None or event.t <= before.t:
             return
+        # Ticks may be lost on the way, so the time is divided by the difference of their numbers.
         self._periods.append((event.t - before.t) // max(1, event.tick - before.tick))
         self._rate.add(event.t, event.wall, 1e9 / self._periods[-1])
         budget = int(median(self._periods))

@@ -85,6 +85,7 @@ class RobotView:
         if isinstance(event, TreeSeen):
             self._draw()
             self._new_tree = event
+        # Robots send the static scene right after the tree; it belongs to the tree that is drawn next.
         elif isinstance(event, SceneStatic) and (self._new_tree is not None or self._shown is None):
             self._scene = event
             self._draw()
@@ -263,6 +264,7 @@ class _Shown:
         self._t, self._wall = t, wall
 
     def _changed(self, event: StatusChanged) -> None:
+        # First, because the states of the previous tick must not contain this event.
         if self.states.is_over(event):
             self._end_tick(self._t, self._wall)
         self._at(event.t, event.wall)

@@ -150,6 +150,7 @@ class SceneView:
             log(
                 FAN,
                 frame,
+                # The laser's colour with an opacity of 8 %.
                 rr.Mesh3D.from_fields(albedo_factor=palette.laser & 0xFFFFFF00 | 0x14),
                 static=True,
             )
@@ -170,6 +171,7 @@ class SceneView:
             wall: Wall time (ns).
             data: The changes.
         """
+        # Frames first: the trail and the markers use the new poses.
         for child, parent, position, quaternion in data.frames:
             self._place(t, wall, child, (parent, position, quaternion))
         self._stand(t, wall)
@@ -254,6 +256,7 @@ class SceneView:
         if frame is None:
             return None
         place = np.zeros(3)
+        # A bounded loop, because the robot may send frames that form a cycle.
         for _ in range(len(self._poses)):
             parent, position, quaternion = self._poses[frame]
             place = _rotated(place, quaternion) + np.array(position, dtype=np.float64)
@@ -296,6 +299,7 @@ def _segment(name: str) -> str:
 
 def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:
     x, y, z, w = quaternion
+    # v + 2 w (q × v) + 2 q × (q × v), the rotation of v by the unit quaternion (q, w).
     axis = np.array([x, y, z])
     cross = np.cross(axis, point)
     turned: Vector = point + 2.0 * (w * cross + np.cross(axis, cross))

@@ -149,6 +149,7 @@ def _settled(client: "ViewerClient", view_id: str | None) -> bytes:
     deadline = time.monotonic() + _SETTLE_WITHIN
     last, equal, since = b"", 0, time.monotonic()
     while time.monotonic() < deadline:
+        # The viewer does not report that it has finished drawing, so pictures are compared.
         shot = client.take_screenshot(view_id)
         now = time.monotonic()
         if shot != last:

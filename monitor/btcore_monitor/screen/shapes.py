@@ -47,6 +47,7 @@ def extent(parts: Sequence[Part]) -> tuple[tuple[float, float], tuple[float, flo
     for part in parts:
         x, y = part.position[:2]
         if isinstance(part, Box):
+            # The rotation about the z axis, as for an upright box.
             qx, qy, qz, qw = part.quaternion or UPRIGHT
             sin, cos = 2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)
             along, across = part.size[0] / 2, part.size[1] / 2
@@ -105,6 +106,7 @@ def _shape(parts: Sequence[Part], fill: str) -> Any:
         "labels": [part.name or "" for part in parts],
         "show_labels": False,
     }
+    # All parts are of one kind, so there are only boxes or none.
     boxes = [part for part in parts if isinstance(part, Box)]
     if boxes:
         return rr.Boxes3D(sizes=[box.size for box in boxes], radii=[_LINE], **shared)

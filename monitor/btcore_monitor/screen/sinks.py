@@ -39,6 +39,7 @@ class RecordingSinks:
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         file = self.save
         if file is not None:
+            # A file holds one recording.
             if number > 1:
                 file = file.with_name(f"{file.stem}.{number}{file.suffix}")
             sinks.append(rr.FileSink(file))
@@ -132,6 +133,7 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
     Raises:
         ScreenError: The page cannot be served on *web_port*.
     """
+    # The relay keeps recordings for browsers that connect later, up to the memory limit.
     relay = rr.RecordingStream("btcore")
     source = free_port()
     try:

@@ -66,6 +66,7 @@ class SubtreeDrawing:
             running: For all nodes of the tree, whether the node is RUNNING.
         """
         own = pills[self.at]
+        # Rows are sent only for changes: an unchanged subtree costs nothing.
         if not np.array_equal(own, self._last_pills):
             self._last_pills = own
             self._pills.add(t, wall, own)
@@ -177,6 +178,7 @@ def node_entities(tree: ObservedTree, origin: str) -> list[str]:
     entities = []
     for node in tree.nodes:
         entity = entity_path(origin, node.path)
+        # Replaced characters may make two entities equal, or equal to a part of the drawing.
         if entity in taken or entity.rsplit("/", 1)[1] in PARTS:
             entity += f".{node.uid}"
         taken.add(entity)

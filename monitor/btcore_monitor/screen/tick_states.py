@@ -71,6 +71,7 @@ class TickStates:
 
     def is_over(self, event: StatusChanged) -> bool:
         """Return whether *event* belongs to a later tick than the changes since the last call of `close`."""
+        # Robots with Groot's protocols send no numbers of ticks (0). Then a pause or a long time ends a tick.
         if self._tick is None or event.tick != self._tick:
             return self._tick is not None
         return event.tick == 0 and (event.t - self.t >= QUIET or event.t - self._began >= LONG)
@@ -107,6 +108,7 @@ class TickStates:
         """
         if not self._touched and self._held:
             self.t, self.wall = t, wall
+        # A reset node shows its result for one tick, unless it ended again.
         for at in self._held - self._touched:
             self.shown[at] = IDLE
         self._held = {at for at in self._held | self._touched if self.shown[at] >= len(STATUS_NAMES)}

@@ -161,6 +161,8 @@ class TreeView:
             "ports": [ports(node) for node in tree.nodes],
         }
         stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self._room))
+        # Drawing orders, from the lowest to the highest: legend and frames 1, edges 2, running path 3, halos
+        # 3.4, rings 3.6, selected nodes 3.8, rims 4, pills 5, badges 6, text and symbols 7.
         for subtree in self.subtrees:
             subtree.draw(labels, hover, stroke)
             places = [self.layout.places[at] for at in subtree.at]
@@ -280,6 +282,7 @@ def _written(
     if len(tree.nodes) <= BIG:
         noted = captions(tree, whole, noted=True)
         layout = arrange(tree, noted, room)
+        # _pixel is the reciprocal of the scale.
         if _pixel(layout, room) * _NOTE_LEGIBLE <= 1.0:
             return noted, layout
     plain = captions(tree, whole, noted=False)
@@ -296,6 +299,7 @@ def _pixel(layout: Layout, room: tuple[float, float]) -> float:
 
 
 def _pill(place: Place, half: float) -> Strip:
+    # A pill is a thick line: rerun draws the ends of lines round.
     return np.array([(place.x + half, place.y), (place.x + place.width - half, place.y)], dtype=np.float32)
 
 
@@ -321,6 +325,7 @@ def matching(tree: ObservedTree, pattern: str) -> list[int]:
 
     A pattern without ``*``, ``?`` and ``[`` is a part of the name or path.
     """
+    # Not fnmatch(), which ignores case on Windows only.
     wanted = pattern.casefold()
     if not any(sign in wanted for sign in "*?["):
         wanted = f"*{wanted}*"

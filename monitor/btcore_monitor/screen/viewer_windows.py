@@ -87,6 +87,7 @@ class SharedWindow:
     def show(self, recording: rr.RecordingStream, slot: "SharedWindowSlot", pane: Pane) -> None:
         """Show *pane* in *slot*; an earlier tree of the slot moves to a tab behind the others."""
         with self._lock:
+            # A pane of the same place is a newer version of the same tree's pane.
             if slot.pane is not None and slot.pane.place != pane.place:
                 self._earlier = [*self._earlier, slot.pane][-EARLIER:]
             slot.pane = pane
@@ -147,6 +148,7 @@ def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
 def _recording(application: str, name: str) -> rr.RecordingStream:
     # Blueprints are kept by application: windows with other trees must not share one.
     recording = rr.RecordingStream(re.sub(r"[^A-Za-z0-9_ -]+", "_", application))
+    # Without the timelines that rerun adds by itself, which have no meaning here.
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
     recording.send_recording_name(name)

@@ -45,6 +45,7 @@ class Groot1Server:
     """
 
     def __init__(self, tree: Tree, offset: int = 0, rate: float = groot1.RATE) -> None:
+        # A uid has 16 bits on the wire; the numbers start again when there are not enough left.
         self.offset = offset if offset + len(tree.nodes) <= MAX_NODES else 0
         self.end = self.offset + len(tree.nodes)
         """The last uid on the wire."""
@@ -82,6 +83,7 @@ class Groot1Server:
         previous = self._statuses[uid]
         if status == previous:
             return
+        # Changes wait for at most one period, and are published with all changes until then.
         if not self._waiting:
             self._due = now + self._period
         self._waiting.append(WireChange(wall, uid, previous, status))

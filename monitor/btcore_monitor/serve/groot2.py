@@ -41,6 +41,7 @@ class Groot2Server:
         # A uid has 16 bits on the wire: nodes beyond are neither in STATUS nor in recordings.
         nodes = [node for part in tree.subtrees for node in part.nodes if node.uid <= MAX_NODES]
         self._statuses = bytearray(groot2.encode_statuses((node.uid, int(node.status)) for node in nodes))
+        # A record has three bytes: the uid (2 bytes) and the code.
         self._code_at = {node.uid: 3 * index + 2 for index, node in enumerate(nodes)}
         self._recorded: deque[bytes] = deque(maxlen=groot2.RECORDED_AT_MOST)
         self._recording_since = 0
@@ -85,6 +86,7 @@ class Groot2Server:
             kind = Request(header.kind)
         except ValueError:
             return groot2.encode_error(groot2.NOT_RECOGNIZED)
+        # The letter of notifications, which clients must not send.
         if kind is Request.BREAKPOINT_REACHED:
             return groot2.encode_error(groot2.NOT_RECOGNIZED)
         if kind in groot2.TWO_FRAMES and len(frames) != 2:

@@ -51,6 +51,7 @@ class History:
         self._data[self.latest] = data
         numbers.append(self.latest)
         self._used[lane] += len(data)
+        # The newest message stays, even if it alone needs more room than its lane has.
         while self._used[lane] > LANE_ROOM[lane] and len(numbers) > 1:
             number = numbers.popleft()
             removed = self._data.pop(number)
@@ -65,6 +66,7 @@ class History:
         if isinstance(message, TicksMessage):
             self.stamp, self.wall = message.stamp, message.wall
             for row in message.transitions:
+                # row: stamp, wall, tick, uid, previous, status
                 self.statuses[row[3]] = row[5]
 
     def piece(self, tree_id: str, first: int) -> PieceMessage:

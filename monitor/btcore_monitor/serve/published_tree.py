@@ -100,6 +100,7 @@ class PublishedTree:
         queue = self._observer.queue
         dropped = self.groot2.dropped
         deadline = time.monotonic() + _SECONDS_A_TURN
+        # At most what is queued now: the tree may append items faster than this loop takes them.
         for _ in range(len(queue)):
             item = queue.popleft()
             if isinstance(item, StampedTransition):

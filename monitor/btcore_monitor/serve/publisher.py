@@ -69,9 +69,11 @@ class Publisher(Closeable):
         self._context: zmq.Context[Socket] = zmq.Context()
         self._requests = RequestSocket(self._context, _REQUEST_AT_MOST)
         self._notices = self._context.socket(zmq.PUB)
+        # An XPUB socket receives the subscriptions, which are the clients' requests.
         self._stream = self._context.socket(zmq.XPUB)
         self._stream.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
         self._stream.setsockopt(zmq.SNDHWM, _LIVE_AT_MOST)
+        # Without LINGER 0, closing would wait for clients that do not read.
         for socket in (self._requests.socket, self._notices, self._stream):
             socket.setsockopt(zmq.LINGER, 0)
         for name, value in wire.KEEPALIVE.items():
@@ -150,6 +152,7 @@ class Publisher(Closeable):
         """
         if self._finished:
             return
+        # Groot 1 notices the new tree by its uids, so they continue after those of the previous tree.
         before = self._latest.groot1
         fresh = PublishedTree(
             tree, resources, self._scene, None if before is None else before.end, self._control
@@ -279,6 +282,7 @@ class Publisher(Closeable):
         sockets.publish(server, time.monotonic(), at_once)
 
     def _read_subscriptions(self, scene: SceneServer) -> None:
+        # All subscriptions that wait; zmq.Again ends the loop.
         with contextlib.suppress(zmq.Again):
             while True:
                 for topic, data in scene.subscription(self._stream.recv(zmq.DONTWAIT)):

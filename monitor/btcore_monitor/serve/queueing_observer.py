@@ -144,6 +144,7 @@ class QueueingObserver(Observer):
         wall = time.time_ns()
         queue = self.queue
         queue.append(TickEnded(tick, stamp, wall, duration_ns, status))
+        # Transitions are small and must not be lost, so only scenes and blackboards are skipped.
         if self._big_put - self.big_taken > _BIG_AT_MOST:
             return
         if self._boards is not None:

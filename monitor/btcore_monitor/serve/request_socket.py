@@ -43,6 +43,7 @@ class RequestSocket:
         except zmq.Again:
             return None
         try:
+            # Frame 0 is the routing ID; an empty frame ends the envelope.
             start = frames.index(b"", 1) + 1
         except ValueError:
             return None

@@ -108,6 +108,7 @@ class SceneServer:
 
     def _put_transition(self, item: StampedTransition) -> None:
         change = item.change
+        # A message's transitions have consecutive numbers, so a gap starts a new message.
         if self._expected is not None and change.number != self._expected:
             self.flush()
             self.dropped += change.number - self._expected
@@ -184,6 +185,7 @@ def with_jpeg(scene: MovingScene) -> MovingScene:
 def _jpeg(picture: Picture) -> Picture:
     if picture.format != "rgb8":
         return picture
+    # Imported here, because most robots have no camera.
     try:
         from PIL import Image
     except ImportError:

@@ -85,6 +85,7 @@ def _bind_all(sockets: Sequence[Socket | None], host: str, port: int, count: int
         try:
             socket.bind(address)
         except zmq.ZMQError as error:
+            # All ports or none: the caller may try again with other ports.
             for other, where in bound:
                 other.unbind(where)
             raise _explained(error, host, port, port + offset, count) from None

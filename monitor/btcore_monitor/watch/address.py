@@ -49,6 +49,7 @@ def parse_address(text: str) -> Address:
         AddressError: *text* is not an address, or a port is out of range.
     """
     text = text.strip()
+    # A number alone is a port. isdigit() also accepts digits of other scripts, which int() would convert.
     if text.isascii() and text.partition("/")[0].isdigit():
         text = f":{text}"
     match = _FORM.fullmatch(text)

@@ -41,6 +41,7 @@ class BlackboardPoller:
             self._left = list(self._groups)
             self._received = {}
         self._requested = self._left.pop(0)
+        # Every blackboard is requested `rate` times per second, whether together or separately.
         self.due = now + self._every / len(self._groups)
         return encode_names(self._requested)
 

@@ -139,11 +139,13 @@ class Feed(Closeable):
             if self._reported_error:
                 self._link(events, "lost", self._reported_error)
         now = time.monotonic()
+        # The scene channel comes first, because only it has all data. Groot's protocols are used without it.
         if now - self._scene.last_message < SILENT_AFTER and self._scene.tree_id:
             self._by_scene = True
             self._leave_groot1()
             if self._state == "lost":
                 self._link(events, "connected", f"{self.address} is back")
+        # The scene channel went silent: the robot may come back with another protocol.
         elif self._by_scene:
             self._by_scene = False
             self._sampled.forget()
@@ -212,6 +214,7 @@ class Feed(Closeable):
             if self._state == "connected":
                 self._link(events, "lost", str(detected))
             return
+        # An error before the first connection is not reported: the robot may be starting.
         except (NoReplyError, ProtocolError) as error:
             self._sampled.forget()
             self._answered_at = 0.0
@@ -259,4 +262,5 @@ class Feed(Closeable):
             if self._groot2.busy:
                 poller.register(self._groot2.socket, zmq.POLLIN)
             seconds = min(seconds, max(0.01, self._sampled.next_at - time.monotonic()))
+        # At least 1 ms: poll(0) would make the loop in poll() occupy the processor.
         poller.poll(max(1, round(1000 * seconds)))

@@ -68,6 +68,7 @@ class Groot1Feed:
         self._client = RequestClient(address, patience=patience)
         self._context: zmq.Context[Socket] = zmq.Context()
         self._updates = self._context.socket(zmq.SUB)
+        # ZeroMQ doubles the time between attempts to connect, up to the maximum.
         for option, value in (
             (zmq.LINGER, 0),
             (zmq.MAXMSGSIZE, _UPDATE_AT_MOST),
@@ -75,6 +76,7 @@ class Groot1Feed:
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
         ):
             self._updates.setsockopt(option, value)
+        # Everything: updates have no topic, their first bytes are a size.
         self._updates.subscribe(b"")
         self._links = self._updates.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
         self._updates.connect(address.published())
@@ -190,6 +192,7 @@ class Groot1Feed:
             raise ProtocolError(f"expected a tree in Groot 1's protocol from {self.address}, and got {what}")
         self.alive_at = now
         self._must_request = False
+        # Replies of the same robot differ only in the statuses, so trees are compared without them.
         shape = tree._replace(nodes=tuple(node._replace(status=IDLE) for node in tree.nodes))
         if shape == self._tree and not self._started_anew:
             self._drop_unknown()
@@ -224,6 +227,8 @@ class Groot1Feed:
         self._statuses = dict(self._seen.statuses)
         wall = time.time_ns()
         if self._waiting and self._known(self._waiting[0]):
+            # The statuses of an update are those before its transitions, so the tree is shown at the time of
+            # the first transition.
             update = self._waiting[0]
             self._statuses |= self._translated(update)
             self._sure = True
@@ -288,6 +293,7 @@ class Groot1Feed:
         self._number += 1
         previous, self._statuses[uid] = self._statuses[uid], status
         self._reported_up_to = t
+        # Tick 0: the protocol has no numbers of ticks.
         events.append(StatusChanged(self._number, t, wall, 0, uid, previous, status))
 
     def _unseen(self, t: int, wall: int) -> DataMissed:

@@ -156,6 +156,7 @@ class Groot2Feed:
         now = time.monotonic()
         if self.tree is None:
             self._begin(Request.FULLTREE)
+        # The scene channel may still connect, and needs no recording.
         elif tree_only:
             pass
         elif self._must_stop:
@@ -180,6 +181,7 @@ class Groot2Feed:
     # Replies
 
     def _take(self, reply: Reply, events: list[Event]) -> None:
+        # Every reply has the tree's ID. Another ID means that the robot has restarted or replaced its tree.
         if self.tree is None or reply.tree_id != self.tree.tree_id:
             self.forget()
             if reply.kind == Request.FULLTREE:
@@ -195,6 +197,7 @@ class Groot2Feed:
         elif reply.kind == Request.GET_TRANSITIONS:
             self._apply(reply.body, events)
         elif reply.kind == Request.TOGGLE_RECORDING and reply.body:
+            # µs on the wire, ns in events
             self._start(1000 * decode_recording_start(reply.body))
 
     def _begin_tree(self, tree: ObservedTree) -> None:
@@ -310,6 +313,7 @@ class Groot2Feed:
             if self._complete >= _FORGIVEN_AFTER:
                 self._gaps = self._complete = 0
         self._is_first = False
+        # The robot drops the oldest transitions of a full buffer, so a fast tree is polled more often.
         if len(batch) >= _SOONER_FROM:
             self._every = max(_SOONEST, self._every / 2)
         elif len(batch) <= _LATER_UNTIL:

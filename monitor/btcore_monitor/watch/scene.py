@@ -96,6 +96,7 @@ class SceneClient:
 
     def _register(self) -> None:
         if not self._here:
+            # The robot counts these subscriptions as its clients, and waits for them when it closes.
             self._here = b"here/" + _token()
             self.socket.subscribe(self._here)
 
@@ -105,6 +106,8 @@ class SceneClient:
         # the robot has another tree.
         self._tree_topics.append(b"again/tree/" + _token())
         self._tree_requested_at = time.monotonic()
+        # A client sends a request by subscribing. The token makes the topic unique, so no other client
+        # receives the reply.
         self.socket.subscribe(self._tree_topics[-1])
 
     def _take(self, message: Message, received: list[Message]) -> None:

@@ -81,6 +81,7 @@ def write_fulltree(tree: ObservedTree) -> bytes:
             own = {"name": node.name}
         tag = "SubTree" if node.kind == "subtree" else node.id
         above[node.uid] = etree.SubElement(parent, tag, {**own, "_uid": str(node.uid), **node.ports})
+        # The models make a reader know the family of nodes with one child or none.
         if node.kind != "subtree" and node.id not in known:
             known.add(node.id)
             etree.SubElement(models, _TAGS[node.kind], ID=node.id)
@@ -98,6 +99,8 @@ def _parse(xml: bytes) -> etree._Element:
         ) from None
     if b"<!DOCTYPE" in xml:
         raise ProtocolError("the full tree declares a document type, which no publisher writes: rejected")
+    # huge_tree lifts libxml2's limits of depth and size, which a big tree exceeds. Without a document type
+    # there are no entities, so the limits are not needed for security.
     parser = etree.XMLParser(
         encoding="utf-8",
         resolve_entities=False,
@@ -146,6 +149,7 @@ class _Reader:
                 # <SubTree> has no child elements: its content is the <BehaviorTree> with the same _fullpath.
                 child_subtree = node.path
                 below = self._content(child_subtree)
+            # Reversed, because the last item of the list is read next.
             waiting.extend((child, node.uid, child_subtree) for child in reversed(below))
         # The family of a node without a model depends on its number of children, which is known only now.
         for node in nodes:
@@ -165,6 +169,7 @@ class _Reader:
     def _node(self, element: etree._Element, parent: int, subtree: str) -> ObservedNode:
         tag = str(element.tag)
         text = element.get("_uid", "")
+        # A limited length, because int() takes quadratic time for thousands of digits.
         if not (text.isascii() and text.isdigit()) or len(text) > 10:
             raise ProtocolError(f"expected a number as _uid of <{tag}>, and got '{text}'")
         uid = int(text)

@@ -25,6 +25,7 @@ QUESTION: Final = [b""]
 """The frames of Groot 1's request for the tree. A publisher ignores the content, but it must be one frame."""
 
 _SIZE: Final = struct.Struct("<I")
+# uid and status without padding, as the C++ publisher writes them
 _STATUS: Final = struct.Struct("<Hb")
 # SerializeTransition writes int64 seconds at byte 0 and int64 microseconds at byte 4. Each write covers the
 # high half of the previous value, so 32 bits of each remain on the wire.
@@ -63,6 +64,7 @@ def encode_update(statuses: Iterable[tuple[int, int]], changes: Iterable[WireCha
     """
     block = b"".join(_STATUS.pack(uid, status) for uid, status in statuses)
     records = b"".join(map(_encode_change, changes))
+    # The first size counts bytes, the second counts transitions.
     return b"".join(
         (_SIZE.pack(len(block)), block, _SIZE.pack(len(records) // _CHANGE.size), records),
     )
@@ -70,6 +72,7 @@ def encode_update(statuses: Iterable[tuple[int, int]], changes: Iterable[WireCha
 
 def _encode_change(change: WireChange) -> bytes:
     seconds, micros = divmod(change.stamp // _NS_PER_US, _US_PER_S)
+    # Unsigned, the 32 bits of the seconds last until 2106.
     return _CHANGE.pack(seconds & 0xFFFFFFFF, micros, change.uid, change.previous, change.status)
 
 

@@ -149,6 +149,7 @@ def encode_tree(tree: WireTree) -> bytes:
 
 
 def _write_node(builder: "Builder", node: WireNode) -> int:
+    # Vectors and strings first: a flatbuffer's objects cannot be nested while they are written.
     children = _vector(builder, 2, node.children, builder.PrependUint16)
     remaps = _tables(builder, [_write_table(builder, "aa", *_texts(builder, *pair)) for pair in node.ports])
     name, id = _texts(builder, node.name, node.id)
@@ -178,11 +179,13 @@ def _write_table(builder: "Builder", fields: str, *values: int) -> int:
     }
     builder.StartObject(len(fields))
     for slot, (field, value) in enumerate(zip(fields, values, strict=True)):
+        # The default 0 is written, too, because of ForceDefaults.
         prepend[field](slot, value, 0)
     return int(builder.EndObject())
 
 
 def _texts(builder: "Builder", *texts: str) -> list[int]:
+    # Shared: the same IDs, ports and types occur in many nodes and models.
     return [builder.CreateSharedString(text) for text in texts]
 
 
@@ -226,6 +229,8 @@ def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
         uid, above = uids[node.uid], uids.get(parent, 0)
         kind = kinds.get(node.id) or kind_from_children(len(node.children))
         subtree = subtree_below[above]
+        # BehaviorTree.CPP 4 appends the uid to the path of a node without a name of its own. In version 3 a
+        # SubTree node has its tree's ID as name, so it counts as a node without a name.
         path = node.name if node.name != node.id and kind != "subtree" else f"{node.name}::{uid}"
         if subtree:
             path = f"{subtree}/{path}"

@@ -25,8 +25,10 @@ RECORDED_AT_MOST: Final = 1000
 The limit is in BehaviorTree.CPP's ``src/loggers/groot2_publisher.cpp``.
 """
 
+# protocol, kind, unique ID; a reply also has the tree's UUID
 _REQUEST: Final = struct.Struct("<BBI")
 _REPLY: Final = struct.Struct("<BBI16s")
+# uid, status code
 _STATUS: Final = struct.Struct("<HB")
 # The offset in µs has 48 bits: groot2_publisher.cpp copies the first 6 bytes of a 64-bit integer.
 _TRANSITION: Final = struct.Struct("<IHHB")
@@ -152,6 +154,7 @@ def decode_reply(frames: Sequence[bytes]) -> Reply:
         RobotRefusedError: *frames* is an error reply.
         ProtocolError: *frames* is not a reply.
     """
+    # An error reply has no header, so nothing relates it to its request but the order of a REQ socket.
     if len(frames) == 2 and frames[0] == ERROR:
         raise RobotRefusedError(frames[1].decode("utf-8", "replace"))
     if not 1 <= len(frames) <= 2:
@@ -247,6 +250,7 @@ def decode_recording_start(body: bytes) -> int:
     Raises:
         ProtocolError: *body* is not a decimal number.
     """
+    # 20 digits are enough for every 64-bit number.
     if not body.isdigit() or len(body) > 20:
         raise ProtocolError(
             f"expected the recording's start in decimal digits, and got {describe_bytes(body)}"
@@ -275,6 +279,7 @@ def decode_breakpoint_reached(frames: Sequence[bytes]) -> int:
     header = RequestHeader.decode(frames[0])
     if header.kind != Request.BREAKPOINT_REACHED:
         raise ProtocolError(f"expected a notification 'N', and got {chr(header.kind)!r}")
+    # A uid has 16 bits, so at most five digits.
     if not frames[1].isdigit() or len(frames[1]) > 5:
         raise ProtocolError(f"expected a node's uid in decimal digits, and got {describe_bytes(frames[1])}")
     return int(frames[1])

@@ -130,6 +130,7 @@ def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
 def _packed(value: Any) -> bytes:
     """Return *value* as nlohmann::json::to_msgpack encodes it: sorted keys, float32 where that is exact."""
     if isinstance(value, float):
+        # NaN and infinities compare false, so they are sent as float64.
         single = abs(value) <= _FLOAT32_MAX and struct.unpack("<f", struct.pack("<f", value))[0] == value
         return struct.pack(">Bf", 0xCA, value) if single else struct.pack(">Bd", 0xCB, value)
     if isinstance(value, dict):

@@ -20,6 +20,7 @@ class JsonError(ProtocolError):
 
 
 def _refuse(name: str) -> Any:
+    # The json module accepts NaN and Infinity by default; JSON has no such values.
     raise ValueError(name)
 
 
@@ -47,6 +48,7 @@ def _syntax(text: str, at: int) -> JsonError:
             "input; check that your input string or stream contains the expected JSON"
         )
     reason, end = "unexpected end of input", at
+    # The library reads a literal letter by letter, and stops at the first wrong letter.
     word = _LOOSE.match(text, at)
     if word is not None:
         end = at + _misread(word[0])

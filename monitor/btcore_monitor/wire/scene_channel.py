@@ -210,6 +210,7 @@ def encode(message: Message) -> bytes:
 
     Its data must be portable (:mod:`btcore_monitor.wire.msgpack_values`).
     """
+    # `kind` is a class variable, so it is not among the fields.
     kind = message.kind
     values: dict[str, Any] = {"v": VERSION, "kind": kind}
     for name, _ in _FIELDS[kind]:
@@ -243,6 +244,7 @@ def decode(data: bytes) -> Message:
     kind = values.get("kind")
     if not isinstance(kind, str):
         raise ProtocolError(f"expected the kind of a message, and got {kind!r}")
+    # A message of a newer publisher still counts in the numbers of the stream.
     if kind not in _KINDS:
         seq = values.get("seq")
         return UnknownMessage(_field(str, values, "tree_id", kind), seq if _is_int(seq) else 0)
@@ -260,6 +262,7 @@ def decode(data: bytes) -> Message:
 
 def _field(type_: type[_T], values: Mapping[str, Any], name: str, kind: str) -> _T:
     value = values.get(name)
+    # bool is a subclass of int in Python, but another type in MessagePack.
     if not isinstance(value, type_) or (type_ is int and isinstance(value, bool)):
         got = "nothing" if name not in values else type(value).__name__
         raise ProtocolError(f"expected '{name}' of a '{kind}' message to be {type_.__name__}, and got {got}")

@@ -76,6 +76,7 @@ def _plain(value: Any) -> Any:
 
 
 def _deflated(entry: dict[str, Any], blob: str) -> dict[str, Any]:
+    # JPEG is compressed already.
     if entry.get("format") == "jpeg":
         return entry
     return {**entry, blob: zlib.compress(entry[blob], _LEVEL), "coding": "zlib"}
@@ -120,6 +121,7 @@ def _unexpected(where: str, expected: str, value: object) -> ProtocolError:
 def _reader(hint: Any) -> Reader:
     """Return a function that checks a received value against *hint* and converts it to the message's type."""
     origin, args = get_origin(hint), [arg for arg in get_args(hint) if arg is not NoneType]
+    # From the plain types to the compound types; a type that none of the tests matches is a named tuple.
     if hint in _PLAIN:
         return _plain_value(*_PLAIN[hint])
     if is_dataclass(hint):

@@ -190,7 +190,7 @@ def _lines(path: Path) -> Iterator[str]:
             "ends in .btlog, .db3, .btdb or .rrd; did you mean run.btlog?",
         ),
         (["-o", "nowhere/run.btlog"], "there is no folder"),
-        (["-o", "a.btlog", "-o", "./a.btlog"], "twice, and a file holds one log"),
+        (["-o", "a.btlog", "-o", "./a.btlog"], "is given twice"),
         (["not an address", "-o", "a.btlog"], "'not an address' is not an address"),
         (["127.0.0.1:9", "-o", "a.btlog", "--duration", "0.1"], "no tree was seen at 127.0.0.1:9"),
     ],

@@ -74,11 +74,11 @@ def test_a_time_and_nodes_can_be_picked(replay: Replay) -> None:
     [
         (["--text", "--save", "x.rrd"], "--text and --save exclude each other"),
         (["--node", "cnt", "--save", "x.rrd"], "--node selects lines, so it needs --text"),
-        (["--text", "--node", "Sub::7"], "no node's path is like 'Sub::7'; did you mean 'Sub::6'?"),
+        (["--text", "--node", "Sub::7"], "no node's path matches 'Sub::7'; did you mean 'Sub::6'?"),
         (["--text", "--from", "3", "--to", "2"], "--from 3 is after --to 2"),
         (
             ["--text", "--from", "99"],
-            "nothing happens in that time; its transitions are at 0.017 s to",
+            "there are no transitions in this time range; the transitions are at 0.017 s to",
         ),
         (["--save", "x.txt"], "a recording is an .rrd file"),
         (["--save", "nowhere/x.rrd"], "there is no folder"),

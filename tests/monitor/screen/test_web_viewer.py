@@ -82,7 +82,7 @@ def test_two_viewers_have_a_relay_each(command):
 
 def test_a_run_that_is_over_stays_in_the_browser_until_ctrl_c(command, tree_file):
     run = command("run", tree_file, "--fast", "--duration", "1", "--serve-web", free_port())
-    run.wait_for("the run is over, and the viewer for browsers stays: Ctrl-C ends it")
+    run.wait_for("the run is over; the viewer for browsers stays open until Ctrl-C")
     assert b"<canvas" in fetched(address_of(run))
     assert run.end(signal.SIGINT) == 0, run.stderr_text
     assert "Traceback" not in run.stderr_text
