@@ -187,7 +187,7 @@ def _lines(path: Path) -> Iterator[str]:
         ([], "Missing option '-o'"),
         (
             ["-o", "run.txt"],
-            "ends in .btlog, .db3, .btdb or .rrd; did you mean run.btlog?",
+            "types are .btlog, .db3, .btdb and .rrd; did you mean run.btlog?",
         ),
         (["-o", "nowhere/run.btlog"], "there is no folder"),
         (["-o", "a.btlog", "-o", "./a.btlog"], "is given twice"),
