@@ -24,7 +24,7 @@ _TIMEOUT_NOTICE: Final = (
 )
 
 
-class Hooked(click.Group):
+class HookGroup(click.Group):
     """A command group with an optional ADDRESS, port 1667 of this machine by default."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -42,7 +42,7 @@ class Hooked(click.Group):
         return super().parse_args(ctx, args)
 
 
-@click.group(cls=Hooked, subcommand_metavar="COMMAND ...")
+@click.group(cls=HookGroup, subcommand_metavar="COMMAND ...")
 @click.argument("address", metavar="[ADDRESS]")
 @click.option(
     "--wait",

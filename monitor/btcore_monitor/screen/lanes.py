@@ -52,7 +52,7 @@ class Lanes:
         slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
         over = [*depths, *slots] if depths else []
         self.entities = lane_entities([*over, *distinct_names(nodes)])
-        self._over = [rows.series(entity, _states) for entity in self.entities[: len(over)]]
+        self._running_lanes = [rows.series(entity, _states) for entity in self.entities[: len(over)]]
         index = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._series = {
             index[node.uid]: rows.series(entity, _states)
@@ -72,9 +72,9 @@ class Lanes:
         palette, log = self._palette, self._rows.log
         colours = palette.fill[: len(STATUS_NAMES)]
         look = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
-        for entity in self.entities[len(self._over) :]:
+        for entity in self.entities[len(self._running_lanes) :]:
             log(entity, look, static=True)
-        if self._over:
+        if self._running_lanes:
             # Two alternating shades distinguish neighbours.
             shades = palette.busy, int(palette.fill[RUNNING])
             names = sorted(set(self._names))
@@ -83,7 +83,7 @@ class Lanes:
                 labels=[NOTHING, *names],
                 colors=[int(palette.fill[IDLE]), *(shades[at % 2] for at in range(len(names)))],
             )
-            for entity in self.entities[: len(self._over)]:
+            for entity in self.entities[: len(self._running_lanes)]:
                 log(entity, look, static=True)
 
     def show(self, states: TickStates, changed: Iterable[int]) -> None:
@@ -92,18 +92,18 @@ class Lanes:
             series = self._series.get(at)
             if series is not None:
                 series.add(states.t, states.wall, SHOWN_NAMES[states.shown[at]])
-        if not self._over:
+        if not self._running_lanes:
             return
         running = states.shown == RUNNING
         active = [next((at for at in level if running[at]), None) for level in self._depths]
-        active += self._placed(np.flatnonzero(running & self._leaf).tolist())
+        active += self._assign_slots(np.flatnonzero(running & self._leaf).tolist())
         for lane, index in enumerate(active):
             name = NOTHING if index is None else self._names[index]
             if name != self._shown[lane]:
                 self._shown[lane] = name
-                self._over[lane].add(states.t, states.wall, name)
+                self._running_lanes[lane].add(states.t, states.wall, name)
 
-    def _placed(self, running: list[int]) -> list[int | None]:
+    def _assign_slots(self, running: list[int]) -> list[int | None]:
         """Return the running leaf of each lane. A leaf keeps its lane; a new leaf takes a free lane."""
         self._slots = [leaf if leaf in running else None for leaf in self._slots]
         for leaf in running:

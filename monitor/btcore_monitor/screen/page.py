@@ -14,24 +14,24 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 
-_ELSEWHERE: Final = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
+_EXTERNAL_LINK: Final = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
 _HEAD: Final = b"<head>"
-_STAYS_HERE: Final = b"""
+_BLOCK_EXTERNAL: Final = b"""
 <script>
-  const here = new Set([location.hostname]);
-  for (const one of new URLSearchParams(location.search).getAll("url")) {
-    here.add(new URL(one.replace(/^rerun[+]/, ""), location).hostname);
+  const allowed = new Set([location.hostname]);
+  for (const address of new URLSearchParams(location.search).getAll("url")) {
+    allowed.add(new URL(address.replace(/^rerun[+]/, ""), location).hostname);
   }
-  const fetched = window.fetch.bind(window);
-  window.fetch = (what, how) =>
-    here.has(new URL(what.url ?? what, location).hostname)
-      ? fetched(what, how)
+  const originalFetch = window.fetch.bind(window);
+  window.fetch = (resource, options) =>
+    allowed.has(new URL(resource.url ?? resource, location).hostname)
+      ? originalFetch(resource, options)
       : Promise.resolve(new Response(null, { status: 204 }));
 </script>
 """
 """The page may load only itself and the recordings that its address names; all other requests are blocked."""
-_PASSED_ON: Final = ("Content-Type", "rerun-final-length")
-_ANSWER_WITHIN: Final = 20.0
+_FORWARDED_HEADERS: Final = ("Content-Type", "rerun-final-length")
+_TIMEOUT: Final = 20.0
 
 
 class PageServer:
@@ -65,24 +65,24 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         # Not urllib, which would send the request to the environment's proxy, even for this machine.
-        source = http.client.HTTPConnection("127.0.0.1", self.server.source, timeout=_ANSWER_WITHIN)
+        source = http.client.HTTPConnection("127.0.0.1", self.server.source, timeout=_TIMEOUT)
         # A browser that closes the connection early is not an error.
         with contextlib.suppress(OSError, http.client.HTTPException), contextlib.closing(source):
             source.request("GET", self.path)
-            answer = source.getresponse()
-            if answer.status != http.client.OK:
-                self.send_error(answer.status)
+            response = source.getresponse()
+            if response.status != http.client.OK:
+                self.send_error(response.status)
                 return
-            self.send_response(answer.status)
-            for name in _PASSED_ON:
-                if name in answer.headers:
-                    self.send_header(name, answer.headers[name])
+            self.send_response(response.status)
+            for name in _FORWARDED_HEADERS:
+                if name in response.headers:
+                    self.send_header(name, response.headers[name])
             self.end_headers()
-            if answer.headers.get_content_type() == "text/html":
-                page = _ELSEWHERE.sub(b"", answer.read())
-                self.wfile.write(page.replace(_HEAD, _HEAD + _STAYS_HERE, 1))
+            if response.headers.get_content_type() == "text/html":
+                page = _EXTERNAL_LINK.sub(b"", response.read())
+                self.wfile.write(page.replace(_HEAD, _HEAD + _BLOCK_EXTERNAL, 1))
             else:
-                shutil.copyfileobj(answer, self.wfile, 1 << 20)
+                shutil.copyfileobj(response, self.wfile, 1 << 20)
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Log nothing: requests of a browser are not of interest."""

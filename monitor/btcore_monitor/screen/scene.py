@@ -173,8 +173,8 @@ class SceneView:
         """
         # Frames first: the trail and the markers use the new poses.
         for child, parent, position, quaternion in data.frames:
-            self._place(t, wall, child, (parent, position, quaternion))
-        self._stand(t, wall)
+            self._set_pose(t, wall, child, (parent, position, quaternion))
+        self._add_footprint(t, wall)
         if data.scan is not None:
             stamp = t if data.scan.stamp is None else data.scan.stamp
             if stamp != self._scan_stamp:
@@ -190,7 +190,7 @@ class SceneView:
         self._markers.moving(t, wall, data, self._root)
         self._cameras.moving(t, wall, data)
 
-    def _place(self, t: int, wall: int, child: str, pose: Pose) -> None:
+    def _set_pose(self, t: int, wall: int, child: str, pose: Pose) -> None:
         before = self._poses.get(child)
         if before is not None and _near(before, pose):
             return
@@ -200,12 +200,12 @@ class SceneView:
             series = self._frames[child] = self._frame_series(child)
         series.add(t, wall, pose)
 
-    def _stand(self, t: int, wall: int) -> None:
+    def _add_footprint(self, t: int, wall: int) -> None:
         """Add the footprint's frame, on the floor, for a robot that sends only its base link."""
         footprint, link = _BODIES
         if footprint not in self._poses and link in self._poses:
             height = self._poses[link][1][2]
-            self._place(t, wall, footprint, (link, (0.0, 0.0, -height), UPRIGHT))
+            self._set_pose(t, wall, footprint, (link, (0.0, 0.0, -height), UPRIGHT))
 
     def _frame_series(self, child: str) -> Series[Pose]:
         rows = self._rows
@@ -225,7 +225,7 @@ class SceneView:
         if laser is None:
             return
         if len(self._directions) != len(ranges):
-            self._aim(laser, len(ranges))
+            self._set_directions(laser, len(ranges))
         seen = np.isfinite(ranges) & (ranges >= (laser.range_min or 0.0))
         self._points.add(t, wall, self._directions[seen] * ranges[seen, None])
         reach = _FAN_REACH if laser.range_max is None else min(_FAN_REACH, float(laser.range_max))
@@ -233,7 +233,7 @@ class SceneView:
         corners = self._directions[::_FAN_STEP] * free[::_FAN_STEP, None]
         self._fan.add(t, wall, np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
 
-    def _aim(self, laser: Laser, count: int) -> None:
+    def _set_directions(self, laser: Laser, count: int) -> None:
         angles = laser.angle_min + laser.angle_increment * np.arange(count)
         self._directions = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1).astype(np.float32)
         corners = np.arange(1, len(self._directions[::_FAN_STEP]), dtype=np.uint32)

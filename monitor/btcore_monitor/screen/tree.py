@@ -74,7 +74,7 @@ class TreeView:
         self.origin = ORIGIN if whole is None else FOLDED
         whole = whole or tree
         self._room = room
-        self.captions, self.layout = _written(tree, whole, room)
+        self.captions, self.layout = _arrange_readable(tree, whole, room)
         self._rows = rows
         index = {node.uid: at for at, node in enumerate(whole.nodes)}
         self._index = np.array([index[node.uid] for node in tree.nodes], dtype=np.intp)
@@ -173,7 +173,7 @@ class TreeView:
             # A strip needs a length; its round ends make it a disc.
             badges = [((place.x + half, place.y), (place.x + half + 0.01, place.y)) for place in places]
             subtree.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
-            strokes, colours, radii = self._ink(subtree.at.tolist())
+            strokes, colours, radii = self._strokes(subtree.at.tolist())
             subtree.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
         x0, _, _, y1 = self.bounds()
         line = legend(palette, x0, y1, _pixel(self.layout, self._room), bool(self._found))
@@ -199,7 +199,7 @@ class TreeView:
                 )
             self._rows.log(entity, *components, static=True)
 
-    def _ink(self, indices: Sequence[int]) -> tuple[list[Strip], list[int], list[float]]:
+    def _strokes(self, indices: Sequence[int]) -> tuple[list[Strip], list[int], list[float]]:
         """Return the strokes, colours and radii of names, notes and symbols of the nodes at *indices*."""
         strokes: list[Stroke] = []
         colours: list[int] = []
@@ -275,7 +275,7 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[floa
     return lay_out(boxes, style.PILL_HEIGHT, across / (down - LEGEND_HEIGHT), comfort)
 
 
-def _written(
+def _arrange_readable(
     tree: ObservedTree, whole: ObservedTree, room: tuple[float, float]
 ) -> tuple[Mapping[int, Caption], Layout]:
     """Return captions and layout, with notes if these are readable without zooming in."""

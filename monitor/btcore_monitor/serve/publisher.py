@@ -65,7 +65,7 @@ class Publisher(Closeable):
         self._latest = self._published = PublishedTree(
             tree, resources, scene, None if groot1 is None else 0, control
         )
-        self._fresh: deque[PublishedTree] = deque()
+        self._replacements: deque[PublishedTree] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
         self._requests = RequestSocket(self._context, _REQUEST_AT_MOST)
         self._notices = self._context.socket(zmq.PUB)
@@ -161,7 +161,7 @@ class Publisher(Closeable):
         self._latest.leave()
         fresh.subscribe()
         self._latest = fresh
-        self._fresh.append(fresh)
+        self._replacements.append(fresh)
 
     def finish(self) -> None:
         """End the stream, but go on replying to requests, for example while a recording is being written."""
@@ -236,18 +236,18 @@ class Publisher(Closeable):
     def _drain(self) -> bool:
         """Process queued items and send them. Return whether there are more."""
         # Before draining: if a new tree is here already, the old tree's queue gets no more items.
-        replaced = bool(self._fresh)
+        replaced = bool(self._replacements)
         more = self._published.drain()
         scene = self._published.scene
         if scene is not None:
             for topic, data in scene.pending_frames():
                 self._send(topic, data)
         if replaced and not more:
-            self._follow(self._fresh.popleft())
+            self._switch_to(self._replacements.popleft())
             return True
         return more
 
-    def _follow(self, fresh: PublishedTree) -> None:
+    def _switch_to(self, fresh: PublishedTree) -> None:
         """Switch to the tree *fresh*, and send it to all clients."""
         self._serve_groot1({}, at_once=True)
         before, self._published = self._published, fresh

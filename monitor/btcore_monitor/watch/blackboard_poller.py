@@ -22,7 +22,7 @@ class BlackboardPoller:
         self._every = 1 / rate if rate > 0 else float("inf")
         self._main = ""
         self._groups: list[list[str]] = []
-        self._left: list[list[str]] = []
+        self._remaining: list[list[str]] = []
         self._requested: list[str] = []
         self._received: dict[str, dict[str, Any]] = {}
         self._shown: Boards | None = None
@@ -31,16 +31,16 @@ class BlackboardPoller:
         """Poll the blackboards of *tree* from now on."""
         self._main = tree.name
         self._groups = [[path or tree.name for path in tree.subtrees]]
-        self._left.clear()
+        self._remaining.clear()
         self._shown = None
         self.due = 0.0 if self.rate > 0 else float("inf")
 
     def next_request(self, now: float) -> bytes:
         """Return the body of the next request, at *now* (monotonic s)."""
-        if not self._left:
-            self._left = list(self._groups)
+        if not self._remaining:
+            self._remaining = list(self._groups)
             self._received = {}
-        self._requested = self._left.pop(0)
+        self._requested = self._remaining.pop(0)
         # Every blackboard is requested `rate` times per second, whether together or separately.
         self.due = now + self._every / len(self._groups)
         return encode_names(self._requested)
@@ -52,7 +52,7 @@ class BlackboardPoller:
             ProtocolError: *body* is not a BLACKBOARD reply.
         """
         self._received |= decode_boards(body)
-        if self._left:
+        if self._remaining:
             return None
         boards = boards_by_path(self._received, self._main)
         if boards == self._shown:
@@ -66,7 +66,7 @@ class BlackboardPoller:
         Returns:
             The names that are no longer requested.
         """
-        self._left.clear()
+        self._remaining.clear()
         if len(self._requested) > 1:
             self._groups = [[name] for name in self._requested]
             self.due = 0.0

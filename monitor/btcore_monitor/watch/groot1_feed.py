@@ -78,22 +78,24 @@ class Groot1Feed:
             self._updates.setsockopt(option, value)
         # Everything: updates have no topic, their first bytes are a size.
         self._updates.subscribe(b"")
-        self._links = self._updates.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
+        self._connection_events = self._updates.get_monitor_socket(
+            zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED
+        )
         self._updates.connect(address.published())
         self._tree: WireTree | None = None
-        self._seen: Groot1ObservedTree | None = None
-        self._linked = False
+        self._observed: Groot1ObservedTree | None = None
+        self._connected = False
         self._requested_at = 0.0
-        self._shown_from = 0.0
+        self._show_at = 0.0
         self._must_request = True
-        self._started_anew = False
+        self._restarted = False
         self._waiting: deque[Update] = deque(maxlen=_WAITING_AT_MOST)
         self._shown = False
-        self._sure = False
+        self._is_certain = False
         self._statuses: dict[int, int] = {}
         self._number = 0
         self._began = time.monotonic_ns()
-        self._ahead = 0
+        self._clock_offset = 0
         self._stamp = 0
         self._reported_up_to = 0
         self._t = 0
@@ -103,7 +105,7 @@ class Groot1Feed:
 
     def __str__(self) -> str:
         description = f"{self.address}, by Groot 1's protocol"
-        if not self._linked:
+        if not self._connected:
             description += (
                 f", and nothing is published at {self.address.published()}: if updates have another port, "
                 f"write {self.address.at()}/PORT"
@@ -118,7 +120,7 @@ class Groot1Feed:
     @property
     def sockets(self) -> list[Socket]:
         """The current sockets, for a poller."""
-        return [self._updates, self._links, *([self._client.socket] if self._client.busy else [])]
+        return [self._updates, self._connection_events, *([self._client.socket] if self._client.busy else [])]
 
     def step(self) -> list[Event]:
         """Read new messages and send the next request, without waiting. Return the new events.
@@ -130,7 +132,7 @@ class Groot1Feed:
         events: list[Event] = []
         self._read_updates()
         self._advance(events)
-        self._look_at_links()
+        self._read_connection_events()
         self._request()
         self._advance(events)
         return events
@@ -143,16 +145,16 @@ class Groot1Feed:
 
     # Receiving
 
-    def _look_at_links(self) -> None:
-        while self._links.poll(0):
-            event = parse_monitor_message(self._links.recv_multipart())["event"]
+    def _read_connection_events(self) -> None:
+        while self._connection_events.poll(0):
+            event = parse_monitor_message(self._connection_events.recv_multipart())["event"]
             # Only after a handshake: a socket that is not a ZeroMQ publisher also causes DISCONNECTED events,
             # at every attempt to connect.
-            if event == zmq.EVENT_DISCONNECTED and self._linked:
-                self._started_anew = self._must_request = True
+            if event == zmq.EVENT_DISCONNECTED and self._connected:
+                self._restarted = self._must_request = True
                 self._requested_at = 0.0
                 self._waiting.clear()
-            self._linked = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
+            self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
 
     def _read_updates(self) -> None:
         for _ in range(_UPDATES_A_TURN):
@@ -170,12 +172,12 @@ class Groot1Feed:
             self._must_request = True
             if self._shown and time.monotonic() - self.alive_at < PROBE_AFTER:
                 return  # the robot is there, since it publishes
-            self._sure = False
+            self._is_certain = False
             self._silent_since = time.monotonic()
             raise
         now = time.monotonic()
         if frames is not None:
-            self._take(frames, now)
+            self._process_reply(frames, now)
         silent = now - max(self.alive_at, self._requested_at) >= PROBE_AFTER
         if (
             not self._client.busy
@@ -185,7 +187,7 @@ class Groot1Feed:
             self._requested_at = now
             self._client.begin(QUESTION)
 
-    def _take(self, frames: list[bytes], now: float) -> None:
+    def _process_reply(self, frames: list[bytes], now: float) -> None:
         tree = find_tree(frames)
         if tree is None:
             what = describe_bytes(frames[0]) if len(frames) == 1 else f"{len(frames)} frames"
@@ -194,97 +196,97 @@ class Groot1Feed:
         self._must_request = False
         # Replies of the same robot differ only in the statuses, so trees are compared without them.
         shape = tree._replace(nodes=tuple(node._replace(status=IDLE) for node in tree.nodes))
-        if shape == self._tree and not self._started_anew:
+        if shape == self._tree and not self._restarted:
             self._drop_unknown()
             return
-        self._seen = read_groot1(tree, uuid.uuid4().hex)
+        self._observed = read_groot1(tree, uuid.uuid4().hex)
         self._tree = shape
-        self._shown = self._sure = self._started_anew = False
-        self._shown_from = now + FIRST_UPDATE
+        self._shown = self._is_certain = self._restarted = False
+        self._show_at = now + FIRST_UPDATE
         self._number = 0
         self._drop_unknown()
 
     def _drop_unknown(self) -> None:
         """Remove waiting updates with unknown nodes: they belong to a previous tree."""
-        self._waiting = deque(filter(self._known, self._waiting), maxlen=_WAITING_AT_MOST)
+        self._waiting = deque(filter(self._is_known, self._waiting), maxlen=_WAITING_AT_MOST)
 
     # Events
 
     def _advance(self, events: list[Event]) -> None:
-        if self._seen is None or self._started_anew:
+        if self._observed is None or self._restarted:
             return
-        if not self._shown and (self._waiting or time.monotonic() >= self._shown_from):
+        if not self._shown and (self._waiting or time.monotonic() >= self._show_at):
             self._show(events)
         while self._waiting and self._shown:
-            if not self._known(self._waiting[0]):
+            if not self._is_known(self._waiting[0]):
                 self._must_request = True
                 return
             self._apply(self._waiting.popleft(), events)
 
     def _show(self, events: list[Event]) -> None:
         """Add an event for the tree, with the statuses of the first update or else of the reply."""
-        assert self._seen is not None
-        self._statuses = dict(self._seen.statuses)
+        assert self._observed is not None
+        self._statuses = dict(self._observed.statuses)
         wall = time.time_ns()
-        if self._waiting and self._known(self._waiting[0]):
+        if self._waiting and self._is_known(self._waiting[0]):
             # The statuses of an update are those before its transitions, so the tree is shown at the time of
             # the first transition.
             update = self._waiting[0]
-            self._statuses |= self._translated(update)
-            self._sure = True
+            self._statuses |= self._by_own_uid(update)
+            self._is_certain = True
             if update.changes:
                 self._compare_clocks(update)
                 wall = update.changes[0].stamp
-                events.append(self._tree_seen(self._time(wall), wall))
+                events.append(self._tree_event(self._time(wall), wall))
                 return
         self._t = max(self._t, self._now())
-        events.append(self._tree_seen(self._t, wall))
+        events.append(self._tree_event(self._t, wall))
 
-    def _tree_seen(self, t: int, wall: int) -> TreeSeen:
-        assert self._seen is not None
+    def _tree_event(self, t: int, wall: int) -> TreeSeen:
+        assert self._observed is not None
         self._shown = True
         self._reported_up_to = t
-        return TreeSeen(self._seen.tree, t, wall, dict(self._statuses), numbered=False, source=GROOT1)
+        return TreeSeen(self._observed.tree, t, wall, dict(self._statuses), numbered=False, source=GROOT1)
 
-    def _known(self, update: Update) -> bool:
-        assert self._seen is not None
-        uids = self._seen.uids
+    def _is_known(self, update: Update) -> bool:
+        assert self._observed is not None
+        uids = self._observed.uids
         return update.statuses.keys() <= uids.keys() and all(change.uid in uids for change in update.changes)
 
-    def _translated(self, update: Update) -> dict[int, int]:
-        assert self._seen is not None
-        return {self._seen.uids[uid]: status for uid, status in update.statuses.items()}
+    def _by_own_uid(self, update: Update) -> dict[int, int]:
+        assert self._observed is not None
+        return {self._observed.uids[uid]: status for uid, status in update.statuses.items()}
 
     def _apply(self, update: Update, events: list[Event]) -> None:
         if not update.changes:
             return
         self._compare_clocks(update)
         first = update.changes[0].stamp
-        self._compare(self._translated(update), self._time(first), first, events)
+        self._compare(self._by_own_uid(update), self._time(first), first, events)
         for change in update.changes:
             self._change(change, events)
 
     def _compare(self, received: dict[int, int], t: int, wall: int, events: list[Event]) -> None:
         """Compare the *received* statuses with the known statuses, and correct these."""
         different = {uid: status for uid, status in received.items() if self._statuses[uid] != status}
-        if self._sure and not any(different.values()):
+        if self._is_certain and not any(different.values()):
             # A robot can be configured not to publish transitions to IDLE: StatusChangeLogger's
             # enableTransitionToIdle(false). Then this is no gap.
             for uid in different:
                 self._report(uid, IDLE, t, wall, events)
         elif different:
-            if self._sure:
-                events.append(self._unseen(t, wall))
+            if self._is_certain:
+                events.append(self._missed(t, wall))
             self._statuses |= different
-            events.append(self._tree_seen(t, wall))
-        self._sure = True
+            events.append(self._tree_event(t, wall))
+        self._is_certain = True
 
     def _change(self, change: WireChange, events: list[Event]) -> None:
-        assert self._seen is not None
-        uid, t = self._seen.uids[change.uid], self._time(change.stamp)
+        assert self._observed is not None
+        uid, t = self._observed.uids[change.uid], self._time(change.stamp)
         if change.previous != self._statuses[uid]:
             if change.previous != IDLE:
-                events.append(self._unseen(t, change.stamp))
+                events.append(self._missed(t, change.stamp))
             self._report(uid, change.previous, t, change.stamp, events)
         if change.status != change.previous:
             self._report(uid, change.status, t, change.stamp, events)
@@ -296,7 +298,7 @@ class Groot1Feed:
         # Tick 0: the protocol has no numbers of ticks.
         events.append(StatusChanged(self._number, t, wall, 0, uid, previous, status))
 
-    def _unseen(self, t: int, wall: int) -> DataMissed:
+    def _missed(self, t: int, wall: int) -> DataMissed:
         return DataMissed(
             t, wall, self._reported_up_to, "transitions", "updates of the robot were lost on the network"
         )
@@ -312,11 +314,11 @@ class Groot1Feed:
         """
         first, last = update.changes[0].stamp, update.changes[-1].stamp
         now = self._now()
-        if first < self._stamp or last - self._ahead - now > _FUTURE_NS or not self._stamp:
-            self._ahead = last - now
+        if first < self._stamp or last - self._clock_offset - now > _FUTURE_NS or not self._stamp:
+            self._clock_offset = last - now
         self._stamp = last
 
     def _time(self, stamp: int) -> int:
         """Return *stamp* (robot's wall clock) as time (ns) since the feed was created; it never decreases."""
-        self._t = max(self._t, stamp - self._ahead)
+        self._t = max(self._t, stamp - self._clock_offset)
         return self._t

@@ -51,11 +51,11 @@ GAPS_AT_MOST: Final = 3
 _FORGIVEN_AFTER: Final = 200
 """Batches without a gap after which earlier gaps no longer count."""
 
-_SOONER_FROM: Final = 400
+_FASTER_FROM: Final = 400
 """Transitions in a batch from which on requests become more frequent: the robot keeps only 1,000."""
-_LATER_UNTIL: Final = 100
+_SLOWER_UNTIL: Final = 100
 """Transitions in a batch up to which requests become less frequent again."""
-_SOONEST: Final = 0.01
+_SHORTEST_INTERVAL: Final = 0.01
 _UNSURE_BY: Final = 1_000_000_000
 """Maximum error (ns) of the estimate of the robot's clock, in addition to the duration of a request."""
 
@@ -314,9 +314,9 @@ class Groot2Feed:
                 self._gaps = self._complete = 0
         self._is_first = False
         # The robot drops the oldest transitions of a full buffer, so a fast tree is polled more often.
-        if len(batch) >= _SOONER_FROM:
-            self._every = max(_SOONEST, self._every / 2)
-        elif len(batch) <= _LATER_UNTIL:
+        if len(batch) >= _FASTER_FROM:
+            self._every = max(_SHORTEST_INTERVAL, self._every / 2)
+        elif len(batch) <= _SLOWER_UNTIL:
             self._every = min(STATUS_EVERY, self._every * 2)
 
     def _handle_gap(self, error: MissingTransitionsError, events: list[Event]) -> None:

@@ -89,12 +89,12 @@ class RobotClock:
     """
 
     def __init__(self) -> None:
-        self._ahead = time.time_ns() - time.monotonic_ns()
+        self._offset = time.time_ns() - time.monotonic_ns()
         self._origin = self.wall()
 
     def wall(self) -> int:
         """Return the robot's current time."""
-        return time.monotonic_ns() + self._ahead
+        return time.monotonic_ns() + self._offset
 
     def set(self, wall: int, then: int) -> None:
         """Correct the estimate.
@@ -103,7 +103,7 @@ class RobotClock:
             wall: A time of the robot's wall clock, in ns since the epoch.
             then: The estimate's time at that moment.
         """
-        self._ahead += wall - then
+        self._offset += wall - then
 
     def begin(self, wall: int) -> None:
         """Let the tree's time start at *wall*."""

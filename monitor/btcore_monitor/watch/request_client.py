@@ -44,8 +44,8 @@ class RequestClient(Closeable):
         self.patience = patience
         self.round_trip = 0.0
         """Seconds that the latest reply took."""
-        self._least = timeout
-        self._asked_at = 0.0
+        self._shortest_timeout = timeout
+        self._requested_at = 0.0
         self.busy = False
         """Whether a reply is pending."""
         self.deadline = 0.0
@@ -73,8 +73,8 @@ class RequestClient(Closeable):
             # There is no connection and the queue is full: finish() raises after the timeout.
             self._drop()
         self.busy = True
-        self._asked_at = time.monotonic()
-        self.deadline = self._asked_at + self.timeout
+        self._requested_at = time.monotonic()
+        self.deadline = self._requested_at + self.timeout
 
     def finish(self) -> list[bytes] | None:
         """Return the frames of the reply, or None while it is pending.
@@ -95,9 +95,9 @@ class RequestClient(Closeable):
                 self.timeout = min(self.patience, 2 * timeout)
             raise NoReplyError(f"no answer from {self.address} in {timeout:.3g} s") from None
         self.busy = False
-        self.round_trip = time.monotonic() - self._asked_at
+        self.round_trip = time.monotonic() - self._requested_at
         if self.patience:
-            self.timeout = min(self.patience, max(self._least, 4 * self.round_trip))
+            self.timeout = min(self.patience, max(self._shortest_timeout, 4 * self.round_trip))
         return frames
 
     def wait(self, seconds: float) -> None:

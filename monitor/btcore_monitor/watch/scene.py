@@ -48,11 +48,11 @@ class SceneClient:
         """The number of messages that could not be decoded."""
         self._next = 1
         self._latest = 0
-        self._gone_up_to = 0
+        self._lost_up_to = 0
         self._waiting: dict[int, StreamMessage | UnknownMessage] = {}
-        self._topic = b""
+        self._request_topic = b""
         self._requested_at = 0.0
-        self._here = b""
+        self._presence_topic = b""
         self._tree_topics: list[bytes] = []
         self._tree_requested_at = 0.0
         self._context: zmq.Context[Socket] = zmq.Context()
@@ -82,7 +82,7 @@ class SceneClient:
             if len(frames) != 2:
                 continue
             try:
-                self._take(wire.decode(frames[1]), received)
+                self._process(wire.decode(frames[1]), received)
                 self.last_message = time.monotonic()
             except ProtocolError as error:
                 self.error = str(error)
@@ -95,10 +95,10 @@ class SceneClient:
         self._context.destroy()
 
     def _register(self) -> None:
-        if not self._here:
+        if not self._presence_topic:
             # The robot counts these subscriptions as its clients, and waits for them when it closes.
-            self._here = b"here/" + _token()
-            self.socket.subscribe(self._here)
+            self._presence_topic = b"here/" + _token()
+            self.socket.subscribe(self._presence_topic)
 
     def _request_tree(self) -> None:
         """Request the tree."""
@@ -110,11 +110,11 @@ class SceneClient:
         # receives the reply.
         self.socket.subscribe(self._tree_topics[-1])
 
-    def _take(self, message: Message, received: list[Message]) -> None:
+    def _process(self, message: Message, received: list[Message]) -> None:
         if isinstance(message, TreeMessage):
             if message.tree_id != self.tree_id:
                 # The robot no longer replies about the previous tree, so its missing messages are lost.
-                self._gone_up_to = max(self._waiting, default=0)
+                self._lost_up_to = max(self._waiting, default=0)
                 self._advance(received)
                 self._begin(message)
                 received.append(message)
@@ -134,11 +134,11 @@ class SceneClient:
             self._latest = max(self._latest, message.latest)
             if message.first <= self._next:
                 # messages in its range that it does not contain are lost for good
-                self._gone_up_to = max(self._gone_up_to, message.last)
-                self._answered()
+                self._lost_up_to = max(self._lost_up_to, message.last)
+                self._end_request()
             for data in message.messages:
                 try:
-                    self._keep(wire.decode(data), len(message.messages))
+                    self._store(wire.decode(data), len(message.messages))
                 except ProtocolError as error:
                     self.error = str(error)
                     self.errors += 1
@@ -148,15 +148,15 @@ class SceneClient:
         self.tree_id = message.tree_id
         self._next = message.oldest
         self._latest = message.latest
-        self._gone_up_to = 0
+        self._lost_up_to = 0
         self._waiting.clear()
-        self._answered()
+        self._end_request()
         self._register()
         for topic in self._tree_topics[:-1]:
             self.socket.unsubscribe(topic)
         del self._tree_topics[:-1]
 
-    def _keep(self, message: Message, more_room: int) -> None:
+    def _store(self, message: Message, more_room: int) -> None:
         if not isinstance(message, StreamMessage | UnknownMessage):
             return
         room = len(self._waiting) < _WAITING_AT_MOST + more_room
@@ -166,7 +166,7 @@ class SceneClient:
     def _advance(self, received: list[Message]) -> None:
         while True:
             message = self._waiting.pop(self._next, None)
-            if message is None and self._next > self._gone_up_to:
+            if message is None and self._next > self._lost_up_to:
                 return
             self._next += 1
             if message is None or isinstance(message, UnknownMessage):
@@ -174,25 +174,25 @@ class SceneClient:
             received.append(message)
             if isinstance(message, EndMessage):
                 # A closing robot waits for clients that still hold this subscription.
-                self.socket.unsubscribe(self._here)
-                self._here = b""
+                self.socket.unsubscribe(self._presence_topic)
+                self._presence_topic = b""
 
     def _request_missing(self) -> None:
         """Request missing messages, unless a reply is pending."""
         if not self.tree_id or self._next > self._latest or self._next in self._waiting:
             return
         now = time.monotonic()
-        if self._topic and now - self._requested_at < _ASK_AGAIN_AFTER:
+        if self._request_topic and now - self._requested_at < _ASK_AGAIN_AFTER:
             return
-        self._answered()
-        self._topic = b"again/%d/%s" % (self._next, _token())
+        self._end_request()
+        self._request_topic = b"again/%d/%s" % (self._next, _token())
         self._requested_at = now
-        self.socket.subscribe(self._topic)
+        self.socket.subscribe(self._request_topic)
 
-    def _answered(self) -> None:
-        if self._topic:
-            self.socket.unsubscribe(self._topic)
-            self._topic = b""
+    def _end_request(self) -> None:
+        if self._request_topic:
+            self.socket.unsubscribe(self._request_topic)
+            self._request_topic = b""
 
 
 def _token() -> bytes:
