@@ -76,6 +76,11 @@ def recorded_symbol(node_id: str, kind: NodeType) -> str:
     return node_symbol("" if cls is None else cls.node_symbol, kind)
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number with *noun*, which is in the plural unless the number is 1."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def format_status(value: Status) -> Text:
     """Return the symbol and the name of a status, in its colour."""
     return Text(f"{STATUS_SIGN[value]} {value.name}", style=STATUS_STYLE[value])

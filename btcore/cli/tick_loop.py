@@ -8,8 +8,8 @@ usual; a second signal interrupts the tick.
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 from typing import Final, Literal
 
@@ -29,6 +29,23 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "failure": (Status.FAILURE,),
     "never": (),
 }
+
+
+@contextmanager
+def signal_handlers(
+    numbers: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Return a context in which *handler* handles the signals *numbers*.
+
+    Outside the main thread, where Python allows no signal handlers, the context has no effect.
+    """
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, handler) for number in numbers if in_main_thread}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
 
 
 class TickLoop:
@@ -143,25 +160,13 @@ class TickLoop:
         self._waiting = False
         return saved
 
-    @contextmanager
-    def signals(self) -> Iterator[None]:
-        """Return a context in which SIGINT, SIGTERM and SIGHUP end the loop instead of the process.
-
-        Outside the main thread, where Python allows no signal handlers, the context has no effect.
-        """
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
+    def signals(self) -> AbstractContextManager[None]:
+        """Return a context in which SIGINT, SIGTERM and SIGHUP end the loop instead of the process."""
         numbers = [signal.SIGINT, signal.SIGTERM]
         # Windows has no SIGHUP; nohup sets it to SIG_IGN, so that the run survives the terminal.
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
             numbers.append(signal.SIGHUP)
-        before = [(number, signal.signal(number, self._handle_signal)) for number in numbers]
-        try:
-            yield
-        finally:
-            for number, handler in before:
-                signal.signal(number, handler)
+        return signal_handlers(numbers, self._handle_signal)
 
     def _handle_signal(self, number: int, frame: FrameType | None) -> None:
         if self._stop:

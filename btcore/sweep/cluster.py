@@ -1,14 +1,17 @@
 """The workers that run episodes: processes on this machine, or the workers of a Dask scheduler."""
 
+import faulthandler
 import logging
 import math
+import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic
-from typing import Final, NamedTuple
+from typing import Final
 from uuid import uuid4
 
 import click
@@ -38,12 +41,6 @@ _CONFIGURATION: Final = {
 }
 
 
-class Killed(NamedTuple):
-    """The result of an episode whose worker died in each of *times* attempts."""
-
-    times: int
-
-
 class Workers:
     """The workers of a Dask client.
 
@@ -69,11 +66,11 @@ class Workers:
 
     def run_episodes(
         self, episodes: Iterator[Episode], stopped: Callable[[], bool]
-    ) -> Iterator[tuple[Episode, Result | Killed]]:
+    ) -> Iterator[tuple[Episode, Result]]:
         """Run episodes in parallel, and yield each with its result as soon as it is finished.
 
         No more episodes are submitted than there are workers, so that the death of a worker affects a single
-        episode.
+        episode. If the worker died in each attempt, the result has the number of attempts as ``killed``.
 
         Args:
             episodes: The episodes to run.
@@ -118,7 +115,7 @@ class Workers:
             self._running[key] = episode, future
             future.add_done_callback(self._finished.put)  # called on a thread of the client
 
-    def _result(self, future: Future, episode: Episode) -> Result | Killed | None:
+    def _result(self, future: Future, episode: Episode) -> Result | None:
         """Return the result of *episode*, or None if the episode will be run again."""
         try:
             result: Result = future.result()
@@ -136,7 +133,7 @@ class Workers:
         self.deaths += died
         times = self._killed[episode.number] = self._killed.get(episode.number, 0) + died
         if times >= self.attempts:
-            return Killed(times)
+            return {"code": None, "report": None, "killed": times}
         self._again.append(episode)
         return None
 
@@ -164,7 +161,7 @@ def local(count: int | None, attempts: int, folder: Path) -> Iterator[Workers]:
             worker_dashboard_address=None,
             silence_logs=logging.CRITICAL,
             host="127.0.0.1",
-            preload="btcore.sweep.worker",
+            preload=__name__,  # Dask calls `dask_setup` in each worker
             env=environment,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
@@ -200,6 +197,22 @@ def remote(address: str, attempts: int) -> Iterator[Workers]:
                 "--nthreads 1'."
             ) from error
         yield Workers(client, attempts)
+
+
+def dask_setup(worker: object) -> None:
+    """Set up a worker process on this machine: ignore Ctrl-C, and redirect the output to the sweep's log.
+
+    Ctrl-C is handled by the main process. Dask calls this function by its name.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    log = os.environ.get(LOG_VARIABLE)
+    if log:
+        # The file descriptors are replaced, not sys.stdout: C libraries and faulthandler write to them too.
+        file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        os.dup2(file, 1)
+        os.dup2(file, 2)
+        os.close(file)
+        faulthandler.enable()
 
 
 def _silence_dask() -> None:

@@ -9,27 +9,30 @@ from typing import Any
 import click
 
 from btcore.cli.run import FiniteRange
-from btcore.script.program import Program
-from btcore.sweep import episode_runner, options, success
-from btcore.sweep import seeds as seed_texts
+from btcore.errors import ScriptError
+from btcore.script.program import Program, compile_script
 from btcore.sweep.definition import create_definition
+from btcore.sweep.episode_runner import run_sweep
 from btcore.sweep.journal import Journal
+from btcore.sweep.options import SweepCommand
+from btcore.sweep.parameters import parse_seeds
 from btcore.sweep.results import write_results
 
 
-def _require(modules: Sequence[str]) -> None:
-    """Import *modules* now, so that a missing module is reported before the episodes are run."""
-    for module in modules:
-        import_module(module)
+def _parse_script(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Program | None:
+    try:
+        return None if text is None else compile_script(text, {})
+    except ScriptError as error:
+        raise click.UsageError(f"--success-if: {error}") from error
 
 
-@click.command(cls=options.SweepCommand, short_help="Run a tree many times in parallel, and compare.")
+@click.command(cls=SweepCommand, short_help="Run a tree many times in parallel, and compare.")
 @click.argument("source", metavar="TREE")
 @click.option(
     "--seeds",
     required=True,
     metavar="N|A..B|A,B",
-    callback=lambda ctx, option, text: seed_texts.parse_seeds(text),
+    callback=lambda ctx, option, text: parse_seeds(text),
     help="The seeds: the first N seeds (0 to N-1), an inclusive range A..B, or a list.",
 )
 @click.option(
@@ -52,7 +55,7 @@ def _require(modules: Sequence[str]) -> None:
 @click.option(
     "--success-if",
     "script",
-    callback=success.parse_script,
+    callback=_parse_script,
     metavar="SCRIPT",
     help="The condition for a success, as a script over the columns of the table: "
     "\"status == 'SUCCESS' && robot_collisions == 0\".  [default: the run exits with 0]",
@@ -121,14 +124,20 @@ def sweep(
     """
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler cannot be used together.")
-    _require(["distributed", *(["pyarrow"] if suffix == "parquet" else [])])
+    # Imported only here, since Dask takes long to import: `--help` must not wait for it.
+    for module in ("distributed", "pyarrow") if suffix == "parquet" else ("distributed",):
+        import_module(module)
+    from btcore.sweep import cluster
+
     definition = create_definition(ctx, source, params, seeds, settings["duration"])
     folder = output if output is not None else Path(f"{Path(source).stem}.sweep")
     with Journal(folder, definition) as journal:
-        summary = episode_runner.run_sweep(
-            journal, script, episode_runner.WorkerOptions(workers, scheduler, attempts)
-        )
-        results = write_results(journal, script, suffix, summary)
+        if scheduler is not None:
+            pool = cluster.remote(scheduler, attempts)
+        else:
+            pool = cluster.local(workers, attempts, folder)
+        summary = run_sweep(journal, script, pool)
+        results, code = write_results(journal, script, suffix, summary)
     if as_json:
-        click.echo(json.dumps(results.json_object, ensure_ascii=False))
-    return results.code
+        click.echo(json.dumps(results, ensure_ascii=False))
+    return code

@@ -3,7 +3,6 @@
 import hashlib
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,6 @@ from btcore.cli import terminal, trees
 from btcore.cli.run import read_tree_source, run
 from btcore.suggestions import join_names
 from btcore.sweep import options, parameters
-from btcore.sweep.seeds import MAX_EPISODES, format_seeds
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import parse_file
 from btcore.xml.read.includes import resolve_includes
@@ -89,7 +87,7 @@ class SweepDefinition:
             "tree": self.tree,
             "arguments": list(self.arguments),
             "params": {key: list(values) for key, values in self.varied.items()},
-            "seeds": format_seeds(self.seeds),
+            "seeds": parameters.format_seeds(self.seeds),
             "inputs": dict(self.inputs),
             "version": self.version,
         }
@@ -102,8 +100,9 @@ def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
         before: The description of the earlier sweep.
         now: The description of the current sweep, see `SweepDefinition.described`.
     """
+    if before.get("form") != now["form"]:
+        return "it was written by another version of btcore"
     words = {
-        "form": "it was written by another version of btcore",
         "tree": "its tree",
         "arguments": "its options",
         "params": "its parameters",
@@ -112,18 +111,10 @@ def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
     }
     for key, word in words.items():
         if before.get(key) != now[key]:
-            if key == "form":
-                return word
             return f"{word}: {_format(before.get(key))} there, {_format(now[key])} now"
     there, here = before.get("inputs", {}), now["inputs"]
     changed = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
     return f"the file {changed[0]}, which has changed since" if changed else None
-
-
-def digests(files: Sequence[Path]) -> dict[str, str]:
-    """Return a digest of the content of each existing file in *files*, by file name."""
-    existing = sorted(path for path in set(files) if path.is_file())
-    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16] for path in existing}
 
 
 def _format(value: object) -> str:
@@ -154,22 +145,22 @@ def create_definition(
     choices = options.collect_run_options(ctx)
     varied = parameters.parse_parameters(params, choices)
     texts = options.given(ctx)
+    texts.pop("duration", None)
     if "duration" not in varied:
-        texts = {**texts, "duration": f"{duration:g}"}
-    else:
-        texts.pop("duration", None)
-    duplicates = [key for key in varied if key in texts and not choices.options[key].multiple]
-    if duplicates:
-        key = duplicates[0]
-        raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
+        texts["duration"] = f"{duration:g}"
+    for key in varied:
+        if key in texts and not choices.options[key].multiple:
+            raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
     arguments = tuple(options.option_arguments(ctx, texts))
     path = trees.find(source)
-    named = options.files(texts, [(key, value) for key, values in varied.items() for value in values])
     documents = resolve_includes(parse_file(path), DiagnosticCollector())
-    inputs = digests([path, *(Path(document.file) for document in documents if document.file), *named])
+    files = {path, *(Path(document.file) for document in documents if document.file)}
+    files |= options.named_files([*texts.values(), *varied.values()])
+    existing = sorted(file for file in files if file.is_file())
+    inputs = {str(file): hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in existing}
     definition = SweepDefinition(source, arguments, varied, choices, seeds, inputs, __version__)
-    if len(definition) > MAX_EPISODES:
-        raise click.UsageError(f"{len(definition)} episodes exceed the limit of {MAX_EPISODES}.")
+    if len(definition) > parameters.MAX_EPISODES:
+        raise click.UsageError(f"{len(definition)} episodes exceed the limit of {parameters.MAX_EPISODES}.")
     _check(definition)
     return definition
 
@@ -180,23 +171,17 @@ def _check(sweep: SweepDefinition) -> None:
     others = [{**first, key: value} for key, values in sweep.varied.items() for value in values[1:]]
     for values in [first, *others]:
         words = [sweep.tree, *sweep.arguments, *parameters.setting_arguments(values, sweep.choices), "--fast"]
-        with _add_setting(values), run.make_context("run", list(words)) as context:
-            if values is first:
-                _, checked = read_tree_source(context.params)
-                terminal.print_diagnostics(checked.examined.diagnostics.warnings)
+        try:
+            with run.make_context("run", words) as context:
+                if values is first:
+                    _, checked = read_tree_source(context.params)
+                    terminal.print_diagnostics(checked.examined.diagnostics.warnings)
+        except click.ClickException as error:
+            if not values:
+                raise
+            raise click.UsageError(f"{error.format_message()} ({format_setting(values)})") from error
 
 
-@contextmanager
-def _add_setting(values: Mapping[str, str]) -> Iterator[None]:
-    """Return a context in which click's errors are extended by the parameter values that cause them."""
-    try:
-        yield
-    except click.ClickException as error:
-        if not values:
-            raise
-        raise click.UsageError(f"{error.format_message()} ({setting(values)})") from error
-
-
-def setting(values: Mapping[str, str]) -> str:
+def format_setting(values: Mapping[str, str]) -> str:
     """Return parameter values as part of a sentence: ``--param battery=20 and fault=laser:5-9``."""
     return "--param " + join_names([f"{key}={value}" for key, value in values.items()], most=20)

@@ -1,11 +1,14 @@
-"""Running an episode in a worker: the same as ``btcore run``, in a process that runs many episodes."""
+"""Running an episode in a worker: the same as ``btcore run``, in a process that runs many episodes.
+
+In addition, the node that made the tree fail is determined.
+"""
 
 import io
 import json
 import threading
 import time
-from collections.abc import Sequence
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from typing import Any, Final
 
@@ -14,8 +17,11 @@ import click
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.run import create_session, run
+from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
-from btcore.sweep.failure_cause import FailureCause
+from btcore.run_extension import RunExtension
+from btcore.status import Status, Transition
+from btcore.tree.tree import Tree
 
 _MAX_WARNINGS: Final = 20  # that an episode returns
 
@@ -34,9 +40,9 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
 
     Returns:
         ``code``: the exit code; ``report``: the object of ``--json``, or None if the run could not start;
-        ``blamed``: the path of the node that made the tree fail or that raised an exception; ``said``: the
-        warnings; ``fault``: why the run could not start (code 2: an error of the user, 70: an internal
-        error); ``wall_s``: the duration in s of real time.
+        ``blamed``: the path of the node that made the tree fail or that raised an exception; ``warnings``;
+        ``fault``: why the run could not start (code 2: an error of the user, 70: an internal error);
+        ``wall_s``: the duration in s of real time.
     """
     stderr = io.StringIO()
     result: Result
@@ -61,7 +67,7 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
             result = _not_started(ExitCode.USER_ERROR, "\n".join([str(error), *notes]))
         except (Exception, SystemExit) as error:
             result = _internal_error(error)
-    result["said"] = _warnings(stderr.getvalue())
+    result["warnings"] = _warnings(stderr.getvalue())
     result["wall_s"] = round(time.perf_counter() - began, 4)
     return result
 
@@ -96,3 +102,45 @@ def _warnings(text: str) -> list[str]:
     """Return the first warnings in *text*, without duplicates."""
     warnings = [line.removeprefix("warning: ") for line in text.splitlines() if line.startswith("warning: ")]
     return list(dict.fromkeys(warnings))[:_MAX_WARNINGS]
+
+
+class FailureCause(Observer, RunExtension):
+    """An extension of a run that finds the node that made the tree fail in the last tick.
+
+    The search starts at the root and descends to the child that failed in that tick, to the last child if
+    several failed. The path of the lowest failed node is `node_path` after the run.
+    """
+
+    def __init__(self) -> None:
+        self._tick = 0
+        self._failed: list[int] = []
+        self.node_path: str | None = None
+
+    def transition(self, change: Transition) -> None:
+        """Record a transition to FAILURE."""
+        if change.status is Status.FAILURE:
+            if change.tick != self._tick:
+                self._tick = change.tick
+                self._failed.clear()
+            self._failed.append(change.uid)
+
+    @contextmanager
+    def attach(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> Iterator[None]:
+        """Return a context in which the transitions of *tree* are recorded."""
+        unsubscribe = tree.subscribe(self)
+        try:
+            yield
+        finally:
+            unsubscribe()
+            if tree.ticks == self._tick:
+                self.node_path = self._find_cause(tree)
+
+    def _find_cause(self, tree: Tree) -> str | None:
+        order = {uid: number for number, uid in enumerate(self._failed)}
+        if tree.root.uid not in order:
+            return None
+        paths = {node.uid: path for path, node in tree.nodes_by_path().items()}
+        node = tree.root
+        while failed := [child for child in node.children if child.uid in order]:
+            node = max(failed, key=lambda child: order[child.uid])
+        return paths[node.uid]

@@ -1,52 +1,31 @@
-"""Running the unfinished episodes of a sweep."""
+"""Running the unfinished episodes of a sweep, with a progress bar."""
 
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
+from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode
+from btcore.cli.tick_loop import signal_handlers
 from btcore.script.program import Program
-from btcore.sweep import success, table
-from btcore.sweep.definition import Episode, SweepDefinition, setting
+from btcore.sweep import table
+from btcore.sweep.definition import Episode, SweepDefinition, format_setting
 from btcore.sweep.journal import Journal, Record
-from btcore.sweep.progress import Bar
 
 if TYPE_CHECKING:
     from btcore.sweep.cluster import Workers
 
 
-class WorkerOptions(NamedTuple):
-    """The workers to use.
-
-    Attributes:
-        workers: The number of processes on this machine; None for one process per core.
-        scheduler: The address of a Dask scheduler whose workers are used instead.
-        attempts: How often an episode is tried if its worker dies.
-    """
-
-    workers: int | None
-    scheduler: str | None
-    attempts: int
-
-    def open(self, folder: Path) -> "AbstractContextManager[Workers]":
-        """Return a context with the workers; those on this machine write their output to a file in *folder*.
-
-        Raises:
-            click.ClickException: The scheduler does not answer, or has no workers.
-        """
-        # Imported late, since Dask takes long to import: `--help` and usage errors must not wait for it.
-        from btcore.sweep.cluster import local, remote
-
-        if self.scheduler is not None:
-            return remote(self.scheduler, self.attempts)
-        return local(self.workers, self.attempts, folder)
+_MAX_WARNINGS: Final = 10
 
 
 class ExecutionSummary(NamedTuple):
@@ -69,13 +48,15 @@ class ExecutionSummary(NamedTuple):
     busy: float = 0.0
 
 
-def run_sweep(journal: Journal, script: Program | None, means: WorkerOptions) -> ExecutionSummary:
+def run_sweep(
+    journal: Journal, script: Program | None, pool: "AbstractContextManager[Workers]"
+) -> ExecutionSummary:
     """Run the episodes that a journal lacks, and write them to it, until all are finished or Ctrl-C.
 
     Args:
         journal: The journal, entered as a context manager.
         script: The condition for a success, or None.
-        means: The workers to use.
+        pool: A context with the workers, which is entered if there are episodes to run.
 
     Raises:
         click.UsageError: A combination of parameter values cannot be run with the first seed, or *script*
@@ -88,39 +69,31 @@ def run_sweep(journal: Journal, script: Program | None, means: WorkerOptions) ->
         return ExecutionSummary()
     # An error in the script is reported before workers are started, if there is a row to try it on.
     for record in journal.done.values():
-        success.is_success(table.row(sweep.episode(record["episode"]), record), script)
+        table.row(sweep.episode(record["episode"]), record, script)
     began = time.perf_counter()
     with (
         _stoppable() as stopped,
-        Bar(Path(sweep.tree).stem, len(sweep), len(journal.done)) as bar,
-        means.open(journal.folder) as workers,
+        _Bar(Path(sweep.tree).stem, len(sweep), len(journal.done)) as bar,
+        pool as workers,
     ):
         count, episode_time = 0, 0.0
         for episode, result in workers.run_episodes((sweep.episode(number) for number in todo), stopped):
-            record = _record(episode, result)
+            record = {"episode": episode.number, **result}
             _raise_user_error(record, episode, sweep)
-            bar.warn(record.pop("said", ()))
+            bar.warn(record.pop("warnings", ()))
             journal.add(record)
             count += 1
             episode_time += record.get("wall_s", 0.0)
-            bar.advance(success.is_success(table.row(episode, record), script), workers.count)
+            bar.count_episode(table.row(episode, record, script)["success"], workers.count)
         wall = time.perf_counter() - began
         busy = episode_time / (wall * max(workers.count, 1))
         return ExecutionSummary(stopped(), count, wall, workers.count, workers.deaths, busy)
 
 
-def _record(episode: Episode, result: object) -> Record:
-    """Return the journal's record of *episode*."""
-    if isinstance(result, dict):
-        return {"episode": episode.number, **result}
-    times = result[0] if isinstance(result, tuple) else 0
-    return {"episode": episode.number, "code": None, "report": None, "killed": times}
-
-
 def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
     """Raise a user error of an episode with the first seed: the other seeds would have the same error."""
     if record["code"] == ExitCode.USER_ERROR and episode.number < len(sweep.settings):
-        values = f"\n({setting(episode.values)})" if episode.values else ""
+        values = f"\n({format_setting(episode.values)})" if episode.values else ""
         raise click.UsageError(f"{record['fault']}{values}")
 
 
@@ -128,23 +101,60 @@ def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) 
 def _stoppable() -> Iterator[Callable[[], bool]]:
     """Return a context with a function that returns whether SIGINT or SIGTERM was received.
 
-    A second signal raises KeyboardInterrupt. Outside the main thread, where Python allows no signal handlers,
-    signals have their usual effect.
+    A second signal raises KeyboardInterrupt.
     """
     stopped = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stopped.is_set
-        return
 
     def handler(number: int, frame: FrameType | None) -> None:
         if stopped.is_set():
             raise KeyboardInterrupt
         stopped.set()
 
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [(number, signal.signal(number, handler)) for number in numbers]
-    try:
+    with signal_handlers((signal.SIGINT, signal.SIGTERM), handler):
         yield stopped.is_set
-    finally:
-        for number, earlier in before:
-            signal.signal(number, earlier)
+
+
+class _Bar(Progress):
+    """The progress bar of a sweep on stderr; without a terminal only warnings are printed.
+
+    Args:
+        name: The name of the sweep.
+        total: The number of episodes.
+        done: The number of episodes that are already finished.
+    """
+
+    def __init__(self, name: str, total: int, done: int) -> None:
+        console = terminal.stderr_console()
+        super().__init__(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[state]}"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._printed: set[str] = set()
+        self._failed = 0
+        self._task = self.add_task(name, total=total, completed=done, state="starting workers")
+
+    def count_episode(self, success: bool, workers: int) -> None:
+        """Advance the bar by an episode.
+
+        Args:
+            success: Whether the episode was a success.
+            workers: The current number of workers.
+        """
+        self._failed += not success
+        state = f"[red]{self._failed} ✘[/] " if self._failed else ""
+        state += f"[dim]{terminal.counted(workers, 'worker')}[/]"
+        self.update(self._task, advance=1, state=state)
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print *warnings* above the bar, each only once."""
+        for warning in warnings:
+            if warning not in self._printed and len(self._printed) < _MAX_WARNINGS:
+                self._printed.add(warning)
+                text = Text.assemble(("warning: ", "bold yellow"), warning)
+                self.console.print(text, soft_wrap=True)

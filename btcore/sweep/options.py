@@ -53,17 +53,16 @@ def collect_run_options(ctx: click.Context) -> RunOptions:
         for option in extension.options:
             if option.name in extension.single_run_options:
                 refused[_key(option)] = "it applies to a single run; replay a single episode with it"
-    options = [item for item in run.get_params(ctx) if isinstance(item, click.Option) and item.name != "help"]
-    accepted = {_key(option): option for option in options if _key(option) not in {*refused, "help"}}
+    options = {_key(item): item for item in run.get_params(ctx) if isinstance(item, click.Option)}
+    accepted = {key: option for key, option in options.items() if key not in {*refused, "help"}}
     return RunOptions(accepted, refused)
 
 
 def given(ctx: click.Context) -> dict[str, Any]:
     """Return the run options on the command line of a sweep: their unconverted texts, by key."""
-    texts = ctx.meta[_GIVEN]
     own = {option.name for option in ctx.command.params} - {"duration"}
-    options = _options_with_set(ctx).items()
-    return {key: texts[item.name] for key, item in options if item.name in texts and item.name not in own}
+    texts = {name: text for name, text in ctx.meta[_GIVEN].items() if name not in own}
+    return {key: texts[item.name] for key, item in _options_with_set(ctx).items() if item.name in texts}
 
 
 def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
@@ -85,15 +84,10 @@ def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
     return words
 
 
-def files(texts: dict[str, Any], values: Sequence[tuple[str, str]]) -> list[Path]:
-    """Return the existing files that options and parameters name.
-
-    Args:
-        texts: The options, as returned by :func:`given`.
-        values: The key and value of each parameter.
-    """
-    named = [value for text in texts.values() for value in _values(text)] + [value for _, value in values]
-    return [Path(name) for name in named if isinstance(name, str) and name and Path(name).is_file()]
+def named_files(values: Sequence[Any]) -> set[Path]:
+    """Return the existing files that *values* of options and parameters name."""
+    names = [name for value in values for name in _values(value) if isinstance(name, str) and name]
+    return {Path(name) for name in names if Path(name).is_file()}
 
 
 def _options_with_set(ctx: click.Context) -> dict[str, click.Parameter]:

@@ -1,33 +1,32 @@
 """The results of a sweep: the table, the report, the summary on stderr, and the object of ``--json``."""
 
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-from btcore.cli import files
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from btcore.cli import files, terminal
 from btcore.cli.exit_codes import ExitCode
 from btcore.script.program import Program
-from btcore.sweep import success, table
-from btcore.sweep.definition import SweepDefinition
+from btcore.sweep import table
+from btcore.sweep.charts import percent
 from btcore.sweep.episode_runner import ExecutionSummary
 from btcore.sweep.journal import Journal
 from btcore.sweep.report import ReportData, render_report
-from btcore.sweep.summary import print_sweep_summary
-from btcore.sweep.sweep_statistics import SuccessRate, SweepStatistics, compute_statistics
+from btcore.sweep.sweep_statistics import LEVEL, SuccessRate, compute_statistics
 from btcore.sweep.table import Row
 
 REPORT: Final = "report.html"
 
-
-class SweepResults(NamedTuple):
-    """The object of ``--json``, and the exit *code*."""
-
-    json_object: dict[str, Any]
-    code: ExitCode
+_MOST: Final = 8
+"""The largest number of nodes, and of failed episodes, in the summary."""
 
 
 def write_results(
     journal: Journal, script: Program | None, suffix: str, played: ExecutionSummary
-) -> SweepResults:
+) -> tuple[dict[str, Any], ExitCode]:
     """Write the table and the report to the sweep's folder, and print a summary on stderr.
 
     Args:
@@ -36,22 +35,24 @@ def write_results(
         suffix: The file format of the table: csv or parquet.
         played: The result of `run_sweep`.
 
+    Returns:
+        The object of ``--json``, and the exit code.
+
     Raises:
         click.ClickException: A file cannot be written.
     """
     sweep = journal.definition
-    rows = []
-    for number in sorted(journal.done):
-        row = table.row(sweep.episode(number), journal.done[number])
-        rows.append({**row, "success": success.is_success(row, script)})
+    rows = [
+        table.row(sweep.episode(number), record, script) for number, record in sorted(journal.done.items())
+    ]
     results, report = journal.folder / f"results.{suffix}", journal.folder / REPORT
     table.write(results, rows, table.columns(rows, sweep))
     walls = [record["wall_s"] for record in journal.done.values() if record.get("wall_s")]
     script_text = None if script is None else script.text
     data = ReportData(sweep, compute_statistics(rows, sweep), script_text, tuple(walls))
     files.write(report, render_report(data).encode())
-    print_sweep_summary(data, played, results, report)
-    return SweepResults(_object(data, played, results, report), _code(rows, played))
+    _print_summary(data, played, results, report)
+    return _object(data, played, results, report), _code(rows, played)
 
 
 def _code(rows: list[Row], played: ExecutionSummary) -> ExitCode:
@@ -85,7 +86,17 @@ def _object(data: ReportData, played: ExecutionSummary, results: Path, report: P
             {"node": node.node, "ended": node.ended, "episodes": node.failed, "failures": node.times}
             for node in statistics.failing
         ],
-        "failed": _failed(statistics, sweep),
+        "failed": [
+            {
+                "episode": episode.number,
+                "seed": episode.seed,
+                "params": dict(episode.values),
+                **{column: row[column] for column in ("status", "failed_at", "error")},
+                "replay": episode.replay,
+            }
+            for row in statistics.failed
+            for episode in (sweep.episode(row["episode"]),)
+        ],
         "workers": {
             "count": played.workers,
             "deaths": played.deaths,
@@ -98,28 +109,75 @@ def _object(data: ReportData, played: ExecutionSummary, results: Path, report: P
 
 
 def _rate(rate: SuccessRate) -> dict[str, Any]:
-    share = round(rate.share, 6) if rate.count else None
     return {
         "succeeded": rate.good,
         "of": rate.count,
-        "rate": share,
+        "rate": round(rate.share, 6) if rate.count else None,
         "interval": [round(rate.low, 6), round(rate.high, 6)],
     }
 
 
-def _failed(statistics: SweepStatistics, sweep: SweepDefinition) -> list[dict[str, Any]]:
-    failed = []
-    for row in statistics.failed:
-        episode = sweep.episode(row["episode"])
-        failed.append(
-            {
-                "episode": episode.number,
-                "seed": episode.seed,
-                "params": dict(episode.values),
-                "status": row["status"],
-                "failed_at": row["failed_at"],
-                "error": row["error"],
-                "replay": episode.replay,
-            }
+def _print_summary(data: ReportData, played: ExecutionSummary, results: Path, report: Path) -> None:
+    """Print the summary of a sweep on stderr."""
+    console = terminal.stderr_console()
+    sweep, statistics = data.definition, data.figures
+    rate = statistics.rate
+    if rate.count:
+        style = "bold green" if rate.good == rate.count else "bold yellow"
+        head = Text.assemble((percent(rate.share), style), f" of {rate.count} episodes of ")
+        head.append(Path(sweep.tree).stem, style="bold")
+        head.append(f" succeeded ({percent(rate.low)} … {percent(rate.high)} at {LEVEL})")
+        console.print(head.append(_took(played)), soft_wrap=True)
+    for key, rates in statistics.by.items():
+        table = _table(key, "success", "interval", "episodes")
+        for value, value_rate in rates.items():
+            table.add_row(value or "(omitted)", *_cells(value_rate))
+        console.print()
+        console.print(table)
+    ended = [node for node in statistics.failing if node.ended]
+    if ended:
+        table = _table("node", "ended episodes", "failed in", "failures")
+        for node in ended[:_MOST]:
+            table.add_row(node.node, f"{node.ended}", f"{node.failed}", f"{node.times}")
+        console.print()
+        console.print(table)
+    if statistics.failed:
+        console.print(f"\n{len(statistics.failed)} without success; commands to replay them:", style="bold")
+        for row in statistics.failed[:_MOST]:
+            line = Text.assemble(
+                ("  ", ""), sweep.episode(row["episode"]).replay, (f"  {row['status']}", "red")
+            )
+            console.print(line, soft_wrap=True)
+        if len(statistics.failed) > _MOST:
+            console.print(f"  … and {len(statistics.failed) - _MOST} more, in the report", style="dim")
+    if played.deaths:
+        died = terminal.counted(played.deaths, "worker")
+        terminal.print_warning(f"{died} died; their episodes were run again, except those with status KILLED")
+    console.print()
+    if played.interrupted:
+        terminal.print_labelled(
+            "interrupted",
+            f"after {rate.count} of {len(sweep)} episodes: run the same command again to continue",
         )
-    return failed
+    terminal.print_labelled("report", str(report))
+    terminal.print_labelled("table ", str(results))
+
+
+def _took(played: ExecutionSummary) -> str:
+    if not played.episodes:
+        return ""
+    workers = terminal.counted(played.workers, "worker")
+    return f"; {played.episodes} run in {played.wall:.1f} s on {workers}"
+
+
+def _table(first: str, *others: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    table.add_column(first, overflow="fold")
+    for name in others:
+        table.add_column(name, justify="right")
+    return table
+
+
+def _cells(rate: SuccessRate) -> tuple[str, str, str]:
+    interval = f"{percent(rate.low)} … {percent(rate.high)}"
+    return percent(rate.share), interval, f"{rate.good} of {rate.count}"

@@ -1,4 +1,4 @@
-"""The table of a sweep, with a row for each episode, as CSV or Parquet.
+"""The table of a sweep, with a row for each episode, as CSV or Parquet, and the condition for a success.
 
 The table is reproducible: it contains nothing that differs between two executions of the same sweep, such as
 real times or workers.
@@ -11,7 +11,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import click
+
+from btcore.blackboard.blackboard import Blackboard
 from btcore.cli import files
+from btcore.errors import ScriptError
+from btcore.script.program import Program, condition_result
 from btcore.sweep.definition import Episode, SweepDefinition
 from btcore.sweep.journal import Record
 
@@ -22,36 +27,80 @@ LEADING_COLUMNS: Final = ("episode", "seed")
 RESULT_COLUMNS: Final = ("success", "status", "code", "time_s", "ticks", "failed_at", "error")
 TRAILING_COLUMNS: Final = ("failures",)
 
+_TREE_STATUSES: Final = ("SUCCESS", "FAILURE", "SKIPPED", "RUNNING")  # not RAISED, REFUSED, BROKEN, KILLED
 _OWN_KEYS: Final = {"status", "ticks", "time_s", "real_time_factor", "nodes", "error", "reloads"}
 
 
-def row(episode: Episode, record: Record) -> Row:
-    """Return the row of an episode; its column ``success`` is None.
+def row(episode: Episode, record: Record, script: Program | None) -> Row:
+    """Return the row of an episode.
 
     Args:
         episode: The episode.
         record: Its record in the journal.
+        script: The condition for a success, or None, see `is_success`.
 
     Returns:
-        ``status``: the last status of the tree, or RAISED (a leaf raised an exception), REFUSED (the run
-        could not start), BROKEN (internal error) or KILLED (the worker died in each attempt);
-        ``failed_at``: the node that made the tree fail or raised an exception; ``failures``: the number of
-        failures of each node, as JSON; ``param.KEY``: the values of the parameters; and the reports of the
-        extensions, such as ``robot.distance_m``, with lists as JSON.
+        ``success``: whether the episode is a success; ``status``: the last status of the tree, or RAISED (a
+        leaf raised an exception), REFUSED (the run could not start), BROKEN (internal error) or KILLED (the
+        worker died in each attempt); ``failed_at``: the node that made the tree fail or raised an exception;
+        ``failures``: the number of failures of each node, as JSON; ``param.KEY``: the values of the
+        parameters; and the reports of the extensions, such as ``robot.distance_m``, with lists as JSON.
+
+    Raises:
+        click.UsageError: The script uses a column that does not exist, or fails for another reason.
     """
     report = record.get("report")
     cells: Row = {"episode": episode.number, "seed": episode.seed}
-    cells |= {f"param.{key}": typed(value) for key, value in episode.values.items()}
+    cells |= {f"param.{key}": _typed(value) for key, value in episode.values.items()}
     cells |= {"success": None, "status": _status(record), "code": record["code"]}
     cells |= {"time_s": None, "ticks": None, "failed_at": record.get("blamed"), "error": _error(record)}
-    if report is None:
-        return cells | {"failures": None}
-    cells |= {"time_s": float(report["time_s"]), "ticks": report["ticks"]}
-    for key, value in report.items():
-        if key not in _OWN_KEYS:
-            cells |= _flat(key, value)
-    failures = {path: node["failure"] for path, node in report["nodes"].items() if node["failure"]}
-    return cells | {"failures": json.dumps(failures, ensure_ascii=False)}
+    failures = None
+    if report is not None:
+        cells |= {"time_s": float(report["time_s"]), "ticks": report["ticks"]}
+        for key, value in report.items():
+            if key not in _OWN_KEYS:
+                cells |= _flat(key, value)
+        counts = {path: node["failure"] for path, node in report["nodes"].items() if node["failure"]}
+        failures = json.dumps(counts, ensure_ascii=False)
+    cells["failures"] = failures
+    # Last, since the script may use all other columns.
+    cells["success"] = is_success(cells, script)
+    return cells
+
+
+def is_success(row: Row, script: Program | None) -> bool:
+    """Return whether an episode is a success.
+
+    An episode that raised an exception, could not start or killed its worker is never a success. An episode
+    is no success either if the script needs a column that is empty in this row.
+
+    Args:
+        row: The row of the episode.
+        script: The condition, whose variables are the columns, with _ instead of a dot. None: the run must
+            exit with 0.
+
+    Raises:
+        click.UsageError: The script uses a column that does not exist, or fails for another reason.
+    """
+    if script is None:
+        return bool(row["code"] == 0)
+    if row["status"] not in _TREE_STATUSES:
+        return False
+    variables = {
+        "".join(letter if letter.isalnum() else "_" for letter in column): value
+        for column, value in row.items()
+        if column != "success"
+    }
+    board = Blackboard()
+    for name, value in variables.items():
+        if value is not None:
+            board.set(name, value)
+    try:
+        return condition_result(script.run(board))
+    except ScriptError as error:
+        if any(value is None and f"'{name}'" in str(error) for name, value in variables.items()):
+            return False
+        raise click.UsageError(f"--success-if: {error}\navailable: {', '.join(variables)}") from error
 
 
 def columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
@@ -67,7 +116,7 @@ def columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
     return [*fixed, *(key for key in figures if key not in {*fixed, *TRAILING_COLUMNS}), *TRAILING_COLUMNS]
 
 
-def typed(text: str) -> int | float | str:
+def _typed(text: str) -> int | float | str:
     """Return the value of a parameter as a number if possible, else as text."""
     for kind in (int, float):
         try:

@@ -1,13 +1,13 @@
-"""Which node is said to have made a tree fail."""
+"""The node that made a tree fail."""
 
 import pytest
 
 from btcore import Registry, SimClock, Status, loads
-from btcore.sweep.failure_cause import FailureCause
+from btcore.sweep.episode import FailureCause
 
 
 @pytest.mark.parametrize(
-    ("body", "blamed"),
+    ("body", "cause"),
     [
         ('<Sequence><AlwaysSuccess/><AlwaysFailure name="last"/></Sequence>', "last"),
         ('<Fallback><AlwaysFailure name="a"/><AlwaysFailure name="b"/></Fallback>', "b"),
@@ -23,12 +23,12 @@ from btcore.sweep.failure_cause import FailureCause
         ),
     ],
 )
-def test_the_cause_is_found_by_following_failed_nodes_down(body: str, blamed: str | None) -> None:
+def test_the_cause_is_found_by_following_failed_nodes_down(body: str, cause: str | None) -> None:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     tree = loads(text, nodes=Registry.standard(), clock=SimClock())
-    blame = FailureCause()
-    with blame.attach(tree, [], {}):
+    finder = FailureCause()
+    with finder.attach(tree, [], {}):
         status = tree.tick_while_running(period=0.1)
         tree.halt()
-    assert blame.node_path == blamed
-    assert (status is Status.FAILURE) == (blamed is not None)
+    assert finder.node_path == cause
+    assert (status is Status.FAILURE) == (cause is not None)

@@ -10,7 +10,7 @@ import click
 import pytest
 from click.testing import Result
 
-from btcore.sweep import parameters, seeds
+from btcore.sweep import parameters
 from btcore.sweep.parameters import RunOptions
 
 CHOICES = RunOptions(
@@ -34,8 +34,8 @@ CHOICES = RunOptions(
     ],
 )
 def test_seeds_are_a_count_a_range_or_a_list(text: str, meant: tuple[int, ...]) -> None:
-    assert seeds.parse_seeds(text) == meant
-    assert seeds.parse_seeds(seeds.format_seeds(meant)) == meant
+    assert parameters.parse_seeds(text) == meant
+    assert parameters.parse_seeds(parameters.format_seeds(meant)) == meant
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_seeds_are_a_count_a_range_or_a_list(text: str, meant: tuple[int, ...]) 
 )
 def test_what_is_no_seed_is_told_of(text: str, said: str) -> None:
     with pytest.raises(click.UsageError, match=re.escape(said)):
-        seeds.parse_seeds(text)
+        parameters.parse_seeds(text)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from btcore.sweep import charts, table
 from btcore.sweep.definition import SweepDefinition
 from btcore.sweep.parameters import RunOptions
 from btcore.sweep.report import ReportData, render_report
-from btcore.sweep.success import is_success
 from btcore.sweep.sweep_statistics import SuccessRate, compute_statistics, wilson
 
 SWEEP = SweepDefinition("walk", (), {"bb.x": ("1", "2.5")}, RunOptions({}, {}), tuple(range(4)), {}, "1")
@@ -34,12 +33,12 @@ def record(number: int, status: str = "SUCCESS", **more: Any) -> dict[str, Any]:
 
 
 def test_a_row_is_flat_and_has_no_wall_time() -> None:
-    row = table.row(SWEEP.episode(3), record(3))
+    row = table.row(SWEEP.episode(3), record(3), None)
     assert row == {
         "episode": 3,
         "seed": 1,
         "param.bb.x": 2.5,
-        "success": None,
+        "success": True,
         "status": "SUCCESS",
         "code": 0,
         "time_s": 1.5,
@@ -54,9 +53,11 @@ def test_a_row_is_flat_and_has_no_wall_time() -> None:
 
 
 def test_rows_without_a_run_say_why() -> None:
-    refused = table.row(SWEEP.episode(0), {"episode": 0, "code": 2, "report": None, "fault": "no room"})
-    broken = table.row(SWEEP.episode(0), {"episode": 0, "code": 70, "report": None, "fault": "KeyError: 1"})
-    killed = table.row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3})
+    refused = table.row(SWEEP.episode(0), {"episode": 0, "code": 2, "report": None, "fault": "no room"}, None)
+    broken = table.row(
+        SWEEP.episode(0), {"episode": 0, "code": 70, "report": None, "fault": "KeyError: 1"}, None
+    )
+    killed = table.row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None)
     assert [(one["status"], one["error"]) for one in (refused, broken, killed)] == [
         ("REFUSED", "no room"),
         ("BROKEN", "KeyError: 1"),
@@ -69,8 +70,7 @@ def rows(count: int = 8) -> list[table.Row]:
     for number in range(count):
         failed = number % 4 == 3
         kept = record(number, "FAILURE" if failed else "SUCCESS", blamed="a" if failed else None)
-        row = table.row(SWEEP.episode(number), kept)
-        found.append({**row, "success": is_success(row, None)})
+        found.append(table.row(SWEEP.episode(number), kept, None))
     return found
 
 
@@ -127,12 +127,12 @@ def test_rates_by_parameter_times_and_failing_nodes() -> None:
 
 
 def test_success_may_be_a_script_over_the_columns() -> None:
-    row = table.row(SWEEP.episode(3), record(3))
-    assert is_success(row, compile_script("status == 'SUCCESS' && robot_distance_m > 1"))
-    assert not is_success(row, compile_script("param_bb_x < 2"))
-    assert not is_success(row, compile_script("failed_at == 'a'")), "what has no value is no answer"
-    killed = table.row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3})
-    assert not is_success(killed, compile_script("seed < 100"))
+    row = table.row(SWEEP.episode(3), record(3), None)
+    assert table.is_success(row, compile_script("status == 'SUCCESS' && robot_distance_m > 1"))
+    assert not table.is_success(row, compile_script("param_bb_x < 2"))
+    assert not table.is_success(row, compile_script("failed_at == 'a'")), "what has no value is no answer"
+    killed = table.row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None)
+    assert not table.is_success(killed, compile_script("seed < 100"))
 
 
 def test_a_histogram_counts_everything() -> None:
