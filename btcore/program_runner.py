@@ -16,9 +16,8 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
-from btcore.cli.progress import print_figures
 from btcore.cli.run import FiniteRange, RunCommand, clock_of
-from btcore.cli.run_report import END_REASON_TEXT
+from btcore.cli.run_report import END_REASON_TEXT, print_figures
 from btcore.cli.tick_loop import EndReason, TickLoop
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,16 +29,16 @@ BenchmarkData = Mapping[str, Any]
 """The results of a benchmark, as written by its option ``--json``."""
 
 
-@dataclass(frozen=True, slots=True)
-class BenchmarkResult:
-    """The *data* of a benchmark, or the reason why there is none."""
+class BenchmarkError(Exception):
+    """A benchmark failed. The message is the text that it wrote to stderr."""
 
-    name: str
-    data: BenchmarkData | None = None
-    missing_module: str = ""
-    """The name of the module that the benchmark failed to import."""
-    error: str = ""
-    """What the benchmark wrote to stderr before it failed."""
+    @property
+    def remedy(self) -> str:
+        """How to install the module that the benchmark failed to import; "" if it failed otherwise."""
+        match = _MISSING.search(str(self))
+        if match is None:
+            return ""
+        return f"the module '{match[1]}' is not installed; install it with: pip install 'btcore[all,bench]'"
 
 
 @click.command(short_help="Run the benchmarks and compare them with their targets.")
@@ -91,22 +90,25 @@ def bench(
             click.echo(f"{name:<22} {first_line(file)}")
         return
     earlier = _read(beside) if beside is not None else []
-    results = []
+    measured = []
+    errors: dict[str, BenchmarkError] = {}
     for name in names or known:
-        results.append(_run(known[name], pairs, quick))
+        try:
+            measured.append(_run(known[name], pairs, quick))
+        except BenchmarkError as error:
+            errors[name] = error
         click.echo()
-    measured = [result.data for result in results if result.data is not None]
     if json_file is not None:
         files.write(json_file, json.dumps(measured, ensure_ascii=False, indent=1).encode())
     if any("target" in row for data in [*measured, *earlier] for row in data["rows"]):
         terminal.stdout_console().print(targets([*earlier, *measured]))
-    for result in results:
-        if result.missing_module:
-            terminal.print_warning(f"'{result.name}' was not run: {_remedy(result.missing_module)}")
+    for name, failure in errors.items():
+        if failure.remedy:
+            terminal.print_warning(f"'{name}' was not run: {failure.remedy}")
     if plot is not None:
         _plot(here, plot, [*earlier, *measured])
-    if failed := [result for result in results if result.error]:
-        raise click.ClickException("\n".join(f"'{result.name}' failed:\n{result.error}" for result in failed))
+    if failed := [f"'{name}' failed:\n{item}" for name, item in errors.items() if not item.remedy]:
+        raise click.ClickException("\n".join(failed))
 
 
 def folder() -> Path:
@@ -126,8 +128,8 @@ def first_line(file: Path) -> str:
     return file.read_text(encoding="utf-8").removeprefix('"""').split("\n", 1)[0]
 
 
-def _run(file: Path, pairs: int | None, quick: bool) -> BenchmarkResult:
-    """Run a benchmark, which prints its own table."""
+def _run(file: Path, pairs: int | None, quick: bool) -> BenchmarkData:
+    """Run a benchmark, which prints its own table, and return its results."""
     with tempfile.TemporaryDirectory() as scratch:
         measured = Path(scratch) / "measured.json"
         options = ["--json", str(measured)]
@@ -135,14 +137,13 @@ def _run(file: Path, pairs: int | None, quick: bool) -> BenchmarkResult:
             options += ["--pairs", str(pairs)]
         if quick:
             options.append("--quick")
-        missing_module, error = _python(file, options)
-        if missing_module or error:
-            return BenchmarkResult(file.stem, missing_module=missing_module, error=error)
-        return BenchmarkResult(file.stem, json.loads(measured.read_text(encoding="utf-8")))
+        _python(file, options)
+        data: BenchmarkData = json.loads(measured.read_text(encoding="utf-8"))
+        return data
 
 
-def _python(file: Path, options: Sequence[str]) -> tuple[str, str]:
-    """Run *file* with this Python. Return the missing module and the error text, both empty on success."""
+def _python(file: Path, options: Sequence[str]) -> None:
+    """Run *file* with this Python. Raise BenchmarkError if it fails."""
     environment = dict(os.environ)
     checkout = Path(btcore.__file__).parent.parent
     if file.is_relative_to(checkout / "benchmarks"):
@@ -151,17 +152,9 @@ def _python(file: Path, options: Sequence[str]) -> tuple[str, str]:
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     sys.stdout.flush()
     done = subprocess.run([sys.executable, str(file), *options], env=environment, stderr=subprocess.PIPE)
-    errors = done.stderr.decode(errors="replace").strip()
-    if done.returncode == 0:
-        return "", ""
-    if match := _MISSING.search(errors):
-        return match[1], ""
-    return "", errors or f"exit code {done.returncode}"
-
-
-def _remedy(module: str) -> str:
-    """Return the message for a *module* that is not installed."""
-    return f"the module '{module}' is not installed; install it with: pip install 'btcore[all,bench]'"
+    if done.returncode:
+        errors = done.stderr.decode(errors="replace").strip()
+        raise BenchmarkError(errors or f"exit code {done.returncode}")
 
 
 def _read(path: Path) -> list[BenchmarkData]:
@@ -219,7 +212,8 @@ def _plot(here: Path, plot: Path, results: Sequence[BenchmarkData]) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         data = Path(scratch) / "measured.json"
         data.write_text(json.dumps(results), encoding="utf-8")
-        missing_module, error = _python(here / _PLOT, [str(data), str(plot)])
-    if missing_module or error:
-        raise click.ClickException(f"cannot plot: {_remedy(missing_module) if missing_module else error}")
+        try:
+            _python(here / _PLOT, [str(data), str(plot)])
+        except BenchmarkError as error:
+            raise click.ClickException(f"cannot plot: {error.remedy or error}") from error
     terminal.print_labelled("plotted:", str(plot))

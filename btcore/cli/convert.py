@@ -6,8 +6,9 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from btcore.cli import files, node_libraries, node_models, terminal, trees
+from btcore.cli import files, node_libraries, terminal
 from btcore.cli.exit_codes import ExitCode
+from btcore.cli.tree_source import find_tree
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
 from btcore.xml.convert.convert import Conversion
@@ -28,7 +29,7 @@ _BYTE_ORDER_MARK = "\ufeff".encode()
 )
 @click.option("--in-place", is_flag=True, help="Overwrite the input file with the result.")
 @node_libraries.plugin_option
-@node_models.model_option
+@node_libraries.model_option
 def convert(
     source: str, output: Path | None, in_place: bool, plugins: Sequence[str], models: Sequence[Path]
 ) -> int:
@@ -45,11 +46,10 @@ def convert(
     """
     if in_place and output is not None:
         raise click.UsageError("--in-place and --output cannot be used together.")
-    path = trees.find(source)
+    path = find_tree(source)
     document = parse_file(path)
-    nodes = node_libraries.load_libraries(plugins).nodes
-    node_models.add_node_models(nodes, models, [document])
-    result = converted(document, nodes)
+    libraries = node_libraries.load_libraries(plugins, models)
+    result = converted(document, libraries.nodes_for(document))
     data = result.text.encode()
     # The parser drops a byte order mark; the conversion must not change what it does not convert.
     if path.read_bytes().startswith(_BYTE_ORDER_MARK):

@@ -1,4 +1,4 @@
-"""Loading the node libraries for a command: built-in, installed, and given by ``--plugin``."""
+"""The nodes of a command: built-in, installed, loaded by ``--plugin``, and declared by ``--model``."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +13,10 @@ from btcore.cli.entry_points import UnavailableEntryPoint, distribution_of
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.errors import Diagnostic, RegistrationError, TreeError
 from btcore.registry.registry import ENTRY_POINTS, Registry
+from btcore.xml.models.model_file import add_explicit_nodes, add_models
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document
+from btcore.xml.read.includes import resolve_includes
 
 plugin_option = click.option(
     "--plugin",
@@ -21,14 +25,54 @@ plugin_option = click.option(
     metavar="MODULE|FILE.py",
     help="Load a node library, by module name or file path. Repeatable.",
 )
+model_option = click.option(
+    "--model",
+    "models",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Load node declarations from a TreeNodesModel file, such as Groot exports: these nodes need no "
+    "code. Repeatable.",
+)
 
 
 @dataclass(slots=True)
 class NodeLibraries:
-    """The available nodes, and the *absent* libraries: those that are installed but cannot be imported."""
+    """The available nodes.
+
+    Attributes:
+        nodes: The nodes.
+        absent: The libraries that are installed but cannot be imported.
+        has_models: Whether nodes were declared by models, and need no code.
+    """
 
     nodes: Registry
     absent: list[UnavailableEntryPoint] = field(default_factory=list)
+    has_models: bool = False
+
+    def add_models(self, models: Sequence[Path]) -> None:
+        """Add the nodes of TreeNodesModel files.
+
+        Raises:
+            TreeError: A model is invalid.
+        """
+        for model in models:
+            add_models(self.nodes, model)
+        self.has_models = bool(models)
+
+    def nodes_for(self, document: Document) -> Registry:
+        """Return the nodes for the trees of *document*.
+
+        With models they include the nodes that explicit tags, such as ``<Action ID="Move"/>``, declare in the
+        document and in the documents that it includes. Without models unknown nodes remain errors.
+        """
+        if not self.has_models:
+            return self.nodes
+        # A copy, since the same explicit tag may have other ports in another document.
+        nodes = self.nodes.copy()
+        diagnostics = DiagnosticCollector()  # dropped: failing includes are reported when the tree is checked
+        add_explicit_nodes(nodes, resolve_includes(document, diagnostics))
+        return nodes
 
     def missing_library_notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:
         """Return a note for each absent library, if *diagnostics* report an unknown node."""
@@ -49,8 +93,8 @@ class NodeLibraries:
             raise
 
 
-def load_libraries(plugins: Sequence[str]) -> NodeLibraries:
-    """Load all installed node libraries and *plugins*.
+def load_libraries(plugins: Sequence[str], models: Sequence[Path] = ()) -> NodeLibraries:
+    """Load all installed node libraries, *plugins* and *models*.
 
     An installed library that cannot be imported is no error, since the tree may not use it. It is noted in
     `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
@@ -58,6 +102,7 @@ def load_libraries(plugins: Sequence[str]) -> NodeLibraries:
     Raises:
         RegistrationError: One of *plugins* cannot be loaded.
         click.UsageError: One of *plugins* is given twice.
+        TreeError: One of *models* is invalid.
     """
     libraries = NodeLibraries(Registry.standard())
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
@@ -79,4 +124,5 @@ def load_libraries(plugins: Sequence[str]) -> NodeLibraries:
         terminal.print_warning(
             f"<{own.id}> of {own.distribution} overrides <{own.id}> of {installed.distribution}"
         )
+    libraries.add_models(models)
     return libraries

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from typing import Final
 
 import click
-from rich import box
-from rich.table import Table
 from rich.text import Text
 
 from btcore.blackboard.ports import Direction, Port
 from btcore.cli import node_libraries, terminal
+from btcore.cli.tree_source import format_option
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.suggestions import join_names, nearest_name
@@ -30,29 +29,22 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 @click.command(short_help="List the available nodes and their ports.")
 @click.argument("ids", nargs=-1, metavar="[ID]…")
 @node_libraries.plugin_option
-@click.option(
-    "--format",
-    "format_",
-    type=click.Choice(["3", "4"]),
-    default="4",
-    show_default=True,
-    help="The XML format whose nodes are listed.",
-)
+@format_option("The XML format whose nodes are listed.", default="4")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-def nodes(ids: Sequence[str], plugins: Sequence[str], format_: str, as_xml: bool, as_json: bool) -> None:
+def nodes(ids: Sequence[str], plugins: Sequence[str], format: int, as_xml: bool, as_json: bool) -> None:
     """List the nodes that trees can use: built-in, installed, and loaded by --plugin.
 
     With IDs, list only these nodes.
     """
-    palette = node_libraries.load_libraries(plugins).nodes.manifests_of(4 if format_ == "4" else 3)
+    palette = node_libraries.load_libraries(plugins).nodes.manifests_of(format)
     if unknown := [node_id for node_id in ids if node_id not in palette]:
         nearest = nearest_name(unknown[0], palette)
         hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."
         raise click.UsageError(f"unknown node {join_names(unknown)}. {hint}")
     manifests = [palette[node_id] for node_id in ids] if ids else list(palette.values())
     if as_xml:
-        click.echo(write_models(manifests, int(format_)), nl=False)
+        click.echo(write_models(manifests, format), nl=False)
     elif as_json:
         data = {manifest.id: _as_data(manifest) for manifest in manifests}
         click.echo(json.dumps(data, ensure_ascii=False, indent=2))
@@ -63,7 +55,7 @@ def nodes(ids: Sequence[str], plugins: Sequence[str], format_: str, as_xml: bool
 def _print(manifests: Sequence[Manifest]) -> None:
     """Print *manifests* as a table with a section for each node type."""
     several = len({manifest.distribution for manifest in manifests}) > 1
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    table = terminal.new_table()
     table.add_column("node", no_wrap=True)
     table.add_column("description and ports", ratio=1)
     if several:
@@ -71,8 +63,7 @@ def _print(manifests: Sequence[Manifest]) -> None:
     for kind in _ORDER:
         section = sorted((item for item in manifests if item.type is kind), key=lambda item: item.id)
         for number, manifest in enumerate(section):
-            symbol = terminal.node_symbol(manifest.cls.node_symbol, kind)
-            name = Text(f"{symbol} ", style=terminal.KIND_STYLE[kind])
+            name = terminal.node_symbol(manifest.cls.node_symbol, kind)
             name.append(manifest.id, style="bold")
             about = Text(_first_paragraph(manifest.description))
             if manifest.ports:

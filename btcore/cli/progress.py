@@ -1,14 +1,13 @@
-"""The output of ``btcore run`` on stderr: a live status line during the run, and a table at its end."""
+"""The output of ``btcore run`` on stderr during the run: a live status line, and log messages above it."""
 
+import logging
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from rich import box
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
 from btcore.cli import terminal
@@ -18,6 +17,12 @@ from btcore.tree.tree import Tree
 
 _LIVE_INTERVAL_S: Final = 0.1  # real time between two updates of the live line
 _PLAIN_INTERVAL_S: Final = 10.0  # real time between two lines if stderr is not a terminal
+_LEVELS: Final = (
+    (logging.ERROR, "error: ", "bold red"),
+    (logging.WARNING, "warning: ", "bold yellow"),
+    (logging.NOTSET, "", ""),
+)
+"""The prefix of log messages and its style, by the lowest level that it is used for."""
 
 
 class Progress:
@@ -110,85 +115,36 @@ class Progress:
         return line
 
 
-def print_summary(
-    tree: Tree,
-    heading: Text,
-    results: Mapping[str, Mapping[str, object]],
-    figures: Mapping[str, object],
-    max_nodes: int = 40,
-) -> None:
-    """Print the summary of a run on stderr.
+class ConsoleLogHandler(logging.Handler):
+    """A handler that prints each log record on *console*; warnings and errors have a coloured prefix."""
 
-    Args:
-        tree: The tree of the run, for the order, depth and symbols of the nodes.
-        heading: The first line.
-        results: The tick counts of each node of *tree*, in its order.
-        figures: The reports of the extensions, such as the robot's.
-        max_nodes: The number of nodes that are printed at most.
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self.console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print *record*; errors of formatting or printing are reported as `logging` reports them."""
+        try:
+            word, style = next((word, style) for level, word, style in _LEVELS if record.levelno >= level)
+            self.console.print(Text.assemble((word, style), self.format(record)), soft_wrap=True)
+        except Exception:
+            self.handleError(record)
+
+
+@contextmanager
+def log_to_console(console: Console) -> Iterator[None]:
+    """Return a context in which logged warnings and errors appear on *console*.
+
+    If the root logger already has a handler, the program has configured logging itself: nothing changes.
+    *console* must be the console of the live status line, so that messages appear above that line.
     """
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
-    table.add_column("node", overflow="fold")
-    for title, style in (
-        ("ticks", ""),
-        ("success", "green"),
-        ("failure", "red"),
-        ("skipped", "cyan"),
-        ("halted", "yellow"),
-    ):
-        table.add_column(title, justify="right", style=style)
-    depths = _depths(tree)
-    for node, result in list(zip(tree.nodes, results.values(), strict=True))[:max_nodes]:
-        never_ticked = not result["ticks"]
-        name = Text("  " * depths[node.uid])
-        name.append(
-            terminal.node_symbol(node.node_symbol, node.type) + " ",
-            style=terminal.KIND_STYLE.get(node.type, ""),
-        )
-        name.append(node.name, style="dim" if never_ticked else "")
-        if node.name != node.id:
-            name.append(f" {node.id}", style="dim")
-        columns = [str(result[key] or "·") for key in ("ticks", "success", "failure", "skipped", "halted")]
-        table.add_row(name, *columns, style="dim" if never_ticked else "")
-    console = terminal.stderr_console()
-    console.print(heading, soft_wrap=True)
-    console.print()
-    console.print(table)
-    if len(tree.nodes) > max_nodes:
-        console.print(f"  … and {len(tree.nodes) - max_nodes} more nodes; --json lists all", style="dim")
-    print_figures(figures)
-
-
-def print_figures(figures: Mapping[str, object]) -> None:
-    """Print *figures*, the reports of extensions, on stderr: a line for each heading."""
-    for heading, figure in figures.items():
-        line = Text.assemble("\n ", (f"{heading}  ", "bold"), *_figures(figure))
-        line.rstrip()
-        terminal.stderr_console().print(line, soft_wrap=True)
-
-
-def _figures(figure: object) -> list[tuple[str, str]]:
-    """Return the parts of a line for a report, with styles: names and values, without values of None."""
-    if isinstance(figure, Mapping):
-        known = {key: value for key, value in figure.items() if value is not None}
-        if figure and not known:
-            return [("not measured  ", "dim")]
-        return [part for key, value in known.items() for part in ((f"{key} ", "dim"), *_figures(value))]
-    return [(f"{_format_figure(figure)}  ", "")]
-
-
-def _format_figure(figure: object) -> str:
-    """Return the text of a value, or of a list of values."""
-    if isinstance(figure, (list, tuple)):
-        return ", ".join(map(_format_figure, figure)) or "none"
-    if figure is None:
-        return "not measured"
-    return f"{figure:g}" if isinstance(figure, float) else str(figure)
-
-
-def _depths(tree: Tree) -> dict[int, int]:
-    """Return the depth of each node below the root, by UID."""
-    depths = {tree.root.uid: 0}
-    for node in tree.nodes:
-        for child in node.children:
-            depths[child.uid] = depths[node.uid] + 1
-    return depths
+    root = logging.getLogger()
+    if root.handlers:
+        yield
+        return
+    handler = ConsoleLogHandler(console)
+    root.addHandler(handler)
+    try:
+        yield
+    finally:
+        root.removeHandler(handler)

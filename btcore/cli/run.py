@@ -9,19 +9,18 @@ from typing import Any, cast
 import click
 from click.core import ParameterSource
 
-from btcore.cli import (
-    initial_blackboard,
-    node_libraries,
-    node_models,
-    stub_plans,
-    substitute,
-    terminal,
-    trees,
-)
+from btcore.cli import initial_blackboard, node_libraries, stub_plans, substitute, terminal
 from btcore.cli.extension import gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
-from btcore.cli.tree_source import CheckedSource, SaveWatcher, TreeSource
+from btcore.cli.tree_source import (
+    CheckedSource,
+    SaveWatcher,
+    TreeSource,
+    find_tree,
+    format_option,
+    tree_option,
+)
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.errors import TreeError
 from btcore.run_extension import RunExtension
@@ -75,10 +74,10 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 
 @click.command(cls=RunCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE")
-@trees.tree_option
-@trees.format_option
+@tree_option
+@format_option()
 @node_libraries.plugin_option
-@node_models.model_option
+@node_libraries.model_option
 @stub_plans.plan_option
 @substitute.substitute_option
 @initial_blackboard.set_option
@@ -166,7 +165,7 @@ def create_session(
         ExtensionError: An installed extension cannot be used.
     """
     # The watcher looks at the files before they are read: a save in between is not missed.
-    saves = SaveWatcher(trees.find(settings["source"])) if settings["watch"] else None
+    saves = SaveWatcher(find_tree(settings["source"])) if settings["watch"] else None
     source, (examined, nodes) = read_tree_source(settings, installed)
     installed_extensions, missing = load_extensions(ctx)
     wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
@@ -202,12 +201,13 @@ def read_tree_source(
         TreeError: The document has an error.
         RegistrationError: A node library cannot be loaded.
     """
-    path = trees.find(settings["source"])
+    path = find_tree(settings["source"])
     if installed is None or settings["plugins"]:
         libraries = node_libraries.load_libraries(settings["plugins"])
     else:
         libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
-    source = TreeSource(path, settings["tree"], libraries, settings["models"], settings["format"])
+    libraries.add_models(settings["models"])
+    source = TreeSource(path, settings["tree"], libraries, settings["format"])
     substitute.add_rules(libraries.nodes, settings["substitutes"])
     checked = source.read()
     stub_plans.check(settings["plans"], checked.examined)

@@ -1,4 +1,4 @@
-"""The report of a run: the heading of its summary, and the object of ``--json``."""
+"""The report of a run at its end: the summary on stderr, and the object of ``--json``."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -18,6 +18,11 @@ END_REASON_TEXT: Final[dict[EndReason, str]] = {
     "interrupted": ", interrupted",
 }
 """The end of a heading, by the reason why the run ended."""
+
+_COUNTS: Final = {"ticks": "", "success": "green", "failure": "red", "skipped": "cyan", "halted": "yellow"}
+"""The styles of the tick counts in the summary."""
+
+_MAX_NODES: Final = 40  # in the summary
 
 
 class RunReport:
@@ -42,30 +47,48 @@ class RunReport:
         """The speed of the run as a multiple of real time."""
         return self.elapsed / self.wall if self.wall > 0 else 0.0
 
-    def heading(self, tree: Tree, ending: EndReason) -> Text:
-        """Return a line with the result, the time, the number of ticks, and what ended the run.
+    def print_summary(self, tree: Tree, ending: EndReason, figures: Mapping[str, object]) -> None:
+        """Print the summary on stderr.
 
         Args:
             tree: The last tree of the run.
             ending: The reason why the run ended.
+            figures: The reports of the extensions, such as the robot's.
         """
+        table = terminal.new_table()
+        table.add_column("node", overflow="fold")
+        for title, style in _COUNTS.items():
+            table.add_column(title, justify="right", style=style)
+        depths = _depths(tree)
+        for node, result in list(zip(tree.nodes, self.results(tree).values(), strict=True))[:_MAX_NODES]:
+            never_ticked = not result["ticks"]
+            symbol = terminal.node_symbol(node.node_symbol, node.type)
+            name = Text.assemble("  " * depths[node.uid], symbol)
+            name.append(node.name, style="dim" if never_ticked else "")
+            if node.name != node.id:
+                name.append(f" {node.id}", style="dim")
+            columns = [str(result[key] or "·") for key in _COUNTS]
+            table.add_row(name, *columns, style="dim" if never_ticked else "")
+        console = terminal.stderr_console()
+        console.print(self._heading(tree, ending), soft_wrap=True)
+        console.print()
+        console.print(table)
+        if len(tree.nodes) > _MAX_NODES:
+            console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
+        print_figures(figures)
+
+    def _heading(self, tree: Tree, ending: EndReason) -> Text:
+        """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
         raised = Text("✘ RAISED", style="bold red")
         result = terminal.format_status(self.status) if self.error is None else raised
-        ticks = "1 tick" if tree.ticks == 1 else f"{tree.ticks} ticks"
+        ticks = terminal.counted(tree.ticks, "tick")
         took = f"{self.elapsed:.1f} s, {ticks}, ×{self.factor:.1f} real time{END_REASON_TEXT[ending]}"
         return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
 
     def results(self, tree: Tree) -> dict[str, dict[str, object]]:
         """Return the tick counts of each node by full path; equal paths are distinguished by ``#<uid>``."""
         return {
-            key: {
-                "id": node.id,
-                "ticks": tally.ticks,
-                "success": tally.success,
-                "failure": tally.failure,
-                "skipped": tally.skipped,
-                "halted": tally.halted,
-            }
+            key: {"id": node.id, **{name: getattr(tally, name) for name in _COUNTS}}
             for key, node in tree.nodes_by_path().items()
             for tally in (node.count_ticks(),)
         }
@@ -94,3 +117,39 @@ class RunReport:
                 "message": str(self.error.cause),
             }
         return report
+
+
+def print_figures(figures: Mapping[str, object]) -> None:
+    """Print *figures*, the reports of extensions, on stderr: a line for each heading."""
+    for heading, figure in figures.items():
+        line = Text.assemble("\n ", (f"{heading}  ", "bold"), *_figures(figure))
+        line.rstrip()
+        terminal.stderr_console().print(line, soft_wrap=True)
+
+
+def _figures(figure: object) -> list[tuple[str, str]]:
+    """Return the parts of a line for a report, with styles: names and values, without values of None."""
+    if isinstance(figure, Mapping):
+        known = {key: value for key, value in figure.items() if value is not None}
+        if figure and not known:
+            return [("not measured  ", "dim")]
+        return [part for key, value in known.items() for part in ((f"{key} ", "dim"), *_figures(value))]
+    return [(f"{_format_figure(figure)}  ", "")]
+
+
+def _format_figure(figure: object) -> str:
+    """Return the text of a value, or of a list of values."""
+    if isinstance(figure, (list, tuple)):
+        return ", ".join(map(_format_figure, figure)) or "none"
+    if figure is None:
+        return "not measured"
+    return f"{figure:g}" if isinstance(figure, float) else str(figure)
+
+
+def _depths(tree: Tree) -> dict[int, int]:
+    """Return the depth of each node below the root, by UID."""
+    depths = {tree.root.uid: 0}
+    for node in tree.nodes:
+        for child in node.children:
+            depths[child.uid] = depths[node.uid] + 1
+    return depths

@@ -11,8 +11,7 @@ import click
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.extension import merge_reports
-from btcore.cli.leaf_logging import log_to_console
-from btcore.cli.progress import Progress, print_summary
+from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.run_logs import Logs
 from btcore.cli.run_report import RunReport
 from btcore.cli.tick_loop import EndReason, TickLoop, Until
@@ -77,9 +76,7 @@ class RunSession:
         """
         result = self.execute()
         outcome = self.outcome
-        print_summary(
-            self.tree, outcome.heading(self.tree, result.ending), outcome.results(self.tree), result.figures
-        )
+        outcome.print_summary(self.tree, result.ending, result.figures)
         if outcome.error is not None and outcome.error is not self._printed_error:
             terminal.print_error(str(outcome.error))
         if self.settings["as_json"]:
@@ -143,9 +140,9 @@ class RunSession:
             self.outcome.wall = time.perf_counter() - began
             progress.close()
         if loop.late:
-            skipped = "1 tick was" if loop.late == 1 else f"{loop.late} ticks were"
+            skipped = f"{terminal.counted(loop.late, 'tick')} {'was' if loop.late == 1 else 'were'} skipped"
             terminal.print_warning(
-                f"{skipped} skipped, because the previous tick took longer than "
+                f"{skipped}, because the previous tick took longer than "
                 f"{1000 / settings['rate']:g} ms; use a lower --rate"
             )
         return ending

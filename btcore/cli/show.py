@@ -9,21 +9,19 @@ import click
 from rich.text import Text
 from rich.tree import Tree as Drawing
 
-from btcore.cli import files, node_libraries, node_models, terminal, trees
-from btcore.cli.dataflow_table import print_data
+from btcore.cli import files, node_libraries, terminal
+from btcore.cli.tree_source import TreeSource, find_tree, tree_option
 from btcore.status import NodeType
-from btcore.xml.lint.data_flow import trace_dataflow
-from btcore.xml.plan.document_checks import analyse_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 
 @click.command(short_help="Draw a tree, or list its data flow.")
 @click.argument("source", metavar="TREE")
-@trees.tree_option
+@tree_option
 @node_libraries.plugin_option
-@node_models.model_option
+@node_libraries.model_option
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
 @click.option(
     "--svg",
@@ -52,21 +50,16 @@ def show(
     if svg is not None and (as_table or as_json):
         other = "--data" if as_table else "--json"
         raise click.UsageError(f"--svg and {other} cannot be used together.")
-    path = trees.find(source)
-    libraries = node_libraries.load_libraries(plugins)
-    with libraries.annotate_errors():
-        document = parse_file(path)
-        node_models.add_node_models(libraries.nodes, models, [document])
-        examined = analyse_document(document, libraries.nodes, tree)
-        examined.diagnostics.raise_errors()
+    path = find_tree(source)
+    examined, nodes = TreeSource(path, tree, node_libraries.load_libraries(plugins, models)).read()
     main, format = examined.main, examined.planner.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_table:
-        rows = trace_dataflow(examined, libraries.nodes)
+        rows = trace_dataflow(examined, nodes)
         if as_json:
             _print_json([asdict(row) for row in rows])
         else:
-            print_data(rows)
+            _print_data(rows)
         return
     root = diagram_of_document(examined)
     if svg is not None:
@@ -86,8 +79,7 @@ def _print_json(data: object) -> None:
 
 def _draw(node: DiagramNode, above: Drawing, ports: bool) -> None:
     """Add *node* and its descendants to the branch *above* of the drawing."""
-    symbol = terminal.node_symbol(node.symbol, node.type)
-    line = Text(f"{symbol} ", style=terminal.KIND_STYLE.get(node.type, ""))
+    line = terminal.node_symbol(node.symbol, node.type)
     line.append(node.name, style="bold" if node.type is not NodeType.ACTION else "")
     if node.name != node.id:
         line.append(f"  {node.id}", style=terminal.KIND_STYLE.get(node.type, ""))
@@ -116,3 +108,32 @@ def _as_data(node: DiagramNode) -> dict[str, object]:
         "scripts": dict(node.scripts),
         "children": [_as_data(child) for child in node.children],
     }
+
+
+def _print_data(rows: Sequence[DataflowRow]) -> None:
+    """Print *rows* as a table with a section for each blackboard scope."""
+    table = terminal.new_table()
+    table.add_column("entry", no_wrap=True)
+    table.add_column("type", style="dim")
+    table.add_column("written by")
+    table.add_column("read by")
+    for number, row in enumerate(rows):
+        name = Text.assemble((f"{row.scope}/" if row.scope else "", "dim"), (row.key, "bold yellow"))
+        last = number + 1 == len(rows) or rows[number + 1].scope != row.scope
+        accesses = _accesses(row.writers, row), _accesses(row.readers, row)
+        table.add_row(name, row.type, *accesses, end_section=last)
+    terminal.stdout_console().print(table if rows else Text("no node uses the blackboard", style="dim"))
+
+
+def _accesses(accesses: Sequence[DataflowAccess], row: DataflowRow) -> Text:
+    """Return a line for each access, with the key that the node uses if it differs from the entry's key."""
+    if not accesses:
+        return Text("—", style="dim")
+    lines = []
+    for access in accesses:
+        line = Text(access.node)
+        line.append(f" {access.attribute}", style="dim")
+        if access.key.lstrip("@") != row.key:
+            line.append(f" as {access.key}", style="yellow")
+        lines.append(line)
+    return Text("\n").join(lines)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import click
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -62,15 +61,12 @@ def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
 
 
 def _table(rows: Sequence[RecordedStatistics]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    table = terminal.new_table()
     table.add_column("node", overflow="fold", ratio=1)
     for name in ("success", "failure", "skipped", "halted", "rate", "total s", "mean s", "max s"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
-        label = Text(
-            terminal.recorded_symbol(row.node.id, row.node.type) + " ",
-            style=terminal.KIND_STYLE.get(row.node.type, ""),
-        )
+        label = terminal.recorded_symbol(row.node.id, row.node.type)
         label.append(row.path, style="" if row.results or row.runs else "dim")
         if row.running:
             label.append(" ▶", style="bold yellow")

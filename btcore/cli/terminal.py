@@ -5,7 +5,9 @@ from collections.abc import Iterable
 from typing import Final
 
 import click
+from rich import box
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt
@@ -55,18 +57,25 @@ def stderr_console() -> Console:
     return Console(stderr=True, highlight=False)
 
 
-def node_symbol(symbol: str, kind: NodeType) -> str:
-    """Return the character for a node in drawings.
+def new_table() -> Table:
+    """Return an empty table in the style of all commands."""
+    return Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+
+
+def node_symbol(symbol: str, kind: NodeType) -> Text:
+    """Return the character for a node in drawings and a space, in the style of the node's type.
+
+    Text that is appended has this style by default.
 
     Args:
         symbol: The symbol that the node's class declares, or "". Only its first character is used.
         kind: The node type, whose symbol is used by default.
     """
-    return symbol[:1] or _KIND_SIGN.get(kind, "▪")
+    return Text(f"{symbol[:1] or _KIND_SIGN.get(kind, '▪')} ", style=KIND_STYLE.get(kind, ""))
 
 
-def recorded_symbol(node_id: str, kind: NodeType) -> str:
-    """Return the character for a node in a log, which contains no classes.
+def recorded_symbol(node_id: str, kind: NodeType) -> Text:
+    """Return the `node_symbol` for a node in a log, which contains no classes.
 
     Args:
         node_id: The registration ID; the class is known if it is the ID of a built-in node.

@@ -1,17 +1,51 @@
-"""The source of a run's tree: its file, read at the start and, with ``--watch``, after each save."""
+"""The source of a tree: the options that select it, its file, and watching the file for saves."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from btcore.cli import node_models
+import click
+
+from btcore import bundled_trees
 from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tick_loop import POLL_INTERVAL_S
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
 from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
 from btcore.xml.read.document import parse_file
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+tree_option = click.option("--tree", metavar="ID", help="Use this tree of the file instead of its main tree.")
+
+
+def format_option(
+    help: str = "The XML format. By default the file's BTCPP_format attribute; 3 without the attribute.",
+    default: str | None = None,
+) -> Callable[[_Command], _Command]:
+    """Return a decorator that adds the option ``--format``, whose value is None, 3 or 4."""
+    return click.option(
+        "--format",
+        type=click.Choice(["3", "4"]),
+        callback=lambda ctx, option, value: None if value is None else int(value),
+        default=default,
+        show_default=True,
+        help=help,
+    )
+
+
+def find_tree(name: str) -> Path:
+    """Return the file for *name*, which is the path of a file or the name of a bundled tree.
+
+    Raises:
+        click.UsageError: There is no such file or tree; the message suggests the nearest name.
+    """
+    try:
+        return bundled_trees.find(name)
+    except FileNotFoundError as error:
+        raise click.UsageError(str(error)) from error
 
 
 class CheckedSource(NamedTuple):
@@ -21,31 +55,21 @@ class CheckedSource(NamedTuple):
     nodes: Registry
 
 
+@dataclass(frozen=True, slots=True)
 class TreeSource:
     """The file of a tree, and how to read it.
 
-    Args:
+    Attributes:
         path: The XML file.
         tree: The ID of the tree; None for the file's main tree.
         libraries: The available nodes.
-        models: Files with a TreeNodesModel, whose nodes have no code.
         format: The XML format (3 or 4); None for the file's own.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        tree: str | None,
-        libraries: NodeLibraries,
-        models: Sequence[Path],
-        format: int | None = None,
-    ) -> None:
-        self.path = path
-        self.tree = tree
-        self.format = format
-        self.libraries = libraries
-        self.without_code = bool(models)
-        node_models.add_node_models(libraries.nodes, models)
+    path: Path
+    tree: str | None
+    libraries: NodeLibraries
+    format: int | None = None
 
     def read(self) -> CheckedSource:
         """Read and check the file.
@@ -55,11 +79,7 @@ class TreeSource:
         """
         with self.libraries.annotate_errors():
             document = parse_file(self.path)
-            nodes = self.libraries.nodes
-            if self.without_code:
-                # A copy, since the saved file may declare other ports for the same explicit tag.
-                nodes = nodes.copy()
-                node_models.add_document_nodes(nodes, [document])
+            nodes = self.libraries.nodes_for(document)
             examined = analyse_document(document, nodes, self.tree, self.format)
             examined.diagnostics.raise_errors()
         return CheckedSource(examined, nodes)

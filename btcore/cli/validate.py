@@ -3,42 +3,25 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
-from btcore.cli import node_libraries, node_models, terminal, trees
+from btcore.cli import node_libraries, terminal
 from btcore.cli.exit_codes import ExitCode
+from btcore.cli.tree_source import find_tree, format_option, tree_option
 from btcore.errors import Diagnostic, TreeError
-from btcore.registry.registry import Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_file
-
-
-class ValidationOptions(NamedTuple):
-    """How to check each file.
-
-    Attributes:
-        tree: The ID of the tree; None for the main tree.
-        format: The XML format (3 or 4); None for the file's own.
-        given: The blackboard keys that the program sets before the first tick.
-        without_code: Whether nodes in explicit tags, such as ``<Action ID="Move"/>``, need no code.
-    """
-
-    tree: str | None
-    format: int | None
-    given: Sequence[str]
-    without_code: bool
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…")
 @node_libraries.plugin_option
-@node_models.model_option
-@trees.tree_option
-@trees.format_option
+@node_libraries.model_option
+@tree_option
+@format_option()
 @click.option(
     "--given",
     "given",
@@ -68,11 +51,18 @@ def validate(
       0  no errors
       2  errors, or with --strict warnings
     """
-    libraries = node_libraries.load_libraries(plugins)
     files = [file for source in sources for file in _files(source)]
-    node_models.add_node_models(libraries.nodes, models)
-    options = ValidationOptions(tree, format, given, without_code=bool(models))
-    diagnostics = [item for file in files for item in _check(file, libraries.nodes, options)]
+    libraries = node_libraries.load_libraries(plugins, models)
+    keys = [remapped_key(key, key) or key for key in given]
+    diagnostics: list[Diagnostic] = []
+    for file in files:
+        try:
+            document = parse_file(file)
+        except TreeError as error:
+            diagnostics += error.diagnostics
+        else:
+            nodes = libraries.nodes_for(document)
+            diagnostics += validate_document(document, nodes=nodes, tree=tree, format=format, given=keys)
     errors = [item for item in diagnostics if item.is_error]
     warnings = [item for item in diagnostics if not item.is_error]
     valid = not errors and not (strict and warnings)
@@ -88,30 +78,11 @@ def validate(
 def _files(source: str) -> list[Path]:
     """Return the XML files that the argument *source* selects."""
     if not Path(source).is_dir():
-        return [trees.find(source)]
+        return [find_tree(source)]
     files = sorted(Path(source).rglob("*.xml"))
     if not files:
         raise click.UsageError(f"the folder '{source}' contains no XML file.")
     return files
-
-
-def _check(file: Path, nodes: Registry, options: ValidationOptions) -> list[Diagnostic]:
-    """Return the diagnostics of *file*."""
-    try:
-        document = parse_file(file)
-    except TreeError as error:
-        return list(error.diagnostics)
-    if options.without_code:
-        # A copy for each file, since the same explicit tag may have other ports in another file.
-        nodes = nodes.copy()
-        node_models.add_document_nodes(nodes, [document])
-    return validate_document(
-        document,
-        nodes=nodes,
-        tree=options.tree,
-        format=options.format,
-        given=[remapped_key(key, key) or key for key in options.given],
-    )
 
 
 def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, valid: bool) -> None:

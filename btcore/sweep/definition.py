@@ -11,8 +11,9 @@ from typing import Any, Final
 import click
 
 from btcore import __version__
-from btcore.cli import terminal, trees
+from btcore.cli import terminal
 from btcore.cli.run import read_tree_source, run
+from btcore.cli.tree_source import find_tree
 from btcore.suggestions import join_names
 from btcore.sweep import options, parameters
 from btcore.xml.read.diagnostics import DiagnosticCollector
@@ -152,7 +153,7 @@ def create_definition(
         if key in texts and not choices.options[key].multiple:
             raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
     arguments = tuple(options.option_arguments(ctx, texts))
-    path = trees.find(source)
+    path = find_tree(source)
     documents = resolve_includes(parse_file(path), DiagnosticCollector())
     files = {path, *(Path(document.file) for document in documents if document.file)}
     files |= options.named_files([*texts.values(), *varied.values()])

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any, Final
 
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -171,7 +170,7 @@ def _took(played: ExecutionSummary) -> str:
 
 
 def _table(first: str, *others: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    table = terminal.new_table()
     table.add_column(first, overflow="fold")
     for name in others:
         table.add_column(name, justify="right")

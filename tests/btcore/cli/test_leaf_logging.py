@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 from rich.console import Console
 
-from btcore.cli.leaf_logging import log_to_console
+from btcore.cli.progress import log_to_console
 
 LOGGER = logging.getLogger("some.leaf")
 WARNING, ERROR, INFO = logging.WARNING, logging.ERROR, logging.INFO
