@@ -15,15 +15,16 @@ from pair to pair. The figures are medians over the pairs, with quartiles.
 
 import gc
 import random
-import statistics
-import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 import btcore
 from btcore import In, Put, Registry, SimClock, action, batch, condition
 from btcore.batch import BatchTree, Bools, Floats
-from measure.paired_timing import Spread
+from btcore.clock import NS_PER_US
+from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments, at_least
 
 MAX_TREES = 1_000
@@ -161,48 +162,39 @@ def check_same_results(agents: int) -> None:
         assert swarm.blackboard["battery"].tolist() == [tree.blackboard["battery"] for tree in trees]
 
 
-def time_of_trees(trees: list[btcore.Tree]) -> float:
-    """Return the processor time (s) for a tick of all *trees*."""
-    begin = time.process_time()
+def tick_all(ticks: Sequence[Callable[[], object]]) -> None:
+    """Call each of *ticks* TICKS times."""
     for _ in range(TICKS):
-        for tree in trees:
-            tree.tick_exactly_once()
-    return (time.process_time() - begin) / TICKS
+        for tick in ticks:
+            tick()
 
 
-def time_of_batch(swarm: BatchTree) -> float:
-    """Return the processor time (s) for a tick of *swarm*."""
-    begin = time.process_time()
-    for _ in range(TICKS):
-        swarm.tick()
-    return (time.process_time() - begin) / TICKS
+def rounds(trees: Sequence[btcore.Tree], swarm: BatchTree, count: int) -> Iterator[Mapping[str, Work]]:
+    """Yield *count* rounds and another for the warm-up; the engines are measured in alternating order."""
+    ticks = [tree.tick_exactly_once for tree in trees]
+    ordinary, batch = partial(tick_all, ticks), partial(tick_all, [swarm.tick])
+    cached = partial(tick_all, ticks[:CACHED_TREES])
+    for index in range(count + 1):
+        gc.collect()
+        if index % 2:
+            yield {"batch": batch, "ordinary": ordinary, "cached": cached}
+        else:
+            yield {"ordinary": ordinary, "batch": batch, "cached": cached}
 
 
 def compare(report: Report, agents: int) -> None:
-    """Measure with *agents* agents, and add a row to *report*."""
-    values = initial_values(agents)
-    trees, swarm = ordinary(values[:MAX_TREES]), batched(values)
-    factor = agents / len(trees)
-    time_of_trees(trees)
-    time_of_batch(swarm)
-    ratios, cached, times = [], [], []
-    for pair in range(report.pairs):
-        gc.collect()
-        if pair % 2:
-            alone, together = time_of_trees(trees) * factor, time_of_batch(swarm)
-        else:
-            together = time_of_batch(swarm)
-            alone = time_of_trees(trees) * factor
-        few = trees[:CACHED_TREES]
-        cached.append(time_of_trees(few) * agents / len(few) / together)
-        ratios.append(alone / together)
-        times.append(together)
+    """Add a row for *agents* agents."""
+    given = initial_values(agents)
+    trees, swarm = ordinary(given[:MAX_TREES]), batched(given)
+    taken = measure_rounds(rounds(trees, swarm, report.pairs))
+    cached = taken.ratio("cached", "batch").times(agents / CACHED_TREES)
     figures = {
-        "a tick of all": f"{1e6 * statistics.median(times):,.0f} µs",
-        f"{CACHED_TREES} trees / batch": f"{statistics.median(cached):.3g}",
+        "a tick of all": f"{taken.time('batch').median / TICKS / NS_PER_US:,.0f} µs",
+        f"{CACHED_TREES} trees / batch": f"{cached.median:.3g}",
     }
+    ratio = taken.ratio("ordinary", "batch").times(agents / len(trees))
     target = THROUGHPUT if agents >= TARGET_AGENTS else None
-    report.add(f"{agents:,} agents: ordinary / batch", Spread.of(ratios), target, figures)
+    report.add(f"{agents:,} agents: ordinary / batch", ratio, target, figures)
 
 
 def main() -> None:

@@ -1,28 +1,26 @@
-"""What each thing that a node may have adds to its tick: ports, scripts, conditions, subtrees.
+"""The cost of a node's features in a tick: ports, scripts, conditions and subtrees.
 
     python benchmarks/features.py [--pairs 9] [--json]
 
-Each tree is a Sequence of 100 children, and is ticked beside the same tree without the thing: the ratio is
-what one child takes with it over what it takes without. Leaves are classes, written in Python; where a port
-is read or written, the leaf without it reads or writes a plain attribute. py_trees' leaves read and write
-its blackboard by a client. A script's peer is Python's own ``eval`` of the compiled expression.
+Each tree is a Sequence of 100 children, and is compared with the same tree without the feature: the ratio is
+the time for a child with the feature divided by the time without it. The leaves are classes written in
+Python; instead of a port, the leaf without the feature reads or writes a plain attribute. The leaves of
+py_trees access its blackboard by a client. A script is compared with Python's ``eval`` of the compiled
+expression.
 """
 
 from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
 
 import btcore
 from btcore import In, Out, Registry, Status, SyncAction, action
 from btcore.tree.tree import Tree
 from measure.benchmark_trees import SUCCESS, Succeed
-from measure.paired_timing import SLICE, Spread, Work, measure
-from measure.report import Report, arguments, in_short
+from measure.paired_timing import SLICE, Work, measure
+from measure.report import NO_PY_TREES, Report, arguments, in_short
 
-try:
-    from measure import py_trees_leaves
-except ModuleNotFoundError as missing:
-    if missing.name != "py_trees":
-        raise
-    py_trees_leaves = None
+peers = import_module("measure.py_trees_peers") if find_spec("py_trees") else None
 
 WIDTH = 100
 ENTRIES = {"pace": 0.5, "n": 1, "far": 0.5}
@@ -35,7 +33,7 @@ class HasAttribute(SyncAction):
         self.speed = 0.5
 
     def tick(self) -> Status:
-        self.speed  # noqa: B018 - reading it is the work
+        self.speed  # noqa: B018 - the access is the work
         return SUCCESS
 
 
@@ -109,21 +107,17 @@ COMPARISONS = [
     ("a leaf with _failureIf / without", "pre-condition", "nothing"),
     ("a leaf with _onSuccess / without", "post-condition", "nothing"),
     ("a leaf in a SubTree / in a decorator", "subtree", "decorator"),
-    (
-        "a port through two SubTrees / through a decorator",
-        "port remapped twice",
-        "port below a decorator",
-    ),
+    ("a port through two SubTrees / through a decorator", "port remapped twice", "port below a decorator"),
     ("<Script code='n := n + 1'/> / AlwaysSuccess", "script", "built-in"),
     ("<Script code='n := n + 1'/> / Python's eval", "script", "eval"),
     ("py_trees, reading an entry / an input port", "py_trees reads", "port, an entry"),
     ("py_trees, writing an entry / an output port", "py_trees writes", "port written"),
 ]
-"""What is printed: the words, and the two whose ratio it is."""
+"""The text of each row, and the names of the two trees that are compared."""
 
 
 def grow(child: str) -> Tree:
-    """A Sequence of WIDTH times *child*."""
+    """Return a Sequence of WIDTH children *child*."""
     nodes = Registry.standard()
     nodes.add(Succeed, HasAttribute, HasInput, SetsAttribute, HasOutput, without, with_input)
     main = f'<BehaviorTree ID="Main"><Sequence>{child * WIDTH}</Sequence></BehaviorTree>'
@@ -135,7 +129,7 @@ def grow(child: str) -> Tree:
 
 
 def evaluating() -> Work:
-    """What a script does, by Python's own means: WIDTH times an expression, and a name that takes it."""
+    """Return the work of WIDTH scripts, done by Python's ``eval``: an expression and an assignment."""
     code = compile("n + 1", "script", "eval")
     names: dict[str, object] = {"__builtins__": {}, "n": 1}
     evaluate: Callable[..., object] = eval
@@ -148,22 +142,21 @@ def evaluating() -> Work:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     given = arguments(__doc__ or "").parse_args()
-    report = Report("features", "What a node's ports, scripts, conditions and subtrees cost", given.pairs)
+    report = Report("features", "The cost of a node's ports, scripts, conditions and subtrees", given.pairs)
     works: dict[str, Work] = {name: grow(child).tick_once for name, child in TREES.items()}
     works["eval"] = evaluating()
-    if py_trees_leaves is None:
-        report.remarks.append("py_trees isn't installed; you can have it: pip install 'btcore[bench]'")
+    if peers is None:
+        report.remarks.append(NO_PY_TREES)
     else:
-        works["py_trees reads"] = py_trees_leaves.grow(py_trees_leaves.Reads, WIDTH).tick_once
-        works["py_trees writes"] = py_trees_leaves.grow(py_trees_leaves.Writes, WIDTH).tick_once
+        works["py_trees reads"] = peers.row_of(peers.Reads, WIDTH).tick_once
+        works["py_trees writes"] = peers.row_of(peers.Writes, WIDTH).tick_once
     taken = measure(works, report.pairs, slice_ns=1 if given.quick else SLICE)
     for what, dividend, divisor in COMPARISONS:
         if dividend in works and divisor in works:
-            ratio: Spread = taken.ratio(dividend, divisor)
-            one, other = (taken.time(name).median / WIDTH for name in (dividend, divisor))
-            report.add(what, ratio, figures={"ns": in_short(one), "beside": in_short(other)})
+            own, peer = (in_short(taken.time(name).median / WIDTH) for name in (dividend, divisor))
+            report.add(what, taken.ratio(dividend, divisor), figures={"ns": own, "beside": peer})
     report.output(given.json)
 
 

@@ -2,19 +2,18 @@
 
     python benchmarks/growth.py [--pairs 9] [--nodes 100 1000 …] [--depths 10 100 …] [--entries 10 100 …]
 
-Every ratio is the cost of one (one node ticked or loaded, one level ticked, one entry read and written) in
-the size that the row names over the cost of one in the first, smallest size of its kind: 1 means that size
-doesn't matter. Sizes take turns, as contenders do in the other benchmarks. Where memory is larger than the
-processor's caches everything takes longer; how much, a plain dict beside the blackboard tells.
+Each ratio is the cost per item (a node that is ticked or loaded, a level that is ticked, an entry that is
+read and written) at the size of the row, divided by the cost per item at the smallest size: 1 means that the
+cost per item does not depend on the size. The sizes are measured in turns, like the contenders of other
+benchmarks. Data that exceed the processor's caches slow down every program; a plain dict of the same size
+shows by how much.
 
-Trees of many nodes are Sequences of up to 10 children, with leaves of a class written in Python. Deep ones
-are chains: of subtrees, each inside the one before, and of Inverters made in code by a Builder. A document's
-own elements nest to 256 at most, as the original's do, so that depth comes in these two ways. A tree has
-65,535 nodes at most: more are in several trees, ticked one after the other.
+Trees with many nodes are Sequences of up to 10 children, whose leaves are a class written in Python. Deep
+trees are chains of nested subtrees, and chains of Inverters that a Builder creates, since XML elements can be
+nested up to 256 levels only, as in BehaviorTree.CPP. A tree has at most 65,535 nodes: larger sizes are
+divided into several trees, which are ticked one after the other.
 """
 
-import gc
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import cycle
@@ -24,8 +23,8 @@ import btcore
 from btcore import Blackboard, Builder, Registry, Tree
 from btcore.tree.tree import MAX_NODES
 from measure.benchmark_trees import Succeed
-from measure.memory import bytes_kept
-from measure.paired_timing import SLICE, Measured, Spread, Work, measure
+from measure.loading_cost import allocated_bytes, loading_time
+from measure.paired_timing import SLICE, Measured, Spread, Work, measure, measure_rounds
 from measure.report import Report, arguments, in_short
 
 NODES = (10, 100, 1_000, 10_000, 100_000)
@@ -33,11 +32,11 @@ DEPTHS = (10, 100, 1_000, 2_000)
 ENTRIES = (10, 100, 1_000, 10_000, 100_000)
 BRANCHES = 10
 LOADED_AT_LEAST = 1_000
-"""Nodes: below, a load's fixed part hides what a node costs."""
+"""The smallest number of nodes whose loading is measured: below, the fixed costs of a load dominate."""
 
 
 def bushy(size: int) -> str:
-    """A document whose tree has *size* nodes."""
+    """Return a document whose tree has *size* nodes."""
 
     def grow(room: int) -> str:
         if room == 1:
@@ -51,7 +50,7 @@ def bushy(size: int) -> str:
 
 
 def nested(depth: int) -> Tree:
-    """A chain of *depth* subtrees."""
+    """Return a chain of *depth* nested subtrees."""
     trees = [
         f'<BehaviorTree ID="T{level}"><SubTree ID="T{level + 1}"/></BehaviorTree>' for level in range(depth)
     ]
@@ -62,25 +61,25 @@ def nested(depth: int) -> Tree:
 
 
 def built(depth: int) -> Tree:
-    """A chain of *depth* Inverters, made in code."""
+    """Return a chain of *depth* Inverters that is built in code."""
     builder = Builder(registry())
-    twig = builder.AlwaysSuccess()
+    node = builder.AlwaysSuccess()
     for _ in range(depth - 1):
-        twig = builder.Inverter(twig)
-    return builder.build(twig)
+        node = builder.Inverter(node)
+    return builder.build(node)
 
 
 def registry() -> Registry:
-    """Nodes with the leaf that is used."""
+    """Return a registry with the leaf of the trees."""
     nodes = Registry.standard()
     nodes.add(Succeed)
     return nodes
 
 
 def board(entries: int) -> Work:
-    """One entry of so many is read and written, another one each time."""
+    """Return work that reads and writes an entry of a blackboard, another entry each time."""
     blackboard = Blackboard()
-    for key in (keys := keys_of(entries)):
+    for key in (keys := shuffled_keys(entries)):
         blackboard[key] = 0
     steps = cycle(keys)
 
@@ -92,10 +91,9 @@ def board(entries: int) -> Work:
 
 
 def plain_dict(entries: int) -> Work:
-    """The same with a dict whose values lie in objects of their own, as entries do."""
-    boxes: dict[str, list[object]] = {}
-    for key in (keys := keys_of(entries)):
-        boxes[key] = [0]
+    """Return the same work with a dict, whose values are wrapped in objects as those of a blackboard are."""
+    keys = shuffled_keys(entries)
+    boxes: dict[str, list[object]] = {key: [0] for key in keys}
     steps = cycle(keys)
 
     def work() -> None:
@@ -105,26 +103,15 @@ def plain_dict(entries: int) -> Work:
     return work
 
 
-def keys_of(entries: int) -> list[str]:
-    """So many keys, not in the order in which they lie in memory."""
+def shuffled_keys(entries: int) -> list[str]:
+    """Return *entries* keys in random order, which differs from their order in memory."""
     keys = [f"key_{number}" for number in range(entries)]
     Random(0).shuffle(keys)
     return keys
 
 
-def loading_time(load: Callable[[], object]) -> int:
-    """What loading takes (ns of processor time), with the look of Python's collector that it puts off."""
-    gc.collect()
-    start = time.process_time_ns()
-    trees = load()
-    gc.collect(0)
-    taken = time.process_time_ns() - start
-    del trees
-    return taken
-
-
 class TreeGroup:
-    """So many nodes, in the fewest trees: a tree has 65,535 at most, since their numbers have 16 bits."""
+    """As few trees as possible that have *size* nodes together: a tree has at most 65,535."""
 
     def __init__(self, size: int) -> None:
         trees = -(-size // MAX_NODES)
@@ -134,66 +121,72 @@ class TreeGroup:
 
     @property
     def name(self) -> str:
-        """The size, in words."""
+        """The size as text."""
         words = f"{self.size:,} nodes"
         return words if len(self.texts) == 1 else f"{words} in {len(self.texts)} trees"
 
     def load(self, nodes: Registry) -> list[Tree]:
-        """Its trees."""
+        """Return the trees."""
         return [btcore.loads(text, nodes=nodes) for text in self.texts]
 
     def ticked(self, nodes: Registry) -> Work:
-        """What ticks all its trees, one after the other."""
+        """Return work that ticks all trees, one after the other."""
         ticks = [tree.tick_once for tree in self.load(nodes)]
         if len(ticks) == 1:
             return ticks[0]
 
         def tick() -> None:
-            for one in ticks:
-                one()
+            for tick_tree in ticks:
+                tick_tree()
 
         return tick
 
 
 def with_nodes(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
-    """Ticking, loading and memory of a node, by how many there are."""
+    """Add rows about the time for ticking and for loading a node, and about its memory."""
     nodes = registry()
-    groves = [TreeGroup(size) for size in sizes]
-    ticking = measure({str(grove.size): grove.ticked(nodes) for grove in groves}, report.pairs, 4, slice_ns)
-    large = [grove for grove in groves if grove.size >= LOADED_AT_LEAST] or groves[-1:]
-    rounds: dict[str, list[float]] = {str(grove.size): [] for grove in large}
-    for _ in range(report.pairs):
-        for grove in large:
-            rounds[str(grove.size)].append(loading_time(partial(grove.load, nodes)))
-    add(report, "node ticked, {}", {grove.name: grove.size for grove in groves}, ticking, "ns")
-    add(report, "node loaded, {}", {grove.name: grove.size for grove in large}, Measured(rounds), "µs")
-    kept = [bytes_kept(partial(grove.load, nodes)) / grove.size for grove in large]
-    for grove, weight in zip(large, kept, strict=True):
-        figures = {"one": f"{weight:,.0f} B"}
-        report.add(f"memory of a node, {grove.name}", Spread.of([weight / kept[0]]), None, figures)
+    groups = [TreeGroup(size) for size in sizes]
+    ticking = measure({str(group.size): group.ticked(nodes) for group in groups}, report.pairs, 4, slice_ns)
+    large = [group for group in groups if group.size >= LOADED_AT_LEAST] or groups[-1:]
+    loads = {str(group.size): partial(group.load, nodes) for group in large}
+    loading = measure_rounds([loads] * report.pairs, loading_time, warm_up=0)
+    add(report, "node ticked, {}", {group.name: group.size for group in groups}, ticking, "ns")
+    add(report, "node loaded, {}", {group.name: group.size for group in large}, loading, "µs")
+    memory = [allocated_bytes(loads[str(group.size)]) / group.size for group in large]
+    for group, size in zip(large, memory, strict=True):
+        figures = {"one": f"{size:,.0f} B"}
+        report.add(f"memory of a node, {group.name}", Spread.of([size / memory[0]]), None, figures)
 
 
 def with_depth(
     report: Report, what: str, depths: Sequence[int], grow: Callable[[int], Tree], slice_ns: int
 ) -> None:
-    """Ticking a level, by how many there are."""
+    """Add rows about the time for ticking a level of a deep tree."""
     works: dict[str, Work] = {str(depth): grow(depth).tick_once for depth in depths}
     taken = measure(works, report.pairs, 4, slice_ns)
     add(report, "level ticked, {}", {f"{depth:,} {what}": depth for depth in depths}, taken, "ns")
 
 
 def add(report: Report, what: str, sizes: Mapping[str, int], taken: Measured, unit: str) -> None:
-    """A row for each of *sizes*, whose rounds tell of as many nodes or levels: what one of them costs."""
-    per = {"ns": 1, "µs": 1000}[unit]
+    """Add a row for each of *sizes*: the time per node or level.
+
+    Args:
+        report: The report.
+        what: The name of the rows, with {} for the size.
+        sizes: The number of nodes or levels, by the text for the row.
+        taken: The times, by the number of nodes or levels.
+        unit: The unit of the time per node or level.
+    """
+    ns = {"ns": 1, "µs": 1000}[unit]
     first = next(iter(sizes.values()))
     for name, size in sizes.items():
         ratio = taken.ratio(str(size), str(first)).times(first / size)
-        one = taken.time(str(size)).median / size / per
-        report.add(what.format(name), ratio, None, {"one": f"{in_short(one)} {unit}"})
+        each = taken.time(str(size)).median / size / ns
+        report.add(what.format(name), ratio, None, {"one": f"{in_short(each)} {unit}"})
 
 
 def with_entries(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
-    """Reading and writing an entry, by how many there are; and the same with a dict."""
+    """Add rows about the time for reading and writing an entry of a blackboard, and of a dict."""
     works = {f"{kind.__name__} {size}": kind(size) for size in sizes for kind in (board, plain_dict)}
     taken = measure(works, report.pairs, slice_ns=slice_ns)
     for size in sizes:
@@ -206,7 +199,7 @@ def with_entries(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--nodes", type=int, nargs="+", default=NODES)
     parser.add_argument("--depths", type=int, nargs="+", default=DEPTHS)

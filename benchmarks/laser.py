@@ -1,110 +1,93 @@
-"""What a scan of the simulated laser takes, beside the physics engine's own rays.
+"""How long a scan of the simulated laser takes, compared with the rays of the physics engine.
 
     python benchmarks/laser.py [--pairs 15] [--worlds house aws_house] [--json]
 
-A scan is Tiago's laser (666 rays): geometry against all that stands and moves in the scene, and noise. The
-peer is pybullet's `rayTestBatch` of the same rays in the same world, which has neither noise nor REP 117, its
-arguments made beforehand; both have to find the same lengths. Scans are taken from the scene's waypoints in
-turn. Each pair is one of both, one right after another, and ratios are taken pair by pair; times are of the
-processor, on one thread. The share is that of the time between two scans.
+A scan of Tiago's laser has 666 rays, which are cast against all static and movable objects of the scene, and
+noise. The reference is pybullet's `rayTestBatch` with the same rays in the same world; it has neither noise
+nor the special values of REP 117, and its arguments are created before the measurement. Both must find the
+same distances. The scans are made at the scene's waypoints, in turn. A pair consists of a scan and a call of
+the reference, directly after each other; ratios are computed within a pair. Times are processor times of a
+single thread. The share is relative to the time between two scans.
 """
 
 import math
-import statistics
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 import numpy as np
 
+from btcore.clock import NS_PER_MS
 from btcore_sim.laser import Floats, Laser, MovableObstacles, RayCaster
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import load_description
 from btcore_sim.scene import load_scene
 from btcore_sim.world import World
-from measure.paired_timing import Spread
+from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments
 
-MILLISECOND = 1e6
 HEIGHT = 0.095  # m, of Tiago's laser above the floor
-ALIKE = 0.005  # m
+TOLERANCE = 0.005  # m
 
 Point = tuple[float, float, float]
+Hit = tuple[int, int, float, Point, Point]
+"""A result of pybullet: the body or -1, the link, the fraction of the ray, the point and the normal."""
 
 
-def processor_time(work: Callable[[], object]) -> int:
-    """How long *work* takes (ns of processor time)."""
-    start = time.process_time_ns()
-    work()
-    return time.process_time_ns() - start
+def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Callable[[], list[Hit]]:
+    """Return a function that casts rays with pybullet.
+
+    Args:
+        world: The world.
+        place: The start of all rays (m).
+        angles: The directions of the rays (rad).
+        reach: The length of the rays (m).
+    """
+    x, y, z = place
+    ends = [(x + reach * math.cos(angle), y + reach * math.sin(angle), z) for angle in angles.tolist()]
+    starts = [place] * len(ends)
+    return partial(pybullet.rayTestBatch, starts, ends, numThreads=1, physicsClientId=world.client)
 
 
-class Rays:
-    """The peer: the rays at *angles* (rad) from *place* (m), *reach* (m) long, by the engine of *world*."""
-
-    def __init__(self, world: World, place: Point, angles: Floats, reach: float) -> None:
-        self._client = world.client
-        self._reach = reach
-        x, y, z = place
-        self._starts = [place] * len(angles)
-        self._ends = [(x + reach * math.cos(one), y + reach * math.sin(one), z) for one in angles.tolist()]
-
-    def cast(self) -> list[tuple[int, int, float, Point, Point]]:
-        """What the rays hit, as pybullet has it."""
-        hits: list[tuple[int, int, float, Point, Point]] = pybullet.rayTestBatch(
-            self._starts, self._ends, numThreads=1, physicsClientId=self._client
-        )
-        return hits
-
-    def distances(self) -> Floats:
-        """How far (m) the rays go, shape ``(n,)``; inf where nothing is hit."""
-        return np.array([hit[2] * self._reach if hit[0] >= 0 else math.inf for hit in self.cast()])
-
-
-def scans(world: World, count: int) -> list[tuple[int, int]]:
-    """*count* times the time (ns) of the engine's rays, and that of a scan."""
+def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
+    """Yield *count* pairs of the reference and a scan, and another for the warm-up."""
     facts = load_description().laser.facts
     still = RayCaster.of([thing for thing in world.scene.things if thing.still])
     moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
     laser = Laser(facts, still, np.random.default_rng(0), moved)
     angles = facts.angle_min + facts.angle_increment * np.arange(facts.rays, dtype=np.float64)
     places = list(world.scene.waypoints.values())
-    measured = []
+    reach = facts.range_max
     for index in range(count + 1):
         x, y = places[index % len(places)]
-        rays = Rays(world, (x, y, HEIGHT), angles, facts.range_max)
-        own, theirs = laser.distances(x, y, HEIGHT, 0.0), rays.distances()
-        own[own > facts.range_max] = math.inf
-        same = np.isclose(own, theirs, atol=ALIKE)
-        assert same.mean() > 0.95, "both see the same, but for rays that graze an edge"
-        peer = processor_time(rays.cast)
-        scan = processor_time(partial(laser.sweep, x, y, HEIGHT, 0.0, 0))
-        if index:  # the first pair warms up
-            measured.append((peer, scan))
-    return measured
+        cast = peer_rays(world, (x, y, HEIGHT), angles, reach)
+        own = laser.distances(x, y, HEIGHT, 0.0)
+        own[own > reach] = math.inf
+        theirs = np.array([hit[2] * reach if hit[0] >= 0 else math.inf for hit in cast()])
+        same = np.isclose(own, theirs, atol=TOLERANCE)
+        assert same.mean() > 0.95, "the distances must be equal, except for rays that graze an edge"
+        yield {"peer": cast, "scan": partial(laser.sweep, x, y, HEIGHT, 0.0, 0)}
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--worlds", nargs="+", default=["house", "aws_house"])
     given = parser.parse_args()
     facts = load_description().laser.facts
     period = 1000 / facts.rate
-    question = f"What a scan of {facts.rays} rays takes beside pybullet's own rays"
+    question = f"The time for a scan of {facts.rays} rays, compared with pybullet's rays"
     report = Report("laser", question, given.pairs)
     for name in given.worlds[: 1 if given.quick else None]:
         world = World(load_scene(name))
-        measured = scans(world, given.pairs)
-        peer, scan = (statistics.median(column) / MILLISECOND for column in zip(*measured, strict=True))
+        taken = measure_rounds(scans(world, given.pairs))
+        peer, scan = taken.time("peer").median / NS_PER_MS, taken.time("scan").median / NS_PER_MS
         figures = {
             "things": f"{len(world.bodies)}",
             "rayTestBatch": f"{peer:.2f} ms",
             "scan": f"{scan:.2f} ms",
             f"of {period:g} ms": f"{100 * scan / period:.1f} %",
         }
-        ratio = Spread.of([one / other for other, one in measured])
-        report.add(f"{name}: scan / rayTestBatch", ratio, None, figures)
+        report.add(f"{name}: scan / rayTestBatch", taken.ratio("scan", "peer"), None, figures)
         world.close()
     report.output(given.json)
 

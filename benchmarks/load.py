@@ -1,18 +1,14 @@
-"""How long loading a tree takes beside lxml parsing the same file, and what its nodes weigh.
+"""How long loading a tree takes, compared with lxml parsing the same file, and the memory of its nodes.
 
     python benchmarks/load.py [--pairs 9] [--nodes 100 1000 10000 60000] [--json]
 
-Every node has three attributes: leaves a name and two ports (literals, and entries of their own), and
-Sequences and Fallbacks a name and two of Groot's notes. Each pair is one parse and one load of one
-file, right after another; ratios are taken pair by pair. Times are of the processor, so that other
-programs on the machine disturb them little.
+Every node has three attributes: leaves have a name and two ports (literals, and blackboard entries of their
+own), Sequences and Fallbacks have a name and two attributes that Groot writes. A pair consists of a parse and
+a load of the same file, directly after each other, and ratios are computed within a pair. Times are processor
+times.
 """
 
-import gc
-import statistics
 import tempfile
-import time
-from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -20,17 +16,16 @@ from lxml import etree
 
 import btcore
 from btcore import In, Out, Registry, condition
-from measure.memory import bytes_kept
-from measure.paired_timing import Spread
+from btcore.clock import NS_PER_MS, NS_PER_US
+from measure.loading_cost import allocated_bytes, loading_time
+from measure.paired_timing import measure_rounds
 from measure.report import Report, arguments, at_most, in_short
 
 LEAVES_A_CONTROL = 4
 CONTROLS_A_GROUP = 10
 SIZES = (100, 1_000, 10_000, 60_000)
 TARGETS = {10_000: at_most(compiled=6)}
-"""By the number of nodes: how many times as long as lxml's parse a load may take."""
-MILLISECOND = 1e6
-MICROSECOND = 1e3
+"""The largest ratio of the time for loading to lxml's time for parsing, by the number of nodes."""
 
 
 class Drive(btcore.StatefulAction):
@@ -40,11 +35,11 @@ class Drive(btcore.StatefulAction):
     speed: In[float]
 
     def on_start(self) -> bool:
-        """Arrive at once."""
+        """Succeed immediately."""
         return True
 
     def on_running(self) -> bool:
-        """Never asked for."""
+        """Never called, since `on_start` succeeds."""
         return True
 
 
@@ -55,7 +50,7 @@ class Measure(btcore.SyncAction):
     distance: Out[float]
 
     def tick(self) -> bool:
-        """Measure nothing."""
+        """Succeed."""
         return True
 
 
@@ -66,7 +61,7 @@ def near(distance: In[float], limit: In[float]) -> bool:
 
 
 def leaf(number: int) -> str:
-    """The element of leaf *number*; the names, the entries and every fourth literal are its own."""
+    """Return the element of leaf *number*, with a unique name and, except for some literals, unique ports."""
     kind = number % 4
     if kind == 0:
         return f'<Drive name="drive {number}" goal="{{goal_{number}}}" speed="0.5"/>'
@@ -78,7 +73,7 @@ def leaf(number: int) -> str:
 
 
 def document(nodes: int) -> str:
-    """A tree of *nodes* nodes: Sequences of Fallbacks and Sequences of leaves, three levels of them."""
+    """Return a document of about *nodes* nodes: a Sequence of Fallbacks of Sequences of leaves."""
     lines: list[str] = ['<root BTCPP_format="4">', '<BehaviorTree ID="Main">']
     made = 0
 
@@ -103,56 +98,39 @@ def document(nodes: int) -> str:
 
 
 def registry() -> Registry:
-    """The nodes that the documents name."""
+    """Return a registry with the nodes of the documents."""
     nodes = Registry.standard()
     nodes.add(Drive, Measure, near)
     return nodes
 
 
-def processor_time(work: Callable[[], object]) -> int:
-    """How long *work* takes (ns of processor time), with a first look of Python's collector at its result.
-
-    What it makes is thrown away after that.
-    """
-    gc.collect()
-    start = time.process_time_ns()
-    made = work()
-    gc.collect(0)  # which loading puts off
-    taken = time.process_time_ns() - start
-    del made
-    return taken
-
-
-def pairs(path: Path, nodes: Registry, count: int) -> Iterator[tuple[int, int]]:
-    """*count* times the time (ns) of parsing the file *path* with lxml, and that of loading it."""
-    for index in range(count + 1):
-        parsing = processor_time(lambda: etree.parse(path))
-        loading = processor_time(lambda: btcore.load(path, nodes=nodes))
-        if index:  # the first pair warms up
-            yield parsing, loading
-
-
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--nodes", type=int, nargs="+", default=SIZES)
     given = parser.parse_args()
     nodes = registry()
-    report = Report("load", "What loading a tree takes beside lxml's parse, and its memory", given.pairs)
+    report = Report(
+        "load", "The time for loading a tree, compared with lxml's parser, and its memory", given.pairs
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tree.xml"
         for wanted in SIZES[:1] if given.quick else given.nodes:
             path.write_text(document(wanted), encoding="utf-8")
             count = len(btcore.load(path, nodes=nodes).nodes)
-            measured = list(pairs(path, nodes, given.pairs))
-            parse, load = (statistics.median(column) for column in zip(*measured, strict=True))
-            figures = {
-                "parse": f"{parse / MILLISECOND:.2f} ms",
-                "load": f"{load / MILLISECOND:.1f} ms",
-                "a node": f"{in_short(load / count / MICROSECOND)} µs",
-                "its memory": f"{bytes_kept(partial(btcore.load, path, nodes=nodes)) / count:,.0f} B",
+            works = {
+                "parse": partial(etree.parse, path),
+                "load": partial(btcore.load, path, nodes=nodes),
             }
-            ratio = Spread.of([loading / parsing for parsing, loading in measured])
+            taken = measure_rounds([works] * (given.pairs + 1), loading_time)
+            parse, load = taken.time("parse").median, taken.time("load").median
+            figures = {
+                "parse": f"{parse / NS_PER_MS:.2f} ms",
+                "load": f"{load / NS_PER_MS:.1f} ms",
+                "a node": f"{in_short(load / count / NS_PER_US)} µs",
+                "its memory": f"{allocated_bytes(works['load']) / count:,.0f} B",
+            }
+            ratio = taken.ratio("load", "parse")
             report.add(f"{wanted:,} nodes: load / parse", ratio, TARGETS.get(wanted), figures)
     report.output(given.json)
 

@@ -1,19 +1,18 @@
-"""What a plan over the house and the upkeep of costmaps cost beside plain calls of the libraries under them.
+"""How long planning and costmap updates take, compared with direct calls of the libraries that they use.
 
     python benchmarks/navigation_planning.py [--pairs 15] [--world house] [--json]
 
-Plans go from waypoint to waypoint. "first" is a plan for a goal never asked for; "again" one for a goal that
-is being driven to, a metre further on each time, with what a laser with noise of 6 cm and a position off by
-some centimetres has marked. Their peer is scikit-image's `route_through_array` on the same grid, which finds
-the same cells and smooths nothing. The peer of a costmap's update is the inflation of that costmap as a
-whole over scipy's exact distances. Each pair is one of both, one right after another, and ratios are taken
-pair by pair; times are of the processor. A share is what remains of the period at which Nav2 runs it.
+Plans lead from waypoint to waypoint. "first" is the first plan to a goal. "again" is a later plan to the same
+goal: the robot is a metre closer each time, and the costmap contains the marks of a laser with noise (6 cm)
+at a pose with an error of some centimetres. The reference is scikit-image's `route_through_array` on the same
+grid, which finds the same cells but does not smooth the path. The reference of a costmap's update is the
+inflation of the whole costmap with scipy's exact distances. A pair consists of both, directly after each
+other; ratios are computed within a pair, and times are processor times. The share of a core is at the rate at
+which Nav2 plans or updates the costmap.
 """
 
 import math
-import statistics
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 
 import cv2
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from skimage.graph import route_through_array
 
+from btcore.clock import NS_PER_MS
 from btcore_robot.navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
 from btcore_robot.navigation.grid_search import grid_costs
 from btcore_robot.navigation.occupancy_map import OccupancyMap
@@ -29,24 +29,16 @@ from btcore_robot.navigation.planner import Planner
 from btcore_robot.robot import LaserScan, Pose2D
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
-from measure.paired_timing import Spread
+from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments
 
-MILLISECOND = 1e6
-RAYS, HALF_VIEW, NOISE = 666, math.radians(110), 0.06  # Tiago's laser
+RAYS, HALF_VIEW, NOISE = 666, math.radians(110), 0.06  # Tiago's laser: number, rad, m
 
-Pair = tuple[int, int]
-
-
-def processor_time(work: Callable[[], object]) -> int:
-    """How long *work* takes (ns of processor time)."""
-    start = time.process_time_ns()
-    work()
-    return time.process_time_ns() - start
+Pair = Mapping[str, Work]
 
 
 def scan(map: OccupancyMap, pose: Pose2D, random: np.random.Generator) -> LaserScan:
-    """What a laser at *pose* sees of *map*, with noise."""
+    """Return the scan of a laser at *pose* in *map*, with noise."""
     angles = np.linspace(-HALF_VIEW, HALF_VIEW, RAYS)
     along = np.arange(0.1, 12.0, 0.02)
     x = pose.x + np.cos(angles + pose.yaw)[:, None] * along
@@ -60,32 +52,34 @@ def scan(map: OccupancyMap, pose: Pose2D, random: np.random.Generator) -> LaserS
 
 
 def peer_route(costmap: Costmap, start: Pose2D, goal: Pose2D) -> object:
-    """The same way by scikit-image alone."""
+    """Plan the same path with scikit-image alone."""
     costs = grid_costs(costmap.costs)
     first, last = costmap.cell(start.x, start.y), costmap.cell(goal.x, goal.y)
-    found: object = route_through_array(costs, first, last)  # type: ignore[no-untyped-call]
-    return found
+    route: object = route_through_array(costs, first, last)  # type: ignore[no-untyped-call]
+    return route
 
 
 def peer_inflation(costs: NDArray[np.uint8], resolution: float) -> object:
-    """Costs about the lethal cells of a whole costmap, by scipy and numpy alone."""
+    """Return the costs around the lethal cells of a costmap, computed with scipy and numpy alone."""
     distance = distance_transform_edt(costs != LETHAL) * resolution
     graded = 252 * np.exp(-3.0 * (distance - 0.3))
     return np.select([distance == 0, distance <= 0.3, distance <= 0.55], [254, 253, graded], 0)
 
 
 def first_plans(costmap: GlobalCostmap, legs: list[tuple[Pose2D, Pose2D]]) -> Iterator[Pair]:
-    """Pairs of plans for goals that were never asked for."""
+    """Yield pairs of first plans."""
     for start, goal in legs:
         planner = Planner(costmap)
-        peer = processor_time(partial(peer_route, costmap, start, goal))
-        yield peer, processor_time(partial(planner.plan, start, goal, 0))
+        yield {
+            "peer": partial(peer_route, costmap, start, goal),
+            "own": partial(planner.plan, start, goal, 0),
+        }
 
 
 def plans_again(
     map: OccupancyMap, legs: list[tuple[Pose2D, Pose2D]], random: np.random.Generator
 ) -> Iterator[Pair]:
-    """Pairs of plans while a goal is driven to."""
+    """Yield pairs of plans on the way to a goal."""
     costmap = GlobalCostmap(map)
     planner = Planner(costmap)
     for start, goal in legs:
@@ -96,40 +90,47 @@ def plans_again(
             off = random.normal(0, (0.05, 0.05, 0.02))
             costmap.observe(scan(map, at, random), Pose2D(at.x + off[0], at.y + off[1], at.yaw + off[2]))
             costmap.update(index, at)
-            peer = processor_time(partial(peer_route, costmap, at, goal))
-            yield peer, processor_time(partial(planner.plan, at, goal, 0))
+            yield {
+                "peer": partial(peer_route, costmap, at, goal),
+                "own": partial(planner.plan, at, goal, 0),
+            }
 
 
 def updates(
     map: OccupancyMap, costmap: GlobalCostmap | LocalCostmap, rounds: int, random: np.random.Generator
 ) -> Iterator[Pair]:
-    """Pairs of updates while the robot drives ahead."""
+    """Yield pairs of updates while the robot drives forward."""
     for index in range(10 * rounds):
         at = Pose2D(0.02 * (index % 50), 0.0, 0.01 * (index % 50))
-        seen = scan(map, at, random)
-        peer = processor_time(lambda: peer_inflation(costmap.costs, costmap.resolution))
-
-        def update(seen: LaserScan = seen, at: Pose2D = at, index: int = index) -> None:
-            costmap.observe(seen, at)
-            costmap.update(index, at)
-
-        yield peer, processor_time(update)
+        yield {
+            "peer": partial(peer_inflation, costmap.costs, costmap.resolution),
+            "own": partial(observe_and_update, costmap, scan(map, at, random), at, index),
+        }
 
 
-def add(report: Report, name: str, pairs: list[Pair], hertz: float) -> None:
-    """Add a row for *pairs* of what the peer and what our part took."""
-    peer, own = (statistics.median(column) / MILLISECOND for column in zip(*pairs, strict=True))
+def observe_and_update(
+    costmap: GlobalCostmap | LocalCostmap, seen: LaserScan, at: Pose2D, stamp: int
+) -> None:
+    """Mark the obstacles of a scan, and update the costmap."""
+    costmap.observe(seen, at)
+    costmap.update(stamp, at)
+
+
+def add(report: Report, name: str, pairs: Iterable[Pair], hertz: float) -> None:
+    """Measure *pairs*, and add a row."""
+    taken = measure_rounds(pairs, warm_up=0)
+    peer, own = taken.time("peer").median / NS_PER_MS, taken.time("own").median / NS_PER_MS
     figures = {
-        "pairs": f"{len(pairs)}",
+        "pairs": f"{len(taken.rounds['own'])}",
         "peer": f"{peer:.2f} ms",
         "own": f"{own:.2f} ms",
         "share of a core": f"{own * hertz / 10:.2f} % at {hertz:g} Hz",
     }
-    report.add(f"{name}: own / peer", Spread.of([mine / theirs for theirs, mine in pairs]), None, figures)
+    report.add(f"{name}: own / peer", taken.ratio("own", "peer"), None, figures)
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--world", default="house")
     given = parser.parse_args()
@@ -140,13 +141,13 @@ def main() -> None:
     places = [Pose2D(x, y, 0.0) for x, y in (scene.waypoints[f"wp{number}"] for number in (1, 2, 3))]
     legs = [(places[index], places[(index + 1) % 3]) for index in range(1 if given.quick else 3)]
     still = GlobalCostmap(map)
-    question = f"What planning takes in {given.world}, {map.height} × {map.width} cells"
+    question = f"The time for planning in {given.world}, {map.height} × {map.width} cells"
     report = Report("navigation_planning", question, given.pairs)
-    add(report, "plan, first", list(first_plans(still, legs * given.pairs)), 1.0)
-    add(report, "plan, again", list(plans_again(map, legs, random)), 1.0)
-    add(report, "global costmap", list(updates(map, GlobalCostmap(map), given.pairs, random)), 1.0)
+    add(report, "plan, first", first_plans(still, legs * given.pairs), 1.0)
+    add(report, "plan, again", plans_again(map, legs, random), 1.0)
+    add(report, "global costmap", updates(map, GlobalCostmap(map), given.pairs, random), 1.0)
     local = LocalCostmap(keepout=map.keepout)
-    add(report, "local costmap", list(updates(map, local, given.pairs, random)), 5.0)
+    add(report, "local costmap", updates(map, local, given.pairs, random), 5.0)
     report.output(given.json)
 
 

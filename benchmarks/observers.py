@@ -1,14 +1,14 @@
-"""What an observer costs that records every transition: where nothing changes, and where every node does.
+"""The cost of an observer that records every transition, if nothing changes and if every node changes.
 
     python benchmarks/observers.py [--pairs 9] [--json]
 
-Where nothing changes a Parallel has 100 leaves that go on running. Where everything changes, a Sequence has
-100 leaves that succeed and are reset: each changes twice in a tick. The observer keeps what it is told at the
-end of each tick, and lets go of it some ticks later, as one that hands over to a thread of its own does. The
-same tree is ticked with and without it.
+The tree in which nothing changes is a Parallel of 100 leaves that stay RUNNING. The tree in which everything
+changes is a Sequence of 100 leaves that succeed and are reset, so that each changes twice in a tick. The
+observer stores the transitions at the end of each tick, and drops them some ticks later, like an observer
+that passes them to another thread. The same tree is ticked with and without the observer.
 
-Leaves written in Python have targets. With the engine's own, which take next to no time, the ratio shows
-mostly what making and telling a transition takes.
+Leaves written in Python have targets. The engine's own leaves take almost no time: with them the ratio shows
+mainly the cost of creating and delivering transitions.
 """
 
 import btcore
@@ -19,13 +19,13 @@ from measure.report import Report, Target, arguments, at_most, in_short
 
 WIDTH = 100
 KEPT = 10
-"""Ticks after which the transitions are handed over."""
+"""The number of ticks after which the transitions are dropped."""
 STILL = at_most(compiled=1.1, pure=1.1)
 CHANGING = at_most(compiled=3, pure=2)
 
 
 class Recorder(Observer):
-    """Keeps the transitions of some ticks, and then lets go of them."""
+    """Stores the transitions of some ticks, and then drops them."""
 
     def __init__(self) -> None:
         self.ticks: list[Transitions] = []
@@ -47,16 +47,16 @@ class Counter(Observer):
 
 
 def changes_of(tree: Tree) -> int:
-    """How many transitions a tick of *tree* has."""
+    """Return the number of transitions in a tick of *tree*."""
     counter = Counter()
-    end = tree.subscribe(counter)
+    unsubscribe = tree.subscribe(counter)
     tree.tick_once()
-    end()
+    unsubscribe()
     return counter.seen
 
 
 def grow(control: str, child: str, function: bool = False) -> Tree:
-    """A *control* with WIDTH times *child*."""
+    """Return a tree with the control node *control* and WIDTH children *child*."""
     nodes = Registry.standard()
     nodes.add(Forward, succeed if function else Succeed)
     inside = f"<{control}>{child * WIDTH}</{control.split()[0]}>"
@@ -74,9 +74,9 @@ CASES: list[tuple[str, str, str, bool, int, Target | None]] = [
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     given = arguments(__doc__ or "").parse_args()
-    report = Report("observers", "What an observer costs that records every transition", given.pairs)
+    report = Report("observers", "The cost of an observer that records every transition", given.pairs)
     for what, control, child, function, changes, target in CASES:
         plain, observed = (grow(control, child, function) for _ in range(2))
         observed.tick_once()

@@ -1,16 +1,16 @@
-"""What publishing costs the tree: time added to a tick, and how late ticks begin while clients listen.
+"""The cost of publishing: the time added to a tick, and the lateness of ticks while clients are connected.
 
     python benchmarks/publishing.py [--pairs 5] [--seconds 2] [--clients 5] [--json]
 
-The tree has 1,000 nodes and is ticked at 100 Hz. In each tick 100 leaves succeed and are reset, which is
-200 transitions; the others run on. It is published for Groot 2 and on the scene channel. A client is a
-process of its own, with the feed of ``btcore monitor``; the first also asks Groot 2's status 20 times a
-second.
+The tree has 1,000 nodes and is ticked at 100 Hz. In each tick 100 leaves succeed and are reset, which is 200
+transitions; the other leaves stay RUNNING. The tree is published for Groot 2 and on the scene channel. A
+client is a separate process with the feed of ``btcore monitor``; the first client also requests the status by
+Groot 2's protocol 20 times a second.
 
-Runs with and without come in pairs, one right after the other, and which goes first changes from pair to
-pair; figures are medians over the pairs. The ratios are to what is allowed: the median tick alone and half
-a millisecond more, the lateness with nobody there and a period more. Times are of the wall clock: the
-publisher's thread competes with the tree for the interpreter, and that is to be seen.
+Runs with and without publishing are made in pairs, directly after each other and in alternating order; values
+are medians over the pairs. The ratios are relative to the permitted values: the median time of a tick without
+publishing plus half a millisecond, and the lateness without clients plus a period. Times are wall-clock
+times, because the publisher's thread competes with the tree for the interpreter.
 """
 
 import contextlib
@@ -30,33 +30,29 @@ from measure.report import Report, arguments, at_most
 
 NODES = 1_000
 CHANGING = 100
-PERIOD = 0.01
-"""s"""
-BUDGET = 0.5
-"""What publishing may add to a tick (ms)."""
+PERIOD = 0.01  # s
+BUDGET = 0.5  # ms, that publishing may add to a tick
 WITHIN = at_most(compiled=1, pure=1)
-WARM_UP = 20
-"""Ticks of a run that don't count."""
-CLIENTS_WITHIN = 30.0
-STATUS_EVERY = 0.05
-"""s; between two questions for all statuses, as a window asks them."""
+WARM_UP = 20  # ticks that do not count
+CLIENTS_TIMEOUT = 30.0  # s
+STATUS_INTERVAL = 0.05  # s between two requests for all statuses, as in Groot's window
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What the ticks of one run took, and how late they began (both ms)."""
+    """The durations of the ticks of a run, and their delays relative to the schedule (ms)."""
 
     durations: list[float]
     lateness: list[float]
 
 
 def document() -> str:
-    """A tree of NODES nodes, of which CHANGING change in each tick."""
+    """Return a document of NODES nodes, of which CHANGING change in each tick."""
     changing = "<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>"
     running = '<Sleep msec="100000000"/>'
     groups = 10
     inside = [changing] * (CHANGING // groups)
-    # a group has its Parallel, two nodes for each that changes, and the rest
+    # A group consists of a Parallel, two nodes for each leaf that changes, and leaves that stay RUNNING.
     inside += [running] * ((NODES - 1) // groups - 1 - 2 * len(inside))
     group = f'<Parallel success_count="-1" failure_count="1">{"".join(inside)}</Parallel>'
     made = groups * (1 + 2 * (CHANGING // groups) + inside.count(running))
@@ -67,8 +63,8 @@ def document() -> str:
     )
 
 
-def paced(tree: Tree, seconds: float) -> Run:
-    """Tick *tree* at its rate for *seconds*."""
+def run(tree: Tree, seconds: float) -> Run:
+    """Tick *tree* at its rate for *seconds* (s)."""
     durations, lateness = [], []
     gc.collect()
     due = time.perf_counter()
@@ -81,49 +77,48 @@ def paced(tree: Tree, seconds: float) -> Run:
         if tick >= WARM_UP:
             durations.append(1e3 * (end - begin))
             lateness.append(1e3 * (begin - due))
-        # a tick that was missed is not made up for
+        # Missed ticks are not repeated.
         due = max(due, end - PERIOD)
     return Run(durations, lateness)
 
 
-def listen(port: int, asks_status: bool, stop: Event) -> None:
-    """What a client's process does until *stop*."""
+def run_client(port: int, requests_status: bool, stop: Event) -> None:
+    """Receive what is published at *port* until *stop*, and optionally request the status regularly."""
     import zmq
 
     from btcore_monitor.watch.feed import Feed
     from btcore_monitor.wire.groot2 import Request, encode_request
 
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    question = None
-    next_question = 0.0
+    socket = None
+    next_request = 0.0
     with contextlib.closing(Feed(f"127.0.0.1:{port}")) as feed:
         while not stop.is_set():
-            feed.poll(STATUS_EVERY)
+            feed.poll(STATUS_INTERVAL)
             now = time.monotonic()
-            if not asks_status or now < next_question:
+            if not requests_status or now < next_request:
                 continue
-            next_question = now + STATUS_EVERY
-            if question is None:
-                question = context.socket(zmq.REQ)
-                question.setsockopt(zmq.LINGER, 0)
-                question.connect(f"tcp://127.0.0.1:{port}")
-            question.send_multipart(encode_request(Request.STATUS, 1))
-            if question.poll(1000):
-                question.recv_multipart()
+            next_request = now + STATUS_INTERVAL
+            if socket is None:
+                socket = context.socket(zmq.REQ)
+                socket.setsockopt(zmq.LINGER, 0)
+                socket.connect(f"tcp://127.0.0.1:{port}")
+            socket.send_multipart(encode_request(Request.STATUS, 1))
+            if socket.poll(1000):
+                socket.recv_multipart()
             else:
-                question.close()
-                question = None
-    if question is not None:
-        question.close()
-    context.term()
+                # A REQ socket cannot send again before it has received a reply.
+                socket.close()
+                socket = None
+    context.destroy()
 
 
 @contextlib.contextmanager
 def clients(count: int, port: int) -> Iterator[None]:
-    """*count* clients of whoever publishes at *port*."""
+    """Return a context in which *count* clients connect to the publisher at *port*."""
     spawn = multiprocessing.get_context("spawn")
     stop = spawn.Event()
-    processes = [spawn.Process(target=listen, args=(port, index == 0, stop)) for index in range(count)]
+    processes = [spawn.Process(target=run_client, args=(port, index == 0, stop)) for index in range(count)]
     for process in processes:
         process.start()
     try:
@@ -138,77 +133,79 @@ def clients(count: int, port: int) -> Iterator[None]:
 
 
 def free_port() -> int:
-    """A port that is free with the two after it."""
-    with contextlib.closing(serve(btcore.loads(document()))) as found:
-        return found.port
+    """Return a port that is free, as are the next two."""
+    with contextlib.closing(serve(btcore.loads(document()))) as publisher:
+        return publisher.port
 
 
 def published(tree: Tree, port: int, count: int) -> Publisher:
-    """*tree* published at *port*, with *count* clients there."""
+    """Publish *tree* at *port*, and wait for *count* clients."""
     publisher = serve(tree, groot2=port, grace=0.0)
-    if not publisher.wait_for_clients(count, CLIENTS_WITHIN):
+    if not publisher.wait_for_clients(count, CLIENTS_TIMEOUT):
         publisher.close()
-        raise SystemExit(f"only {publisher.clients} of {count} clients came within {CLIENTS_WITHIN:g} s")
+        clients = f"{publisher.clients} of {count} clients"
+        raise SystemExit(f"only {clients} connected within {CLIENTS_TIMEOUT:g} s")
     return publisher
 
 
 def percentile(values: list[float], share: float) -> float:
-    """The value that *share* of *values* don't exceed."""
+    """Return the value that the fraction *share* of *values* does not exceed."""
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
 def cost(report: Report, port: int, seconds: float) -> None:
-    """What publishing adds to a tick."""
-    plain, heard = [], []
+    """Add a row about the time that publishing adds to a tick."""
+    alone, together = [], []
     with clients(1, port):
         for pair in range(report.pairs):
             for publishes in (True, False) if pair % 2 else (False, True):
                 tree = btcore.loads(document())
                 if publishes:
                     with published(tree, port, 1):
-                        heard.append(statistics.median(paced(tree, seconds).durations))
+                        together.append(statistics.median(run(tree, seconds).durations))
                 else:
-                    plain.append(statistics.median(paced(tree, seconds).durations))
-    tell(report, f"a tick: published / alone + {BUDGET:g} ms", heard, plain, BUDGET)
+                    alone.append(statistics.median(run(tree, seconds).durations))
+    add(report, f"a tick: published / alone + {BUDGET:g} ms", together, alone, BUDGET)
 
 
 def lateness(report: Report, port: int, seconds: float, count: int) -> None:
-    """How late ticks begin with *count* clients, and with none."""
+    """Add a row about the lateness of ticks with *count* clients, and without clients."""
     alone: list[float] = []
     together: list[float] = []
     for pair in range(report.pairs):
-        for listening in (count, 0) if pair % 2 else (0, count):
+        for connected in (count, 0) if pair % 2 else (0, count):
             tree = btcore.loads(document())
-            with clients(listening, port), published(tree, port, listening):
-                late = percentile(paced(tree, seconds).lateness, 0.99)
-                (together if listening else alone).append(late)
+            with clients(connected, port), published(tree, port, connected):
+                late = percentile(run(tree, seconds).lateness, 0.99)
+                (together if connected else alone).append(late)
     what = f"lateness, 99th percentile: {count} client{'s' * (count > 1)} / none + a period"
-    tell(report, what, together, alone, 1e3 * PERIOD)
+    add(report, what, together, alone, 1e3 * PERIOD)
 
 
-def tell(report: Report, what: str, published: list[float], alone: list[float], budget: float) -> None:
-    """Report the times (ms) of runs *published* over those *alone*, each of its pair, and *budget* more."""
+def add(report: Report, what: str, published: list[float], alone: list[float], budget: float) -> None:
+    """Add a row: the times (ms) *published*, relative to the times *alone* of the same pair plus *budget*."""
     pairs = list(zip(published, alone, strict=True))
     figures = {
         "alone": f"{statistics.median(alone):.3f} ms",
         "published": f"{statistics.median(published):.3f} ms",
-        "added": f"{statistics.median(one - other for one, other in pairs):.3f} ms",
+        "added": f"{statistics.median(with_it - without for with_it, without in pairs):.3f} ms",
     }
-    report.add(what, Spread.of([one / (other + budget) for one, other in pairs]), WITHIN, figures)
+    ratio = Spread.of([with_it / (without + budget) for with_it, without in pairs])
+    report.add(what, ratio, WITHIN, figures)
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     parser = arguments(__doc__ or "", pairs=5)
-    parser.add_argument("--seconds", type=float, default=2.0, help="how long a run is")
-    parser.add_argument("--clients", type=int, default=5, help="for the lateness")
+    parser.add_argument("--seconds", type=float, default=2.0, help="duration of a run")
+    parser.add_argument("--clients", type=int, default=5, help="number of clients for the lateness")
     given = parser.parse_args()
     nodes = len(btcore.loads(document()).nodes)
     if given.quick:
         given.seconds, given.clients = 0.1, 1
     question = (
-        f"What publishing costs: {nodes:,} nodes at {1 / PERIOD:g} Hz, of which {CHANGING} change each tick; "
-        f"one client, for the lateness {given.clients}"
+        f"The cost of publishing: {nodes:,} nodes at {1 / PERIOD:g} Hz, {CHANGING} change in each tick; "
+        f"1 client, for the lateness {given.clients}"
     )
     report = Report("publishing", question, given.pairs)
     port = free_port()

@@ -1,7 +1,8 @@
-"""What starting costs: importing btcore, loading a small tree, and ``btcore --version``.
+"""The cost of a start: importing btcore, loading a small tree, and ``btcore --version``.
 
-Each is a new process, and what counts is its processor time beyond that of a bare Python. Importing
-and loading stand beside the modules that any such library needs, ``--version`` beside click alone.
+Each program runs in a new process; its time is the processor time in excess of that of a Python that does
+nothing. Importing and loading are compared with the import of the modules that every such library needs, and
+``--version`` with the import of click.
 """
 
 import os
@@ -29,7 +30,7 @@ BESIDE_MODULES = at_most(pure=1.8, compiled=1.8)
 BESIDE_CLICK = at_most(pure=1.5, compiled=1.5)
 ENVIRONMENT = {name: text for name, text in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 RUNS = 5
-"""The least of so many runs counts: it is the run that the rest of the machine disturbed least."""
+"""The number of runs of each program, of which the shortest counts: it was disturbed least."""
 
 
 def processor_time(program: str) -> float:
@@ -41,9 +42,9 @@ def processor_time(program: str) -> float:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the benchmark."""
     given = arguments(__doc__ or "").parse_args()
-    report = Report("startup", "What starting costs, beyond a Python that does nothing", given.pairs)
+    report = Report("startup", "The cost of a start, in excess of a Python that does nothing", given.pairs)
     rounds: list[dict[str, float]] = []
     for program in PROGRAMS.values():
         processor_time(program)  # compiles the sources

@@ -1,1 +1,1 @@
-"""What the benchmarks share: pairs of measurements, rows with ratios and targets, and trees."""
+"""The parts that benchmarks share: paired measurements, reports with targets, and trees."""

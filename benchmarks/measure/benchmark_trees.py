@@ -1,7 +1,7 @@
-"""The trees that are ticked, described once, and grown for btcore, for py_trees and as a bare loop.
+"""The trees of the benchmark `ticking`, independent of the engine that ticks them.
 
-A description is a tag with children, or a leaf's word: ``succeed`` and ``fail`` are leaves that do
-nothing but return, and bump-and-go has four of its own.
+A tree is a `Branch`, or the name of a leaf. The leaves ``succeed`` and ``fail`` only return their result;
+bump-and-go has four leaves of its own.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -12,9 +12,9 @@ from btcore import Condition, Registry, StatefulAction, Status, SyncAction, acti
 
 SUCCESS, FAILURE, RUNNING = Status.SUCCESS, Status.FAILURE, Status.RUNNING
 OBSTACLE_RESULTS = (FAILURE,) * 9 + (SUCCESS,)
-"""What looking for an obstacle comes to, again and again."""
+"""The results of the leaf ``is_obstacle``, which are repeated."""
 MOVES = (RUNNING, RUNNING, SUCCESS)
-"""What going back, and turning, come to."""
+"""The results of the leaves ``back`` and ``turn``, which are repeated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +29,21 @@ Shape = Branch | str
 
 
 def bump_and_go() -> Shape:
-    """The first tree of the book: 8 nodes."""
+    """Return the first tree of the book, with 8 nodes."""
     bump = Branch("Sequence", ("back", "turn"))
     clear = Branch("Fallback", (Branch("Inverter", ("is_obstacle",)), bump))
     return Branch("ReactiveSequence", (clear, "forward"))
 
 
 def layered(sequence: str, fallback: str, levels: int, failing: int) -> Shape:
-    """*levels* levels of controls in turns: sequences of 3, fallbacks of *failing* leaves and one more."""
+    """Return a tree of alternating control nodes.
+
+    Args:
+        sequence: The tag of the control nodes on even levels, which have 3 children.
+        fallback: The tag of the others, which have *failing* failing leaves and a child that succeeds.
+        levels: The number of levels of control nodes.
+        failing: The number of failing leaves.
+    """
 
     def grow(level: int) -> Shape:
         if level == levels:
@@ -49,21 +56,16 @@ def layered(sequence: str, fallback: str, levels: int, failing: int) -> Shape:
     return grow(0)
 
 
-def wide() -> Shape:
-    """A Sequence of 100 leaves."""
-    return Branch("Sequence", ("succeed",) * 100)
-
-
 TREES: dict[str, Callable[[], Shape]] = {
     "bump-and-go": bump_and_go,
     "deep": lambda: layered("Sequence", "Fallback", levels=8, failing=3),
     "reactive": lambda: layered("ReactiveSequence", "ReactiveFallback", levels=9, failing=5),
-    "wide": wide,
+    "wide": lambda: Branch("Sequence", ("succeed",) * 100),
 }
 
 
 def leaves(shape: Shape) -> Iterator[str]:
-    """The leaves of *shape*, in order."""
+    """Yield the names of the leaves of *shape*, in order."""
     if isinstance(shape, str):
         yield shape
     else:
@@ -71,7 +73,7 @@ def leaves(shape: Shape) -> Iterator[str]:
             yield from leaves(child)
 
 
-# --- leaves that a user writes, as classes
+# --- leaves as users write them, as classes
 
 
 class Succeed(SyncAction):
@@ -86,21 +88,21 @@ class Fail(SyncAction):
 
 class IsObstacle(Condition):
     def __init__(self) -> None:
-        self.looks = cycle(OBSTACLE_RESULTS)
+        self.results = cycle(OBSTACLE_RESULTS)
 
     def tick(self) -> Status:
-        return next(self.looks)
+        return next(self.results)
 
 
 class Back(StatefulAction):
     def __init__(self) -> None:
-        self.moves = cycle(MOVES)
+        self.results = cycle(MOVES)
 
     def on_start(self) -> Status:
-        return next(self.moves)
+        return next(self.results)
 
     def on_running(self) -> Status:
-        return next(self.moves)
+        return next(self.results)
 
 
 class Turn(Back):
@@ -140,16 +142,16 @@ FUNCTIONS = {"succeed": succeed, "fail": fail}
 BUILT_IN = {"succeed": "AlwaysSuccess", "fail": "AlwaysFailure"}
 LEAVES: dict[str, Mapping[str, object]] = {"class": CLASSES, "function": FUNCTIONS, "built-in": BUILT_IN}
 KINDS = tuple(LEAVES)
-"""Who wrote the leaves, and how: users in Python, as classes or as functions, or the engine."""
+"""The kinds of leaves: written in Python as classes or as functions, or built into the engine."""
 
 
 def kinds_of(shape: Shape) -> list[str]:
-    """The kinds of leaves that *shape* can be grown with."""
+    """Return the kinds that have all leaves of *shape*."""
     return [kind for kind in KINDS if set(leaves(shape)) <= LEAVES[kind].keys()]
 
 
 def registry(kind: str) -> Registry:
-    """Nodes with the leaves of *kind*."""
+    """Return a registry with the leaves of *kind*."""
     nodes = Registry.standard()
     if kind == "class":
         nodes.add(*CLASSES.values())
@@ -159,11 +161,11 @@ def registry(kind: str) -> Registry:
 
 
 def document(shape: Shape, kind: str) -> str:
-    """*shape* as the XML of a tree."""
+    """Return *shape* as XML, with leaves of *kind*."""
 
-    def element(one: Shape) -> str:
-        if isinstance(one, str):
-            return f"<{BUILT_IN[one] if kind == 'built-in' else CLASSES[one].__name__}/>"
-        return f"<{one.tag}>{''.join(map(element, one.children))}</{one.tag}>"
+    def element(part: Shape) -> str:
+        if isinstance(part, str):
+            return f"<{BUILT_IN[part] if kind == 'built-in' else CLASSES[part].__name__}/>"
+        return f"<{part.tag}>{''.join(map(element, part.children))}</{part.tag}>"
 
     return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{element(shape)}</BehaviorTree></root>'

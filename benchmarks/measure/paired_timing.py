@@ -1,22 +1,24 @@
-"""Contenders measured side by side: in turns, round by round, so that what disturbs one disturbs all.
+"""Timing contenders side by side, round by round, so that a disturbance of the machine affects all of them.
 
-A round gives every contender the same number of slices, one after the other in an order that changes,
-and keeps the shortest slice of each, which is the one that the rest of the machine disturbed least. A
-ratio is taken within its round; what is reported is the median over the rounds, with its quartiles.
-Times are of the processor, on the thread that works: on an idle machine the same as by the wall clock,
-on a busy one without what others take.
+`measure` gives every contender the same number of slices in each round, in an order that changes. The
+shortest slice of each contender counts, because the rest of the machine disturbed it least. `measure_rounds`
+calls every contender once in each round. In both cases a ratio is computed within a round, and reports
+contain the median over the rounds with its quartiles.
+
+All times are processor times: on an idle machine they equal the wall-clock times, and on a busy machine they
+exclude the time that other programs take.
 """
 
 import gc
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 
 SLICES = 12
 SLICE = 1_000_000
-"""ns that a slice lasts, about: shorter than the time that a system gives a process at once."""
+"""The approximate duration (ns) of a slice: shorter than the time slice that the system gives a process."""
 
 Work = Callable[[], object]
 
@@ -31,38 +33,46 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Spread":
-        """The spread of *values*; their extremes where they are fewer than four."""
+        """Return the spread of *values*; for fewer than four values their extremes instead of quartiles."""
         if len(values) < 4:
             return cls(statistics.median(values), min(values), max(values))
         low, median, high = statistics.quantiles(values, n=4, method="inclusive")
         return cls(median, low, high)
 
     def times(self, factor: float) -> "Spread":
-        """The same, *factor* times as much."""
+        """Return the spread multiplied by *factor*."""
         return Spread(self.median * factor, self.low * factor, self.high * factor)
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What each contender took in each round (ns a call)."""
+    """The time of a call of each contender in each round (ns)."""
 
     rounds: Mapping[str, Sequence[float]]
 
     def time(self, name: str) -> Spread:
-        """What one call of *name* takes (ns)."""
+        """Return the time of a call of *name* (ns)."""
         return Spread.of(self.rounds[name])
 
     def ratio(self, dividend: str, divisor: str) -> Spread:
-        """How many times as long as *divisor* does *dividend* take."""
+        """Return the time of *dividend* divided by that of *divisor*."""
         pairs = zip(self.rounds[dividend], self.rounds[divisor], strict=True)
-        return Spread.of([one / other for one, other in pairs])
+        return Spread.of([longer / shorter for longer, shorter in pairs])
 
 
 def measure(works: Mapping[str, Work], rounds: int, slices: int = SLICES, slice_ns: int = SLICE) -> Measured:
-    """Call each of *works* many times in each of *rounds* rounds."""
+    """Call each of *works* many times in each round.
+
+    Args:
+        works: The contenders by name.
+        rounds: The number of rounds.
+        slices: The number of slices that each contender gets in a round.
+        slice_ns: The approximate duration of a slice (ns).
+    """
     calls = {name: _calls_within(work, slice_ns) for name, work in works.items()}
     taken: dict[str, list[float]] = {name: [] for name in works}
     names = list(works)
+    # A collection within a slice would be counted against whichever contender is running.
     gc.collect()
     was_enabled = gc.isenabled()
     gc.disable()
@@ -82,8 +92,34 @@ def measure(works: Mapping[str, Work], rounds: int, slices: int = SLICES, slice_
     return Measured(taken)
 
 
+def processor_time(work: Work) -> int:
+    """Return the processor time (ns) of a call of *work*."""
+    start = time.process_time_ns()
+    work()
+    return time.process_time_ns() - start
+
+
+def measure_rounds(
+    rounds: Iterable[Mapping[str, Work]], timer: Callable[[Work], int] = processor_time, warm_up: int = 1
+) -> Measured:
+    """Call each contender once in each round, for work that takes long or differs between rounds.
+
+    Args:
+        rounds: The contenders of each round by name. The next round is requested when a round has ended.
+        timer: Calls the work and returns its time (ns).
+        warm_up: The number of first rounds that do not count.
+    """
+    taken: dict[str, list[float]] = {}
+    for index, works in enumerate(rounds):
+        for name, work in works.items():
+            duration = timer(work)
+            if index >= warm_up:
+                taken.setdefault(name, []).append(duration)
+    return Measured(taken)
+
+
 def _timed(work: Work, calls: int) -> int:
-    """How long *calls* calls of *work* take (ns)."""
+    """Return the time (ns) of *calls* calls of *work*."""
     start = time.thread_time_ns()
     for _ in repeat(None, calls):
         work()
@@ -91,7 +127,7 @@ def _timed(work: Work, calls: int) -> int:
 
 
 def _calls_within(work: Work, slice_ns: int) -> int:
-    """How often *work* can be called in a slice; this warms it up, too."""
+    """Return how often *work* can be called in a slice. This also warms it up."""
     calls = 1
     while True:
         taken = _timed(work, calls)

@@ -1,4 +1,4 @@
-"""Draws the ratios that have targets, as bars beside their targets.
+"""Plot the ratios that have targets, as bars with marks at the targets.
 
 python benchmarks/measure/plot.py MEASURED.json PICTURE.png
 """
@@ -20,22 +20,22 @@ from matplotlib.ticker import FuncFormatter
 COLOURS = {"pure": "#7f9bab", "compiled": "#1f5f8b"}
 TARGET = "#c8553d"
 FASTER = ("py_trees / btcore", "ordinary / batch")
-"""What the ratios end with whose dividend is the other engine."""
-BAR = 0.36
+"""The ends of the names of ratios that are larger if btcore is faster."""
+BAR = 0.36  # the height of a bar, if a line has two bars
 
 Row = Mapping[str, Any]
 
 
 def main() -> None:
-    """Draw the picture."""
+    """Plot the results in the file of the first argument into the file of the second."""
     source, picture = sys.argv[1:]
-    told = json.loads(Path(source).read_text(encoding="utf-8"))
+    results = json.loads(Path(source).read_text(encoding="utf-8"))
     faster: dict[str, dict[str, Row]] = {}
     slower: dict[str, dict[str, Row]] = {}
-    for one in told:
-        for row in one["rows"]:
-            place = faster if row["what"].endswith(FASTER) else slower
-            place.setdefault(row["what"], {})[one["build"]] = row
+    for data in results:
+        for row in data["rows"]:
+            group = faster if row["what"].endswith(FASTER) else slower
+            group.setdefault(row["what"], {})[data["build"]] = row
     slower = {what: rows for what, rows in slower.items() if any("target" in row for row in rows.values())}
     charts = [
         ("times as fast as py_trees (batch: as a tree for each agent), longer is better", faster),
@@ -51,13 +51,13 @@ def main() -> None:
     marks = [pyplot.Rectangle((0, 0), 1, 1, color=COLOURS[build]) for build in COLOURS]
     marks.append(pyplot.Line2D([], [], color=TARGET, linewidth=2))
     figure.legend(marks, [*COLOURS, "target"], fontsize=8, frameon=False, loc="upper left", ncols=3)
-    figure.text(0.995, 0.004, about(told), ha="right", va="bottom", fontsize=7, color="#777777")
+    figure.text(0.995, 0.004, describe(results), ha="right", va="bottom", fontsize=7, color="#777777")
     figure.tight_layout(rect=(0, 0.01, 1, 0.98))
     figure.savefig(picture, dpi=140)
 
 
 def draw(axis: Axes, title: str, lines: Mapping[str, Mapping[str, Row]]) -> None:
-    """One chart: a line for each ratio, a bar for each build, a mark at each target."""
+    """Draw a chart with a line for each ratio, a bar for each build, and a mark at each target."""
     builds = [build for build in COLOURS if any(build in rows for rows in lines.values())]
     bar = BAR if len(builds) == 2 else 2 * BAR
     for place, rows in enumerate(lines.values()):
@@ -81,7 +81,7 @@ def draw(axis: Axes, title: str, lines: Mapping[str, Mapping[str, Row]]) -> None
 
 
 def _bar(axis: Axes, height: float, bar: float, build: str, row: Row) -> None:
-    """The bar of one build, with its spread, its number and its target."""
+    """Draw the bar of a build, with its spread, its value and its target."""
     ratio = row["median"]
     spread = [[max(0.0, ratio - row["low"])], [max(0.0, row["high"] - ratio)]]
     axis.barh(height, ratio, bar * 0.9, color=COLOURS[build], xerr=spread, error_kw={"lw": 0.8, "alpha": 0.6})
@@ -94,11 +94,11 @@ def _bar(axis: Axes, height: float, bar: float, build: str, row: Row) -> None:
         axis.plot(limits, [height - bar / 2, height + bar / 2], color=TARGET, linewidth=2)
 
 
-def about(told: Sequence[Row]) -> str:
-    """How it was measured, in one line."""
-    pairs = sorted({one["pairs"] for one in told})
-    python = sorted({one["python"] for one in told})
-    return f"medians of {pairs[0]} paired runs or more, quartiles; Python {', '.join(python)}"
+def describe(results: Sequence[Row]) -> str:
+    """Return a line about the method of the measurement."""
+    pairs = min(data["pairs"] for data in results)
+    python = sorted({data["python"] for data in results})
+    return f"medians of {pairs} paired runs or more, quartiles; Python {', '.join(python)}"
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a benchmark says: rows of ratios beside their targets, as a table or as JSON."""
+"""The report of a benchmark: rows of ratios with their targets, as a table or as JSON."""
 
 import argparse
 import json
@@ -16,29 +16,33 @@ from btcore import builds
 from measure.paired_timing import Spread
 
 PAIRS = 9
+NO_PY_TREES = "py_trees is not installed; install it with: pip install 'btcore[bench]'"
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a ratio is to be at least, or at most, on each build; a build that isn't named has no target.
+    """The smallest or largest acceptable ratio.
 
-    *aim* is how many times the target is wished for, though not asked for, on the compiled build.
+    Attributes:
+        sense: "≥" or "≤".
+        by_build: The limit for each build; other builds have no target.
+        aim: A multiple of the limit that the compiled build should reach, but need not.
     """
 
-    sense: str  # "≥" or "≤"
+    sense: str
     by_build: Mapping[str, float]
     aim: float = 1.0
 
     def text(self, build: str) -> str:
-        """The target on *build* in words; "" where there is none."""
+        """Return the target for *build* as text; "" without a target."""
         if build not in self.by_build:
             return ""
         limit = self.by_build[build]
-        wished = f", aim {self.aim * limit:g}" if self.aim != 1.0 and build == "compiled" else ""
-        return f"{self.sense} {limit:g}{wished}"
+        aim = f", aim {self.aim * limit:g}" if self.aim != 1.0 and build == "compiled" else ""
+        return f"{self.sense} {limit:g}{aim}"
 
     def is_met(self, build: str, ratio: float) -> bool | None:
-        """Whether *ratio* meets the target on *build*; None where there is none."""
+        """Return whether *ratio* meets the target for *build*; None without a target."""
         if build not in self.by_build:
             return None
         limit = self.by_build[build]
@@ -46,29 +50,43 @@ class Target:
 
 
 def at_least(aim: float = 1.0, **by_build: float) -> Target:
-    """A target that is reached from below."""
+    """Return a target with a lower limit for each build, see `Target`."""
     return Target("≥", by_build, aim)
 
 
 def at_most(**by_build: float) -> Target:
-    """A target that is not to be exceeded."""
+    """Return a target with an upper limit for each build."""
     return Target("≤", by_build)
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One ratio: *what* it is a ratio of, in words, its spread, and the figures that it comes from."""
+    """A row of a report.
+
+    Attributes:
+        what: The two things that are compared.
+        ratio: Their ratio.
+        target: Its target.
+        figures: Further columns with absolute values, which are valid for this machine only.
+    """
 
     what: str
     ratio: Spread
-    target: Target | None = None
-    figures: Mapping[str, str] = field(default_factory=dict)
-    """Further columns, in absolute terms: from this machine, at this moment."""
+    target: Target | None
+    figures: Mapping[str, str]
 
 
 @dataclass(slots=True)
 class Report:
-    """The rows of one benchmark."""
+    """The report of a benchmark.
+
+    Attributes:
+        name: The name of the benchmark.
+        question: The heading.
+        pairs: The number of paired runs.
+        rows: The rows.
+        remarks: Lines that are printed below the table.
+    """
 
     name: str
     question: str
@@ -83,11 +101,11 @@ class Report:
         target: Target | None = None,
         figures: Mapping[str, str] | None = None,
     ) -> None:
-        """Add one row."""
+        """Add a row; the arguments are described at `Row`."""
         self.rows.append(Row(what, ratio, target, figures or {}))
 
     def output(self, json_file: str | None = None) -> None:
-        """Print the rows; *json_file* gets them too, or has them printed as JSON instead if it is ``-``."""
+        """Print the report as a table, and write it to *json_file*; if that is ``-``, print JSON instead."""
         text = json.dumps(self.as_data(), ensure_ascii=False, indent=1)
         if json_file == "-":
             print(text)
@@ -97,16 +115,16 @@ class Report:
         self._print()
 
     def as_data(self) -> dict[str, object]:
-        """Everything, as JSON has it."""
+        """Return the report as JSON data."""
         build = builds.active_build()
         rows = []
         for row in self.rows:
-            told = {"what": row.what, **asdict(row.ratio), "figures": dict(row.figures)}
+            data = {"what": row.what, **asdict(row.ratio), "figures": dict(row.figures)}
             if row.target is not None and row.target.text(build):
-                told["target"] = row.target.text(build)
-                told["limit"] = row.target.by_build[build]
-                told["met"] = row.target.is_met(build, row.ratio.median)
-            rows.append(told)
+                data["target"] = row.target.text(build)
+                data["limit"] = row.target.by_build[build]
+                data["met"] = row.target.is_met(build, row.ratio.median)
+            rows.append(data)
         return {
             "benchmark": self.name,
             "question": self.question,
@@ -150,18 +168,27 @@ class Report:
 
 
 def in_short(value: float) -> str:
-    """A number with three digits or so."""
+    """Return a number with about three digits."""
     if value >= 100:
         return f"{value:,.0f}"
     return f"{value:.1f}" if value >= 10 else f"{value:.2f}"
 
 
 def arguments(about: str, pairs: int = PAIRS) -> argparse.ArgumentParser:
-    """A parser with the options that all benchmarks have."""
+    """Return a parser with the options of all benchmarks.
+
+    Args:
+        about: The description of the benchmark.
+        pairs: The default number of paired runs.
+    """
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=pairs, help="how many paired runs; default: %(default)s")
+    parser.add_argument("--pairs", type=int, default=pairs, help="paired runs; default: %(default)s")
     parser.add_argument(
-        "--json", nargs="?", const="-", metavar="FILE", help="write JSON; without a FILE instead of the table"
+        "--json",
+        nargs="?",
+        const="-",
+        metavar="FILE",
+        help="write JSON to FILE, or print only JSON",
     )
-    parser.add_argument("--quick", action="store_true", help="tiny: to see that it runs, not how fast")
+    parser.add_argument("--quick", action="store_true", help="use tiny sizes, to check the benchmark")
     return parser
