@@ -1,7 +1,7 @@
-"""For tests of trees: a harness, assertions, coverage, substitution, planned leaves, random trees.
+"""Tools for testing trees: a harness, assertions, coverage, substitution, planned leaves and random trees.
 
-``trees``, ``xml_documents``, ``outcomes``, ``action_plans``, ``sync_plans`` and ``blackboards`` are
-strategies of hypothesis, which must be installed for them; nothing else here needs it.
+The strategies ``trees``, ``xml_documents``, ``outcomes``, ``action_plans``, ``sync_plans`` and
+``blackboards`` require hypothesis; all other names do not.
 """
 
 from typing import TYPE_CHECKING
@@ -71,17 +71,16 @@ __all__ = [
     "xml_documents",
 ]
 
-_STRATEGIES = frozenset({"action_plans", "blackboards", "outcomes", "sync_plans", "trees", "xml_documents"})
-
 
 def __getattr__(name: str) -> object:
-    """The strategies, when they are asked for."""
-    if name not in _STRATEGIES:
+    """Import the strategies on first use, since only they require hypothesis."""
+    # Python calls this function only for names that this module does not define.
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
         from btcore.testing import strategies
-    except ModuleNotFoundError as fault:
-        if fault.name != "hypothesis":
+    except ModuleNotFoundError as error:
+        if error.name != "hypothesis":
             raise
-        raise ImportError(f"btcore.testing.{name} draws with hypothesis: pip install hypothesis") from fault
+        raise ImportError(f"btcore.testing.{name} requires hypothesis: pip install hypothesis") from error
     return getattr(strategies, name)

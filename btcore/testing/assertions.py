@@ -1,6 +1,6 @@
-"""Assertions on what happened in a tree. A failing one shows the tick, what led to it, and the tree.
+"""Assertions about the events in a tree. The message of a failed assertion shows the last ticks and the tree.
 
-Nodes are named by path or, where it is the only one, by name.
+Nodes are identified by path or, if it is unique, by name.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,7 +12,7 @@ from btcore.testing.trace import Trace, TraceStep, format_trace, format_tree
 
 
 def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
-    """Each of *nodes* was ticked, and not only skipped."""
+    """Assert that each of *nodes* was ticked and not only skipped."""
     trace = _trace(trace)
     for node in nodes:
         if not _ran(trace, node):
@@ -20,42 +20,36 @@ def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_never_ran(trace: Trace | Harness, *nodes: str) -> None:
-    """None of *nodes* was ticked, other than being skipped."""
+    """Assert that none of *nodes* was ticked, unless it was skipped."""
     trace = _trace(trace)
     for node in nodes:
-        steps = _ran(trace, node)
-        if steps:
+        if steps := _ran(trace, node):
             _fail(trace, f"'{node}' ran, first in tick {steps[0].tick}", steps[0])
 
 
 def assert_order(trace: Trace | Harness, *nodes: str) -> None:
-    """Each of *nodes* ran, and began for the first time after the one before it."""
+    """Assert that *nodes* ran, and that they started for the first time in this order."""
     trace = _trace(trace)
     paths = [trace.path(node) for node in nodes]
-    begun: list[str] = []
-    for step in trace:
-        begun += (
-            change.path
-            for change in step.changes
-            if change.previous is IDLE and change.path in paths and change.path not in begun
-        )
+    starts = (change.path for step in trace for change in step.changes if change.previous is IDLE)
+    started = [path for path in dict.fromkeys(starts) if path in paths]
     for path in paths:
-        if path not in begun:
+        if path not in started:
             _fail(trace, f"'{path}' never ran in {_ticks(trace)}")
-    if begun != paths:
-        _fail(trace, f"expected to begin in the order {_list(paths)}, but it was {_list(begun)}")
+    if started != paths:
+        _fail(trace, f"the nodes started in the order {_list(started)}, not {_list(paths)}")
 
 
 def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status]) -> None:
-    """The ticks of *node* gave *results*, no more and no less."""
+    """Assert that the ticks of *node* returned exactly *results*."""
     trace = _trace(trace)
-    wanted, found = list(results), trace.results(node)
-    if wanted != found:
-        _fail(trace, f"'{node}' gave {_list(found)}, not {_list(wanted)}")
+    expected, actual = list(results), trace.results(node)
+    if expected != actual:
+        _fail(trace, f"'{node}' returned {_list(actual)}, not {_list(expected)}")
 
 
 def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
-    """Each of *nodes* was halted while it ran."""
+    """Assert that each of *nodes* was halted while it was RUNNING."""
     trace = _trace(trace)
     for node in nodes:
         path = trace.path(node)
@@ -64,7 +58,7 @@ def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_never_running_together(trace: Trace | Harness, *nodes: str) -> None:
-    """At the end of no tick were two of *nodes* RUNNING."""
+    """Assert that at the end of each tick at most one of *nodes* was RUNNING."""
     trace = _trace(trace)
     paths = {trace.path(node): node for node in nodes}
     for step in trace:
@@ -74,16 +68,16 @@ def assert_never_running_together(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_ended(trace: Trace | Harness, status: Status) -> None:
-    """The last tick of the root gave *status*."""
+    """Assert that the last tick of the root returned *status*."""
     trace = _trace(trace)
     ticks = [step for step in trace if step.tick]
     if not ticks or ticks[-1].status is not status:
-        was = ticks[-1].status.name if ticks else "it was never ticked"
-        _fail(trace, f"the tree was to end {status.name}, but: {was}")
+        actual = f"ended with {ticks[-1].status.name}, not {status.name}" if ticks else "was never ticked"
+        _fail(trace, f"the tree {actual}")
 
 
-def _trace(given: Trace | Harness) -> Trace:
-    trace = given.trace if isinstance(given, Harness) else given
+def _trace(source: Trace | Harness) -> Trace:
+    trace = source.trace if isinstance(source, Harness) else source
     trace.catch_up()
     return trace
 
@@ -98,11 +92,11 @@ def _ticks(trace: Trace) -> str:
     return f"{count} tick{'' if count == 1 else 's'}"
 
 
-def _list(words: Sequence[str | Status]) -> str:
-    return ", ".join(one.name if isinstance(one, Status) else f"'{one}'" for one in words) or "nothing"
+def _list(items: Sequence[str | Status]) -> str:
+    return ", ".join(item.name if isinstance(item, Status) else f"'{item}'" for item in items) or "nothing"
 
 
-def _fail(trace: Trace, said: str, step: TraceStep | None = None) -> NoReturn:
-    __tracebackhide__ = True
-    shown = format_trace(trace) if step is None else f"{step}\n{format_tree(trace.tree, step)}"
-    raise AssertionError(f"{said}\n{shown}")
+def _fail(trace: Trace, message: str, step: TraceStep | None = None) -> NoReturn:
+    __tracebackhide__ = True  # pytest shows the test instead of this function
+    events = format_trace(trace) if step is None else f"{step}\n{format_tree(trace.tree, step)}"
+    raise AssertionError(f"{message}\n{events}")

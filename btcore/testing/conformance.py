@@ -1,26 +1,91 @@
-"""Runs recorded conformance cases: ``python -m btcore.testing.conformance FILE.jsonl.gz …``.
+"""Run recorded conformance cases: ``python -m btcore.testing.conformance FILE.jsonl.gz …``.
 
-Prints ``N passed, M failed`` and the first differences, and exits 1 if there is any.
+A case contains a tree, a script or a text to convert, and the result of the C++ engine. The program prints
+``N passed, M failed`` and the first differences, and exits with 1 if there is a difference.
 """
 
 import gzip
 import json
+import math
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from enum import Enum, IntEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.clock import SimClock
+from btcore.engine.observers import Observer
+from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.loading.load import loads
 from btcore.registry.registry import Registry
-from btcore.testing.conformance_trees import compare_tree_case, conformance_registry
-from btcore.testing.conformance_values import compare_conversion_case, compare_script_case
+from btcore.script.program import compile_script
+from btcore.status import Status, Transition
+from btcore.testing.plan_leaves import CallLog, Inc, PlanAction, PlanCondition, PlanSync
+from btcore.tree.tree import Tree
+from btcore.values import (
+    BOOL,
+    DOUBLE,
+    FLOAT,
+    INT,
+    INT8,
+    INT16,
+    INT64,
+    NODE_STATUS,
+    PORT_DIRECTION,
+    STRING,
+    UINT,
+    UINT8,
+    UINT16,
+    UINT64,
+    VECTOR_BOOL,
+    VECTOR_DOUBLE,
+    VECTOR_INT,
+    VECTOR_STRING,
+    ValueType,
+    number_of,
+    to_text,
+)
 
-SHOWN = 10
+MAX_DIFFERENCES = 10  # that are printed
 KINDS = {"xml", "script", "convert"}
+
+ENUMS: Final[Mapping[str, int]] = {"RED": 1, "GREEN": 2, "BLUE": 3}
+"""The enums of the recorded scripts."""
+
+RECORDED_TYPES: Final[Mapping[str, ValueType]] = {
+    "bool": BOOL,
+    "string": STRING,
+    "int": INT,
+    "int8": INT8,
+    "int16": INT16,
+    "int32": INT,
+    "int64": INT64,
+    "unsigned": UINT,
+    "uint8": UINT8,
+    "uint16": UINT16,
+    "uint32": UINT,
+    "uint64": UINT64,
+    "float": FLOAT,
+    "double": DOUBLE,
+    "NodeStatus": NODE_STATUS,
+    "PortDirection": PORT_DIRECTION,
+    "vector<bool>": VECTOR_BOOL,
+    "vector<int>": VECTOR_INT,
+    "vector<double>": VECTOR_DOUBLE,
+    "vector<string>": VECTOR_STRING,
+}
+"""The types of the conversion cases, by name."""
 
 
 def read_cases(path: Path) -> Iterator[dict[str, Any]]:
-    """The cases in *path*, one JSON object a line, gzipped or not. Raises ValueError for any other line."""
+    """Yield the cases in a file, which contains a JSON object in each line and may be compressed with gzip.
+
+    Raises:
+        ValueError: A line is not a case.
+    """
     with (
         gzip.open(path, "rt", encoding="utf-8")
         if path.suffix == ".gz"
@@ -30,45 +95,229 @@ def read_cases(path: Path) -> Iterator[dict[str, Any]]:
             if line.strip():
                 case = json.loads(line)
                 if not isinstance(case, dict) or "expect" not in case or not KINDS & case.keys():
-                    raise ValueError(f"line {number} is no case")
+                    raise ValueError(f"line {number} is not a case")
                 yield case
 
 
 def compare_case(case: dict[str, Any], nodes: Registry) -> str | None:
-    """What differs in *case*, or None. Whatever an engine's fault raises is a difference too."""
+    """Return the first difference in a case of any kind, or None. An exception is a difference, too."""
     try:
         if "convert" in case:
             return compare_conversion_case(case)
         if "script" in case:
             return compare_script_case(case)
         return compare_tree_case(case, nodes)
-    except Exception as fault:
-        return f"the runner raised {type(fault).__name__}: {fault}"
+    except Exception as error:
+        return f"running the case raised {type(error).__name__}: {error}"
 
 
 def main(arguments: list[str]) -> int:
-    """Run the files named by *arguments*; the exit code."""
+    """Run the cases in the files *arguments*, and return the exit code."""
     if not arguments or arguments[0] in ("-h", "--help"):
         print(__doc__)
         return 2
     nodes = conformance_registry()
     passed = 0
-    differing: list[str] = []
+    differences: list[str] = []
     for name in arguments:
         try:
             for case in read_cases(Path(name)):
-                found = compare_case(case, nodes)
-                if found is None:
+                difference = compare_case(case, nodes)
+                if difference is None:
                     passed += 1
                 else:
-                    differing.append(f"{name}: {case.get('id', '?')}: {found}")
-        except (OSError, ValueError, EOFError, zlib.error) as fault:
-            print(f"{name}: can't be read as recorded cases: {fault}", file=sys.stderr)
+                    differences.append(f"{name}: {case.get('id', '?')}: {difference}")
+        except (OSError, ValueError, EOFError, zlib.error) as error:
+            print(f"{name}: cannot read the file as recorded cases: {error}", file=sys.stderr)
             return 2
-    print(f"{passed} passed, {len(differing)} failed")
-    for line in differing[:SHOWN]:
-        print(line)
-    return 1 if differing else 0
+    print("\n".join([f"{passed} passed, {len(differences)} failed", *differences[:MAX_DIFFERENCES]]))
+    return 1 if differences else 0
+
+
+def conformance_registry() -> Registry:
+    """Return the standard registry with the leaves of the recorded cases."""
+    nodes = Registry.standard()
+    nodes.add(PlanAction, PlanCondition, PlanSync, Inc)
+    return nodes
+
+
+class TickRecorder(Observer):
+    """Records the events since the last step, and the state of the tree when a node raises an exception."""
+
+    def __init__(self, tree: Tree, journal: CallLog) -> None:
+        self.tree = tree
+        self.journal = journal
+        self.names = {node.uid: node.name for node in tree}
+        self.events: list[list[str]] = []
+        self.at_error: dict[str, Any] | None = None
+
+    def transition(self, change: Transition) -> None:
+        """Record the transition."""
+        self.events.append([self.names[change.uid], change.previous.name, change.status.name])
+
+    def raised(self, error: NodeExecutionError, stamp: int) -> None:
+        """Record the state of the tree before it is halted."""
+        self.at_error = {"exception": str(error), **self.snapshot()}
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the state of the tree and the events, in the form of the recorded cases."""
+        events, self.events = self.events, []
+        return {
+            "bb": recorded_blackboard(self.tree.blackboard),
+            "calls": self.journal.take(),
+            "events": events,
+            "nodes": {node.name: node.status.name for node in self.tree},
+        }
+
+
+def run_case(case: dict[str, Any], nodes: Registry) -> dict[str, Any]:
+    """Run the tree of a case with this engine, and return the result in the form of the case's ``expect``."""
+    journal = CallLog()
+    board = LegacyBlackboard() if case["format"] == 3 else Blackboard()
+    for key, value in case.get("bb", {}).items():
+        board.set(key, value)
+    try:
+        tree = loads(
+            case["xml"],
+            nodes=nodes,
+            resources=[journal],
+            tree=case.get("tree"),
+            blackboard=board,
+            format=case["format"],
+            clock=SimClock(),
+        )
+    except BtcoreError as error:
+        return {"load_error": str(error)}
+    recorder = TickRecorder(tree, journal)
+    tree.subscribe(recorder)
+    step: Callable[[], Status] = tree.tick_once if case.get("tick") == "once" else tree.tick_exactly_once
+    ticks: list[dict[str, Any]] = []
+    for _ in range(case["ticks"]):
+        try:
+            status = step()
+        except NodeExecutionError:
+            ticks.append(recorder.at_error or {})
+            break
+        ticks.append({"status": status.name, **recorder.snapshot()})
+    return {"ticks": ticks}
+
+
+def compare_tree_case(case: dict[str, Any], nodes: Registry) -> str | None:
+    """Return the first difference between this engine and the recorded result of a tree, or None."""
+    expected = case["expect"]
+    actual = run_case(case, nodes)
+    if "load_error" in expected:
+        return None if "load_error" in actual else "the tree should be rejected, but it loads"
+    if "load_error" in actual:
+        return f"the tree should load, but it is rejected: {actual['load_error']}"
+    for number, (before, now) in enumerate(zip(expected["ticks"], actual["ticks"], strict=False), start=1):
+        if ("exception" in before) != ("exception" in now):
+            return f"tick {number}: expected {_result(before)}, got {_result(now)}"
+        for key in ("status", "calls", "events", "nodes", "bb"):
+            if before.get(key) != now.get(key):
+                return f"tick {number}: {key}: expected {before.get(key)}, got {now.get(key)}"
+    if len(expected["ticks"]) != len(actual["ticks"]):
+        return f"expected {len(expected['ticks'])} ticks, got {len(actual['ticks'])}"
+    return None
+
+
+def _result(tick: dict[str, Any]) -> str:
+    return f"an exception ({tick['exception']})" if "exception" in tick else str(tick.get("status"))
+
+
+def recorded_value(value: object) -> object:
+    """Return a value in the form of the recorded cases: numbers as floats, strings, None, and "?" for others.
+
+    Infinity and NaN are None, since JSON does not support them.
+    """
+    if value is None or isinstance(value, str):
+        return value
+    number = number_of(value)
+    if number is None:
+        return "?"
+    return float(number) if math.isfinite(number) else None
+
+
+def recorded_blackboard(board: Blackboard) -> dict[str, object]:
+    """Return the entries of a blackboard in the form of the recorded cases.
+
+    Each value is that which a node finds by the key: for an entry with the key ``@x`` it is the value of
+    ``x`` in the root's blackboard.
+    """
+    entries = {key: board.find(key) for key in sorted(board.local_entries())}
+    return {key: None if entry is None else recorded_value(entry.value) for key, entry in entries.items()}
+
+
+def compare_script_case(case: Mapping[str, Any]) -> str | None:
+    """Return the first difference in the value, the error or the blackboard of a script, or None."""
+    board = Blackboard()
+    for key, value in case["bb"].items():
+        board.set(key, value)
+    expected: Mapping[str, Any] = case["expect"]
+    try:
+        value = recorded_value(compile_script(case["script"], ENUMS).run(board))
+    except BtcoreError as error:
+        if "error" not in expected:
+            return f"raised ({error}), but the original returned {expected.get('value')!r}"
+    else:
+        if difference := _compare_values(value, value, expected):
+            return difference
+    actual = recorded_blackboard(board)
+    recorded: Mapping[str, Any] = expected["bb"]
+    if actual.keys() != recorded.keys() or not all(_equal(actual[key], recorded[key]) for key in recorded):
+        return f"the blackboard contains {actual}, but in the original {dict(recorded)}"
+    return None
+
+
+def compare_conversion_case(case: Mapping[str, Any]) -> str | None:
+    """Return the difference in the conversion of a text, or None."""
+    kind = RECORDED_TYPES.get(case["convert"])
+    if kind is None:
+        return f"unknown type {case['convert']}"
+    expected: Mapping[str, Any] = case["expect"]
+    try:
+        value = kind.from_text(case["text"])
+    except BtcoreError as error:
+        if "error" not in expected:
+            return f"raised ({error}), but the original returned {expected['value']!r}"
+        return None
+    # Some types are recorded as numbers, others by name.
+    if isinstance(value, IntEnum) and isinstance(expected.get("value"), int):
+        return _compare_values(value, int(value), expected)
+    return _compare_values(value, _as_json(value), expected)
+
+
+def _compare_values(value: object, comparable: object, expected: Mapping[str, Any]) -> str | None:
+    """Return the difference between a value and the recorded result, which may be an error, or None.
+
+    Args:
+        value: The value.
+        comparable: The value in the form of the recorded cases.
+        expected: The recorded result.
+    """
+    if "error" in expected:
+        return f"returned {value!r}, but the original raised: {expected['error']}"
+    if not _equal(comparable, expected.get("value")):
+        return f"returned {value!r}, but the original returned {expected.get('value')!r}"
+    return None
+
+
+def _as_json(value: object) -> object:
+    """Return a value in the form of a conversion case: enums, infinity and NaN by their names."""
+    if isinstance(value, list):
+        return [_as_json(item) for item in value]
+    if isinstance(value, Enum):
+        return to_text(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    return value
+
+
+def _equal(actual: object, expected: object) -> bool:
+    """Return whether two values are equal and of the same type: True is not 1, and 1 is not 1.0."""
+    if isinstance(actual, list) and isinstance(expected, list):
+        return len(actual) == len(expected) and all(map(_equal, actual, expected))
+    return type(actual) is type(expected) and actual == expected
 
 
 if __name__ == "__main__":

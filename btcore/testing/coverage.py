@@ -1,7 +1,7 @@
-"""Tree coverage: which nodes ran, and which of their results were seen.
+"""Tree coverage: the nodes that ran, and the results that they returned.
 
 coverage = Coverage()
-coverage.watch(tree)            # any number of trees; the same tree loaded again adds up
+coverage.watch(tree)            # any number of trees; several loads of the same tree are added up
 ...
 print(coverage.report())
 coverage.require(nodes=1.0, results=0.8)
@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
-from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
+from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, Status
+from btcore.testing.plan_leaves import LETTERS
 from btcore.testing.trace import ResultTracker
 from btcore.tree.tree import Tree
 from btcore.xml.lint.possible_results import behaviour_of
@@ -19,10 +20,16 @@ from btcore.xml.lint.possible_results import behaviour_of
 
 @dataclass(slots=True)
 class NodeCoverage:
-    """What was seen of one node: *results* are all that its ticks gave, also RUNNING and SKIPPED.
+    """The coverage of a node.
 
-    *depth* is its level below the root. The results that a test is to show are *wanted*: SUCCESS and
-    FAILURE, except for nodes whose class declares that they end in one way only.
+    Attributes:
+        path: The full path.
+        id: The registration ID.
+        type: The node type.
+        depth: The level below the root.
+        results: All results of its ticks, including RUNNING and SKIPPED.
+        possible_results: The results that tests should cover: SUCCESS and FAILURE, unless the node's class
+            declares that it returns only one of them.
     """
 
     path: str
@@ -34,23 +41,27 @@ class NodeCoverage:
 
     @property
     def ran(self) -> bool:
-        """Whether it was ticked, and not only skipped."""
+        """Whether the node was ticked and not only skipped."""
         return bool(self.results - {SKIPPED})
 
     @property
     def missing_results(self) -> list[Status]:
-        """The wanted results that weren't seen."""
+        """The possible results that no tick returned."""
         return sorted(self.possible_results - self.results)
 
 
 class Coverage:
-    """What the ticks of trees have shown; *trees* maps their IDs to what was seen of each node, by path."""
+    """The coverage of trees.
+
+    Attributes:
+        trees: The coverage of each node by path, by the ID of the tree.
+    """
 
     def __init__(self) -> None:
         self.trees: dict[str, dict[str, NodeCoverage]] = {}
 
     def watch(self, tree: Tree) -> None:
-        """Count what *tree* does from now on."""
+        """Record the results of *tree* from now on."""
         known = self.trees.setdefault(tree.id, {})
         depths = _depths(tree)
         for key, node in tree.nodes_by_path().items():
@@ -60,61 +71,69 @@ class Coverage:
 
     @property
     def all_nodes(self) -> list[NodeCoverage]:
-        """What was seen of every node of every tree."""
-        return [one for nodes in self.trees.values() for one in nodes.values()]
+        """The coverage of all nodes of all trees."""
+        return [node for nodes in self.trees.values() for node in nodes.values()]
 
     @property
     def nodes(self) -> float:
-        """The share (0–1) of nodes that ran; 1 if there is none."""
-        return _share(sum(one.ran for one in self.all_nodes), len(self.all_nodes))
+        """The fraction (0–1) of nodes that ran; 1 without nodes."""
+        return _share(sum(node.ran for node in self.all_nodes), len(self.all_nodes))
 
     @property
     def results(self) -> float:
-        """The share (0–1) of results that were seen, of those that the nodes can end with."""
-        wanted = sum(len(one.possible_results) for one in self.all_nodes)
-        return _share(wanted - sum(len(one.missing_results) for one in self.all_nodes), wanted)
+        """The fraction (0–1) of the possible results that were returned; 1 without nodes."""
+        possible = sum(len(node.possible_results) for node in self.all_nodes)
+        return _share(possible - sum(len(node.missing_results) for node in self.all_nodes), possible)
 
     def report(self) -> str:
-        """A line a node: R, S, F, K for the results seen (running … skipped), · for what is missing."""
+        """Return a line for each node, with letters for its results and · for missing results.
+
+        The letters are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED).
+        """
         lines = []
         for id, nodes in self.trees.items():
-            ran = sum(one.ran for one in nodes.values())
+            ran = sum(node.ran for node in nodes.values())
             lines.append(f"{id}: {ran} of {len(nodes)} nodes ran")
-            lines += [f"  {_marks(one)}  {'  ' * one.depth}{_named(one)}" for one in nodes.values()]
+            lines += [f"  {_letters(node)}  {'  ' * node.depth}{_label(node)}" for node in nodes.values()]
         lines.append(f"nodes {self.nodes:.0%}, results {self.results:.0%}")
         return "\n".join(lines)
 
     def require(self, nodes: float = 1.0, results: float = 0.0) -> None:
-        """Raise AssertionError, with the report, where less than these shares (0–1) was seen."""
-        short = [
-            f"{share:.0%} of the {what}, and {least:.0%} are required"
-            for what, share, least in (
-                ("nodes ran", self.nodes, nodes),
-                ("results were seen", self.results, results),
-            )
-            if share < least
-        ]
-        if short:
-            raise AssertionError(f"tree coverage: {'; '.join(short)}\n{self.report()}")
+        """Check that the coverage is sufficient.
+
+        Args:
+            nodes: The required fraction (0–1) of nodes that ran.
+            results: The required fraction (0–1) of results that were returned.
+
+        Raises:
+            AssertionError: The coverage is lower; the message contains the report.
+        """
+        problems = []
+        if self.nodes < nodes:
+            problems.append(f"{self.nodes:.0%} of the nodes ran, {nodes:.0%} are required")
+        if self.results < results:
+            problems.append(f"{self.results:.0%} of the results were returned, {results:.0%} are required")
+        if problems:
+            raise AssertionError(f"tree coverage: {'; '.join(problems)}\n{self.report()}")
 
 
 class _Watch(Observer):
-    """Notes the results of one tree's ticks in *known*."""
+    """Records the results of the ticks of *tree* in *known*."""
 
     def __init__(self, tree: Tree, known: dict[str, NodeCoverage]) -> None:
         self.ticks = ResultTracker(tree)
         self.known = known
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
-        """Note them."""
-        self.note(None)
+        """Record the results of the tick."""
+        self.record(None)
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
-        """Note those of the nodes that did not raise."""
-        self.note(error)
+        """Record the results of the nodes that did not raise."""
+        self.record(error)
 
-    def note(self, error: NodeExecutionError | None) -> None:
-        """Note what the last tick gave."""
+    def record(self, error: NodeExecutionError | None) -> None:
+        """Record the results of the last tick, which *error* ended."""
         for key, results in self.ticks.take(error)[0].items():
             self.known[key].results.update(results)
 
@@ -131,15 +150,14 @@ def _share(part: int, whole: int) -> float:
     return part / whole if whole else 1.0
 
 
-def _marks(one: NodeCoverage) -> str:
-    letters = {RUNNING: "R", SUCCESS: "S", FAILURE: "F", SKIPPED: "K"}
+def _letters(node: NodeCoverage) -> str:
     return "".join(
-        letter if status in one.results else "·" if status in one.possible_results else " "
-        for status, letter in letters.items()
+        letter if status in node.results else "·" if status in node.possible_results else " "
+        for letter, status in LETTERS.items()
     )
 
 
-def _named(one: NodeCoverage) -> str:
-    name = one.path.rpartition("/")[2]
-    named = one.id if name.startswith(f"{one.id}::") else f"{one.id} '{name}'"
-    return named if one.ran else f"{named}  (never ran)"
+def _label(node: NodeCoverage) -> str:
+    name = node.path.rpartition("/")[2]
+    label = node.id if name.startswith(f"{node.id}::") else f"{node.id} '{name}'"
+    return label if node.ran else f"{label}  (never ran)"

@@ -1,4 +1,4 @@
-"""Driving a tree tick by tick on a simulated clock, and reading what happened.
+"""Ticking a tree step by step on a simulated clock, and reading the recorded events.
 
 harness = Harness.load("patrol.xml", nodes=nodes, resources=[robot])
 harness.tick()
@@ -20,16 +20,23 @@ from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
 
 MAX_TICKS_PER_INSTANT: Final = 10_000
-"""How many ticks :meth:`Harness.run` makes at one moment before it gives up."""
+"""The number of ticks without progress of the clock after which :meth:`Harness.run` gives up."""
 
 
 class Harness:
-    """A tree in the hands of a test. *tree* must be on a simulated clock, or ValueError is raised."""
+    """A tree that a test ticks, and the trace of its events.
+
+    Args:
+        tree: The tree, on a simulated clock.
+
+    Raises:
+        ValueError: The tree uses the system's clock.
+    """
 
     def __init__(self, tree: Tree) -> None:
         if isinstance(tree.clock, SystemClock):
             raise ValueError(
-                f"the tree '{tree.id}' is on the system's clock, which a test can't step; "
+                f"the tree '{tree.id}' uses the system's clock, which a test cannot advance; "
                 "load it with clock=SimClock()"
             )
         self.tree = tree
@@ -37,48 +44,60 @@ class Harness:
 
     @classmethod
     def load(cls, path: str | PathLike[str], **options: Any) -> "Harness":
-        """A harness for the tree in the file *path*; *options* as for :func:`btcore.load`."""
+        """Return a harness for the tree in the file *path*; *options* are those of :func:`btcore.load`."""
         return cls(load(path, **{"clock": SimClock(), **options}))
 
     @classmethod
     def loads(cls, text: str, **options: Any) -> "Harness":
-        """A harness for the tree in the XML *text*; *options* as for :func:`btcore.loads`."""
+        """Return a harness for the tree in the XML *text*; *options* are those of :func:`btcore.loads`."""
         return cls(loads(text, **{"clock": SimClock(), **options}))
 
-    # --- driving
-
     def tick(self, times: int = 1) -> Status:
-        """Tick the root exactly once, or *times* times, without any time passing; the last result."""
+        """Tick the root *times* times without advancing the clock, and return the last result."""
         status = IDLE
         for _ in range(times):
             status = self.tree.tick_exactly_once()
         return status
 
     def wait(self, seconds: float) -> None:
-        """Let *seconds* (s) of the tree's clock pass, without a tick."""
+        """Advance the clock by *seconds* (s) without a tick."""
         clock = self.tree.clock
         clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())
 
     def run(self, period: float = 0.01, limit: float = 60.0) -> Status:
-        """Tick until the root isn't RUNNING, as ``tick_while_running(period)`` does; its result.
+        """Tick until the root is not RUNNING, as ``tick_while_running(period)`` does, and return its result.
 
-        Raises AssertionError when it still runs after *limit* seconds of its clock.
+        Args:
+            period: The time between two ticks (s).
+            limit: The maximum duration (s of the tree's clock).
+
+        Raises:
+            AssertionError: The root is still RUNNING after *limit*.
         """
-        status = self._go(lambda status: status is not RUNNING, period, limit)
-        assert status is not None, f"the tree still runs after {limit:g} s\n{self}"
+        status = self._tick_until(lambda status: status is not RUNNING, period, limit)
+        assert status is not None, f"the tree is still RUNNING after {limit:g} s\n{self}"
         return status
 
     def run_until(self, done: Callable[[], object], period: float = 0.01, limit: float = 60.0) -> None:
-        """Tick until *done*() is true, also over the tree's completion, which starts it anew.
+        """Tick until *done* returns a true value. A tree that completes is ticked again.
 
-        Raises AssertionError when *limit* seconds of the tree's clock go by before.
+        Args:
+            done: The condition.
+            period: The time between two ticks (s).
+            limit: The maximum duration (s of the tree's clock).
+
+        Raises:
+            AssertionError: The condition is not met within *limit*.
         """
-        reached = self._go(lambda _: bool(done()), period, limit)
-        assert reached is not None, f"what was waited for did not come within {limit:g} s\n{self}"
+        reached = self._tick_until(lambda _: bool(done()), period, limit)
+        assert reached is not None, f"the condition is not met within {limit:g} s\n{self}"
 
     def run_for(self, seconds: float, period: float = 0.01) -> Status:
-        """Tick for *seconds* (s) of the tree's clock, also over the tree's completion; the last result."""
-        self._go(lambda _: False, period, seconds)
+        """Tick for *seconds* (s of the tree's clock), and return the status of the root.
+
+        A tree that completes is ticked again.
+        """
+        self._tick_until(lambda _: False, period, seconds)
         return self.tree.status
 
     def halt(self) -> None:
@@ -86,26 +105,26 @@ class Harness:
         self.tree.halt()
         self.trace.catch_up()
 
-    def _go(self, done: Callable[[Status], bool], period: float, limit: float) -> Status | None:
+    def _tick_until(self, done: Callable[[Status], bool], period: float, limit: float) -> Status | None:
+        """Tick until *done* returns True, and return the last result, or None after *limit* (s)."""
         clock, context = self.tree.clock, self.tree.context
         end = clock.now() + round(limit * NS_PER_S)
-        metronome = TickSchedule(period, clock.now())
+        schedule = TickSchedule(period, clock.now())
         moment, left = clock.now(), MAX_TICKS_PER_INSTANT
         while left:
             status = self.tree.tick_exactly_once()
             if done(status):
                 return status
             left -= 1
+            # A node has requested an additional tick: no time passes before it.
             if status is RUNNING and context.take_wake_up():
                 continue
             if clock.now() >= end:
                 return None
-            context.wait_until(min(metronome.next(clock.now()), end))
+            context.wait_until(min(schedule.next(clock.now()), end))
             if clock.now() > moment:
                 moment, left = clock.now(), MAX_TICKS_PER_INSTANT
         return None
-
-    # --- reading
 
     @property
     def blackboard(self) -> Blackboard:
@@ -114,15 +133,15 @@ class Harness:
 
     @property
     def last(self) -> TraceStep:
-        """The last step. Raises IndexError before the first tick."""
+        """The last step of the trace. Raises IndexError before the first tick."""
         return self.trace[-1]
 
     def status(self, node: str) -> Status:
-        """The stored status of the *node* with that path or name; IDLE again once it was reset."""
+        """Return the stored status of *node* (a path or name), which a reset changes to IDLE."""
         return self.tree.node(node).status
 
     def result(self, node: str) -> Status | None:
-        """What *node* gave in the last tick of the root; None if it wasn't ticked."""
+        """Return the result of *node* in the last tick of the root; None if it was not ticked."""
         results = self.last.results.get(self.trace.path(node), ())
         return results[-1] if results else None
 

@@ -1,35 +1,43 @@
-"""Leaves whose results are given from outside: one plan for all leaves of a tree, whatever they are.
+"""Test doubles for leaves: all leaves of a tree follow the same plan.
 
-nodes = with_mock_leaves(nodes)                  # any leaf that isn't btcore's own
+nodes = with_mock_leaves(nodes)                  # replaces all leaves except btcore's own
 tree = btcore.load("patrol.xml", nodes=nodes, clock=SimClock())
 Outcomes("RRS", "F").drive(tree, ticks=6)
 """
 
+import re
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from btcore.engine.leaf import Condition, StatefulAction
 from btcore.engine.node import TreeNode
 from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
-from btcore.testing.plan_leaves import LETTERS, LeafPlanError
+from btcore.testing.plan_leaves import status_of
 from btcore.tree.tree import Tree
+
+_ENTRY: Final = re.compile("R*[SFKX]")
 
 
 class Outcomes:
-    """What leaves do, one entry a start, in the order in which they start; after the last the first again.
+    """A plan for the results of leaves: each start of a leaf takes the next entry, cyclically.
 
-    An entry is S (success), F (failure), K (skipped) or X (raises :class:`LeafPlanError`), with an R before
-    it for every tick that an action runs first. Of a condition the last letter alone counts, and K is a
-    failure: several control nodes don't let their condition be skipped.
-    Raises ValueError for any other entry, and for none at all.
+    An entry is S (SUCCESS), F (FAILURE), K (SKIPPED) or X (raises :class:`LeafPlanError`), preceded by an R
+    for each tick in which an action is RUNNING. A condition uses only the last letter, and K is FAILURE,
+    since several control nodes do not allow that their condition is skipped.
+
+    Args:
+        entries: The entries of the plan.
+
+    Raises:
+        ValueError: There is no entry, or an entry is invalid.
     """
 
     def __init__(self, *entries: str) -> None:
-        wrong = [one for one in entries if not one or one[-1] not in "SFKX" or one[:-1].strip("R")]
-        if wrong or not entries:
-            said = repr(wrong[0]) if wrong else "nothing"
-            raise ValueError(f"a plan has entries such as 'S', 'F' and 'RRS', not {said}")
+        invalid = [entry for entry in entries if not _ENTRY.fullmatch(entry)]
+        if invalid or not entries:
+            value = repr(invalid[0]) if invalid else "nothing"
+            raise ValueError(f"a plan has entries such as 'S', 'F' and 'RRS', not {value}")
         self.entries = entries
         self._next = 0
 
@@ -43,21 +51,22 @@ class Outcomes:
         return hash(self.entries)
 
     def next_entry(self) -> str:
-        """The entry of the next start."""
+        """Return the entry for the next start of a leaf."""
         entry = self.entries[self._next % len(self.entries)]
         self._next += 1
         return entry
 
     def attach(self, tree: Tree) -> None:
-        """Let the planned leaves of *tree* follow this plan, from its first entry on.
+        """Let the mock leaves of *tree* follow this plan, from its first entry on.
 
-        Raises ValueError if it has leaves of its own, but none is planned.
+        Raises:
+            ValueError: The tree has leaves that are not built in, but no mock leaves.
         """
         leaves: Sequence[Any] = [*tree.find(MockAction), *tree.find(MockCondition)]
-        own = [node.path for node in tree if not node.children and not _built_in(node, tree.registry)]
+        own = [node.path for node in tree if not node.children and not _is_built_in(node, tree.registry)]
         if own and not leaves:
             raise ValueError(
-                f"no leaf of the tree '{tree.id}' follows a plan, not even '{own[0]}'; "
+                f"the tree '{tree.id}' has no mock leaves ('{own[0]}' is an ordinary leaf); "
                 "load it with nodes=with_mock_leaves(nodes)"
             )
         self._next = 0
@@ -65,9 +74,16 @@ class Outcomes:
             leaf.outcomes = self
 
     def drive(self, tree: Tree, ticks: int = 10, period: float = 0.01) -> list[Status]:
-        """Tick *tree* exactly *ticks* times, *period* seconds of its clock apart; the root's results.
+        """Attach this plan to a tree, tick it, and return the results of the root.
 
-        Begins as :meth:`attach`, and raises what a tick raises.
+        Args:
+            tree: The tree.
+            ticks: The number of ticks.
+            period: The time between two ticks (s of the tree's clock).
+
+        Raises:
+            ValueError: The tree has no mock leaves, see :meth:`attach`.
+            NodeExecutionError: A node raised an exception.
         """
         self.attach(tree)
         results = []
@@ -77,19 +93,13 @@ class Outcomes:
         return results
 
 
-def _built_in(node: TreeNode, nodes: Registry) -> bool:
+def _is_built_in(node: TreeNode, nodes: Registry) -> bool:
     manifest = nodes.get(node.id, node.config.format)
     return manifest is not None and manifest.distribution == "btcore"
 
 
-def _letter(letter: str) -> Status:
-    if letter == "X":
-        raise LeafPlanError("the plan says so")
-    return LETTERS[letter]
-
-
 class MockAction(StatefulAction):
-    """An action that does what the tree's :class:`Outcomes` say; without any it succeeds."""
+    """An action that follows the :class:`Outcomes` that are attached to the tree; by default it succeeds."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes", "left")
 
@@ -98,18 +108,18 @@ class MockAction(StatefulAction):
         self.left = ""
 
     def on_start(self) -> Status:
-        """Take an entry."""
+        """Take the next entry of the plan, and return the result of its first letter."""
         self.left = self.outcomes.next_entry()
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Go on in it."""
+        """Return the result of the entry's next letter; the last letter is repeated."""
         letter, self.left = self.left[0], self.left[1:] or self.left
-        return _letter(letter)
+        return status_of(letter)
 
 
 class MockCondition(Condition):
-    """A condition that gives the last letter of an entry of the tree's :class:`Outcomes`."""
+    """A condition that follows the :class:`Outcomes` that are attached to the tree."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes",)
 
@@ -117,25 +127,24 @@ class MockCondition(Condition):
         self.outcomes = Outcomes("S")
 
     def tick(self) -> Status:
-        """Take an entry."""
-        return _letter(self.outcomes.next_entry()[-1].replace("K", "F"))
+        """Take the next entry of the plan, and return the result of its last letter."""
+        return status_of(self.outcomes.next_entry()[-1].replace("K", "F"))
 
 
 def with_mock_leaves(nodes: Registry) -> Registry:
-    """A copy of *nodes* in which every leaf but btcore's own follows a plan, and so do <Act> and <Ask>.
+    """Return a copy of a registry in which all leaves except btcore's own follow a plan.
 
-    What the leaves ask for by type needn't be handed in, and what they write stays unwritten.
+    The copy also has the leaves <Act> and <Ask>, which follow the plan as well. The resources of replaced
+    leaves are not required, and their output ports are not written.
     """
-    made = nodes.copy()
+    copy = nodes.copy()
     for ID, leaf in (("Act", MockAction), ("Ask", MockCondition)):
-        if ID not in made:
-            made.add(leaf, ID=ID)
+        if ID not in copy:
+            copy.add(leaf, ID=ID)
+    mocks = {NodeType.ACTION: MockAction, NodeType.CONDITION: MockCondition}
     for format in (3, 4):
-        for ID, manifest in made.manifests_of(format).items():
-            if manifest.distribution == "btcore" or ID in made.substitutions:
-                continue
-            if manifest.type is NodeType.ACTION:
-                made.substitute(ID, MockAction)
-            elif manifest.type is NodeType.CONDITION:
-                made.substitute(ID, MockCondition)
-    return made
+        for ID, manifest in copy.manifests_of(format).items():
+            mock = mocks.get(manifest.type)
+            if mock is not None and manifest.distribution != "btcore" and ID not in copy.substitutions:
+                copy.substitute(ID, mock)
+    return copy

@@ -1,7 +1,7 @@
-"""Leaves that do what their port ``plan`` says, and write down that they were called.
+"""Leaves that follow the plan in their port ``plan``, and record their calls.
 
-They are the leaves of the recorded conformance cases, and serve any test of a tree whose own
-leaves aren't there. The letters: R running, S success, F failure, K skipped; X raises.
+They are the leaves of the recorded conformance cases, and replace leaves that do not exist in a test. The
+letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); X raises an exception.
 """
 
 from typing import ClassVar
@@ -17,36 +17,46 @@ LETTERS = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
 class CallLog:
-    """The calls of planned leaves, in order, as ``name:what``."""
+    """The calls of planned leaves in order, each as the name of the leaf and the call: ``name:start``."""
 
     def __init__(self) -> None:
         self.calls: list[str] = []
 
-    def record(self, name: str, what: str) -> None:
-        """Write down one call."""
-        self.calls.append(f"{name}:{what}")
+    def record(self, name: str, call: str) -> None:
+        """Record a call of the leaf *name*."""
+        self.calls.append(f"{name}:{call}")
 
     def take(self) -> list[str]:
-        """The calls since the last time."""
+        """Return the calls since the last call of this method."""
         taken, self.calls = self.calls, []
         return taken
 
 
 class LeafPlanError(Exception):
-    """A plan asks for an exception, or holds a letter that isn't one."""
+    """Raised by a planned leaf if the plan contains X or an invalid letter."""
 
 
-def _status(letter: str) -> Status:
+def status_of(letter: str) -> Status:
+    """Return the status for a letter of a plan.
+
+    Raises:
+        LeafPlanError: The letter is X, or invalid.
+    """
     status = LETTERS.get(letter)
     if status is None:
-        raise LeafPlanError(f"the plan says {letter!r}")
+        raise LeafPlanError(f"the plan contains {letter!r}")
     return status
 
 
-class PlanAction(StatefulAction):
-    """Each start takes the next segment of `plan` (separated by ``|``, cyclic), each call its next letter.
+def _status_at(plan: str, index: int) -> Status:
+    return status_of(plan[index % len(plan)] if plan else "")
 
-    The last letter of a segment repeats. Notes ``start``, ``running`` and ``halted``.
+
+class PlanAction(StatefulAction):
+    """An action whose starts take the segments of `plan`, separated by ``|``, cyclically.
+
+    Each call returns the result of the segment's next letter; the last letter is repeated. The calls
+    ``start``, ``running`` and ``halted`` are recorded.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("starts", "segment", "calls")
@@ -60,43 +70,31 @@ class PlanAction(StatefulAction):
         self.calls = 0
 
     def on_start(self) -> Status:
-        """Take a segment, and give its first letter."""
+        """Take the next segment, and return the result of its first letter."""
         segments = self.plan.split("|")
         self.segment = segments[self.starts % len(segments)]
         self.starts += 1
         self.calls = 0
         self.journal.record(self.name, "start")
-        return self._letter()
+        return self._next_status()
 
     def on_running(self) -> Status:
-        """Give the next letter."""
+        """Return the result of the next letter."""
         self.journal.record(self.name, "running")
-        return self._letter()
+        return self._next_status()
 
     def on_halted(self) -> None:
-        """Note it."""
+        """Record the call."""
         self.journal.record(self.name, "halted")
 
-    def _letter(self) -> Status:
+    def _next_status(self) -> Status:
         index = min(self.calls, len(self.segment) - 1)
         self.calls += 1
-        return _status(self.segment[index] if index >= 0 else "")
-
-
-class _Ticks:
-    """The letters of a plan, one a tick, cyclic."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def next(self, plan: str) -> Status:
-        letter = plan[self.count % len(plan)] if plan else ""
-        self.count += 1
-        return _status(letter)
+        return _status_at(self.segment, index)
 
 
 class PlanCondition(Condition):
-    """Gives the letters of `plan`, one a tick, cyclic. Notes ``tick``."""
+    """A condition whose ticks return the results of `plan`, cyclically. ``tick`` is recorded."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 
@@ -104,16 +102,17 @@ class PlanCondition(Condition):
 
     def __init__(self, journal: CallLog) -> None:
         self.journal = journal
-        self.ticks = _Ticks()
+        self.ticks = 0
 
     def tick(self) -> Status:
-        """Give the next letter."""
+        """Return the result of the next letter."""
         self.journal.record(self.name, "tick")
-        return self.ticks.next(self.plan)
+        self.ticks += 1
+        return _status_at(self.plan, self.ticks - 1)
 
 
 class PlanSync(SyncAction):
-    """Gives the letters of `plan`, one a tick, cyclic. Notes ``tick``."""
+    """An action whose ticks return the results of `plan`, cyclically. ``tick`` is recorded."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 
@@ -121,27 +120,28 @@ class PlanSync(SyncAction):
 
     def __init__(self, journal: CallLog) -> None:
         self.journal = journal
-        self.ticks = _Ticks()
+        self.ticks = 0
 
     def tick(self) -> Status:
-        """Give the next letter."""
+        """Return the result of the next letter."""
         self.journal.record(self.name, "tick")
-        return self.ticks.next(self.plan)
+        self.ticks += 1
+        return _status_at(self.plan, self.ticks - 1)
 
 
 class Inc(SyncAction):
-    """Writes `in` + 1 to `out`; fails where `in` can't be read. Notes ``tick``."""
+    """An action that writes `in` + 1 to `out`, and fails if `in` cannot be read. ``tick`` is recorded."""
 
     def __init__(self, journal: CallLog) -> None:
         self.journal = journal
 
     @staticmethod
     def provided_ports() -> list[Port]:
-        """The ports."""
+        """Return the ports."""
         return [Port("in", type=INT), Port("out", Direction.OUT, type=INT)]
 
     def tick(self) -> Status:
-        """Count."""
+        """Add 1."""
         self.journal.record(self.name, "tick")
         try:
             value = self.get_input("in")

@@ -1,7 +1,7 @@
-"""A pytest plugin: fixtures for tests of trees, and the story of the tree in the report of a failing one.
+"""A pytest plugin: fixtures for tests of trees, whose last steps are shown in the report of a failed test.
 
-pytest loads it by itself where btcore is installed. It never imports hypothesis: a property that draws
-from btcore.testing.trees prints the tree that it shrank to by itself.
+pytest loads the plugin automatically if btcore is installed. The plugin does not import hypothesis, which
+prints the tree of a failing property itself.
 """
 
 from collections.abc import Callable, Generator
@@ -21,48 +21,44 @@ _TRACES = pytest.StashKey[list[Trace]]()
 
 @pytest.fixture
 def registry() -> Registry:
-    """A new ``Registry.standard()``: add your nodes."""
+    """Return a new ``Registry.standard()``, to which the test adds its nodes."""
     return Registry.standard()
 
 
 @pytest.fixture
 def clock() -> SimClock:
-    """A simulated clock, at 0."""
+    """Return a simulated clock that starts at 0."""
     return SimClock()
 
 
 @pytest.fixture
 def trace(request: pytest.FixtureRequest) -> Callable[[Tree], Trace]:
-    """Follows the tree that it is given; if the test fails, the report shows the last steps."""
-
-    def follow(tree: Tree) -> Trace:
-        return _shown(request, Trace(tree))
-
-    return follow
+    """Return a function that records the events of a tree, for the report of a failed test."""
+    return lambda tree: _add_to_report(request, Trace(tree))
 
 
 @pytest.fixture
 def harness(request: pytest.FixtureRequest, registry: Registry, clock: SimClock) -> Callable[..., Harness]:
-    """Makes a harness for a tree: XML text (which begins with ``<``), the path of a file, or a Tree.
+    """Return a function that creates a harness for XML text, which begins with ``<``, a file or a Tree.
 
-    It is loaded with the fixtures ``registry`` and ``clock``, and further options as for ``btcore.load``.
-    If the test fails, the report shows the last steps.
+    The tree is loaded with the fixtures ``registry`` and ``clock``, and the options of ``btcore.load``. The
+    report of a failed test shows the last steps.
     """
 
     def make(source: Tree | str | Path, **options: Any) -> Harness:
         if isinstance(source, Tree):
-            made = Harness(source)
+            harness = Harness(source)
         else:
             options = {"nodes": registry, "clock": clock, **options}
             text = isinstance(source, str) and source.lstrip().startswith("<")
-            made = Harness.loads(str(source), **options) if text else Harness.load(source, **options)
-        _shown(request, made.trace)
-        return made
+            harness = Harness.loads(str(source), **options) if text else Harness.load(source, **options)
+        _add_to_report(request, harness.trace)
+        return harness
 
     return make
 
 
-def _shown(request: pytest.FixtureRequest, trace: Trace) -> Trace:
+def _add_to_report(request: pytest.FixtureRequest, trace: Trace) -> Trace:
     request.node.stash.setdefault(_TRACES, []).append(trace)
     return trace
 
@@ -71,9 +67,9 @@ def _shown(request: pytest.FixtureRequest, trace: Trace) -> Trace:
 def pytest_runtest_makereport(
     item: pytest.Item, call: "pytest.CallInfo[None]"
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add what happened in the trees of a failing test to its report."""
+    """Add the last steps of the trees of a failed test to its report."""
     report = yield
     if report.when == "call" and report.failed:
-        for one in item.stash.get(_TRACES, []):
-            report.sections.append((f"btcore: tree '{one.tree.id}'", format_trace(one)))
+        for trace in item.stash.get(_TRACES, []):
+            report.sections.append((f"btcore: tree '{trace.tree.id}'", format_trace(trace)))
     return report

@@ -6,8 +6,8 @@
         tree.halt()
         assert all(node.status is Status.IDLE for node in tree)
 
-A failing example is reported with the tree that it shrank to, as XML. This module and ``growth`` are
-the only ones that import hypothesis (``pip install hypothesis``).
+A failing example is reported with the shrunk tree as XML. This module and ``tree_generator`` are the only
+modules that import hypothesis (``pip install hypothesis``).
 """
 
 from collections.abc import Collection, Mapping
@@ -31,7 +31,6 @@ from btcore.testing.mock_leaves import Outcomes, with_mock_leaves
 from btcore.testing.tree_generator import (
     BUILTIN_MANIFESTS,
     SCRIPT_KEYS,
-    Element,
     TreeGenerator,
     TreeOptions,
     cached_integers,
@@ -40,26 +39,37 @@ from btcore.testing.tree_generator import (
 from btcore.tree.tree import Tree
 
 PortTexts: TypeAlias = Mapping[str, Mapping[str, SearchStrategy[str]]]
-"""Strategies for the texts of ports, by tag and port."""
+"""Strategies for the values of ports, by tag and port."""
 
 
 def action_plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
-    """Plans for :class:`~btcore.testing.plan_leaves.PlanAction`: one to three starts of one to six ticks.
+    """Return a strategy of plans for `PlanAction`, with one to three starts of one to six ticks.
 
-    Every start ends, since its last letter isn't R. *skipped* allows K and *raising* X.
+    Every start ends, since its last letter is not R.
+
+    Args:
+        skipped: Whether a start may end with K.
+        raising: Whether a start may end with X.
     """
     return st.lists(_starts(skipped, raising), min_size=1, max_size=3).map("|".join)
 
 
 def sync_plans(skipped: bool = True) -> SearchStrategy[str]:
-    """Plans for leaves that are done within a tick: one to five of S, F and, if *skipped*, K."""
+    """Return a strategy of plans for leaves that complete within a tick: one to five letters S, F and K.
+
+    Args:
+        skipped: Whether K may occur.
+    """
     return st.text("SF" + "K" * skipped, min_size=1, max_size=5)
 
 
 def outcomes(skipped: bool = False, raising: bool = False, max_starts: int = 12) -> SearchStrategy[Outcomes]:
-    """Plans for all leaves of a tree: one to *max_starts* entries, each taken by the next leaf that starts.
+    """Return a strategy of plans for all leaves of a tree.
 
-    They end in success or failure, where asked for also *skipped*, or *raising* an exception.
+    Args:
+        skipped: Whether leaves may be skipped.
+        raising: Whether leaves may raise an exception.
+        max_starts: The maximum number of entries, of which each start of a leaf takes the next.
     """
     starts = st.lists(_starts(skipped, raising), min_size=1, max_size=max_starts)
     return starts.map(lambda entries: Outcomes(*entries))
@@ -70,7 +80,7 @@ def _starts(skipped: bool, raising: bool) -> SearchStrategy[str]:
     return st.builds(lambda waits, end: "R" * waits + end, st.integers(0, 5), st.sampled_from(ends))
 
 
-@cache  # drawing from strategies made anew takes twice as long
+@cache  # drawing from new strategies takes twice as long
 def _with_plans(skipped: bool, raising: bool) -> dict[str, SearchStrategy[str] | None]:
     quick = sync_plans(skipped)
     return {"PlanAction": action_plans(skipped, raising), "PlanCondition": quick, "PlanSync": quick}
@@ -94,26 +104,36 @@ def xml_documents(
     nodes: Registry | None = None,
     ports: PortTexts | None = None,
 ) -> str:
-    """Documents with *max_nodes* nodes and *max_depth* levels at most, as XML text.
+    """Return a strategy of documents as XML text. The nodes are named n1, n2 … in pre-order.
 
-    Nodes are called n1, n2 … in pre-order. Leaves are PlanAction, PlanCondition and PlanSync, each with a
-    plan of its own (load them with :func:`~btcore.testing.conformance_trees.conformance_registry` and a
-    Journal)
-    or, without *own_plans*, Act and Ask, which follow an :class:`Outcomes` (load them with
-    :func:`with_mock_leaves`).
+    The leaves are PlanAction, PlanCondition and PlanSync, each with its own plan; load the documents with
+    :func:`~btcore.testing.conformance.conformance_registry` and a `CallLog`. Without *own_plans* the leaves
+    are Act and Ask, which follow an :class:`Outcomes`; load the documents with :func:`with_mock_leaves`.
 
-    *tags* are those that may occur, by default all control nodes and decorators that take any child.
-    Those of the registry *nodes* get a text for each port without a default, drawn from *ports* (by tag and
-    port) or by the port's type; if any is a leaf, only such leaves occur. *timed* adds Delay, Timeout and
-    Sleep. *scripts* adds Script and ScriptCondition and *conditions* the likes of ``_skipIf`` (both
-    format 4), on the entries a, b and c of the root's blackboard, which must be there as numbers.
-    *subtrees* is how many other trees there may be. *skipped* and *raising* are as in
-    :func:`action_plans`. No loop is endless, but a KeepRunningUntilFailure may keep the tree RUNNING for
-    ever, and a WhileDoElse whose branches take turns in waking the tree keeps ``tick_once`` busy for
-    ever.
+    All loops end. But a KeepRunningUntilFailure may keep the tree RUNNING forever, and ``tick_once`` does not
+    return if the branches of a WhileDoElse alternate and wake the tree up each time.
+
+    Args:
+        draw: Is passed by hypothesis.
+        max_nodes: The maximum number of nodes.
+        skipped: Whether nodes may be skipped (format 4 only).
+        raising: Whether leaves may raise an exception.
+        timed: Whether Delay, Timeout and Sleep may occur.
+        own_plans: Whether each leaf has its own plan.
+        format: The XML format.
+        max_depth: The maximum number of levels.
+        subtrees: The maximum number of further trees.
+        conditions: Whether attributes such as ``_skipIf`` may occur (format 4 only). They use the entries a,
+            b and c of the root's blackboard, which must exist as numbers.
+        scripts: Whether Script and ScriptCondition may occur (format 4 only), which use the same entries.
+        tags: The tags that may occur; by default all control nodes and decorators that accept any child. If a
+            leaf is among them, no other leaves occur.
+        nodes: The registry with those of *tags* that are not built in.
+        ports: Strategies for the values of ports, by tag and port. By default values are drawn for the ports
+            without a default, according to the type.
     """
     skipped = skipped and format == 4
-    wishes = TreeOptions(
+    allowed = TreeOptions(
         _with_plans(skipped, raising) if own_plans else {"Act": None, "Ask": None},
         format=format,
         skipped=skipped,
@@ -125,15 +145,20 @@ def xml_documents(
         own=_own_nodes(tags, nodes, format),
         texts=ports or {},
     )
-    left = draw(cached_integers(1, max_nodes))
+    budget = draw(cached_integers(1, max_nodes))
     ids = ["Main", *(f"Sub{number}" for number in range(1, 1 + draw(cached_integers(0, subtrees))))]
-    tops = []
-    for place, id in enumerate(ids):
-        grower = TreeGenerator(draw, wishes, max(1, left), ids[place + 1 :])
-        tops.append((id, grower.element(top=True)))
-        left = grower.budget
-    note(_document(tops, format, compact=False))
-    return _document(tops, format, compact=True)
+    numbers = count(1)
+    lines = []
+    for index, id in enumerate(ids):
+        # A tree may contain only the trees after it, so that no tree contains itself.
+        generator = TreeGenerator(draw, allowed, max(1, budget), ids[index + 1 :])
+        body = element_to_xml(generator.element(top=True), numbers, "    ")
+        lines.append(f'  <BehaviorTree ID="{id}">\n{body}  </BehaviorTree>\n')
+        budget = generator.budget
+    main = ' main_tree_to_execute="Main"' if len(ids) > 1 else ""
+    text = f'<root BTCPP_format="{format}"{main}>\n{"".join(lines)}</root>'
+    note(text)
+    return text
 
 
 def trees(
@@ -150,7 +175,10 @@ def trees(
     nodes: Registry | None = None,
     ports: PortTexts | None = None,
 ) -> SearchStrategy[Tree]:
-    """Trees on a simulated clock whose leaves follow an :class:`Outcomes`; see :func:`xml_documents`."""
+    """Return a strategy of trees on a simulated clock whose leaves follow an :class:`Outcomes`.
+
+    The parameters are those of :func:`xml_documents`.
+    """
     known = with_mock_leaves(nodes if nodes is not None else Registry.standard())
 
     def load(text: str) -> Tree:
@@ -178,16 +206,19 @@ def trees(
 
 @st.composite
 def blackboards(draw: DrawFn, entries: Mapping[str, Any]) -> Blackboard:
-    """Blackboards with *entries*: keys and what they hold, strategies or types (int, float, str, bool …).
+    """Return a strategy of blackboards.
 
-    Numbers drawn by type are finite, and ints have 32 bits, as the ports of those types.
+    Args:
+        draw: Is passed by hypothesis.
+        entries: A strategy or a type (int, float, str, bool …) for the value of each key. Numbers drawn by
+            type are finite, and integers have 32 bits, like the values of ports.
     """
     board = Blackboard(clock=SimClock())
-    shown = {}
-    for key, wanted in entries.items():
-        kind = wanted if isinstance(wanted, SearchStrategy) else _BY_TYPE.get(wanted)
-        board[key] = shown[key] = draw(kind if kind is not None else st.from_type(wanted))
-    note(f"blackboard {shown}")
+    values = {}
+    for key, entry in entries.items():
+        strategy = entry if isinstance(entry, SearchStrategy) else _BY_TYPE.get(entry)
+        board[key] = values[key] = draw(strategy if strategy is not None else st.from_type(entry))
+    note(f"blackboard {values}")
     return board
 
 
@@ -201,30 +232,15 @@ _BY_TYPE: Final[Mapping[Any, SearchStrategy[Any]]] = {
 def _own_nodes(tags: Collection[str] | None, nodes: Registry | None, format: int) -> dict[str, Manifest]:
     """Return the manifests of those of *tags* that are not built in."""
     own = {}
-    drawn = {**BUILTIN_MANIFESTS[4], **BUILTIN_MANIFESTS[3]}
+    built_in = {**BUILTIN_MANIFESTS[4], **BUILTIN_MANIFESTS[3]}
     for tag in tags if tags is not None else ():
-        if tag in drawn:
+        if tag in built_in:
             continue
         manifest = nodes.get(tag, format) if nodes is not None else None
         if manifest is None or manifest.distribution == "btcore":
-            known = [*drawn, *(one.id for one in nodes or () if one.distribution != "btcore")]
+            known = [*built_in, *(item.id for item in nodes or () if item.distribution != "btcore")]
             guess = nearest_name(tag, known)
-            hint = f"did you mean '{guess}'?" if guess else "give the registry that has it: nodes=registry"
-            raise InvalidArgument(f"random trees can't have <{tag}>; {hint}")
+            hint = f"did you mean '{guess}'?" if guess else "pass the registry that has it: nodes=registry"
+            raise InvalidArgument(f"random trees cannot contain <{tag}>; {hint}")
         own[tag] = manifest
     return own
-
-
-def _document(tops: list[tuple[str, Element]], format: int, compact: bool) -> str:
-    numbers = count(1)
-    bodies = []
-    for id, top in tops:
-        body = element_to_xml(top, numbers, "    ", compact)
-        bodies.append(
-            f'<BehaviorTree ID="{id}">{body}</BehaviorTree>'
-            if compact
-            else f'  <BehaviorTree ID="{id}">\n{body}  </BehaviorTree>\n'
-        )
-    main = ' main_tree_to_execute="Main"' if len(tops) > 1 else ""
-    start = f'<root BTCPP_format="{format}"{main}>'
-    return f"{start}{'' if compact else chr(10)}{''.join(bodies)}</root>"

@@ -1,4 +1,4 @@
-"""TestNode and its settings, and substitution rules from JSON, as BehaviorTree.CPP has them.
+"""BehaviorTree.CPP's TestNode with its configuration, and loading substitution rules from JSON.
 
 nodes.substitute("Patrol/*", TestNodeConfig(return_status=Status.FAILURE, async_delay=100))
 load_substitution_rules(nodes, Path("rules.json"))
@@ -28,12 +28,20 @@ _STATUSES: Final = {status.name: int(status) for status in Status}
 
 @dataclass(frozen=True, slots=True)
 class TestNodeConfig:
-    """What a :class:`TestNode` does.
+    """The configuration of a :class:`TestNode`.
 
-    After *async_delay* milliseconds of the tree's clock (0 = in the first tick) its result is that of
-    *complete_func*, else of *return_status_script*, which may use the names of the statuses, else
-    *return_status*. Then *success_script* or *failure_script* runs, and *post_script*. A node whose
-    result is RUNNING is asked again at the next tick. Raises ValueError for a result that is IDLE.
+    Attributes:
+        return_status: The result. A node whose result is RUNNING determines it again in the next tick.
+        return_status_script: A script whose value is the result, instead of *return_status*. It may use the
+            names of the statuses.
+        success_script: A script that runs on SUCCESS.
+        failure_script: A script that runs on FAILURE.
+        post_script: A script that runs on any result, after the others.
+        async_delay: The delay of the result in milliseconds of the tree's clock; 0: in the first tick.
+        complete_func: A function that returns the result; it takes precedence over the script.
+
+    Raises:
+        ValueError: *return_status* is IDLE.
     """
 
     __test__: ClassVar[bool] = False
@@ -48,15 +56,15 @@ class TestNodeConfig:
 
     def __post_init__(self) -> None:
         if self.return_status is IDLE:
-            raise ValueError("the result of a TestNode can't be IDLE: that is what a node is before a tick")
+            raise ValueError("the result of a TestNode cannot be IDLE, which is the status before a tick")
 
     def manifest(self) -> Manifest:
-        """What makes the nodes, for :meth:`Registry.substitute`."""
-        return _Made(self)
+        """Return the manifest of the replacing nodes, for :meth:`Registry.substitute`."""
+        return _TestNodeManifest(self)
 
 
 class TestNode(StatefulAction):
-    """Stands in for a node of a tree, and does what its :class:`TestNodeConfig` says."""
+    """A node that replaces a node of a tree, with the results that its :class:`TestNodeConfig` determines."""
 
     __test__: ClassVar[bool] = False
 
@@ -72,7 +80,7 @@ class TestNode(StatefulAction):
         self.post = self._compiled("post_script", self.config.enums)
 
     def on_start(self) -> Status:
-        """Begin to wait, or end at once."""
+        """Start the delay, or complete immediately without a delay."""
         delay = self.settings.async_delay * NS_PER_MS
         if delay <= 0:
             return self._complete()
@@ -81,30 +89,28 @@ class TestNode(StatefulAction):
         return RUNNING
 
     def on_running(self) -> Status:
-        """Look at the clock."""
+        """Complete when the delay has elapsed."""
         return RUNNING if self.now() < self.until else self._complete()
 
     def on_halted(self) -> None:
-        """Wait no more."""
+        """Cancel the delay."""
         self.cancel_wake_up()
 
     def _compiled(self, setting: str, names: Mapping[str, int]) -> Program | None:
         text = getattr(self.settings, setting)
         try:
             return compile_script(text, names) if text else None
-        except ScriptError as fault:
-            raise NodeError(f"the {setting} of the TestNode for '{self.path}': {fault}") from None
+        except ScriptError as error:
+            raise NodeError(f"the {setting} of the TestNode for '{self.path}': {error}") from None
 
     def _complete(self) -> Status:
-        status = self._answer()
-        follows = self.scripts.get(status)
-        if follows is not None:
-            follows.run(self.blackboard)
-        if self.post is not None:
-            self.post.run(self.blackboard)
+        status = self._determine_result()
+        for script in (self.scripts.get(status), self.post):
+            if script is not None:
+                script.run(self.blackboard)
         return status
 
-    def _answer(self) -> Status:
+    def _determine_result(self) -> Status:
         if self.settings.complete_func is not None:
             return self.settings.complete_func()
         if self.result is None:
@@ -115,14 +121,14 @@ class TestNode(StatefulAction):
         number = None if isinstance(value, str) else number_of(value)
         if number is None or number not in _STATUSES.values():
             raise NodeError(
-                f"the return_status_script gives {value!r}, which is no status: "
+                f"the return_status_script returns {value!r}, which is not a status: use "
                 f"{join_names(_STATUSES, 'or')}, or its number"
             )
         return Status(int(number))
 
 
-class _Made(Manifest):
-    """Makes the test nodes of one rule. They take the ports of the node that they stand in for."""
+class _TestNodeManifest(Manifest):
+    """A manifest that creates the test nodes of a rule, with the ports of the nodes that they replace."""
 
     def __init__(self, settings: TestNodeConfig) -> None:
         super().__init__("TestNode", TestNode, (), (), "btcore")
@@ -136,47 +142,53 @@ class _Made(Manifest):
         resources: Sequence[object],
         children: list[TreeNode],
     ) -> TreeNode:
-        """A test node."""
+        """Create a test node."""
+        # TestNode.__init__ uses the node's configuration, so that it must be called last.
         node = TestNode.__new__(TestNode)
         node.attach_to_tree(config, context, blackboard)
         TestNode.__init__(node, self._settings)
         return node
 
 
-# --- from JSON
-
 _KEYS: Final = tuple(field.name for field in fields(TestNodeConfig) if field.name != "complete_func")
 
 
 class SubstitutionError(BtcoreError):
-    """Substitution rules that can't be read as such."""
+    """Raised when substitution rules are invalid."""
 
 
 def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
-    """Give *nodes* the rules in *rules*: JSON text, or the path of a file of it.
+    """Add substitution rules to a registry.
 
-    An object with ``SubstitutionRules``, which maps filters to the name of a configuration or else the
-    ID of a registered node, and perhaps ``TestNodeConfigs``, which maps names to the settings of
-    :class:`TestNodeConfig`. Raises SubstitutionError, and then *nodes* has none of the rules.
+    The rules are a JSON object with the key ``SubstitutionRules``, which maps each filter to the name of a
+    configuration or to the ID of a registered node. The optional key ``TestNodeConfigs`` maps names to the
+    settings of a :class:`TestNodeConfig`.
+
+    Args:
+        nodes: The registry.
+        rules: The JSON text, or the path of a JSON file.
+
+    Raises:
+        SubstitutionError: The rules are invalid; none of them is added.
     """
     text = rules.read_text(encoding="utf-8") if isinstance(rules, Path) else rules
     try:
-        read = json.loads(text)
-    except ValueError as fault:
-        raise SubstitutionError(f"the substitution rules are no JSON: {fault}") from None
-    top = _object(read, "the substitution rules")
+        data = json.loads(text)
+    except ValueError as error:
+        raise SubstitutionError(f"the substitution rules are not valid JSON: {error}") from None
+    top = _object(data, "the substitution rules")
     if "SubstitutionRules" not in top:
         raise SubstitutionError("the substitution rules lack the object 'SubstitutionRules'")
     given = _object(top.get("TestNodeConfigs", {}), "'TestNodeConfigs'")
-    configs = {name: _config(name, one) for name, one in given.items()}
-    wanted = _object(top["SubstitutionRules"], "'SubstitutionRules'")
-    for filter, by in wanted.items():
-        if not isinstance(by, str):
+    configs = {name: _config(name, settings) for name, settings in given.items()}
+    filters = _object(top["SubstitutionRules"], "'SubstitutionRules'")
+    for filter, name in filters.items():
+        if not isinstance(name, str):
             raise SubstitutionError(
-                f"the rule '{filter}' names a configuration or a node's ID, but it is {by!r}"
+                f"the rule '{filter}' must name a configuration or the ID of a node, not {name!r}"
             )
-    for filter, by in wanted.items():
-        nodes.substitute(filter, configs.get(by, by))
+    for filter, name in filters.items():
+        nodes.substitute(filter, configs.get(name, name))
 
 
 def _object(value: object, what: str) -> dict[str, Any]:
@@ -190,21 +202,19 @@ def _config(name: str, given: object) -> TestNodeConfig:
     for key, value in settings.items():
         if key not in _KEYS:
             guess = nearest_name(key, _KEYS)
-            hint = f"did you mean '{guess}'?" if guess else f"there are {join_names(_KEYS)}"
-            raise SubstitutionError(f"the configuration '{name}' has '{key}', which is no setting; {hint}")
-        wanted, kind = (int, "a number of milliseconds") if key == "async_delay" else (str, "a text")
-        if not isinstance(value, wanted) or isinstance(value, bool):
-            raise SubstitutionError(f"'{key}' of the configuration '{name}' is {kind}, not {value!r}")
+            hint = f"did you mean '{guess}'?" if guess else f"the settings are {join_names(_KEYS)}"
+            raise SubstitutionError(f"the configuration '{name}' has the unknown setting '{key}'; {hint}")
+        cls, kind = (int, "a number of milliseconds") if key == "async_delay" else (str, "a string")
+        if not isinstance(value, cls) or isinstance(value, bool):
+            raise SubstitutionError(f"'{key}' of the configuration '{name}' must be {kind}, not {value!r}")
     status = settings.get("return_status")
     if status is None and "return_status_script" not in settings:
         raise SubstitutionError(
             f"the configuration '{name}' needs 'return_status', 'return_status_script', or both"
         )
     if status is not None and (status == "IDLE" or status not in _STATUSES):
-        allowed = [one for one in _STATUSES if one != "IDLE"]
+        allowed = join_names([key for key in _STATUSES if key != "IDLE"], "or")
         raise SubstitutionError(
-            f"'return_status' of the configuration '{name}' is {join_names(allowed, 'or')}, not {status!r}"
+            f"'return_status' of the configuration '{name}' must be {allowed}, not {status!r}"
         )
-    if status is None:
-        return TestNodeConfig(**settings)
-    return TestNodeConfig(**{**settings, "return_status": Status[status]})
+    return TestNodeConfig(**(settings if status is None else {**settings, "return_status": Status[status]}))

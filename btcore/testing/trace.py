@@ -1,9 +1,10 @@
-"""What happened in a tree, tick by tick."""
+"""The events in a tree, tick by tick."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import sub
 
+from btcore.blackboard.blackboard import Entry
 from btcore.clock import NS_PER_S
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
@@ -14,7 +15,7 @@ from btcore.tree.tree import Tree
 
 @dataclass(frozen=True, slots=True)
 class StatusChange:
-    """The stored status of the node at *path* changed."""
+    """A change of the stored status of the node at *path*."""
 
     path: str
     previous: Status
@@ -26,13 +27,22 @@ class StatusChange:
 
 @dataclass(frozen=True, slots=True)
 class TraceStep:
-    """One tick of the root, or what lay between two of them (then *tick* is 0 and *status* IDLE).
+    """The events in a tick of the root, or between two ticks.
 
-    *stamp* is the clock's time (ns) at its end. *results* maps the paths of the nodes that were ticked to
-    what each tick gave, in pre-order; a tick that raised gave nothing. *halted* are those that were halted
-    while they ran. *written* maps the keys written to what they hold at the end (None = removed), those of
-    a subtree's blackboard as ``subtree path/key``. *statuses* are all nodes' at the end. Paths are full
-    ones, with ``#uid`` appended where they are equal.
+    Nodes are identified by their full paths; equal paths are distinguished by ``#uid``.
+
+    Attributes:
+        tick: The number of the tick; 0 between two ticks.
+        stamp: The clock's time at the end (ns).
+        status: The result of the root; IDLE between two ticks.
+        changes: The status changes.
+        results: The results of all ticks of the nodes that were ticked, in pre-order. A tick that raised an
+            exception has no result.
+        halted: The nodes that were halted while they were RUNNING.
+        written: The new values of the blackboard entries that were written (None: removed), by key. The keys
+            of a subtree's blackboard are ``subtree path/key``.
+        statuses: The statuses of all nodes at the end.
+        error: The exception that ended the tick.
     """
 
     tick: int
@@ -49,25 +59,32 @@ class TraceStep:
         at = f"at {self.stamp / NS_PER_S:g} s"
         if not self.tick:
             return f"after a tick, {at}"
-        said = f"raised {self.error.path}" if self.error is not None else self.status.name
-        return f"tick {self.tick}, {at}: {said}"
+        result = f"raised {self.error.path}" if self.error is not None else self.status.name
+        return f"tick {self.tick}, {at}: {result}"
 
 
 class ResultTracker:
-    """Tells which nodes of *tree* were ticked since it was last asked, and what they gave."""
+    """Determines the results of the nodes of *tree* from their tick counts."""
 
     def __init__(self, tree: Tree) -> None:
         self._tallies = tree.count_ticks()
         self._before = {key: self._counts(key) for key in self._tallies}
 
     def _counts(self, key: str) -> tuple[int, int, int, int, int]:
-        one = self._tallies[key]
-        return one.ticks, one.success, one.failure, one.skipped, one.halted
+        tally = self._tallies[key]
+        return tally.ticks, tally.success, tally.failure, tally.skipped, tally.halted
 
     def take(
         self, error: NodeExecutionError | None = None
     ) -> tuple[dict[str, tuple[Status, ...]], tuple[str, ...]]:
-        """The results by path, and the paths of what was halted. *error* is what ended the last tick."""
+        """Return the events since the last call.
+
+        Args:
+            error: The exception that ended the last tick.
+
+        Returns:
+            The results of each node that was ticked, by path, and the paths of the nodes that were halted.
+        """
         results: dict[str, tuple[Status, ...]] = {}
         halted = []
         for key, before in self._before.items():
@@ -79,6 +96,7 @@ class ResultTracker:
             if halts:
                 halted.append(key)
             if ticks:
+                # The nodes from the root to the node that raised have a tick without a result.
                 raised = error is not None and key in error.backtrace
                 running = ticks - success - failure - skipped - raised
                 results[key] = (
@@ -88,7 +106,7 @@ class ResultTracker:
 
 
 class Trace(Observer):
-    """The steps of *tree* from now on, in order. Iterate it, or index it: ``trace[-1]`` is the last step."""
+    """The steps of *tree* from now on, in order: ``trace[-1]`` is the last step."""
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
@@ -109,16 +127,23 @@ class Trace(Observer):
         return self.steps[index]
 
     def path(self, node: str) -> str:
-        """The path in this trace of the *node* with that path or name. Raises BtcoreError."""
+        """Return the path in this trace of a node.
+
+        Args:
+            node: The path or, if it is unique, the name.
+
+        Raises:
+            BtcoreError: There is no such node, or there are several.
+        """
         return self._paths[self.tree.node(node).uid]
 
     def results(self, node: str) -> list[Status]:
-        """What the ticks of *node* gave, in order; those of one tick of the root by status."""
+        """Return the results of the ticks of *node* in order; those within a tick of the root by status."""
         path = self.path(node)
         return [status for step in self.steps for status in step.results.get(path, ())]
 
     def transition(self, change: Transition) -> None:
-        """Keep it for the step's end."""
+        """Record the change for the end of the step."""
         self._changes.append(StatusChange(self._paths[change.uid], change.previous, change.status))
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
@@ -126,11 +151,11 @@ class Trace(Observer):
         self._end(tick, stamp, status, None)
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
-        """End the step; that the tree is halted comes in the next."""
+        """End the step. The tree is halted after that, which belongs to the next step."""
         self._end(self.tree.ticks, stamp, IDLE, error)
 
     def catch_up(self) -> None:
-        """Make a step of what happened since the last tick, if anything did: the tree was halted, say."""
+        """Add a step with the events since the last tick, for example a halt, if there are any."""
         if self._changes:
             self._end(0, self.tree.clock.now(), IDLE, None)
 
@@ -143,25 +168,24 @@ class Trace(Observer):
         )
 
     def _sequence_ids(self) -> dict[str, int]:
-        return {
-            f"{subtree.path}/{key}" if subtree.path else key: entry.sequence_id
-            for subtree in self.tree.subtrees
-            for key, entry in subtree.blackboard.local_entries().items()
-        }
+        return {key: entry.sequence_id for key, entry in self._all_entries()}
+
+    def _all_entries(self) -> Iterator[tuple[str, Entry]]:
+        for subtree in self.tree.subtrees:
+            for key, entry in subtree.blackboard.local_entries().items():
+                yield f"{subtree.path}/{key}" if subtree.path else key, entry
 
     def _written(self) -> dict[str, object]:
         before, self._entries = self._entries, self._sequence_ids()
-        written: dict[str, object] = {key: None for key in before if key not in self._entries}
-        for subtree in self.tree.subtrees:
-            for key, entry in subtree.blackboard.local_entries().items():
-                name = f"{subtree.path}/{key}" if subtree.path else key
-                if entry.sequence_id != before.get(name, 0):
-                    written[name] = entry.value
+        written: dict[str, object] = dict.fromkeys(key for key in before if key not in self._entries)
+        for key, entry in self._all_entries():
+            if entry.sequence_id != before.get(key, 0):
+                written[key] = entry.value
         return written
 
 
 def format_tree(tree: Tree, step: TraceStep | None = None) -> str:
-    """*tree* as text, a line a node: its status at the end of *step* (default: now), and what it gave."""
+    """Return *tree* as text, with the status of each node at the end of *step* (default: now)."""
     keys = {node.uid: key for key, node in tree.nodes_by_path().items()}
     lines: list[str] = []
     pending: list[tuple[TreeNode, int]] = [(tree.root, 0)]
@@ -170,15 +194,15 @@ def format_tree(tree: Tree, step: TraceStep | None = None) -> str:
         path = keys[node.uid]
         status = node.status if step is None else step.statuses[path]
         name = node.id if node.name == node.id else f"{node.id} '{node.name}'"
-        gave = step.results.get(path, ()) if step is not None else ()
-        told = f"  gave {' '.join(one.name for one in gave)}" if gave else ""
-        lines.append(f"{'  ' * depth}{name}  {status.name}{told}")
+        results = step.results.get(path, ()) if step is not None else ()
+        returned = f"  returned {' '.join(result.name for result in results)}" if results else ""
+        lines.append(f"{'  ' * depth}{name}  {status.name}{returned}")
         pending += ((child, depth + 1) for child in reversed(node.children))
     return "\n".join(lines)
 
 
 def format_trace(trace: Trace, last: int = 5) -> str:
-    """The *last* steps of *trace* as text: what changed and was written in each, then the whole tree."""
+    """Return the *last* steps of *trace* as text, with their changes and writes, and then the tree."""
     trace.catch_up()
     steps = trace.steps[-last:]
     lines = [f"{len(trace) - len(steps)} steps before"] if len(trace) > len(steps) else []

@@ -1,6 +1,6 @@
-"""How random trees grow: element by element, while a budget of nodes lasts.
+"""Generating random trees, element by element, until a budget of nodes is used up.
 
-What is drawn first is the simplest, so that hypothesis shrinks a tree towards a single leaf.
+The first choice is always the simplest, so that hypothesis shrinks a tree towards a single leaf.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -21,15 +21,15 @@ from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, PossibleResults
 from btcore.values import BOOL, DOUBLE, FLOAT, INT, INT64, NODE_STATUS, STRING, UINT, ValueType
 
 INSTANT: Final = ("PlanCondition", "Ask")
-"""Planned leaves that are done within a tick, and so may decide in a branch."""
+"""Planned leaves that complete within a tick, so that they can be the condition of a branch."""
 SCRIPT_KEYS: Final = ("a", "b", "c")
-"""The entries of the root's blackboard that random scripts use; all begin as 0."""
+"""The entries of the root's blackboard that random scripts use; their initial value is 0."""
 
-_EITHER: Final = st.booleans()
-_QUESTIONS: Final = ("@a == 0", "@a > @b", "@b != @c", "@c < 2 && @a >= 0", "true", "false")
+_BOOLEANS: Final = st.booleans()
+_CONDITIONS: Final = ("@a == 0", "@a > @b", "@b != @c", "@c < 2 && @a >= 0", "true", "false")
 _STATEMENTS: Final = ("@a := 1", "@a := @a + 1", "@b = @c + 1", "@c = @a == 0 ? 2 : 0", "@b := 0; @c := @b")
-_SCRIPTS: Final = {PortRole.SCRIPT: _STATEMENTS, PortRole.CONDITION: _QUESTIONS}
-_NUMBERS: Final = {PortRole.DURATION: 40, PortRole.REPETITIONS: 3}  # at most; milliseconds, turns
+_SCRIPTS: Final = {PortRole.SCRIPT: _STATEMENTS, PortRole.CONDITION: _CONDITIONS}
+_NUMBERS: Final = {PortRole.DURATION: 40, PortRole.REPETITIONS: 3}  # the maximum: milliseconds, repetitions
 _THRESHOLDS: Final = (PortRole.SUCCESSES, PortRole.FAILURES)
 _DRAWN_ROLES: Final = frozenset({*_SCRIPTS, *_NUMBERS, *_THRESHOLDS})
 _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
@@ -45,24 +45,25 @@ _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
 
 
 def _drawable_nodes(registry: Registry, format: int) -> dict[str, Manifest]:
-    found = [
+    """Return the nodes that random trees may contain, by ID, the simplest first."""
+    manifests = [
         manifest
         for manifest in registry.manifests_of(format).values()
         if manifest.type is not NodeType.SUBTREE
         and not manifest.parameters
         and all(port.default is not None or port.role in _DRAWN_ROLES for port in manifest.ports.values())
     ]
-    found.sort(key=lambda manifest: (len(manifest.ports), len(manifest.id)))
-    return {manifest.id: manifest for manifest in found}
+    manifests.sort(key=lambda manifest: (len(manifest.ports), len(manifest.id)))
+    return {manifest.id: manifest for manifest in manifests}
 
 
 _STANDARD: Final = Registry.standard()
 BUILTIN_MANIFESTS: Final[Mapping[int, Mapping[str, Manifest]]] = {
     format: _drawable_nodes(_STANDARD, format) for format in (3, 4)
 }
-"""The built-in nodes that random trees may have, by format and ID, the plainest first.
+"""The built-in nodes that random trees may contain, by format and ID, the simplest first.
 
-They are those that need no resource and no text other than a number, a script or a truth value.
+They need no resources, and their ports need only numbers, scripts and booleans.
 """
 
 
@@ -71,7 +72,7 @@ def _roles(manifest: Manifest) -> set[PortRole]:
 
 
 def _may_skip(manifest: Manifest) -> bool:
-    """Whether a node may be SKIPPED even if its child never is."""
+    """Return whether a node may be SKIPPED even if its children are not."""
     child = PossibleResults(frozenset({SUCCESS, FAILURE}), frozenset({SUCCESS, FAILURE}), True)
     defaults = {
         port.name: port.type.from_text(port.default)
@@ -82,7 +83,7 @@ def _may_skip(manifest: Manifest) -> bool:
 
 
 class Element(NamedTuple):
-    """One element of a random tree, before it has a name."""
+    """An element of a random tree, without its name."""
 
     tag: str
     ports: dict[str, str]
@@ -91,11 +92,20 @@ class Element(NamedTuple):
 
 @dataclass
 class TreeOptions:
-    """What may occur in a random tree.
+    """The nodes and attributes that may occur in a random tree, see `xml_documents`.
 
-    *planned* are the tags of leaves with their strategies for the port ``plan`` (None = the leaf has no
-    port), *tags* those of the nodes that may occur (None = all of btcore's), *own* the manifests of those
-    that aren't btcore's, *texts* the strategies for their ports, by tag and port.
+    Attributes:
+        planned: The strategies for the port ``plan`` of the planned leaves by tag; None for leaves without
+            it.
+        format: The XML format.
+        skipped: Whether nodes may be skipped.
+        timed: Whether nodes with durations may occur.
+        conditions: Whether attributes such as ``_skipIf`` may occur.
+        scripts: Whether scripts may occur.
+        max_depth: The maximum number of levels.
+        tags: The tags that may occur; None for all built-in nodes.
+        own: The manifests of the nodes that are not built in, by tag.
+        texts: Strategies for the values of ports, by tag and port.
     """
 
     planned: Mapping[str, SearchStrategy[str] | None]
@@ -110,7 +120,7 @@ class TreeOptions:
     texts: Mapping[str, Mapping[str, SearchStrategy[str]]] = field(default_factory=dict)
 
     def may_occur(self, manifest: Manifest) -> bool:
-        """Whether the built-in node of *manifest* may occur."""
+        """Return whether the built-in node of *manifest* may occur."""
         if self.tags is not None:
             return manifest.id in self.tags
         roles = _roles(manifest)
@@ -122,20 +132,28 @@ class TreeOptions:
 
 
 class TreeGenerator:
-    """Draws the elements of one tree. *callable_trees* are the IDs of trees that it may call."""
+    """A generator of the elements of a tree.
 
-    def __init__(self, draw: DrawFn, wishes: TreeOptions, budget: int, callable_trees: list[str]) -> None:
+    Args:
+        draw: The function of hypothesis that draws from a strategy.
+        options: What may occur in the tree.
+        budget: The maximum number of nodes; the attribute is the number that is left.
+        subtrees: The IDs of the trees that may be used as subtrees.
+    """
+
+    def __init__(self, draw: DrawFn, options: TreeOptions, budget: int, subtrees: list[str]) -> None:
         self.draw = draw
-        self.wishes = wishes
+        self.options = options
         self.budget = budget
-        self.trees = callable_trees
-        builtin = BUILTIN_MANIFESTS[wishes.format]
-        self.manifests = {id: one for id, one in builtin.items() if wishes.may_occur(one)} | dict(wishes.own)
-        leaves = [id for id, one in self.manifests.items() if not takes_children(one)]
-        planned = list(wishes.planned) if wishes.tags is None or not leaves else []
-        self.leaves = [*planned, *leaves, *(["SubTree"] if callable_trees else [])]
+        self.subtrees = subtrees
+        built_in = BUILTIN_MANIFESTS[options.format]
+        self.manifests = {id: item for id, item in built_in.items() if options.may_occur(item)}
+        self.manifests |= options.own
+        leaves = [id for id, item in self.manifests.items() if not takes_children(item)]
+        planned = list(options.planned) if options.tags is None or not leaves else []
+        self.leaves = [*planned, *leaves, *(["SubTree"] if subtrees else [])]
         self.instant = [tag for tag in planned if tag in INSTANT]
-        self.decorators = [id for id, one in self.manifests.items() if one.type is NodeType.DECORATOR]
+        self.decorators = [id for id, item in self.manifests.items() if item.type is NodeType.DECORATOR]
         self.controls: list[str] = []
         self.branches: list[str] = []
         for id, manifest in self.manifests.items():
@@ -146,133 +164,137 @@ class TreeGenerator:
                 self.controls.append(id)
 
     def pick(self, tags: Collection[str]) -> str:
-        """One of *tags*."""
+        """Draw one of *tags*."""
         tag: str = self.draw(cached_sampled_from(tuple(tags)))
         return tag
 
     def element(self, top: bool = False, depth: int = 1) -> Element:
-        """An element with its children; a tree whose *top* is a leaf has no other node."""
+        """Draw an element with its children.
+
+        Args:
+            top: Whether it is the root. A root is a leaf only if no other node is possible.
+            depth: The level of the element, from 1.
+        """
         self.budget -= 1
-        room = self.budget if depth < self.wishes.max_depth else 0
+        room = self.budget if depth < self.options.max_depth else 0
         kinds: list[Callable[[int], Element]] = []
         if room >= 1:
             kinds += [self.decorator] * bool(self.decorators)
             kinds += [self.control] * bool(self.controls_of(1))
         if room >= 3:
+            # Control nodes are drawn more often if there is room for several children.
             kinds += [self.control] * bool(self.controls_of(1))
             kinds += [self.branch] * bool(self.branches)
         if not (top and kinds):
             kinds.insert(0, self.leaf)
         kind = kinds[self.draw(cached_integers(0, len(kinds) - 1))]
-        return self.guarded(kind(depth))
+        return self.with_conditions(kind(depth))
 
     def controls_of(self, count: int) -> list[str]:
-        """The control nodes that can have *count* children."""
-        found = []
-        for id in self.controls:
-            least, most = self.manifests[id].cls.child_count
-            if least <= count and (most is None or count <= most):
-                found.append(id)
-        return found
+        """Return the control nodes that accept *count* children."""
+        limits = {id: self.manifests[id].cls.child_count for id in self.controls}
+        return [id for id, (low, high) in limits.items() if low <= count and (high is None or count <= high)]
 
     def leaf(self, depth: int) -> Element:
-        """A node without children."""
+        """Draw a node without children."""
         tag = self.pick(self.leaves)
-        if tag in self.wishes.planned:
-            plan = self.wishes.planned[tag]
+        if tag in self.options.planned:
+            plan = self.options.planned[tag]
             return Element(tag, {} if plan is None else {"plan": self.draw(plan)}, [])
         if tag == "SubTree":
-            return Element(tag, {"ID": self.pick(self.trees)}, [])
+            return Element(tag, {"ID": self.pick(self.subtrees)}, [])
         return Element(tag, self.ports(tag, 0), [])
 
     def decorator(self, depth: int) -> Element:
-        """A node with one child."""
+        """Draw a node with one child."""
         tag = self.pick(self.decorators)
         return Element(tag, self.ports(tag, 1), [self.element(depth=depth + 1)])
 
     def control(self, depth: int) -> Element:
-        """A node with any number of children."""
+        """Draw a control node with one to four children."""
         children = [self.element(depth=depth + 1)]
-        while self.budget > 0 and len(children) < 4 and self.draw(_EITHER):
+        while self.budget > 0 and len(children) < 4 and self.draw(_BOOLEANS):
             children.append(self.element(depth=depth + 1))
         tag = self.pick(self.controls_of(len(children)))
         if tag == "ReactiveSequence":
-            # The format allows one asynchronous child there.
+            # A ReactiveSequence allows only one asynchronous child.
             other = "Sequence" if "Sequence" in self.manifests else tag
-            children = [one._replace(tag=other) if one.tag == "AsyncSequence" else one for one in children]
+            children = [
+                child._replace(tag=other) if child.tag == "AsyncSequence" else child for child in children
+            ]
         return Element(tag, self.ports(tag, len(children)), children)
 
     def branch(self, depth: int) -> Element:
-        """A node whose first child decides; one that is skipped there is an error in format 4."""
+        """Draw a node whose first child is a condition, which must not be skipped in format 4."""
         self.budget -= 1
         tag = self.pick(self.branches)
-        asked = self.pick(self.instant)
-        plan = self.wishes.planned[asked]
+        condition = self.pick(self.instant)
+        plan = self.options.planned[condition]
         ports = {} if plan is None else {"plan": self.draw(_never_skipped(plan))}
         least = self.manifests[tag].cls.child_count[0] - 1
         count = self.draw(cached_integers(least, 2))
         below = [self.element(depth=depth + 1) for done in range(count) if done < least or self.budget > 0]
-        return Element(tag, {}, [Element(asked, ports, []), *below])
+        return Element(tag, {}, [Element(condition, ports, []), *below])
 
-    def guarded(self, element: Element) -> Element:
-        """*element*, sometimes with scripts around its ticks."""
-        if not self.wishes.conditions:
+    def with_conditions(self, element: Element) -> Element:
+        """Draw pre- and post-conditions, and return *element* with them."""
+        if not self.options.conditions:
             return element
-        before = ["_successIf", "_failureIf", *["_skipIf", "_while"] * self.wishes.skipped]
+        before = ["_successIf", "_failureIf", *["_skipIf", "_while"] * self.options.skipped]
         after = ["_onSuccess", "_onFailure", "_post", "_onHalted"]
         scripts: dict[str, str] = {}
-        for keys, texts in ((before, _QUESTIONS), (after, _STATEMENTS)):
+        for keys, texts in ((before, _CONDITIONS), (after, _STATEMENTS)):
             key = self.draw(cached_sampled_from((None, None, *keys)))
             if key is not None:
                 scripts[key] = self.draw(cached_sampled_from(texts))
         return element._replace(ports={**element.ports, **scripts})
 
     def ports(self, tag: str, count: int) -> dict[str, str]:
-        """The ports of a node that has *count* children."""
+        """Draw the ports of a node with *count* children."""
         texts: dict[str, str] = {}
         for port in self.manifests[tag].ports.values():
-            given = self.wishes.texts.get(tag, {}).get(port.name)
-            if given is not None:
-                texts[port.name] = self.draw(given)
+            strategy = self.options.texts.get(tag, {}).get(port.name)
+            if strategy is not None:
+                texts[port.name] = self.draw(strategy)
             elif port.role in _NUMBERS:
                 texts[port.name] = str(self.draw(cached_integers(0, _NUMBERS[port.role])))
             elif port.role in _THRESHOLDS:
-                # Format 3 has no 0, and its −1 is tried by the recorded cases.
-                least = -1 if port.role is PortRole.SUCCESSES and self.wishes.format == 4 else 1
+                # Format 3 does not allow 0; the recorded cases test its −1.
+                least = -1 if port.role is PortRole.SUCCESSES and self.options.format == 4 else 1
                 texts[port.name] = str(self.draw(cached_integers(least, count)))
             elif port.role in _SCRIPTS:
-                scripted = self.wishes.scripts or count == 0
+                scripted = self.options.scripts or count == 0
                 texts[port.name] = self.pick(_SCRIPTS[port.role] if scripted else ("true", "false"))
-            elif port.type is BOOL and tag not in self.wishes.own:
+            elif port.type is BOOL and tag not in self.options.own:
                 texts[port.name] = self.pick(["true", "false"])
             elif port.default is None:
                 texts[port.name] = self.draw(self.text(tag, port))
         return texts
 
     def text(self, tag: str, port: Port) -> SearchStrategy[str]:
-        """What *port* of a node that isn't btcore's may say."""
+        """Return a strategy for the values of *port* of a node that is not built in."""
         if not port.reads:
             return st.just("{" + port.name + "}")
         if port.type not in _TEXTS:
             raise InvalidArgument(
-                f"nobody knows what to write for the port '{port.name}' of <{tag}>, which takes "
-                f"{port.type.name}: say so with ports={{'{tag}': {{'{port.name}': a strategy of texts}}}}"
+                f"there is no strategy for the port '{port.name}' of <{tag}>, which has the type "
+                f"{port.type.name}: pass ports={{'{tag}': {{'{port.name}': a strategy of strings}}}}"
             )
         return _TEXTS[port.type]
 
 
-# A strategy is checked when it is first drawn from, which takes longer than a draw: each is made once.
+# Hypothesis validates a strategy at its first draw, which takes longer than a draw: strategies are reused.
 
 
 @cache
 def cached_sampled_from(things: Sequence[Any]) -> SearchStrategy[Any]:
-    """One of *things*, which are hashable, in a tuple."""
+    """Return a strategy of the elements of *things*, a tuple of hashable objects."""
     return st.sampled_from(things)
 
 
 @cache
 def cached_integers(least: int, most: int) -> SearchStrategy[int]:
-    """The integers from *least* to *most*."""
+    """Return a strategy of the integers from *least* to *most*."""
     return st.integers(least, most)
 
 
@@ -281,12 +303,17 @@ def _never_skipped(plan: SearchStrategy[str]) -> SearchStrategy[str]:
     return plan.map(lambda text: text.replace("K", "S"))
 
 
-def element_to_xml(element: Element, number: Iterator[int], indent: str, compact: bool) -> str:
-    """*element* as XML, named ``n`` and the next *number*; a line an element unless *compact*."""
+def element_to_xml(element: Element, numbers: Iterator[int], indent: str) -> str:
+    """Return an element as XML, with a line for each node.
+
+    Args:
+        element: The element.
+        numbers: The numbers for the names of the nodes.
+        indent: The indentation of the first line.
+    """
     ports = "".join(f" {key}={quoteattr(text)}" for key, text in element.ports.items())
-    start, end = ("", "") if compact else (indent, "\n")
-    head = f'{start}<{element.tag} name="n{next(number)}"{ports}'
+    head = f'{indent}<{element.tag} name="n{next(numbers)}"{ports}'
     if not element.children:
-        return f"{head}/>{end}"
-    inside = "".join(element_to_xml(child, number, indent + "  ", compact) for child in element.children)
-    return f"{head}>{end}{inside}{start}</{element.tag}>{end}"
+        return f"{head}/>\n"
+    inside = "".join(element_to_xml(child, numbers, indent + "  ") for child in element.children)
+    return f"{head}>\n{inside}{indent}</{element.tag}>\n"

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from btcore import Blackboard, BtcoreError, SimClock, loads
 from btcore.script.program import compile_script
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 from btcore.values import DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, VECTOR_DOUBLE, VECTOR_INT
 from btcore.xml.lint.validate import validate_document

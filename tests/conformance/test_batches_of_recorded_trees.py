@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from btcore import In, Registry, SimClock, Status, TreeError
-from btcore.testing.conformance import read_cases
-from btcore.testing.conformance_values import recorded_value
+from btcore.testing.conformance import read_cases, recorded_value
 
 np = pytest.importorskip("numpy")
 from btcore import batch  # noqa: E402

@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore.testing.conformance import main, read_cases
-from btcore.testing.conformance_trees import compare_tree_case, conformance_registry, run_case
+from btcore.testing.conformance import compare_tree_case, conformance_registry, main, read_cases, run_case
 
 DATA = Path(__file__).parent / "data"
 NODES = conformance_registry()
@@ -175,14 +174,14 @@ def test_what_stood_when_a_leaf_raised_is_compared_too() -> None:
 
 def test_a_tree_that_loads_but_should_not_is_a_difference() -> None:
     case = {**a_rich_case(), "expect": {"load_error": "it is broken"}}
-    assert compare_tree_case(case, NODES) == "the tree is to be refused, but it loads"
+    assert compare_tree_case(case, NODES) == "the tree should be rejected, but it loads"
 
 
 def test_a_tree_that_is_refused_but_should_load_is_a_difference() -> None:
     refused = a_refused_case()
     assert compare_tree_case(refused, NODES) is None
     case = {**refused, "expect": {"ticks": []}}
-    assert "the tree is to load, but it is refused" in str(compare_tree_case(case, NODES))
+    assert "the tree should load, but it is rejected" in str(compare_tree_case(case, NODES))
 
 
 def test_the_format_of_the_case_counts_and_not_that_of_its_text() -> None:
@@ -268,7 +267,7 @@ def test_a_file_that_cannot_be_read_ends_the_command_with_2_and_a_sentence(
     assert main([str(file)]) == 2
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err.startswith(f"{file}: can't be read as recorded cases: ")
+    assert said.err.startswith(f"{file}: cannot read the file as recorded cases: ")
     assert said.err.count("\n") == 1
 
 

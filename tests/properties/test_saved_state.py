@@ -26,7 +26,7 @@ from btcore.clock import NS_PER_MS
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.nodes.manual_selector import Prompt
 from btcore.testing import xml_documents
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of

@@ -62,11 +62,11 @@ def test_a_rule_that_no_node_is_met_by_is_told_of(
 MISTAKES = {
     "no file": (None, "rules.json: cannot read the file: No such file or directory."),
     "no text": (b"\xff\xfe", "rules.json: the file is not text in UTF-8."),
-    "no JSON": (b"{", "rules.json: the substitution rules are no JSON: "),
+    "no JSON": (b"{", "rules.json: the substitution rules are not valid JSON: "),
     "no rules": (b"{}", "rules.json: the substitution rules lack the object 'SubstitutionRules'."),
     "a setting": (
         b'{"TestNodeConfigs": {"c": {"return_satus": "SUCCESS"}}, "SubstitutionRules": {}}',
-        "the configuration 'c' has 'return_satus', which is no setting; did you mean 'return_status'?",
+        "the configuration 'c' has the unknown setting 'return_satus'; did you mean 'return_status'?",
     ),
 }
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError, condition
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 
 Grow = Callable[..., Tree]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import Blackboard, NodeExecutionError, Status, Tree, TreeError
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]

@@ -128,5 +128,7 @@ def test_a_tree_whose_leaves_follow_no_plan_is_refused_with_advice() -> None:
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Inverter><Holding/></Inverter></BehaviorTree></root>'
     )
     tree = btcore.loads(text, nodes=nodes, resources=[Arm()], clock=SimClock())
-    with pytest.raises(ValueError, match=r"not even 'Holding::2'; load it with nodes=with_mock_leaves"):
+    with pytest.raises(
+        ValueError, match=r"'Holding::2' is an ordinary leaf\); load it with nodes=with_mock_leaves"
+    ):
         Outcomes("S").drive(tree)

@@ -95,7 +95,7 @@ def test_it_fails(registry, harness):
     assert done.returncode == 1
     section = done.stdout.partition("btcore: tree 'Main'")[2].splitlines()
     assert section[1:4] == ["tick 1, at 0 s: RUNNING", "    all: IDLE → RUNNING", "    out: IDLE → SUCCESS"]
-    assert "  Sleep 'rest'  RUNNING  gave RUNNING" in section
+    assert "  Sleep 'rest'  RUNNING  returned RUNNING" in section
 
 
 def test_a_passing_test_shows_nothing(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_the_harness_works(registry, harness):
     assert harness(XML).run() is Status.SUCCESS
 
 def test_a_strategy_says_what_it_needs():
-    with pytest.raises(ImportError, match="trees draws with hypothesis: pip install hypothesis"):
+    with pytest.raises(ImportError, match="trees requires hypothesis: pip install hypothesis"):
         from btcore.testing import trees
 """,
         without="hypothesis",

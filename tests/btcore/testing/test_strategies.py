@@ -26,7 +26,7 @@ from btcore import (
     condition,
 )
 from btcore.testing import CallLog, Outcomes, blackboards, outcomes, trees, xml_documents
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 
 RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 SMALLEST = settings(
@@ -230,7 +230,7 @@ def test_a_port_of_unknown_type_needs_a_text() -> None:
     [
         ("Sequense", "did you mean 'Sequence'"),
         ("Grip", "did you mean 'Grab'|registry"),
-        ("Switch2", "can't have"),
+        ("Switch2", "cannot contain"),
     ],
 )
 def test_a_tag_that_nobody_can_grow_is_refused(tag: str, said: str) -> None:

@@ -262,7 +262,7 @@ def test_without_delay_the_result_comes_in_the_first_tick(status: Status) -> Non
 
 
 def test_idle_is_no_result() -> None:
-    with pytest.raises(ValueError, match="can't be IDLE"):
+    with pytest.raises(ValueError, match="cannot be IDLE"):
         TestNodeConfig(return_status=Status.IDLE)
 
 
@@ -388,11 +388,14 @@ def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{", "no JSON"),
+        ("{", "are not valid JSON"),
         ("[]", "must be an object"),
         ("{}", "lack the object 'SubstitutionRules'"),
         ('{"SubstitutionRules": ["Drive"]}', "'SubstitutionRules' must be an object"),
-        ('{"SubstitutionRules": {"Drive": 3}}', "the rule 'Drive' names a configuration or a node's ID"),
+        (
+            '{"SubstitutionRules": {"Drive": 3}}',
+            "the rule 'Drive' must name a configuration or the ID of a node, not 3",
+        ),
         ('{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {}}}', "needs 'return_status'"),
         (
             '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {"return_status": "IDLE"}}}',

@@ -45,11 +45,11 @@ def test_the_message_shows_the_ticks_and_the_tree(patrol: Patrol) -> None:
         "    round/way: IDLE → RUNNING",
         "    round/out: IDLE → RUNNING",
         "    BatteryOk::2: SUCCESS → IDLE",
-        "ReactiveSequence 'patrol'  RUNNING  gave RUNNING",
-        "  BatteryOk  IDLE  gave SUCCESS",
-        "  SubTree 'round'  RUNNING  gave RUNNING",
-        "    Sequence 'way'  RUNNING  gave RUNNING",
-        "      Drive 'out'  RUNNING  gave RUNNING",
+        "ReactiveSequence 'patrol'  RUNNING  returned RUNNING",
+        "  BatteryOk  IDLE  returned SUCCESS",
+        "  SubTree 'round'  RUNNING  returned RUNNING",
+        "    Sequence 'way'  RUNNING  returned RUNNING",
+        "      Drive 'out'  RUNNING  returned RUNNING",
         "      Script 'note'  IDLE",
         "      Drive 'back'  IDLE",
     ]
@@ -86,7 +86,7 @@ def test_nodes_begin_in_an_order(patrol: Patrol) -> None:
     harness.tick()
     assert_order(harness, "BatteryOk", "out", "note", "back")
     with pytest.raises(
-        AssertionError, match=r"order 'round/back', 'round/out', but it was 'round/out', 'round/back'"
+        AssertionError, match=r"order 'round/out', 'round/back', not 'round/back', 'round/out'"
     ):
         assert_order(harness, "back", "out")
 
@@ -102,7 +102,7 @@ def test_the_results_of_a_node_are_those_of_all_its_ticks(patrol: Patrol) -> Non
     harness = patrol("S", "RS", "S", "F")
     harness.tick(2)
     assert_results(harness, "out", [Status.RUNNING, Status.SUCCESS])
-    with pytest.raises(AssertionError, match="'out' gave RUNNING, SUCCESS, not nothing"):
+    with pytest.raises(AssertionError, match="'out' returned RUNNING, SUCCESS, not nothing"):
         assert_results(harness, "out", [])
 
 
@@ -138,12 +138,12 @@ def test_nodes_that_run_together_are_named_with_the_tick() -> None:
 
 def test_how_the_tree_ended(patrol: Patrol) -> None:
     harness = patrol("S", "F")
-    with pytest.raises(AssertionError, match="never ticked"):
+    with pytest.raises(AssertionError, match="was never ticked"):
         assert_ended(harness, Status.FAILURE)
     harness.tick()
     assert_ended(harness, Status.FAILURE)
     harness.halt()
-    with pytest.raises(AssertionError, match="to end SUCCESS, but: FAILURE"):
+    with pytest.raises(AssertionError, match="the tree ended with FAILURE, not SUCCESS"):
         assert_ended(harness, Status.SUCCESS)
 
 

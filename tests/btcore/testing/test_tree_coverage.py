@@ -76,8 +76,8 @@ def test_a_tree_in_which_too_little_was_seen_fails_with_the_report(tree: Tree) -
         coverage.require(nodes=0.9, results=0.5)
     said = str(failed.value)
     assert said.startswith(
-        "tree coverage: 71% of the nodes ran, and 90% are required; "
-        "38% of the results were seen, and 50% are required\n"
+        "tree coverage: 71% of the nodes ran, 90% are required; "
+        "38% of the results were returned, 50% are required\n"
     )
     assert said.endswith(coverage.report())
 

@@ -9,7 +9,7 @@ import pytest
 import btcore
 from btcore import Blackboard, BtcoreError, ControlNode, SimClock, StatefulAction, Status, SystemClock, Tree
 from btcore.nodes.sequence import Sequence
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog, PlanAction
 
 Grow = Callable[..., Tree]

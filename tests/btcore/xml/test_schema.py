@@ -10,7 +10,7 @@ from lxml import etree
 
 import btcore
 from btcore import In, Put, Registry, action
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 from btcore.xml.render.tree_xml import tree_to_xml
 from btcore.xml.schema import write_schema

@@ -10,8 +10,7 @@ import pytest
 
 import btcore
 from btcore.errors import Diagnostic, TreeError
-from btcore.testing.conformance import read_cases
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry, read_cases
 from btcore.testing.plan_leaves import CallLog
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text

@@ -6,7 +6,7 @@ import pytest
 
 import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
-from btcore.testing.conformance_trees import conformance_registry
+from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog
 
 
