@@ -70,9 +70,9 @@ def bare_loop(tree: Tree, kind: str) -> Work:
 
     Leaves that are classes are called by their method ``tick``, leaves that are functions directly.
     """
-    by_id = {"Succeed": benchmark_trees.succeed, "Fail": benchmark_trees.fail}
+    functions = benchmark_trees.FUNCTIONS
     leaves = [node for node in tree if not node.children]
-    calls = [by_id[leaf.id] if kind == "function" else leaf.tick for leaf in leaves]
+    calls = [functions[leaf.id] if kind == "function" else leaf.tick for leaf in leaves]
 
     def loop() -> object:
         for call in calls:

@@ -1,7 +1,7 @@
 """The trees of the benchmark `ticking`, independent of the engine that ticks them.
 
-A tree is a `Branch`, or the name of a leaf. The leaves ``succeed`` and ``fail`` only return their result;
-bump-and-go has four leaves of its own.
+A tree is a `Branch`, or the ID of a leaf. The leaves Succeed and Fail only return their result; bump-and-go
+has four leaves of its own.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -12,9 +12,9 @@ from btcore import Condition, Registry, StatefulAction, Status, SyncAction, acti
 
 SUCCESS, FAILURE, RUNNING = Status.SUCCESS, Status.FAILURE, Status.RUNNING
 OBSTACLE_RESULTS = (FAILURE,) * 9 + (SUCCESS,)
-"""The results of the leaf ``is_obstacle``, which are repeated."""
+"""The results of the leaf IsObstacle, which are repeated."""
 MOVES = (RUNNING, RUNNING, SUCCESS)
-"""The results of the leaves ``back`` and ``turn``, which are repeated."""
+"""The results of the leaves Back and Turn, which are repeated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ Shape = Branch | str
 
 def bump_and_go() -> Shape:
     """Return the first tree of the book, with 8 nodes."""
-    bump = Branch("Sequence", ("back", "turn"))
-    clear = Branch("Fallback", (Branch("Inverter", ("is_obstacle",)), bump))
-    return Branch("ReactiveSequence", (clear, "forward"))
+    bump = Branch("Sequence", ("Back", "Turn"))
+    clear = Branch("Fallback", (Branch("Inverter", ("IsObstacle",)), bump))
+    return Branch("ReactiveSequence", (clear, "Forward"))
 
 
 def layered(sequence: str, fallback: str, levels: int, failing: int) -> Shape:
@@ -47,10 +47,10 @@ def layered(sequence: str, fallback: str, levels: int, failing: int) -> Shape:
 
     def grow(level: int) -> Shape:
         if level == levels:
-            return "succeed"
+            return "Succeed"
         below = grow(level + 1)
         if level % 2:
-            return Branch(fallback, ("fail",) * failing + (below,))
+            return Branch(fallback, ("Fail",) * failing + (below,))
         return Branch(sequence, (below,) * 3)
 
     return grow(0)
@@ -60,12 +60,12 @@ TREES: dict[str, Callable[[], Shape]] = {
     "bump-and-go": bump_and_go,
     "deep": lambda: layered("Sequence", "Fallback", levels=8, failing=3),
     "reactive": lambda: layered("ReactiveSequence", "ReactiveFallback", levels=9, failing=5),
-    "wide": lambda: Branch("Sequence", ("succeed",) * 100),
+    "wide": lambda: Branch("Sequence", ("Succeed",) * 100),
 }
 
 
 def leaves(shape: Shape) -> Iterator[str]:
-    """Yield the names of the leaves of *shape*, in order."""
+    """Yield the IDs of the leaves of *shape*, in order."""
     if isinstance(shape, str):
         yield shape
     else:
@@ -130,16 +130,9 @@ def fail() -> bool:
     return False
 
 
-CLASSES = {
-    "succeed": Succeed,
-    "fail": Fail,
-    "is_obstacle": IsObstacle,
-    "back": Back,
-    "turn": Turn,
-    "forward": Forward,
-}
-FUNCTIONS = {"succeed": succeed, "fail": fail}
-BUILT_IN = {"succeed": "AlwaysSuccess", "fail": "AlwaysFailure"}
+CLASSES = {cls.__name__: cls for cls in (Succeed, Fail, IsObstacle, Back, Turn, Forward)}
+FUNCTIONS = {"Succeed": succeed, "Fail": fail}
+BUILT_IN = {"Succeed": "AlwaysSuccess", "Fail": "AlwaysFailure"}
 LEAVES: dict[str, Mapping[str, object]] = {"class": CLASSES, "function": FUNCTIONS, "built-in": BUILT_IN}
 KINDS = tuple(LEAVES)
 """The kinds of leaves: written in Python as classes or as functions, or built into the engine."""
@@ -165,7 +158,7 @@ def document(shape: Shape, kind: str) -> str:
 
     def element(part: Shape) -> str:
         if isinstance(part, str):
-            return f"<{BUILT_IN[part] if kind == 'built-in' else CLASSES[part].__name__}/>"
+            return f"<{BUILT_IN[part] if kind == 'built-in' else part}/>"
         return f"<{part.tag}>{''.join(map(element, part.children))}</{part.tag}>"
 
     return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{element(shape)}</BehaviorTree></root>'

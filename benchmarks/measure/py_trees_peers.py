@@ -71,19 +71,12 @@ def fail(self: Behaviour) -> Status:
 
 
 LEAVES: dict[str, dict[str, Any]] = {
-    "class": {
-        "succeed": Succeed,
-        "fail": Fail,
-        "is_obstacle": IsObstacle,
-        "back": Back,
-        "turn": Turn,
-        "forward": Forward,
-    },
+    "class": {cls.__name__: cls for cls in (Succeed, Fail, IsObstacle, Back, Turn, Forward)},
     "function": {
-        "succeed": create_behaviour_from_function(succeed),
-        "fail": create_behaviour_from_function(fail),
+        "Succeed": create_behaviour_from_function(succeed),
+        "Fail": create_behaviour_from_function(fail),
     },
-    "built-in": {"succeed": py_trees.behaviours.Success, "fail": py_trees.behaviours.Failure},
+    "built-in": {"Succeed": py_trees.behaviours.Success, "Fail": py_trees.behaviours.Failure},
 }
 CONTROLS: dict[str, tuple[type[composites.Composite], bool]] = {
     "Sequence": (composites.Sequence, True),

@@ -46,11 +46,7 @@ class BenchmarkError(Exception):
 @click.option("--pairs", type=click.IntRange(1), metavar="N", help="Number of paired runs.")
 @click.option("--quick", is_flag=True, help="Use tiny sizes, to check that every benchmark works.")
 @click.option(
-    "--json",
-    "json_file",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Write all measurements to FILE.",
+    "--json", "json_file", type=files.OUTPUT_FILE, metavar="FILE", help="Write all measurements to FILE."
 )
 @click.option(
     "--beside",
@@ -60,7 +56,7 @@ class BenchmarkError(Exception):
 )
 @click.option(
     "--plot",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=files.OUTPUT_FILE,
     metavar="FILE",
     help="Plot the ratios that have a target, of this run and of --beside.",
 )

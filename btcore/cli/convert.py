@@ -23,7 +23,7 @@ _BYTE_ORDER_MARK = "\ufeff".encode()
 @click.option(
     "-o",
     "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=files.OUTPUT_FILE,
     metavar="FILE",
     help="Write the result to this file instead of stdout.",
 )

@@ -69,7 +69,7 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
 def _headline(divergence: Divergence) -> str:
     count = divergence.common
     first, second = divergence.first, divergence.second
-    headline = f"the runs differ after {count or 'no'} common transition{'' if count == 1 else 's'}"
+    headline = f"the runs differ after {terminal.counted(count, 'common transition', zero='no')}"
     if first is None or second is None:
         ended, other = ("A", "B") if first is None else ("B", "A")
         return f"{headline}: {ended} ends, {other} continues"

@@ -1,8 +1,12 @@
-"""Writing a command's output to a file."""
+"""Options for output files, and writing them."""
 
 from pathlib import Path
+from typing import Final
 
 import click
+
+OUTPUT_FILE: Final = click.Path(dir_okay=False, path_type=Path)
+"""The type of an option that names a file to write."""
 
 
 def write(target: Path, data: bytes) -> None:

@@ -23,12 +23,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 @node_libraries.plugin_option
 @node_libraries.model_option
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
-@click.option(
-    "--svg",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Write the drawing to an SVG file.",
-)
+@click.option("--svg", type=files.OUTPUT_FILE, metavar="FILE", help="Write the drawing to an SVG file.")
 @click.option(
     "--data", "as_table", is_flag=True, help="List the nodes that write and read each blackboard entry."
 )
@@ -82,7 +77,7 @@ def _draw(node: DiagramNode, above: Drawing, ports: bool) -> None:
     line = terminal.node_symbol(node.symbol, node.type)
     line.append(node.name, style="bold" if node.type is not NodeType.ACTION else "")
     if node.name != node.id:
-        line.append(f"  {node.id}", style=terminal.KIND_STYLE.get(node.type, ""))
+        line.append(f"  {node.id}", style=line.style)
     line.append(f"  {node.uid}", style="dim")
     if ports:
         for key, text, _ in node.ports:

@@ -11,7 +11,6 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.clock import NS_PER_S
 from btcore.logs import RecordedStatistics, Recording, read_log, recorded_statistics
-from btcore.status import FAILURE, SUCCESS
 
 SLOWEST: Final = 3
 """The number of leaves that are listed under the table."""
@@ -74,8 +73,8 @@ def _table(rows: Sequence[RecordedStatistics]) -> Table:
         times = [_seconds(ns) for ns in (row.total, row.mean, row.longest)] if row.runs else [""] * 3
         table.add_row(
             label,
-            _count(row.success, terminal.STATUS_STYLE[SUCCESS]),
-            _count(row.failure, terminal.STATUS_STYLE[FAILURE]),
+            _count(row.success, "bold green"),
+            _count(row.failure, "bold red"),
             _count(row.skipped),
             _count(row.halted),
             rate,

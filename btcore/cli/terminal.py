@@ -14,33 +14,20 @@ from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
 
-STATUS_STYLE: Final = {
-    Status.IDLE: "dim",
-    Status.RUNNING: "bold yellow",
-    Status.SUCCESS: "bold green",
-    Status.FAILURE: "bold red",
-    Status.SKIPPED: "cyan",
+# The sign and the style of each status and each node type.
+_STATUSES: Final = {
+    Status.IDLE: ("○", "dim"),
+    Status.RUNNING: ("▶", "bold yellow"),
+    Status.SUCCESS: ("✔", "bold green"),
+    Status.FAILURE: ("✘", "bold red"),
+    Status.SKIPPED: ("↷", "cyan"),
 }
-STATUS_SIGN: Final = {
-    Status.IDLE: "○",
-    Status.RUNNING: "▶",
-    Status.SUCCESS: "✔",
-    Status.FAILURE: "✘",
-    Status.SKIPPED: "↷",
-}
-KIND_STYLE: Final = {
-    NodeType.ACTION: "green",
-    NodeType.CONDITION: "cyan",
-    NodeType.CONTROL: "bold blue",
-    NodeType.DECORATOR: "magenta",
-    NodeType.SUBTREE: "bold yellow",
-}
-_KIND_SIGN: Final = {
-    NodeType.ACTION: "▪",
-    NodeType.CONDITION: "◦",
-    NodeType.CONTROL: "●",
-    NodeType.DECORATOR: "◇",
-    NodeType.SUBTREE: "▣",
+_KINDS: Final = {
+    NodeType.ACTION: ("▪", "green"),
+    NodeType.CONDITION: ("◦", "cyan"),
+    NodeType.CONTROL: ("●", "bold blue"),
+    NodeType.DECORATOR: ("◇", "magenta"),
+    NodeType.SUBTREE: ("▣", "bold yellow"),
 }
 
 
@@ -71,7 +58,8 @@ def node_symbol(symbol: str, kind: NodeType) -> Text:
         symbol: The symbol that the node's class declares, or "". Only its first character is used.
         kind: The node type, whose symbol is used by default.
     """
-    return Text(f"{symbol[:1] or _KIND_SIGN.get(kind, '▪')} ", style=KIND_STYLE.get(kind, ""))
+    sign, style = _KINDS.get(kind, ("▪", ""))
+    return Text(f"{symbol[:1] or sign} ", style=style)
 
 
 def recorded_symbol(node_id: str, kind: NodeType) -> Text:
@@ -85,14 +73,21 @@ def recorded_symbol(node_id: str, kind: NodeType) -> Text:
     return node_symbol("" if cls is None else cls.node_symbol, kind)
 
 
-def counted(count: int, noun: str) -> str:
-    """Return a number with *noun*, which is in the plural unless the number is 1."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+def counted(count: int, noun: str, zero: str = "0") -> str:
+    """Return a number with a noun.
+
+    Args:
+        count: The number.
+        noun: The noun in the singular.
+        zero: The word for 0.
+    """
+    return f"{count or zero} {noun}{'' if count == 1 else 's'}"
 
 
 def format_status(value: Status) -> Text:
     """Return the symbol and the name of a status, in its colour."""
-    return Text(f"{STATUS_SIGN[value]} {value.name}", style=STATUS_STYLE[value])
+    sign, style = _STATUSES[value]
+    return Text(f"{sign} {value.name}", style=style)
 
 
 def format_diagnostic(diagnostic: Diagnostic) -> Text:

@@ -173,9 +173,7 @@ class TickLoop:
             raise KeyboardInterrupt
         self._stop = True
         # In threads, since the handler may have interrupted code that holds the locks that these calls need.
-        threading.Thread(target=self._leave_breakpoint, daemon=True).start()
+        # The lambda matters: the access to `hooks` takes a lock, too.
+        threading.Thread(target=lambda: self.tree.hooks.ignore_breakpoints(), daemon=True).start()
         if self._waiting:
             threading.Thread(target=self.tree.context.wake_up, daemon=True).start()
-
-    def _leave_breakpoint(self) -> None:
-        self.tree.hooks.ignore_breakpoints()

@@ -92,17 +92,9 @@ def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: 
         console.print(terminal.format_diagnostic(diagnostic), soft_wrap=True)
         console.print()
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
-    mark.append(
-        ", ".join(
-            [_counted(files, "file"), _counted(len(errors), "error"), _counted(len(warnings), "warning")]
-        ),
-        style="bold",
-    )
-    console.print(mark)
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+    counts = {"file": files, "error": len(errors), "warning": len(warnings)}
+    parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
+    console.print(mark.append(", ".join(parts), style="bold"))
 
 
 def _as_data(diagnostic: Diagnostic) -> dict[str, object]:

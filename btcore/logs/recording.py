@@ -10,17 +10,12 @@ from lxml import etree
 
 from btcore.logs.files import LogError
 from btcore.status import IDLE, NodeType, Status
+from btcore.xml.models.tree_nodes_model import TAG_OF
 
 STATUSES: Final = {int(status): status for status in Status}
 
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
-_TYPES: Final = {
-    "Action": NodeType.ACTION,
-    "Condition": NodeType.CONDITION,
-    "Control": NodeType.CONTROL,
-    "Decorator": NodeType.DECORATOR,
-    "SubTree": NodeType.SUBTREE,
-}
+_TYPES: Final = {tag: kind for kind, tag in TAG_OF.items() if kind is not NodeType.UNDEFINED}
 
 
 class LoggedTransition(NamedTuple):

@@ -14,17 +14,11 @@ from btcore.logs.files import create, write_whole
 from btcore.logs.log import Log
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status, Transition
 from btcore.tree.tree import Tree
+from btcore.xml.models.tree_nodes_model import TAG_OF
 
 _HEAD: Final = b'{"traceEvents":[\n'
 _TAIL: Final = b"\n]}\n"
-_CATEGORIES: Final = {
-    NodeType.ACTION: "Action",
-    NodeType.CONDITION: "Condition",
-    NodeType.CONTROL: "Control",
-    NodeType.DECORATOR: "Decorator",
-    NodeType.SUBTREE: "SubTree",
-    NodeType.UNDEFINED: "Undefined",
-}
+_CATEGORIES: Final = {**TAG_OF, NodeType.UNDEFINED: "Undefined"}
 
 
 class TraceLog(Log):

@@ -55,7 +55,6 @@ class FigureSummary:
     """The distribution of a figure over all episodes that have it."""
 
     name: str
-    count: int
     least: float
     median: float
     mean: float
@@ -173,7 +172,7 @@ def _spreads(rows: Sequence[Row]) -> list[FigureSummary]:
         values = [row[name] for row in rows if _is_number(row.get(name))]
         if values and not name.startswith("param."):
             numbers = min(values), median(values), fmean(values), max(values)
-            summaries.append(FigureSummary(name, len(values), *map(float, numbers)))
+            summaries.append(FigureSummary(name, *map(float, numbers)))
     return summaries
 
 

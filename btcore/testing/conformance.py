@@ -14,6 +14,7 @@ from enum import Enum, IntEnum
 from pathlib import Path
 from typing import Any, Final
 
+from btcore import values
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import LegacyBlackboard
 from btcore.clock import SimClock
@@ -25,29 +26,6 @@ from btcore.script.program import compile_script
 from btcore.status import Status, Transition
 from btcore.testing.plan_leaves import CallLog, Inc, PlanAction, PlanCondition, PlanSync
 from btcore.tree.tree import Tree
-from btcore.values import (
-    BOOL,
-    DOUBLE,
-    FLOAT,
-    INT,
-    INT8,
-    INT16,
-    INT64,
-    NODE_STATUS,
-    PORT_DIRECTION,
-    STRING,
-    UINT,
-    UINT8,
-    UINT16,
-    UINT64,
-    VECTOR_BOOL,
-    VECTOR_DOUBLE,
-    VECTOR_INT,
-    VECTOR_STRING,
-    ValueType,
-    number_of,
-    to_text,
-)
 
 MAX_DIFFERENCES = 10  # that are printed
 KINDS = {"xml", "script", "convert"}
@@ -55,27 +33,27 @@ KINDS = {"xml", "script", "convert"}
 ENUMS: Final[Mapping[str, int]] = {"RED": 1, "GREEN": 2, "BLUE": 3}
 """The enums of the recorded scripts."""
 
-RECORDED_TYPES: Final[Mapping[str, ValueType]] = {
-    "bool": BOOL,
-    "string": STRING,
-    "int": INT,
-    "int8": INT8,
-    "int16": INT16,
-    "int32": INT,
-    "int64": INT64,
-    "unsigned": UINT,
-    "uint8": UINT8,
-    "uint16": UINT16,
-    "uint32": UINT,
-    "uint64": UINT64,
-    "float": FLOAT,
-    "double": DOUBLE,
-    "NodeStatus": NODE_STATUS,
-    "PortDirection": PORT_DIRECTION,
-    "vector<bool>": VECTOR_BOOL,
-    "vector<int>": VECTOR_INT,
-    "vector<double>": VECTOR_DOUBLE,
-    "vector<string>": VECTOR_STRING,
+RECORDED_TYPES: Final[Mapping[str, values.ValueType]] = {
+    "bool": values.BOOL,
+    "string": values.STRING,
+    "int": values.INT,
+    "int8": values.INT8,
+    "int16": values.INT16,
+    "int32": values.INT,
+    "int64": values.INT64,
+    "unsigned": values.UINT,
+    "uint8": values.UINT8,
+    "uint16": values.UINT16,
+    "uint32": values.UINT,
+    "uint64": values.UINT64,
+    "float": values.FLOAT,
+    "double": values.DOUBLE,
+    "NodeStatus": values.NODE_STATUS,
+    "PortDirection": values.PORT_DIRECTION,
+    "vector<bool>": values.VECTOR_BOOL,
+    "vector<int>": values.VECTOR_INT,
+    "vector<double>": values.VECTOR_DOUBLE,
+    "vector<string>": values.VECTOR_STRING,
 }
 """The types of the conversion cases, by name."""
 
@@ -232,7 +210,7 @@ def recorded_value(value: object) -> object:
     """
     if value is None or isinstance(value, str):
         return value
-    number = number_of(value)
+    number = values.number_of(value)
     if number is None:
         return "?"
     return float(number) if math.isfinite(number) else None
@@ -307,7 +285,7 @@ def _as_json(value: object) -> object:
     if isinstance(value, list):
         return [_as_json(item) for item in value]
     if isinstance(value, Enum):
-        return to_text(value)
+        return values.to_text(value)
     if isinstance(value, float) and not math.isfinite(value):
         return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
     return value

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
-from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, Status
+from btcore.status import FAILURE, SKIPPED, SUCCESS, Status
 from btcore.testing.plan_leaves import LETTERS
 from btcore.testing.trace import ResultTracker
 from btcore.tree.tree import Tree
@@ -25,7 +25,6 @@ class NodeCoverage:
     Attributes:
         path: The full path.
         id: The registration ID.
-        type: The node type.
         depth: The level below the root.
         results: All results of its ticks, including RUNNING and SKIPPED.
         possible_results: The results that tests should cover: SUCCESS and FAILURE, unless the node's class
@@ -34,7 +33,6 @@ class NodeCoverage:
 
     path: str
     id: str
-    type: NodeType
     depth: int
     results: set[Status] = field(default_factory=set)
     possible_results: frozenset[Status] = frozenset({SUCCESS, FAILURE})
@@ -66,7 +64,7 @@ class Coverage:
         depths = _depths(tree)
         for key, node in tree.nodes_by_path().items():
             ends = behaviour_of(type(node)).may_return & {SUCCESS, FAILURE}
-            known.setdefault(key, NodeCoverage(key, node.id, node.type, depths[node.uid], set(), ends))
+            known.setdefault(key, NodeCoverage(key, node.id, depths[node.uid], set(), ends))
         tree.subscribe(_Watch(tree, known))
 
     @property
