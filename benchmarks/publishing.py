@@ -89,28 +89,23 @@ def run_client(port: int, requests_status: bool, stop: Event) -> None:
     from btcore_monitor.watch.feed import Feed
     from btcore_monitor.wire.groot2 import Request, encode_request
 
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    socket = None
     next_request = 0.0
-    with contextlib.closing(Feed(f"127.0.0.1:{port}")) as feed:
+    with (
+        zmq.Context() as context,
+        context.socket(zmq.REQ) as socket,
+        contextlib.closing(Feed(f"127.0.0.1:{port}")) as feed,
+    ):
+        # The publisher changes between runs: a request without a reply must not block the next request.
+        for option, value in ((zmq.REQ_RELAXED, 1), (zmq.REQ_CORRELATE, 1), (zmq.LINGER, 0)):
+            socket.setsockopt(option, value)
+        socket.connect(f"tcp://127.0.0.1:{port}")
         while not stop.is_set():
             feed.poll(STATUS_INTERVAL)
-            now = time.monotonic()
-            if not requests_status or now < next_request:
-                continue
-            next_request = now + STATUS_INTERVAL
-            if socket is None:
-                socket = context.socket(zmq.REQ)
-                socket.setsockopt(zmq.LINGER, 0)
-                socket.connect(f"tcp://127.0.0.1:{port}")
-            socket.send_multipart(encode_request(Request.STATUS, 1))
-            if socket.poll(1000):
-                socket.recv_multipart()
-            else:
-                # A REQ socket cannot send again before it has received a reply.
-                socket.close()
-                socket = None
-    context.destroy()
+            if requests_status and time.monotonic() >= next_request:
+                next_request = time.monotonic() + STATUS_INTERVAL
+                socket.send_multipart(encode_request(Request.STATUS, 1))
+                if socket.poll(1000):
+                    socket.recv_multipart()
 
 
 @contextlib.contextmanager

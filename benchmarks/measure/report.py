@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -34,17 +35,13 @@ class Target:
     aim: float = 1.0
 
     def text(self, build: str) -> str:
-        """Return the target for *build* as text; "" without a target."""
-        if build not in self.by_build:
-            return ""
+        """Return the target for *build* as text."""
         limit = self.by_build[build]
         aim = f", aim {self.aim * limit:g}" if self.aim != 1.0 and build == "compiled" else ""
         return f"{self.sense} {limit:g}{aim}"
 
-    def is_met(self, build: str, ratio: float) -> bool | None:
-        """Return whether *ratio* meets the target for *build*; None without a target."""
-        if build not in self.by_build:
-            return None
+    def is_met(self, build: str, ratio: float) -> bool:
+        """Return whether *ratio* meets the target for *build*."""
         limit = self.by_build[build]
         return ratio >= limit if self.sense == "≥" else ratio <= limit
 
@@ -59,23 +56,6 @@ def at_most(**by_build: float) -> Target:
     return Target("≤", by_build)
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """A row of a report.
-
-    Attributes:
-        what: The two things that are compared.
-        ratio: Their ratio.
-        target: Its target.
-        figures: Further columns with absolute values, which are valid for this machine only.
-    """
-
-    what: str
-    ratio: Spread
-    target: Target | None
-    figures: Mapping[str, str]
-
-
 @dataclass(slots=True)
 class Report:
     """The report of a benchmark.
@@ -84,14 +64,14 @@ class Report:
         name: The name of the benchmark.
         question: The heading.
         pairs: The number of paired runs.
-        rows: The rows.
+        rows: The rows as JSON data.
         remarks: Lines that are printed below the table.
     """
 
     name: str
     question: str
     pairs: int
-    rows: list[Row] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
     def add(
@@ -101,8 +81,21 @@ class Report:
         target: Target | None = None,
         figures: Mapping[str, str] | None = None,
     ) -> None:
-        """Add a row; the arguments are described at `Row`."""
-        self.rows.append(Row(what, ratio, target, figures or {}))
+        """Add a row.
+
+        Args:
+            what: The two things that are compared.
+            ratio: Their ratio.
+            target: The target of the ratio.
+            figures: Further columns with absolute values, which are valid for this machine only.
+        """
+        build = builds.active_build()
+        row = {"what": what, **asdict(ratio), "figures": dict(figures or {})}
+        if target is not None and build in target.by_build:
+            row["target"] = target.text(build)
+            row["limit"] = target.by_build[build]
+            row["met"] = target.is_met(build, ratio.median)
+        self.rows.append(row)
 
     def output(self, json_file: str | None = None) -> None:
         """Print the report as a table, and write it to *json_file*; if that is ``-``, print JSON instead."""
@@ -116,51 +109,42 @@ class Report:
 
     def as_data(self) -> dict[str, object]:
         """Return the report as JSON data."""
-        build = builds.active_build()
-        rows = []
-        for row in self.rows:
-            data = {"what": row.what, **asdict(row.ratio), "figures": dict(row.figures)}
-            if row.target is not None and row.target.text(build):
-                data["target"] = row.target.text(build)
-                data["limit"] = row.target.by_build[build]
-                data["met"] = row.target.is_met(build, row.ratio.median)
-            rows.append(data)
         return {
             "benchmark": self.name,
             "question": self.question,
-            "build": build,
+            "build": builds.active_build(),
             "python": platform.python_version(),
             "cores": os.cpu_count(),
             "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
             "pairs": self.pairs,
-            "rows": rows,
+            "rows": self.rows,
             "remarks": self.remarks,
         }
 
     def _print(self) -> None:
         data = self.as_data()
-        build = builds.active_build()
         console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
         console.print(f"[bold]{self.question}[/]")
         console.print(
-            f"btcore: {build}; Python {data['python']}; {data['cores']} cores at load {data['load']}; "
-            f"medians of {self.pairs} pairs, and their quartiles"
+            f"btcore: {data['build']}; Python {data['python']}; "
+            f"{data['cores']} cores at load {data['load']}; medians of {self.pairs} pairs, quartiles"
         )
         table = Table(box=None, pad_edge=False, header_style="dim")
-        columns = list(dict.fromkeys(name for row in self.rows for name in row.figures))
+        columns = list(dict.fromkeys(name for row in self.rows for name in row["figures"]))
         table.add_column("")
         for name in [*columns, "ratio", "spread", "target"]:
             table.add_column(name, justify="right", no_wrap=True)
         for row in self.rows:
-            met = None if row.target is None else row.target.is_met(build, row.ratio.median)
-            target = "" if row.target is None else row.target.text(build)
-            colour = {True: "green", False: "red", None: "none"}[met]
+            target = ""
+            if "target" in row:
+                colour, sign = ("green", "✓") if row["met"] else ("red", "✗")
+                target = f"[{colour}]{row['target']} {sign}[/]"
             table.add_row(
-                row.what,
-                *(row.figures.get(name, "") for name in columns),
-                f"[bold]{in_short(row.ratio.median)}[/]",
-                f"{in_short(row.ratio.low)} – {in_short(row.ratio.high)}",
-                f"[{colour}]{target}{' ✓' if met else ' ✗' if met is False else ''}[/]",
+                row["what"],
+                *(row["figures"].get(name, "") for name in columns),
+                f"[bold]{in_short(row['median'])}[/]",
+                f"{in_short(row['low'])} – {in_short(row['high'])}",
+                target,
             )
         console.print(table)
         for remark in self.remarks:

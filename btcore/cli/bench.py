@@ -83,7 +83,8 @@ def bench(
         raise click.UsageError(f"unknown benchmark '{unknown[0]}'. {hint}")
     if only_list:
         for name, file in known.items():
-            click.echo(f"{name:<22} {first_line(file)}")
+            summary = file.read_text(encoding="utf-8").removeprefix('"""').split("\n", 1)[0]
+            click.echo(f"{name:<22} {summary}")
         return
     earlier = _read(beside) if beside is not None else []
     measured = []
@@ -117,11 +118,6 @@ def folder() -> Path:
 def benchmarks(here: Path) -> dict[str, Path]:
     """Return the files of the benchmarks in the folder *here*, by name."""
     return {path.stem: path for path in sorted(here.glob("*.py")) if path.stem != "__init__"}
-
-
-def first_line(file: Path) -> str:
-    """Return the first line of a benchmark's docstring."""
-    return file.read_text(encoding="utf-8").removeprefix('"""').split("\n", 1)[0]
 
 
 def _run(file: Path, pairs: int | None, quick: bool) -> BenchmarkData:

@@ -1,6 +1,6 @@
 """``btcore run --set``: blackboard entries that are written before the first tick."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import click
 
@@ -13,12 +13,11 @@ from btcore.values import ValueType
 from btcore.values.numbers import read_json
 
 
-def parse_entries(texts: Iterable[str], option: str = "--set") -> dict[str, str]:
+def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
     """Return the keys and the texts of their values.
 
     Args:
         texts: Assignments in the form KEY=VALUE or ``{KEY}=VALUE``.
-        option: The command-line option, for error messages.
 
     Raises:
         click.UsageError: A text is not an assignment, or a key is assigned twice.
@@ -29,30 +28,26 @@ def parse_entries(texts: Iterable[str], option: str = "--set") -> dict[str, str]
         key = remapped_key(left_side, left_side) or left_side.strip()
         if not equals or not key:
             raise click.UsageError(
-                f"{option} '{text}' is not an assignment: write KEY=VALUE, for example {option} laps=3."
+                f"--set '{text}' is not an assignment: write KEY=VALUE, for example --set laps=3."
             )
         if key in entries:
-            raise click.UsageError(f"{option}: '{key}' is set more than once.")
+            raise click.UsageError(f"--set: '{key}' is set more than once.")
         entries[key] = value
     return entries
-
-
-def _callback(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> dict[str, str]:
-    return parse_entries(texts)
 
 
 set_option = click.option(
     "--set",
     "entries",
     multiple=True,
-    callback=_callback,
+    callback=lambda ctx, option, texts: _parse_entries(texts),
     metavar="KEY=VALUE",
     help="Set an entry of the main tree's blackboard before the first tick. VALUE has the type of the "
     "ports that use KEY; without a typed port it is read as JSON if possible, else as a string. Repeatable.",
 )
 
 
-def value_of(text: str, kind: ValueType | None, format: int) -> object:
+def _value_of(text: str, kind: ValueType | None, format: int) -> object:
     """Convert the text of a value.
 
     Args:
@@ -73,7 +68,7 @@ def value_of(text: str, kind: ValueType | None, format: int) -> object:
     return text if value is None else value
 
 
-def write(tree: Tree, entries: Mapping[str, str], option: str = "--set") -> None:
+def write(tree: Tree, entries: Mapping[str, str]) -> None:
     """Write entries to the blackboard of a tree, before its first tick.
 
     A key that no port uses is written too; if it resembles a key that a port uses, a warning is printed.
@@ -81,7 +76,6 @@ def write(tree: Tree, entries: Mapping[str, str], option: str = "--set") -> None
     Args:
         tree: The tree.
         entries: The texts of the values, by key.
-        option: The command-line option, for messages.
 
     Raises:
         click.UsageError: A text is not a value of its key's type.
@@ -93,10 +87,10 @@ def write(tree: Tree, entries: Mapping[str, str], option: str = "--set") -> None
             nearest = nearest_name(key, (other for other in board.visible_keys() if other not in entries))
             if nearest is not None:
                 terminal.print_warning(
-                    f"{option} {key}: no port of the tree uses '{key}'; did you mean '{nearest}'?"
+                    f"--set {key}: no port of the tree uses '{key}'; did you mean '{nearest}'?"
                 )
         kind = entry.declared if entry is not None and entry.declared.strong else None
         try:
-            board.set(key, value_of(text, kind, tree.format), kind)
+            board.set(key, _value_of(text, kind, tree.format), kind)
         except (BlackboardError, ConversionError) as error:
-            raise click.UsageError(f"{option} {key}={text}: {error}.") from error
+            raise click.UsageError(f"--set {key}={text}: {error}.") from error

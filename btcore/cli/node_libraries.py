@@ -1,7 +1,6 @@
 """The nodes of a command: built-in, installed, loaded by ``--plugin``, and declared by ``--model``."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -11,7 +10,7 @@ import click
 from btcore.cli import terminal
 from btcore.cli.entry_points import UnavailableEntryPoint, distribution_of
 from btcore.diagnostic_codes import UNKNOWN_NODE
-from btcore.errors import Diagnostic, RegistrationError, TreeError
+from btcore.errors import Diagnostic, RegistrationError
 from btcore.registry.registry import ENTRY_POINTS, Registry
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.diagnostics import DiagnosticCollector
@@ -81,16 +80,6 @@ class NodeLibraries:
         return [
             f"the node library '{library.name}' cannot be loaded: {library.remedy}" for library in self.absent
         ]
-
-    @contextmanager
-    def annotate_errors(self) -> Iterator[None]:
-        """Return a context that adds :meth:`missing_library_notes` to a TreeError raised in it."""
-        try:
-            yield
-        except TreeError as error:
-            for note in self.missing_library_notes(error.diagnostics):
-                error.add_note(note)
-            raise
 
 
 def load_libraries(plugins: Sequence[str], models: Sequence[Path] = ()) -> NodeLibraries:

@@ -65,7 +65,8 @@ def _print(manifests: Sequence[Manifest]) -> None:
         for number, manifest in enumerate(section):
             name = terminal.node_symbol(manifest.cls.node_symbol, kind)
             name.append(manifest.id, style="bold")
-            about = Text(_first_paragraph(manifest.description))
+            first_paragraph = manifest.description.strip().split("\n\n")[0]
+            about = Text(" ".join(first_paragraph.split()))
             if manifest.ports:
                 about.append("\n" if about else "")
                 about.append_text(Text("   ").join(_port(port) for port in manifest.ports.values()))
@@ -78,23 +79,14 @@ def _port(port: Port) -> Text:
     """Return the direction, name, type and default of *port*, with no-break spaces between them."""
     # With normal spaces the terminal would break a port between its name and its type.
     text = Text.assemble((_ARROW[port.direction] + "\u00a0", "dim"), (port.name, "yellow"))
-    text.append(f"\u00a0{_short(port.type.name)}".replace(" ", "\u00a0"), style="dim")
+    type_name = port.type.name.replace("BT::", "").replace("std::", "").replace(" ", "\u00a0")
+    text.append(f"\u00a0{type_name}", style="dim")
     if port.default is not None:
         default = port.default
         if default and port.type is DOUBLE:
             default = f"{float(default):g}"
         text.append(f"\u00a0=\u00a0{default or '””'}", style="cyan")
     return text
-
-
-def _short(type_name: str) -> str:
-    """Return a C++ type name without its namespaces."""
-    return type_name.replace("BT::", "").replace("std::", "")
-
-
-def _first_paragraph(description: str) -> str:
-    """Return the first paragraph of *description* on one line."""
-    return " ".join(description.strip().split("\n\n")[0].split())
 
 
 def _as_data(manifest: Manifest) -> dict[str, object]:

@@ -13,20 +13,15 @@ from btcore.cli import initial_blackboard, node_libraries, stub_plans, substitut
 from btcore.cli.extension import gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
-from btcore.cli.tree_source import (
-    CheckedSource,
-    SaveWatcher,
-    TreeSource,
-    find_tree,
-    format_option,
-    tree_option,
-)
+from btcore.cli.tree_source import SaveWatcher, TreeSource, find_tree, format_option, tree_option
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.errors import TreeError
+from btcore.registry.registry import Registry
 from btcore.run_extension import RunExtension
 from btcore.suggestions import join_names
 from btcore.xml.build import TreeInstantiator
 from btcore.xml.models.stand_ins import StubPlans
+from btcore.xml.plan.document_checks import DocumentAnalysis
 
 
 class FiniteRange(click.FloatRange):
@@ -166,7 +161,7 @@ def create_session(
     """
     # The watcher looks at the files before they are read: a save in between is not missed.
     saves = SaveWatcher(find_tree(settings["source"])) if settings["watch"] else None
-    source, (examined, nodes) = read_tree_source(settings, installed)
+    source, examined, nodes = read_tree_source(settings, installed)
     installed_extensions, missing = load_extensions(ctx)
     wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
     resources, extensions, idle = gather_resources(installed_extensions, settings, wanted)
@@ -189,12 +184,15 @@ def create_session(
 
 def read_tree_source(
     settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
-) -> tuple[TreeSource, CheckedSource]:
+) -> tuple[TreeSource, DocumentAnalysis, Registry]:
     """Read and check the document of a run's tree, before extensions create resources such as a world.
 
     Args:
         settings: The options of ``btcore run``.
         installed: The installed nodes, or None to load them.
+
+    Returns:
+        The source of the tree, and the result of its method `read`.
 
     Raises:
         click.UsageError: An option has an invalid value.
@@ -209,9 +207,9 @@ def read_tree_source(
     libraries.add_models(settings["models"])
     source = TreeSource(path, settings["tree"], libraries, settings["format"])
     substitute.add_rules(libraries.nodes, settings["substitutes"])
-    checked = source.read()
-    stub_plans.check(settings["plans"], checked.examined)
-    return source, checked
+    examined, nodes = source.read()
+    stub_plans.check(settings["plans"], examined)
+    return source, examined, nodes
 
 
 def _warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension]) -> None:

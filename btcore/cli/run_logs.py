@@ -12,12 +12,10 @@ from btcore.tree.tree import Tree
 
 
 def _distinct(ctx: click.Context, parameter: click.Parameter, names: Sequence[str]) -> Sequence[str]:
-    seen: set[str] = set()
-    for name in names:
-        place = name if name == CONSOLE else str(Path(name).resolve())
-        if place in seen:
-            raise click.UsageError(f"--log '{name}' is given more than once.")
-        seen.add(place)
+    places = [name if name == CONSOLE else str(Path(name).resolve()) for name in names]
+    for number, place in enumerate(places):
+        if place in places[:number]:
+            raise click.UsageError(f"--log '{names[number]}' is given more than once.")
     return names
 
 

@@ -4,7 +4,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import click
 
@@ -24,14 +24,6 @@ from btcore.run_extension import RunExtension
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.document_checks import DocumentAnalysis
-
-
-class SessionResult(NamedTuple):
-    """The reason why a run ended, its exit *code*, and the reports of the extensions."""
-
-    ending: EndReason
-    code: ExitCode
-    figures: dict[str, object]
 
 
 class RunSession:
@@ -74,17 +66,20 @@ class RunSession:
             LogError: A log cannot be written.
             click.UsageError: An extension rejects the options of the run.
         """
-        result = self.execute()
+        ending, code, figures = self.execute()
         outcome = self.outcome
-        outcome.print_summary(self.tree, result.ending, result.figures)
+        outcome.print_summary(self.tree, ending, figures)
         if outcome.error is not None and outcome.error is not self._printed_error:
             terminal.print_error(str(outcome.error))
         if self.settings["as_json"]:
-            click.echo(json.dumps(outcome.report(self.tree, result.figures), ensure_ascii=False))
-        return result.code
+            click.echo(json.dumps(outcome.report(self.tree, figures), ensure_ascii=False))
+        return code
 
-    def execute(self) -> SessionResult:
-        """Run to the end without printing a summary, and return the result.
+    def execute(self) -> tuple[EndReason, ExitCode, dict[str, object]]:
+        """Run to the end without printing a summary.
+
+        Returns:
+            The reason why the run ended, the exit code, and the reports of the extensions.
 
         Raises:
             LogError: A log cannot be written.
@@ -104,7 +99,7 @@ class RunSession:
         figures = merge_reports(self.extensions)
         if self.saves is not None:
             figures = {"reloads": self.reloads, **figures}
-        return SessionResult(ending, self._code(ending), figures)
+        return ending, self._code(ending), figures
 
     def _code(self, ending: EndReason) -> ExitCode:
         if self.outcome.error is not None:

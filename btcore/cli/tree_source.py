@@ -4,13 +4,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from btcore import bundled_trees
 from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tick_loop import POLL_INTERVAL_S
+from btcore.errors import TreeError
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
 from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
@@ -48,13 +49,6 @@ def find_tree(name: str) -> Path:
         raise click.UsageError(str(error)) from error
 
 
-class CheckedSource(NamedTuple):
-    """The analysis of a document without errors, and the registry that it was analysed with."""
-
-    examined: DocumentAnalysis
-    nodes: Registry
-
-
 @dataclass(frozen=True, slots=True)
 class TreeSource:
     """The file of a tree, and how to read it.
@@ -71,18 +65,26 @@ class TreeSource:
     libraries: NodeLibraries
     format: int | None = None
 
-    def read(self) -> CheckedSource:
+    def read(self) -> tuple[DocumentAnalysis, Registry]:
         """Read and check the file.
+
+        Returns:
+            The analysis of the document, which has no errors, and the nodes that it was analysed with.
 
         Raises:
             TreeError: The file has an error.
         """
-        with self.libraries.annotate_errors():
+        try:
             document = parse_file(self.path)
             nodes = self.libraries.nodes_for(document)
             examined = analyse_document(document, nodes, self.tree, self.format)
             examined.diagnostics.raise_errors()
-        return CheckedSource(examined, nodes)
+        except TreeError as error:
+            # An unknown node may belong to an installed library that cannot be imported.
+            for note in self.libraries.missing_library_notes(error.diagnostics):
+                error.add_note(note)
+            raise
+        return examined, nodes
 
 
 class SaveWatcher:

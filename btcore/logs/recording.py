@@ -15,7 +15,9 @@ from btcore.xml.models.tree_nodes_model import TAG_OF
 STATUSES: Final = {int(status): status for status in Status}
 
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
-_TYPES: Final = {tag: kind for kind, tag in TAG_OF.items() if kind is not NodeType.UNDEFINED}
+_TYPES: Final[dict[str, NodeType]] = {
+    tag: kind for kind, tag in TAG_OF.items() if kind is not NodeType.UNDEFINED
+}
 
 
 class LoggedTransition(NamedTuple):

@@ -175,8 +175,8 @@ def _check(sweep: SweepDefinition) -> None:
         try:
             with run.make_context("run", words) as context:
                 if values is first:
-                    _, checked = read_tree_source(context.params)
-                    terminal.print_diagnostics(checked.examined.diagnostics.warnings)
+                    _, examined, _ = read_tree_source(context.params)
+                    terminal.print_diagnostics(examined.diagnostics.warnings)
         except click.ClickException as error:
             if not values:
                 raise

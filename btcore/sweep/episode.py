@@ -76,12 +76,12 @@ def _run(command: Sequence[str]) -> Result:
     with run.make_context("run", list(command)) as context:
         cause = FailureCause()
         session = create_session(context, context.params, [cause], _installed())
-        result = session.execute()
+        _, code, figures = session.execute()
         # Through JSON, as from the command line: a report that is not JSON data is an error here already.
-        report = json.loads(json.dumps(session.outcome.report(session.tree, result.figures)))
+        report = json.loads(json.dumps(session.outcome.report(session.tree, figures)))
         error = session.outcome.error
         blamed = error.path if error is not None else cause.node_path
-        return {"code": result.code, "report": report, "blamed": blamed, "fault": None}
+        return {"code": code, "report": report, "blamed": blamed, "fault": None}
 
 
 @cache

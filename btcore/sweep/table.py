@@ -151,12 +151,10 @@ def _csv(rows: Sequence[Row], names: Sequence[str]) -> bytes:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     for row in rows:
-        writer.writerow([_cell(row.get(name)) for name in names])
+        cells = [row.get(name) for name in names]
+        # Booleans as in JSON and in scripts, not as in Python.
+        writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in cells])
     return text.getvalue().encode()
-
-
-def _cell(value: object) -> object:
-    return str(value).lower() if isinstance(value, bool) else value
 
 
 def _parquet(rows: Sequence[Row], names: Sequence[str]) -> bytes:
