@@ -1,4 +1,4 @@
-"""Every benchmark runs, in a tiny size, and tells ratios: that they are good is for `make bench` to show."""
+"""Every benchmark runs with a tiny size, and reports ratios; `make bench` measures them."""
 
 import importlib.util
 import json

@@ -1,4 +1,4 @@
-"""What the tests of the command line share: a way to call it, and a node library."""
+"""Fixtures for the tests of the command line: a function that calls it, and a node library."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""`btcore bench`: which benchmarks there are, what they print and write, and what they lack."""
+"""`btcore bench`: listing and running benchmarks, output, and missing libraries."""
 
 import json
 import re

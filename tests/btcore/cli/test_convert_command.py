@@ -1,4 +1,4 @@
-"""`btcore convert`: format 4 on stdout or in a file, and the list of what changed on stderr."""
+"""`btcore convert`: format 4 on stdout or in a file, and the list of changes on stderr."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The extensions of `btcore run`: what they have to have, and the order in which they provide."""
+"""The extensions of `btcore run`: required hooks, and the order in which they provide resources."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext

@@ -1,4 +1,4 @@
-"""What leaves log during a run is said on stderr, a line each."""
+"""The log messages of leaves are printed on stderr during a run, each on its own line."""
 
 import logging
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""``--model``: trees whose leaves are C++ are checked, drawn, and run with planned leaves."""
+"""``--model``: trees whose leaves exist only in C++ are checked, drawn, and run with planned leaves."""
 
 import json
 from collections.abc import Callable

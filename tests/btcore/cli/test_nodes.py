@@ -1,4 +1,4 @@
-"""`btcore nodes`: the palette, for people, for Groot and for programs."""
+"""`btcore nodes`: the available nodes as a table, as a TreeNodesModel, and as JSON."""
 
 import json
 from collections.abc import Callable

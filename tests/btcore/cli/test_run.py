@@ -1,4 +1,4 @@
-"""`btcore run`: how a run goes, how it ends, and what is said of it."""
+"""`btcore run`: the course of a run, its end, and its output."""
 
 import os
 import signal

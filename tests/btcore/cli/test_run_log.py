@@ -1,4 +1,4 @@
-"""`btcore run --log`: what the tree did, in files that other tools read."""
+"""`btcore run --log`: logs of a run, for other tools."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""`btcore run --watch`: a saved file takes the tree's place; a broken one is told of."""
+"""`btcore run --watch`: a saved file replaces the tree; errors in the file are reported."""
 
 import json
 import signal
@@ -25,7 +25,7 @@ BLINKS = '<Repeat num_cycles="-1"><Sleep name="blink" msec="20"/></Repeat>'
 
 
 class Running:
-    """A run in a process of its own, and what it has said so far."""
+    """A run in a separate process, and its output so far."""
 
     def __init__(self, *options: str | Path) -> None:
         command = [sys.executable, "-u", "-m", "btcore", "run", *map(str, options)]
@@ -45,7 +45,7 @@ class Running:
         self.readers[-1].start()
 
     def until(self, words: str, times: int = 1) -> None:
-        """Return when *words* were said, on stdout or stderr, as often as that."""
+        """Return when *words* have been printed on stdout or stderr, this number of times."""
         deadline = time.monotonic() + 20
         while sum(words in line for line in [*self.said, *self.complained]) < times:
             assert time.monotonic() < deadline, (words, self.said, self.complained)

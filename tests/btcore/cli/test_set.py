@@ -1,4 +1,4 @@
-"""`btcore run --set`: what is on the blackboard before the first tick."""
+"""`btcore run --set`: blackboard entries before the first tick."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`btcore show`: a tree, drawn in the terminal or as an SVG, and its data."""
+"""`btcore show`: a tree in the terminal or as SVG, and its data flow."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""`btcore stats` and `btcore diff`: what logs say, and where two of them part."""
+"""`btcore stats` and `btcore diff`: statistics of a log, and the first difference between two logs."""
 
 import json
 import shutil

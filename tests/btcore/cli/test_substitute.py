@@ -1,4 +1,4 @@
-"""``btcore run --substitute``: other nodes in the place of some of the tree's, by rules in JSON."""
+"""``btcore run --substitute``: nodes are replaced by substitution rules in JSON."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a user may do wrong on the command line: each gets one message, no traceback, and exit code 2."""
+"""User errors on the command line: each prints one message without a traceback, and exits with 2."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ TreeFile = Callable[..., Path]
 
 
 def refused(result: Result, *expected: str) -> None:
-    """The result is a user's mistake, and its message says all that is *expected*."""
+    """Assert that the result is a user error, and that its message contains all of *expected*."""
     assert result.exit_code == 2, result.output
     assert "Traceback" not in result.output
     for words in expected:

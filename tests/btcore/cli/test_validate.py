@@ -1,4 +1,4 @@
-"""`btcore validate`: every fault, with its place, for people and for programs."""
+"""`btcore validate`: all errors with their places, as text and as JSON."""
 
 import json
 from collections.abc import Callable
@@ -146,5 +146,5 @@ def test_json_for_programs(cli: Cli, tree_file: TreeFile) -> None:
 
 def test_the_trees_that_come_with_btcore_are_good_without_their_libraries(cli: Cli) -> None:
     result = cli("validate", "bumpgo", "bumpgo_wide")
-    # Without the robot's node library the nodes are unknown, and it is said which library is absent.
+    # Without the robot's node library the nodes are unknown, and a note names the missing library.
     assert result.exit_code == 0 or "the node library 'robot_nodes' cannot be loaded" in result.stderr

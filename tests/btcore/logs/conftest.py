@@ -1,4 +1,4 @@
-"""The tree that BehaviorTree.CPP was recorded with, whose leaves do here what they did there."""
+"""The tree that was recorded with BehaviorTree.CPP, with leaves that behave as in the recording."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A .btlog is FileLogger2's file, byte for byte, and reads as far as it goes."""
+"""A .btlog equals FileLogger2's file byte by byte, and a truncated file is read up to its end."""
 
 import random
 import time
@@ -12,7 +12,7 @@ from btcore.logs import BtLog, LogError, read_btlog
 from btcore.xml.render.tree_xml import tree_to_xml
 
 RUNNING, SUCCESS, FAILURE, IDLE = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.IDLE
-# The listing of the recorded session: what its client was told of the first run, up to the last answer.
+# The listing of the recorded session: the events of the first run that the client received.
 LISTED = [
     (1, 1),
     (2, 2),

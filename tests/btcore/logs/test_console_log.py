@@ -1,4 +1,4 @@
-"""The console shows StdCoutLogger's lines; colours only where somebody looks."""
+"""The console log prints the lines of StdCoutLogger, with colours only on a terminal."""
 
 import io
 import os
@@ -15,7 +15,7 @@ from btcore.logs import ConsoleLog
 
 @pytest.fixture
 def terminal() -> Iterator[tuple[TextIO, int]]:
-    """A terminal to write to, and the descriptor of who looks at it."""
+    """A pseudo terminal: the file to write to, and the descriptor to read from."""
     looking, writing = pty.openpty()
     with os.fdopen(writing, "w", encoding="utf-8") as stream:
         yield stream, looking

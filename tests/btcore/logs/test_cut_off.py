@@ -1,4 +1,4 @@
-"""What our logs write is read again as it was; cut off at any byte, a beginning of it, and it is said."""
+"""A log is read as it was written; a log that is truncated at any byte is read with a warning."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Where two runs part: by node, by status, by order, and by time if that is asked for."""
+"""The first difference between two runs: by node, status, order, and optionally time."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A .fbl of BehaviorTree.CPP 3 is read, as far as it goes."""
+"""A .fbl of BehaviorTree.CPP 3 is read, up to the point of truncation."""
 
 import random
 from pathlib import Path

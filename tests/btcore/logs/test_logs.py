@@ -1,4 +1,4 @@
-"""What all logs share: one line attaches, each tick is written at its end, and the tree never notices."""
+"""Properties of all logs: one line attaches them, each tick is written, and errors do not affect the tree."""
 
 import json
 import logging
@@ -46,7 +46,7 @@ ONE_TICK = ["RUNNING", "RUNNING", "SUCCESS", "IDLE", "FAILURE", "FAILURE", "IDLE
 
 
 def run_and_kill(path: Path, last_words: str) -> str:
-    """Run PROGRAM with its log in *path* until it says *last_words*, kill it, and return all it said."""
+    """Run PROGRAM with its log in *path* until it prints *last_words*, kill it, and return its output."""
     source = str(Path(btcore.__file__).parent.parent)
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, str(path)],
@@ -74,7 +74,7 @@ def run_and_kill(path: Path, last_words: str) -> str:
 
 
 def logged(path: Path) -> list[str]:
-    """The statuses that nodes came to, as far as *path* tells."""
+    """Return the last statuses of the nodes in the log *path*."""
     if path.suffix != ".json":
         recording = read_log(path)
         assert recording.damage == ""

@@ -1,4 +1,4 @@
-"""What a recording says of each node: counts, rates and times."""
+"""The statistics of a recording: counts, rates and times of each node."""
 
 from collections.abc import Callable
 from pathlib import Path

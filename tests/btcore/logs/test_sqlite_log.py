@@ -1,4 +1,4 @@
-"""A .db3 is SqliteLogger's database: its tables, its sessions, its stamps."""
+"""A .db3 is SqliteLogger's database: its tables, sessions and stamps."""
 
 import sqlite3
 from collections.abc import Callable, Iterator

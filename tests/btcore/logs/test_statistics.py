@@ -1,4 +1,4 @@
-"""The TreeObserver counts what the original's counts, also in trees that the original refuses."""
+"""TreeObserver counts as that of BehaviorTree.CPP, also in trees that BehaviorTree.CPP rejects."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""A trace holds what the original's holds, always complete, and its slices are nested."""
+"""A trace contains the events of MinitraceLogger, is always complete, and its slices are nested."""
 
 import json
 from collections.abc import Callable
@@ -24,7 +24,7 @@ def events(path: Path) -> list[dict[str, Any]]:
 
 
 def still_open(found: list[dict[str, Any]]) -> list[str]:
-    """Names of the slices that have not ended; every E must end the one that began last on its thread."""
+    """Names of the slices that have not ended; every E must end the slice that began last on its thread."""
     stacks: dict[int, list[str]] = {}
     for event in found:
         stack = stacks.setdefault(event["tid"], [])

@@ -1,4 +1,4 @@
-"""What the tests of sweeps share: workers that are started once, leaves whose luck is the seed's."""
+"""Fixtures for the tests of sweeps: workers that are started once, and leaves that depend on the seed."""
 
 import json
 import os

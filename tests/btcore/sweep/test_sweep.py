@@ -1,4 +1,4 @@
-"""`btcore sweep`: every episode once, whatever dies, and the same table each time."""
+"""`btcore sweep`: each episode is run once, even if processes die, and the table is reproducible."""
 
 import csv
 import json
@@ -199,7 +199,7 @@ def test_ctrl_c_ends_in_order_and_says_how_to_go_on(tree: Tree, sweep: Sweep, sc
     words = [tree('<Sequence><Toil seconds="0.1"/><Walk/></Sequence>'), "--seeds", "500"]
     with started(*words, "--scheduler", scheduler) as process:
         until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 2)
-        # While it holds the folder, nobody else writes there.
+        # While the sweep runs, its lock prevents other sweeps from writing to the folder.
         assert "is writing to 'tree.sweep'" in " ".join(sweep(*words).stderr.split())
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=PATIENCE)

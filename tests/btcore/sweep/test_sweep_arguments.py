@@ -1,4 +1,4 @@
-"""Seeds and parameters as they are written on the command line of a sweep, and mistakes in them."""
+"""Seeds and parameters on the command line of a sweep, and errors in them."""
 
 import re
 import subprocess
@@ -150,7 +150,7 @@ def test_without_the_extra_it_says_what_to_install(
     folder: Path,
     module: str,
 ) -> None:
-    monkeypatch.setitem(sys.modules, module, None)  # as Python has it of one that isn't there
+    monkeypatch.setitem(sys.modules, module, None)  # Python's mark for a module that is missing
     result = sweep(tree("<AlwaysSuccess/>"), "--seeds", "3", "--format", "parquet")
     assert result.exit_code == 2
     said = " ".join(result.stderr.split())

@@ -1,4 +1,4 @@
-"""What the rows of a sweep come to, and the table that keeps them."""
+"""The table of a sweep, its statistics and its report."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""What the tests of the test kit share: a small tree with leaves of its own."""
+"""Fixtures for the tests of btcore.testing: a small tree with its own leaves."""
 
 from collections.abc import Callable
 

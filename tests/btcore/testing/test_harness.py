@@ -1,4 +1,4 @@
-"""Driving a tree on a simulated clock, and the trace of it."""
+"""The harness, which ticks a tree on a simulated clock, and its trace."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One plan for all leaves of a tree."""
+"""A plan for all leaves of a tree."""
 
 from collections.abc import Callable
 
@@ -84,7 +84,7 @@ def test_plans_are_compared_and_shown_by_their_entries() -> None:
 
 
 class Arm:
-    """What a leaf asks for, and nobody hands in."""
+    """A resource that a leaf requires and that the test does not provide."""
 
 
 @action

@@ -1,4 +1,4 @@
-"""Random trees, plans and blackboards: what occurs in them, and how they shrink."""
+"""Random trees, plans and blackboards: their content, and how they shrink."""
 
 import re
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Other nodes in the place of some: rules, TestNode, and both from JSON, as in BehaviorTree.CPP."""
+"""Substitution rules and TestNode, in code and from JSON, as in BehaviorTree.CPP."""
 
 import json
 from pathlib import Path
@@ -43,7 +43,7 @@ XML = """
 
 
 class Motors:
-    """What the real leaves ask for, and nobody hands in."""
+    """A resource that the real leaves require and that the tests do not provide."""
 
 
 @condition

@@ -1,4 +1,4 @@
-"""Assertions on traces: what they hold, and what a failing one shows."""
+"""Assertions about traces: what they check, and the message of a failed assertion."""
 
 from collections.abc import Callable
 

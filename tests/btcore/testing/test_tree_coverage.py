@@ -1,4 +1,4 @@
-"""Tree coverage: which nodes ran, which results were seen."""
+"""Tree coverage: the nodes that ran, and the results that they returned."""
 
 from collections.abc import Callable
 
