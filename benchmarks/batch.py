@@ -175,7 +175,7 @@ def rounds(trees: Sequence[btcore.Tree], swarm: BatchTree, count: int) -> Iterat
     ordinary, batch = partial(tick_all, ticks), partial(tick_all, [swarm.tick])
     cached = partial(tick_all, ticks[:CACHED_TREES])
     for index in range(count + 1):
-        gc.collect()
+        gc.collect()  # so that no engine pays for the garbage of the other
         if index % 2:
             yield {"batch": batch, "ordinary": ordinary, "cached": cached}
         else:

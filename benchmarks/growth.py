@@ -83,6 +83,7 @@ def board(entries: int) -> Work:
         blackboard[key] = 0
     steps = cycle(keys)
 
+    # Always another entry: the same entry would stay in the cache, whatever the size of the blackboard.
     def work() -> None:
         key = next(steps)
         blackboard[key] = blackboard[key]

@@ -134,7 +134,7 @@ def main() -> None:
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--world", default="house")
     given = parser.parse_args()
-    cv2.setNumThreads(1)
+    cv2.setNumThreads(1)  # processor time is the sum of all threads
     random = np.random.default_rng(0)
     scene = load_scene(given.world)
     map = rasterise(scene)

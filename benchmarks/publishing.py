@@ -203,7 +203,7 @@ def main() -> None:
         f"1 client, for the lateness {given.clients}"
     )
     report = Report("publishing", question, given.pairs)
-    port = free_port()
+    port = free_port()  # the same for all runs, since clients may outlive a publisher
     cost(report, port, given.seconds)
     lateness(report, port, given.seconds, given.clients)
     report.output(given.json)

@@ -78,7 +78,7 @@ class Progress:
     @contextmanager
     def suspend(self) -> Iterator[None]:
         """Return a context without the line, for other output; afterwards the line appears below that."""
-        self.close()
+        self.close()  # a rich display must not be active while other output is printed
         try:
             yield
         finally:

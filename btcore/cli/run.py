@@ -163,6 +163,7 @@ def create_session(
     saves = SaveWatcher(find_tree(settings["source"])) if settings["watch"] else None
     source, examined, nodes = read_tree_source(settings, installed)
     installed_extensions, missing = load_extensions(ctx)
+    # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
     resources, extensions, idle = gather_resources(installed_extensions, settings, wanted)
     clock = clock_of(resources, settings["fast"])

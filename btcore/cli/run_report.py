@@ -60,6 +60,7 @@ class RunReport:
         for title, style in _COUNTS.items():
             table.add_column(title, justify="right", style=style)
         depths = _depths(tree)
+        # `results` lists the nodes in the order of the tree.
         for node, result in list(zip(tree.nodes, self.results(tree).values(), strict=True))[:_MAX_NODES]:
             never_ticked = not result["ticks"]
             symbol = terminal.node_symbol(node.node_symbol, node.type)

@@ -85,7 +85,7 @@ class RunSession:
             LogError: A log cannot be written.
             click.UsageError: An extension rejects the options of the run.
         """
-        self.tree.count_ticks()
+        self.tree.count_ticks()  # before the first tick: the report contains the counts
         with ExitStack() as attached:
             for extension in self.extensions:
                 attached.enter_context(extension.attach(self.tree, self.resources, self.settings))

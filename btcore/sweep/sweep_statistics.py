@@ -94,6 +94,7 @@ def compute_statistics(rows: Sequence[Row], definition: SweepDefinition) -> Swee
         definition: The sweep.
     """
     several = 1 < len(definition.settings) <= MOST_SETTINGS and len(definition.varied) > 1
+    # In the numbers of the episodes the setting changes faster than the seed.
     settings = _grouped(rows, lambda row: row["episode"] % len(definition.settings)) if several else {}
     times = [(float(row["time_s"]), bool(row["success"])) for row in rows if row["time_s"] is not None]
     return SweepStatistics(

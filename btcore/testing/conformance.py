@@ -85,7 +85,7 @@ def compare_case(case: dict[str, Any], nodes: Registry) -> str | None:
         if "script" in case:
             return compare_script_case(case)
         return compare_tree_case(case, nodes)
-    except Exception as error:
+    except Exception as error:  # an error of the engine must not end the comparison of the other cases
         return f"running the case raised {type(error).__name__}: {error}"
 
 

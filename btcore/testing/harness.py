@@ -45,6 +45,7 @@ class Harness:
     @classmethod
     def load(cls, path: str | PathLike[str], **options: Any) -> "Harness":
         """Return a harness for the tree in the file *path*; *options* are those of :func:`btcore.load`."""
+        # A clock among the options takes precedence.
         return cls(load(path, **{"clock": SimClock(), **options}))
 
     @classmethod

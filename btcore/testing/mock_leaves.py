@@ -114,6 +114,7 @@ class MockAction(StatefulAction):
 
     def on_running(self) -> Status:
         """Return the result of the entry's next letter; the last letter is repeated."""
+        # The slice of a single letter is empty: the letter is kept for the next tick.
         letter, self.left = self.left[0], self.left[1:] or self.left
         return status_of(letter)
 

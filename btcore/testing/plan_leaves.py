@@ -148,6 +148,7 @@ class Inc(SyncAction):
         except (NodeError, BlackboardError, ConversionError):
             return FAILURE
         port = self.config.outputs.get("out")
+        # Without a blackboard key there is nothing to write, which is not an error.
         if port is not None and port.key is not None and isinstance(value, int):
             port.write(value + 1)
         return SUCCESS

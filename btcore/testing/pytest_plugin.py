@@ -68,7 +68,7 @@ def pytest_runtest_makereport(
     item: pytest.Item, call: "pytest.CallInfo[None]"
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Add the last steps of the trees of a failed test to its report."""
-    report = yield
+    report = yield  # the report of the other plugins, which is extended here
     if report.when == "call" and report.failed:
         for trace in item.stash.get(_TRACES, []):
             report.sections.append((f"btcore: tree '{trace.tree.id}'", format_trace(trace)))

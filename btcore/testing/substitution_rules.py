@@ -182,6 +182,7 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
     given = _object(top.get("TestNodeConfigs", {}), "'TestNodeConfigs'")
     configs = {name: _config(name, settings) for name, settings in given.items()}
     filters = _object(top["SubstitutionRules"], "'SubstitutionRules'")
+    # All rules are checked before the first is added, so that an error adds none.
     for filter, name in filters.items():
         if not isinstance(name, str):
             raise SubstitutionError(

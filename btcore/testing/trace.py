@@ -99,6 +99,7 @@ class ResultTracker:
                 # The nodes from the root to the node that raised have a tick without a result.
                 raised = error is not None and key in error.backtrace
                 running = ticks - success - failure - skipped - raised
+                # Counts do not have an order: results within a tick of the root are sorted by status.
                 results[key] = (
                     (FAILURE,) * failure + (SUCCESS,) * success + (SKIPPED,) * skipped + (RUNNING,) * running
                 )
@@ -162,6 +163,7 @@ class Trace(Observer):
     def _end(self, tick: int, stamp: int, status: Status, error: NodeExecutionError | None) -> None:
         results, halted = self._ticks.take(error)
         changes, self._changes = tuple(self._changes), []
+        # The paths are in pre-order, like the nodes.
         statuses = {path: node.status for path, node in zip(self._paths.values(), self.tree, strict=True)}
         self.steps.append(
             TraceStep(tick, stamp, status, changes, results, halted, self._written(), statuses, error)
