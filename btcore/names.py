@@ -31,29 +31,27 @@ def port_name_error(name: str, format: int = 4) -> str:
         format: The XML format. Format 3 allows every name that has no other meaning in the XML.
     """
     if not name:
-        return "it has no name"
+        return "the name is empty"
     if name in ("name", "ID"):
-        return "in the XML that attribute says which node it is"
+        return "in the XML, this attribute identifies the node"
     if format == 3:
-        return "that attribute is a description" if name in _RESERVED_IN_3 else ""
-    bad = forbidden_in(name)
-    if bad:
-        return f"it holds {bad!r}"
+        return "in the XML, this attribute describes the node" if name in _RESERVED_IN_3 else ""
+    character = forbidden_in(name)
+    if character:
+        return f"it contains {character!r}"
     # Non-ASCII characters are allowed, but not at the start.
-    if not (name[0].isascii() and name[0].isalpha()):
-        return "the name of a port begins with a letter"
-    return ""
+    return "" if name[0].isascii() and name[0].isalpha() else "the name of a port must begin with a letter"
 
 
 def model_port_name_error(name: str) -> str:
     """Return why *name* is not a valid port name in a subtree model of format 4, or "" if it is valid."""
     if not name:
-        return "it has no name"
+        return "the name is empty"
     if name in _RESERVED_ATTRIBUTES:
-        return "that attribute has a meaning of its own"
-    bad = forbidden_in(name)
-    if bad:
-        return f"it holds {bad!r}"
+        return "this attribute is reserved"
+    character = forbidden_in(name)
+    if character:
+        return f"it contains {character!r}"
     return "it begins with a digit" if name[0].isascii() and name[0].isdigit() else ""
 
 

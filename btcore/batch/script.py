@@ -390,7 +390,7 @@ def _is_chosen(value: object) -> bool:
         return leading_float(value) != 0.0
     number = number_of(value)
     if number is None:
-        raise ConversionError(f"the condition before '?' is no number: {value!r}")
+        raise ConversionError(f"the condition before '?' is not a number: {value!r}")
     return as_double(number) != 0.0
 
 
@@ -441,7 +441,7 @@ class BatchAssignment(BatchExpression):
             return column
         if self.sign != ":=":
             message = f"there is no entry '{target.name}' on the blackboard, and "
-            message += f"'{self.sign}' makes none; ':=' makes a new one"
+            message += f"'{self.sign}' does not create it; ':=' creates an entry"
             run.fail(missing, target.fault(message))
             return column
         try:
@@ -503,7 +503,7 @@ class BatchAssignment(BatchExpression):
         objects = to_objects(value, run.agent_sets, agents)
         empty = run.agent_sets.from_mask(np.array([value is None for value in objects])) & agents
         if empty:
-            run.fail(empty, assignment.fault(f"what stands after '{self.sign}' has no value"))
+            run.fail(empty, assignment.fault(f"the operand after '{self.sign}' has no value"))
             agents = run.drop_failed(agents)
         # A single entry stands for the entry of each agent in turn.
         entry = Entry(column.kind)

@@ -10,7 +10,7 @@ from typing import Final, NoReturn, SupportsIndex
 
 from btcore.clock import Clock, SystemClock, now_function
 from btcore.errors import BlackboardError, ConversionError
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 from btcore.values import (
     ANY,
     DOUBLE,
@@ -183,7 +183,7 @@ class Blackboard:
             self.root.set(key[1:], value, declared)
             return
         if value is None:
-            raise _nothing(key)
+            raise BlackboardError(f"None can't be written to '{key}'; unset() removes an entry")
         value = to_builtin_number(value)
         entry = self._entries.get(key)
         if entry is None:
@@ -241,8 +241,7 @@ class Blackboard:
 
     def hint(self, key: str) -> str:
         """Return the hint of an error message about the unknown *key*: the nearest visible key."""
-        nearest = nearest_name(key, self.visible_keys())
-        return f"; did you mean '{nearest}'?" if nearest else ""
+        return did_you_mean(key, self.visible_keys())
 
     def __getitem__(self, key: str) -> object:
         return self.get(key)
@@ -330,10 +329,6 @@ class Blackboard:
             f"the entry '{key}' is of type {previous.name}, and is used as {declared.name} elsewhere; "
             "once declared, its type stays"
         )
-
-
-def _nothing(key: str) -> BlackboardError:
-    return BlackboardError(f"None can't be written to '{key}'; unset() removes an entry")
 
 
 def _widens(previous: ValueType, declared: ValueType) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from btcore.engine.conditions import ConditionScripts
-from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
+from btcore.status import FAILURE, SKIPPED, SUCCESS, Status
 
 
 class TickCounts:
@@ -45,21 +45,3 @@ class Instrumentation:
             and self.pre_tick is None
             and self.post_tick is None
         )
-
-    def call_pre_tick(self, node: Any, status: Status) -> Status:
-        """Return the status that replaces the tick of *node* at *status*, or IDLE to tick it."""
-        callback = self.pre_tick
-        if callback is not None and status is not SUCCESS and status is not FAILURE:
-            forced = callback(node)
-            if forced is SUCCESS or forced is FAILURE:
-                return forced
-        return IDLE
-
-    def call_post_tick(self, node: Any, status: Status) -> Status:
-        """Return the result of *node*: *status*, or the status that replaces it."""
-        callback = self.post_tick
-        if callback is not None:
-            forced = callback(node, status)
-            if forced is SUCCESS or forced is FAILURE:
-                return forced
-        return status

@@ -16,6 +16,13 @@ class LeafNode(TreeNode):
 
     node_type: ClassVar[NodeType] = NodeType.ACTION
 
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """Return the results that the class declares, all in the first tick."""
+        return PossibleResults(cls.may_return)
+
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Condition(LeafNode):
@@ -23,26 +30,12 @@ class Condition(LeafNode):
 
     node_type: ClassVar[NodeType] = NodeType.CONDITION
 
-    @classmethod
-    def possible_results(
-        cls, children: list[PossibleResults], literals: Mapping[str, object]
-    ) -> PossibleResults:
-        """Return the results that the class declares, all in the first tick."""
-        return PossibleResults(cls.may_return)
-
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SyncAction(LeafNode):
     """An action that completes within one tick: override :meth:`tick`, which must not return RUNNING."""
 
     _family: ClassVar[int] = SYNCHRONOUS
-
-    @classmethod
-    def possible_results(
-        cls, children: list[PossibleResults], literals: Mapping[str, object]
-    ) -> PossibleResults:
-        """Return the results that the class declares, all in the first tick."""
-        return PossibleResults(cls.may_return)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

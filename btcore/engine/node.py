@@ -376,14 +376,26 @@ def _instrumented_tick(node: TreeNode, guard: Instrumentation) -> Status:
         status = conditions.check_preconditions(node._status)
         if status is SKIPPED and node._status is RUNNING:
             halt_node(node)
-    if status is IDLE and guard.pre_tick is not None:
-        status = guard.call_pre_tick(node, node._status)
+    # The callbacks are read once each, because another thread may remove them at any time.
+    pre_tick = guard.pre_tick
+    if (
+        status is IDLE
+        and pre_tick is not None
+        and node._status is not SUCCESS
+        and node._status is not FAILURE
+    ):
+        forced = pre_tick(node)
+        if forced is SUCCESS or forced is FAILURE:
+            status = forced
     if status is IDLE:
         status = _as_status(node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
         conditions.run_postconditions(status)
-    if guard.post_tick is not None:
-        status = guard.call_post_tick(node, status)
+    post_tick = guard.post_tick
+    if post_tick is not None:
+        forced = post_tick(node, status)
+        if forced is SUCCESS or forced is FAILURE:
+            status = forced
     if counts is not None:
         counts.add_result(status)
     return status

@@ -4,6 +4,7 @@ An observer cannot change a tick's result. An observer that raises is unsubscrib
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final, cast
 
 from mypy_extensions import mypyc_attr
@@ -231,10 +232,10 @@ class Observers:
                 self._drop(listener, problem)
 
     def add(self, listener: Observer) -> Callable[[], None]:
-        """Subscribe *listener*. Return a function that unsubscribes it."""
+        """Subscribe *listener*. Return a function that unsubscribes it; further calls have no effect."""
         self.flush()
         self._set_listeners([*self.listeners, listener])
-        return Unsubscribe(self, listener)
+        return partial(self.remove, listener)
 
     def remove(self, listener: Observer) -> None:
         """Unsubscribe *listener*, after it was notified of all recorded transitions."""
@@ -257,15 +258,3 @@ class Observers:
         import logging
 
         logging.getLogger("btcore").warning("observer %r raised and is unsubscribed: %r", listener, error)
-
-
-class Unsubscribe:
-    """Ends one subscription when called; calling it again does nothing."""
-
-    def __init__(self, observers: Observers, listener: Observer) -> None:
-        self.observers = observers
-        self.listener = listener
-
-    def __call__(self) -> None:
-        """End the subscription."""
-        self.observers.remove(self.listener)

@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeGuard
 
 from btcore import builds
@@ -167,7 +168,8 @@ class Manifest:
             if self.function is None:
                 return PORT_PLACEHOLDER
             if port.writes and not port.reads:
-                return node.config.outputs.get(port.name) or _Unconnected(node, port.name)
+                # Without an output in the XML, calling it raises NodeError.
+                return node.config.outputs.get(port.name) or partial(node.set_output, port.name)
             bound = node.config.inputs.get(port.name)
             if bound is None:
                 if port.value is not UNSET:
@@ -228,17 +230,6 @@ def is_tree_state(wanted: object) -> TypeGuard[type[TreeState]]:
 def takes_children(manifest: Manifest | None) -> bool:
     """Return whether a node of *manifest* is not a leaf; True for an unknown node (None)."""
     return manifest is None or manifest.type not in (NodeType.ACTION, NodeType.CONDITION)
-
-
-class _Unconnected:
-    """An output port that the XML does not give; writing it raises NodeError."""
-
-    def __init__(self, node: TreeNode, name: str) -> None:
-        self.node = node
-        self.name = name
-
-    def __call__(self, value: object) -> None:
-        self.node.set_output(self.name, value)
 
 
 class _MissingInput(Input):

@@ -26,12 +26,12 @@ _OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
 def check_id(ID: str) -> None:
     """Raise RegistrationError if *ID* cannot be a tag."""
     if not ID:
-        raise RegistrationError("a node needs an ID that isn't empty")
+        raise RegistrationError("the ID of a node must not be empty")
     if is_reserved(ID):
         raise RegistrationError(f"'{ID}' is reserved in Groot, and can't be the ID of a node")
-    bad = forbidden_in(ID)
-    if bad:
-        raise RegistrationError(f"'{ID}' can't be the ID of a node: it holds {bad!r}")
+    character = forbidden_in(ID)
+    if character:
+        raise RegistrationError(f"'{ID}' can't be the ID of a node: it contains {character!r}")
 
 
 def check_ports(ID: str, ports: Sequence[Port], format: int = 4) -> None:
@@ -59,11 +59,11 @@ def default_value_error(port: Port) -> str:
     try:
         if value is not UNSET:
             kind.cast(value)
-            return "a text is wanted" if kind is STRING else ""
+            return "it is not a text" if kind is STRING else ""
         if all(remapped_key(text, port.name, format) is None for format in (3, 4)):
             kind.from_text(text)
-    except ConversionError as fault:
-        return str(fault)
+    except ConversionError as error:
+        return str(error)
     return ""
 
 
@@ -78,8 +78,8 @@ def check_class(ID: str, cls: type[TreeNode]) -> None:
     """Raise RegistrationError if *cls* is abstract or a frozen dataclass."""
     name = cls.__qualname__
     if isabstract(cls):
-        lacking = join_names(f"{method}()" for method in sorted(getattr(cls, "__abstractmethods__", ())))
-        raise RegistrationError(f"<{ID}>: {name} is abstract: derive from it a class that has {lacking}")
+        missing = join_names(f"{method}()" for method in sorted(getattr(cls, "__abstractmethods__", ())))
+        raise RegistrationError(f"<{ID}>: {name} is abstract: derive a class that implements {missing}")
     dataclass = getattr(cls, "__dataclass_params__", None)
     if dataclass is not None and dataclass.frozen:
         raise RegistrationError(f"<{ID}>: {name} is a frozen dataclass, but a node changes when it is ticked")
@@ -93,5 +93,5 @@ def check_methods(ID: str, cls: type[TreeNode]) -> None:
         if issubclass(cls, base) and getattr(cls, method) is getattr(base, method):
             kind = base.__name__
             raise RegistrationError(
-                f"<{ID}>: {cls.__qualname__} is a {kind}, and lacks the method {method}(self)"
+                f"<{ID}>: {cls.__qualname__} is a {kind}, but does not implement {method}(self)"
             )

@@ -16,7 +16,7 @@ from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import Manifest, class_manifest, function_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 from btcore.values import TypeRegistry
 
 ENTRY_POINTS = "btcore.nodes"
@@ -141,8 +141,7 @@ class Registry:
         """Unregister *ID* for both formats. Raise RegistrationError if it is not registered."""
         removed = [table.pop(ID, None) for table in (self._shared, *self._of_format.values())]
         if not any(removed):
-            guess = nearest_name(ID, self.manifests)
-            hint = f"; did you mean '{guess}'?" if guess else ""
+            hint = did_you_mean(ID, self.manifests)
             raise RegistrationError(f"no node is registered as '{ID}'{hint}")
 
     def add_type(self, python_type: type, from_text: Callable[[str], Any] | None = None, **more: Any) -> None:
@@ -236,8 +235,8 @@ class Registry:
         if inspect.isclass(thing):
             if not issubclass(thing, TreeNode):
                 raise RegistrationError(
-                    f"{thing.__qualname__} is no node: derive it from StatefulAction, SyncAction, Condition, "
-                    "ControlNode or DecoratorNode"
+                    f"{thing.__qualname__} is not a node: derive it from StatefulAction, SyncAction, "
+                    "Condition, ControlNode or DecoratorNode"
                 )
             return class_manifest(ID or thing.__name__, thing, self.types, names, distribution, format)
         if callable(thing):

@@ -7,7 +7,7 @@ from btcore.engine.node_config import NodeConfig
 from btcore.errors import NodeError
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 
 
 class SubstitutionRule:
@@ -44,22 +44,20 @@ class SubstitutionRule:
         Raises:
             NodeError: The replacement is not registered, or cannot have this number of children.
         """
-        found = self.by if isinstance(self.by, Manifest) else known.get(self.by)
-        if found is None:
-            guess = nearest_name(str(self.by), known)
-            hint = f"; did you mean '{guess}'?" if guess else ""
+        manifest = self.by if isinstance(self.by, Manifest) else known.get(self.by)
+        if manifest is None:
             raise NodeError(
                 f"the substitution rule '{self.filter}' puts '{self.by}' in the place of <{config.id}>, "
-                f"but no node is registered as that{hint}"
+                f"but no node is registered as that{did_you_mean(str(self.by), known)}"
             )
-        if found.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
+        if manifest.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
             needs = "has exactly one child"
-        elif found.type is NodeType.CONTROL and not children:
+        elif manifest.type is NodeType.CONTROL and not children:
             needs = "has children"
         else:
-            return found
+            return manifest
         raise NodeError(
-            f"the substitution rule '{self.filter}' puts <{found.id}>, which {needs}, in the place of "
+            f"the substitution rule '{self.filter}' puts <{manifest.id}>, which {needs}, in the place of "
             f"<{config.id}>, which has {children or 'none'}"
         )
 

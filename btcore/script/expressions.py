@@ -1,8 +1,8 @@
-"""What a script is made of, once parsed: small nodes that are evaluated on a blackboard.
+"""The syntax tree of a script: expressions that are evaluated on a blackboard.
 
-The typing rules are BehaviorTree.CPP 4.10's. A value is an int, a float, a
-text, any other object of the blackboard, or None for an entry that was never written. Arithmetic,
-comparison and logic give floats; only literals, copies and entries are integers.
+The typing rules are those of BehaviorTree.CPP 4.10. A value is an int, a float, a text, any other object of
+the blackboard, or None for an entry that was never written. The results of arithmetic, comparison and logic
+are floats. Integers come only from literals and entries.
 """
 
 import math
@@ -21,7 +21,7 @@ from btcore.script.operators import (
     operate,
     readable_number,
 )
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean, nearest_name
 from btcore.values import ValueType, as_double, number_of
 from btcore.values.numbers import leading_float
 from btcore.values.types import quick_double
@@ -32,7 +32,13 @@ _MULTIPLY: Final = OPERATORS["*"]
 
 
 class Expression:
-    """A part of a script. *text* is the whole script, *column* (from 1) and *width* its place there."""
+    """A part of a script.
+
+    Attributes:
+        text: The whole script.
+        column: The column of the expression or its operator, from 1.
+        width: The number of characters to mark in error messages.
+    """
 
     text: str
     column: int
@@ -44,11 +50,11 @@ class Expression:
         self.width = token.width
 
     def evaluate(self, board: Blackboard) -> object:
-        """The value on *board*. Raises ScriptError."""
+        """Return the value on *board*. Raise ScriptError."""
         raise NotImplementedError
 
     def fault(self, message: str) -> ScriptError:
-        """An error at this place."""
+        """Return an error at the position of this expression."""
         return ScriptError(message, self.text, self.column, self.width)
 
 
@@ -60,12 +66,12 @@ class Literal(Expression):
         self.value: object = value
 
     def evaluate(self, board: Blackboard) -> object:
-        """The value itself."""
+        """Return the value of the literal."""
         return self.value
 
 
 class Name(Expression):
-    """The name of an enum's member, or else of an entry."""
+    """The name of an enum's member or of an entry; the enum has precedence."""
 
     def __init__(self, text: str, token: Token, enums: Mapping[str, int]) -> None:
         super().__init__(text, token)
@@ -73,21 +79,19 @@ class Name(Expression):
         self.enums: Mapping[str, int] = enums
 
     def evaluate(self, board: Blackboard) -> object:
-        """The enum's number as a float, or the entry's value."""
+        """Return the enum's number as a float, or the entry's value."""
         number = self.enums.get(self.name)
         if number is not None:
             return float(number)
         entry = board.find(self.name)
         if entry is None:
-            known = [*board.visible_keys(), *self.enums]
-            meant = nearest_name(self.name, known)
-            hint = f"; did you mean '{meant}'?" if meant else ""
+            hint = did_you_mean(self.name, [*board.visible_keys(), *self.enums])
             raise self.fault(f"there is no variable '{self.name}' on the blackboard{hint}")
         return entry.value
 
 
 class UnaryOperation(Expression):
-    """``-``, ``~`` or ``!``, one or more, before a value."""
+    """A value with one or more of the signs ``-``, ``~`` and ``!`` before it."""
 
     def __init__(self, text: str, token: Token, signs: list[str], operand: Expression) -> None:
         super().__init__(text, token)
@@ -95,18 +99,18 @@ class UnaryOperation(Expression):
         self.operand: Expression = operand
 
     def evaluate(self, board: Blackboard) -> object:
-        """A float."""
+        """Return the value after the signs, a float."""
         value = self.operand.evaluate(board)
         try:
             for sign in reversed(self.signs):
                 value = negated(sign, value)
-        except ConversionError as fault:
-            raise self.fault(str(fault)) from None
+        except ConversionError as error:
+            raise self.fault(str(error)) from None
         return value
 
 
 class OperatorChain(Expression):
-    """A value and what is done to it, from left to right: ``a + b .. c``; nothing is skipped."""
+    """Operators evaluated from left to right, such as ``a + b .. c``, without short circuit."""
 
     def __init__(self, text: str, token: Token, first: Expression) -> None:
         super().__init__(text, token)
@@ -116,37 +120,41 @@ class OperatorChain(Expression):
         self.tokens: list[Token] = []
 
     def extend(self, token: Token, operand: Expression) -> None:
-        """Do one thing more to the value."""
+        """Append an operator and its right operand."""
         self.operators.append(OPERATORS[token.kind])
         self.operands.append(operand)
         self.tokens.append(token)
 
     def evaluate(self, board: Blackboard) -> object:
-        """The value after the last operator."""
+        """Return the result of the last operator."""
         left = self.first.evaluate(board)
         for index in range(len(self.operands)):
             right = self.operands[index].evaluate(board)
             operator = self.operators[index]
+            # A fast path for the most frequent case, two small numbers. quick_double() returns NaN otherwise.
             if operator <= _MULTIPLY:
-                one, other = quick_double(left), quick_double(right)
-                if one == one and other == other:
+                a, b = quick_double(left), quick_double(right)
+                if a == a and b == b:
                     if operator == _ADD:
-                        left = one + other
+                        left = a + b
                     elif operator == _SUBTRACT:
-                        left = one - other
+                        left = a - b
                     else:
-                        left = one * other
+                        left = a * b
                     continue
             try:
                 left = operate(operator, left, right)
-            except ConversionError as fault:
+            except ConversionError as error:
                 token = self.tokens[index]
-                raise ScriptError(str(fault), self.text, token.start + 1, token.width) from None
+                raise ScriptError(str(error), self.text, token.start + 1, token.width) from None
         return left
 
 
 class Comparison(Expression):
-    """``a < b <= c``: true (1.0) if each neighbouring pair is; what follows a false one is skipped."""
+    """A chain such as ``a < b <= c``: true if it is true for each neighbouring pair.
+
+    The operands after a pair for which it is false are not evaluated.
+    """
 
     def __init__(self, text: str, token: Token, first: Expression, enums: Mapping[str, int]) -> None:
         super().__init__(text, token)
@@ -156,12 +164,12 @@ class Comparison(Expression):
         self.enums: Mapping[str, int] = enums
 
     def extend(self, token: Token, operand: Expression) -> None:
-        """Compare with one more."""
+        """Append an operator and its right operand."""
         self.operands.append(operand)
         self.tokens.append(token)
 
     def evaluate(self, board: Blackboard) -> object:
-        """1.0 or 0.0."""
+        """Return 1.0 or 0.0."""
         left = self.first.evaluate(board)
         for index in range(len(self.operands)):
             right = self.operands[index].evaluate(board)
@@ -169,14 +177,14 @@ class Comparison(Expression):
             try:
                 if not compare(token.kind, left, right, self.enums):
                     return 0.0
-            except ConversionError as fault:
-                raise ScriptError(str(fault), self.text, token.start + 1, token.width) from None
+            except ConversionError as error:
+                raise ScriptError(str(error), self.text, token.start + 1, token.width) from None
             left = right
         return 1.0
 
 
 class ConditionalExpression(Expression):
-    """``condition ? a : b``: the condition is a number that is not zero, or a text of one."""
+    """``condition ? a : b``. The condition is true for a number, or a text with a number, except zero."""
 
     def __init__(
         self, text: str, token: Token, condition: Expression, then: Expression, other: Expression
@@ -187,7 +195,7 @@ class ConditionalExpression(Expression):
         self.other: Expression = other
 
     def evaluate(self, board: Blackboard) -> object:
-        """The value of the side chosen; the other side is not evaluated."""
+        """Return the value of the selected side; the other side is not evaluated."""
         value = self.condition.evaluate(board)
         try:
             if isinstance(value, str):
@@ -195,15 +203,15 @@ class ConditionalExpression(Expression):
             else:
                 number = number_of(value)
                 if number is None:
-                    raise ConversionError(f"the condition before '?' is no number: {_shown(value)}")
+                    raise ConversionError(f"the condition before '?' is not a number: {_shown(value)}")
                 chosen = as_double(number) != 0.0
-        except ConversionError as fault:
-            raise self.fault(str(fault)) from None
+        except ConversionError as error:
+            raise self.fault(str(error)) from None
         return self.then.evaluate(board) if chosen else self.other.evaluate(board)
 
 
 class Assignment(Expression):
-    """``name := value``, and ``= += -= *= /=``, which need an entry that exists."""
+    """``name := value``, or ``=``, ``+=``, ``-=``, ``*=`` and ``/=``, for which the entry must exist."""
 
     def __init__(
         self, text: str, token: Token, target: Expression, value: Expression, enums: Mapping[str, int]
@@ -215,23 +223,24 @@ class Assignment(Expression):
         self.enums: Mapping[str, int] = enums
 
     def evaluate(self, board: Blackboard) -> object:
-        """The value that was stored."""
+        """Return the stored value."""
         target = self.target
         if not isinstance(target, Name):
-            raise self.fault(f"only the name of an entry can stand before '{self.operator}'")
+            raise self.fault(f"only the name of an entry is allowed before '{self.operator}'")
+        # Created before the value is evaluated, as in BehaviorTree.CPP: the entry exists even if that raises.
         entry = board.find(target.name)
         if entry is None:
             entry = self._create(board, target)
         value = self.value.evaluate(board)
         if value is None:
-            raise self.fault(f"what stands after '{self.operator}' has no value")
+            raise self.fault(f"the operand after '{self.operator}' has no value")
         try:
             if self.operator == ":=" or self.operator == "=":
                 stored = self._assigned(entry, value)
             else:
                 stored = compound_assigned_value(self.operator, entry.value, value, entry.declared)
-        except ConversionError as fault:
-            raise self.fault(f"'{target.name}' can't take the value: {fault}") from None
+        except ConversionError as error:
+            raise self.fault(f"'{target.name}' can't take the value: {error}") from None
         entry.put(stored, board.now())
         return stored
 
@@ -239,17 +248,17 @@ class Assignment(Expression):
         if self.operator == ":=":
             try:
                 return board.create(target.name)
-            except BlackboardError as fault:
-                raise target.fault(str(fault)) from None
-        meant = nearest_name(target.name, board.visible_keys())
-        hint = f"did you mean '{meant}'? " if meant else ""
+            except BlackboardError as error:
+                raise target.fault(str(error)) from None
+        nearest = nearest_name(target.name, board.visible_keys())
+        hint = f"did you mean '{nearest}'? " if nearest else ""
         raise target.fault(
-            f"there is no entry '{target.name}' on the blackboard, and '{self.operator}' makes none; "
-            f"{hint}':=' makes a new one"
+            f"there is no entry '{target.name}' on the blackboard, and '{self.operator}' does not create it; "
+            f"{hint}':=' creates an entry"
         )
 
     def _assigned(self, entry: Entry, value: object) -> object:
-        """*value* as the entry takes it."""
+        """Return *value* converted to the type of the entry."""
         old = entry.value
         kind: ValueType = entry.declared
         if isinstance(value, str) and not isinstance(old, str):
@@ -259,7 +268,7 @@ class Assignment(Expression):
                 return value
             if number_of(old) is not None:
                 return readable_number(value, self.enums)
-            raise ConversionError(f"a text can't become what it holds, {_shown(old)}")
+            raise ConversionError(f"a text cannot replace its value, {_shown(old)}")
         if old is None:
             return value
         return assigned_value(value, old, kind)

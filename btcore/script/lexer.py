@@ -21,9 +21,13 @@ _NAME_REST: Final = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz_012345
 
 
 class Token:
-    """One word: its kind, its text (a string's without the quotes), and where it stands.
+    """A token of a script.
 
-    *start* counts characters from 0, *width* says how many the word takes in the script.
+    Attributes:
+        kind: The kind of the token; for an operator, its text.
+        text: The text, for a string without the quotes.
+        start: The index of the first character in the script.
+        width: The number of characters in the script.
     """
 
     kind: str
@@ -39,7 +43,7 @@ class Token:
 
 
 def tokenize(text: str) -> list[Token]:
-    """The tokens of *text*, with an END after the last. What is no word is a MALFORMED token."""
+    """Return the tokens of *text* and an END. Text that is not a token becomes a MALFORMED token."""
     tokens: list[Token] = []
     size = len(text)
     at = 0
@@ -75,15 +79,16 @@ def tokenize(text: str) -> list[Token]:
 
 
 def _number(text: str, start: int) -> Token:
-    """The number that begins at *start*, up to the end of the word it is in."""
+    """Return the number that begins at *start*, or a MALFORMED token with the letters that follow it."""
     if text[start] == "0" and text[start + 1 : start + 2] in ("x", "X"):
         first = start + 2
         at = _skip(text, first, _HEX_DIGITS)
         end = _skip(text, at, _NAME_REST + ".")
-        sound = at > first and end == at
-        return Token(INTEGER if sound else MALFORMED, text[start:end], start, end - start)
+        is_valid = at > first and end == at
+        return Token(INTEGER if is_valid else MALFORMED, text[start:end], start, end - start)
     kind = INTEGER
     at = _skip(text, start, _DIGITS)
+    # "1..2" joins two integers.
     if text[at : at + 1] == "." and text[at + 1 : at + 2] != ".":
         if text[at + 1 : at + 2] not in _DIGITS or at + 1 >= len(text):
             end = _skip(text, at + 1, _NAME_REST + ".")
@@ -106,7 +111,7 @@ def _number(text: str, start: int) -> Token:
 
 
 def _skip(text: str, at: int, among: str) -> int:
-    """The first place from *at* on whose character is not *among* them."""
+    """Return the index of the first character, from *at* on, that is not in *among*."""
     while at < len(text) and text[at] in among:
         at += 1
     return at

@@ -1,6 +1,6 @@
 """The operators of scripts, with the typing rules of BehaviorTree.CPP 4.10.
 
-All of them raise ConversionError, whose sentence the caller puts at its place in the script.
+All functions raise ConversionError; the caller adds the position in the script.
 """
 
 import math
@@ -12,20 +12,9 @@ from btcore.errors import ConversionError
 from btcore.values import UINT64, ValueType, as_bool, as_double, as_int, number_of, number_text
 from btcore.values.numbers import MAX_INT64, MAX_UINT64, MIN_INT64, leading_float
 
-# Ordered so that one comparison finds what two floats may do without a check.
-OPERATORS: Final[dict[str, int]] = {
-    "+": 0,
-    "-": 1,
-    "*": 2,
-    "/": 3,
-    "..": 4,
-    "&": 5,
-    "|": 6,
-    "^": 7,
-    "&&": 8,
-    "||": 9,
-}
-_SIGNS: Final[list[str]] = list(OPERATORS)
+_SIGNS: Final[list[str]] = ["+", "-", "*", "/", "..", "&", "|", "^", "&&", "||"]
+# In this order, a single comparison determines whether an operator is arithmetic, bitwise or logical.
+OPERATORS: Final[dict[str, int]] = {sign: number for number, sign in enumerate(_SIGNS)}
 _ADD: Final = 0
 _SUBTRACT: Final = 1
 _MULTIPLY: Final = 2
@@ -34,13 +23,13 @@ _JOIN: Final = 4
 _LAST_BITWISE: Final = 7
 _OR: Final = 9
 
-# Two numbers are equal when they differ by no more than C's FLT_EPSILON.
+# Two numbers are equal if they differ by at most C's FLT_EPSILON, although they are doubles.
 EPSILON: Final = 1.1920928955078125e-07
 _TWO_TO_63: Final = 9223372036854775808.0
 
 
 def operate(operator: int, left: object, right: object) -> object:
-    """*left* and *right* under an operator of OPERATORS; None for two numbers joined by ``..``."""
+    """Return the result of an operator of OPERATORS; None for ``..`` with two numbers."""
     if left is None:
         raise _no_value("before", _SIGNS[operator])
     if right is None:
@@ -50,79 +39,80 @@ def operate(operator: int, left: object, right: object) -> object:
     if first is not None and second is not None:
         if operator <= _DIVIDE:
             return _arithmetic(operator, as_double(first), as_double(second))
-        # The original converts to double before it looks at the operator.
+        # BehaviorTree.CPP converts both to double first, and so raises for large integers with any operator.
         as_double(first)
         as_double(second)
         if operator == _JOIN:
             return None
         if operator <= _LAST_BITWISE:
             return _bitwise(_SIGNS[operator], first, second)
-        one = _truth(_SIGNS[operator], first)
+        # Both operands are converted, so that an invalid second operand always raises.
+        truth = _truth(_SIGNS[operator], first)
         other = _truth(_SIGNS[operator], second)
-        return 1.0 if ((one or other) if operator == _OR else (one and other)) else 0.0
+        return 1.0 if ((truth or other) if operator == _OR else (truth and other)) else 0.0
     if operator == _ADD and isinstance(left, str) and isinstance(right, str):
         return left + right
     if operator == _JOIN and (isinstance(left, str) or isinstance(right, str)):
         return _joined(left, first) + _joined(right, second)
-    raise ConversionError(f"'{_SIGNS[operator]}' can't be done with {_kind(left)} and {_kind(right)}")
+    raise ConversionError(f"'{_SIGNS[operator]}' does not support {_kind(left)} and {_kind(right)}")
 
 
 def negated(sign: str, value: object) -> float:
-    """*value* after the prefix *sign*: ``-``, ``~`` (which first cuts to 64 bits) or ``!``."""
+    """Apply the prefix *sign* to *value*: ``-``, ``!``, or ``~`` for the integer part in 64 bits."""
     number = number_of(value)
     if number is None:
-        raise ConversionError(f"'{sign}' needs a number, and not {_kind(value)}")
+        raise ConversionError(f"'{sign}' needs a number, not {_kind(value)}")
     real = as_double(number)
     if sign == "-":
         return -real
     if sign == "!":
         return 1.0 if real == 0.0 else 0.0
     if real > _TWO_TO_63 or real < -_TWO_TO_63:
-        raise ConversionError(f"{real!r} is out of range for '~': it needs an integer of 64 bits")
-    # As the usual processors convert what no 64-bit integer is equal to.
+        raise ConversionError(f"{real!r} is out of range for '~', which needs an integer of 64 bits")
+    # C++ leaves the conversion of NaN and 2^63 undefined; common processors return the smallest integer.
     cut = MIN_INT64 if real != real or real == _TWO_TO_63 else int(real)
     return float(~cut)
 
 
 def compare(operator: str, left: object, right: object, enums: Mapping[str, int]) -> bool:
-    """Whether ``left operator right`` holds; a text beside a number is read as one."""
+    """Return whether ``left operator right`` is true. A text compared with a number is read as a number."""
     if left is None:
         raise _no_value("before", operator)
     if right is None:
         raise _no_value("after", operator)
+    first = None if isinstance(left, str) else number_of(left)
+    second = None if isinstance(right, str) else number_of(right)
     if isinstance(left, str) and isinstance(right, str):
-        return _text_compare(operator, left, right)
-    first = number_of(left)
-    second = number_of(right)
-    if first is None:
-        if not isinstance(left, str) or second is None:
-            raise ConversionError(f"{_kind(left)} can't be compared with {_kind(right)}")
-        one = readable_number(left, enums)
-        other = as_double(second)
-    elif second is None:
-        if not isinstance(right, str):
-            raise ConversionError(f"{_kind(left)} can't be compared with {_kind(right)}")
-        one = as_double(first)
-        other = readable_number(right, enums)
+        # Two numbers in the same order as the texts.
+        a = 0.0 if left == right else -1.0 if left < right else 1.0
+        b = 0.0
+    elif first is not None and second is not None:
+        a = as_double(first)
+        b = as_double(second)
+    elif isinstance(left, str) and second is not None:
+        a = readable_number(left, enums)
+        b = as_double(second)
+    elif isinstance(right, str) and first is not None:
+        a = as_double(first)
+        b = readable_number(right, enums)
     else:
-        one = as_double(first)
-        other = as_double(second)
+        raise ConversionError(f"{_kind(left)} can't be compared with {_kind(right)}")
     if operator == "==":
-        return abs(one - other) <= EPSILON
+        return abs(a - b) <= EPSILON
     if operator == "!=":
-        return not abs(one - other) <= EPSILON
-    # In the original's sense, which a NaN makes a difference to.
+        return not abs(a - b) <= EPSILON
+    # Negated, as in BehaviorTree.CPP: with a NaN, all of these comparisons are true.
     if operator == "<":
-        return not one >= other
+        return not a >= b
     if operator == ">":
-        return not one <= other
+        return not a <= b
     if operator == "<=":
-        return not one > other
-    return not one < other
+        return not a > b
+    return not a < b
 
 
 def readable_number(text: str, enums: Mapping[str, int]) -> float:
-    """The number that *text* stands for: true and false, an enum's name, or digits."""
+    """Return the number of *text*: ``true``, ``false``, an enum name, or digits. Raise ConversionError."""
     if text == "true":
         return 1.0
     if text == "false":
@@ -134,7 +124,7 @@ def readable_number(text: str, enums: Mapping[str, int]) -> float:
 
 
 def assigned_value(value: object, old: object, kind: ValueType) -> object:
-    """*value* as it replaces *old* in an entry declared as *kind*: the stored kind of number stays."""
+    """Return *value* as stored in an entry of the type *kind* with the value *old*, whose type is kept."""
     if isinstance(value, str) and isinstance(old, str):
         return value
     number = number_of(value)
@@ -150,23 +140,23 @@ def assigned_value(value: object, old: object, kind: ValueType) -> object:
         return _member(old, whole) if isinstance(old, Enum) else whole
     if number is None and stored is None and type(value) is type(old):
         return value
-    raise ConversionError(f"{_kind(value)} can't become {_kind(old)}")
+    raise ConversionError(f"{_kind(value)} cannot replace {_kind(old)}")
 
 
 def compound_assigned_value(operator: str, old: object, value: object, kind: ValueType) -> object:
-    """What ``+=``, ``-=``, ``*=`` and ``/=`` leave in an entry that holds *old*."""
+    """Return the result of ``+=``, ``-=``, ``*=`` or ``/=`` for an entry with the value *old*."""
     if old is None:
         raise _no_value("before", operator)
     number = number_of(value)
     if number is not None:
         stored = number_of(old)
         if stored is None:
-            raise ConversionError(f"'{operator}' needs an entry with a number, and not {_kind(old)}")
+            raise ConversionError(f"'{operator}' needs an entry with a number, not {_kind(old)}")
         result = _arithmetic(OPERATORS[operator[0]], as_double(stored), as_double(number))
         return assigned_value(result, old, kind)
     if isinstance(old, str) and isinstance(value, str) and operator == "+=":
         return old + value
-    raise ConversionError(f"'{operator}' can't be done with {_kind(old)} and {_kind(value)}")
+    raise ConversionError(f"'{operator}' does not support {_kind(old)} and {_kind(value)}")
 
 
 def _arithmetic(operator: int, left: float, right: float) -> float:
@@ -178,7 +168,7 @@ def _arithmetic(operator: int, left: float, right: float) -> float:
         return left * right
     if right != 0.0:
         return left / right
-    # Division by zero is IEEE 754's, where Python raises.
+    # IEEE 754's division by zero, for which Python raises.
     if left == 0.0 or left != left:
         return -math.nan
     return math.copysign(math.inf, left) * math.copysign(1.0, right)
@@ -186,32 +176,20 @@ def _arithmetic(operator: int, left: float, right: float) -> float:
 
 def _bitwise(sign: str, left: int | float, right: int | float) -> float:
     try:
-        one = as_int(left, MIN_INT64, MAX_INT64)
-        other = as_int(right, MIN_INT64, MAX_INT64)
-    except ConversionError as fault:
-        raise ConversionError(f"'{sign}' needs integers: {fault}") from None
+        a = as_int(left, MIN_INT64, MAX_INT64)
+        b = as_int(right, MIN_INT64, MAX_INT64)
+    except ConversionError as error:
+        raise ConversionError(f"'{sign}' needs integers: {error}") from None
     if sign == "&":
-        return float(one & other)
-    return float(one | other) if sign == "|" else float(one ^ other)
+        return float(a & b)
+    return float(a | b) if sign == "|" else float(a ^ b)
 
 
 def _truth(sign: str, number: int | float) -> bool:
     try:
         return as_bool(number)
-    except ConversionError as fault:
-        raise ConversionError(f"'{sign}' needs bools: {fault}") from None
-
-
-def _text_compare(operator: str, left: str, right: str) -> bool:
-    if operator == "==":
-        return left == right
-    if operator == "!=":
-        return left != right
-    if operator == "<":
-        return left < right
-    if operator == ">":
-        return left > right
-    return left <= right if operator == "<=" else left >= right
+    except ConversionError as error:
+        raise ConversionError(f"'{sign}' needs bools: {error}") from None
 
 
 def _joined(value: object, number: int | float | None) -> str:
@@ -223,19 +201,16 @@ def _joined(value: object, number: int | float | None) -> str:
 
 
 def _member(old: Enum, number: int) -> object:
-    """The member of *old*'s enum that stands for *number*, or the number where there is none."""
-    for member in old.__class__:
-        if member.value == number:
-            return member
-    return number
+    """Return the member of the enum of *old* with *number*, or *number* if there is no such member."""
+    return next((member for member in old.__class__ if member.value == number), number)
 
 
 def _no_value(side: str, operator: str) -> ConversionError:
-    return ConversionError(f"what stands {side} '{operator}' has no value: the entry was never written")
+    return ConversionError(f"the operand {side} '{operator}' has no value: the entry was never written")
 
 
 def _kind(value: object) -> str:
-    """What *value* is, in a reader's words."""
+    """Return a description of *value* for messages."""
     if value is None:
         return "an entry without a value"
     if isinstance(value, str):

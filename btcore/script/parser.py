@@ -17,37 +17,16 @@ from btcore.script.expressions import (
 from btcore.script.lexer import BOOLEAN, END, INTEGER, MALFORMED, NAME, REAL, STRING, Token, tokenize
 from btcore.values.numbers import MAX_INT64, leading_float
 
-# How tightly an operator binds what stands to its left. The right side of one that goes from left
-# to right must bind tighter than itself.
+# The operators from the loosest level to the tightest, with the numbers of the levels from 1.
+_LEVELS: Final = (":= = += -= *= /=", "?", "||", "&&", "== != < > <= >=", "| ^", "&", "+ - ..", "* /")
+_BINDING: Final[dict[str, int]] = {
+    operator: level for level, operators in enumerate(_LEVELS, start=1) for operator in operators.split()
+}
+_LOOSEST: Final = 0
 _ASSIGNING: Final = 1
 _CHOOSING: Final = 2
 _COMPARING: Final = 5
-_BINDING: Final[dict[str, int]] = {
-    ":=": _ASSIGNING,
-    "=": _ASSIGNING,
-    "+=": _ASSIGNING,
-    "-=": _ASSIGNING,
-    "*=": _ASSIGNING,
-    "/=": _ASSIGNING,
-    "?": _CHOOSING,
-    "||": 3,
-    "&&": 4,
-    "==": _COMPARING,
-    "!=": _COMPARING,
-    "<": _COMPARING,
-    ">": _COMPARING,
-    "<=": _COMPARING,
-    ">=": _COMPARING,
-    "|": 6,
-    "^": 6,
-    "&": 7,
-    "+": 8,
-    "-": 8,
-    "..": 8,
-    "*": 9,
-    "/": 9,
-}
-_LOOSEST: Final = 0
+# Bounds the recursion of the parser and of the evaluation.
 _DEEPEST: Final = 200
 
 
@@ -62,15 +41,16 @@ class Parser:
         self.depth: int = 0
 
     def statements(self) -> list[Expression]:
-        """Every statement; ``;`` may stand after each, any number of times. Raises ScriptError."""
-        found: list[Expression] = []
+        """Parse all statements, each followed by any number of ``;``. Raise ScriptError."""
+        statements: list[Expression] = []
         while self._next().kind != END:
-            found.append(self._expression(_LOOSEST))
+            statements.append(self._expression(_LOOSEST))
+            # As in BehaviorTree.CPP, a statement may also follow without a semicolon.
             while self._next().kind == ";":
                 self.at += 1
-        if not found:
-            raise ScriptError("the script is empty: it needs an expression, say a := 1", self.text)
-        return found
+        if not statements:
+            raise ScriptError("the script is empty; write an expression, such as a := 1", self.text)
+        return statements
 
     def _next(self) -> Token:
         return self.tokens[self.at]
@@ -82,10 +62,10 @@ class Parser:
         return token
 
     def _expression(self, least: int) -> Expression:
-        """A value and all the operators after it that bind at least as tightly as *least*."""
+        """Parse a value and the operators after it whose level is at least *least*."""
         self.depth += 1
         if self.depth > _DEEPEST:
-            raise self._fault(self._next(), f"the expression is nested more than {_DEEPEST} deep")
+            raise self._error(self._next(), f"the expression is nested more than {_DEEPEST} deep")
         left = self._prefixed()
         while True:
             token = self._next()
@@ -103,6 +83,7 @@ class Parser:
                 left = self._choice(token, left)
                 break
             chain = left if isinstance(left, OperatorChain) else OperatorChain(self.text, token, left)
+            # A tighter level on the right, because these operators are evaluated from left to right.
             chain.extend(token, self._expression(binding + 1))
             left = chain
         self.depth -= 1
@@ -119,7 +100,7 @@ class Parser:
         then = self._expression(_LOOSEST)
         colon = self._take()
         if colon.kind != ":":
-            raise self._unexpected(colon, f"':' is wanted, for the '?' in column {question.start + 1}")
+            raise self._unexpected(colon, f"expected ':' for the '?' in column {question.start + 1}")
         return ConditionalExpression(self.text, question, condition, then, self._expression(_CHOOSING))
 
     def _prefixed(self) -> Expression:
@@ -144,35 +125,35 @@ class Parser:
         if kind == REAL:
             try:
                 return Literal(self.text, token, leading_float(token.text))
-            except ConversionError as fault:
-                raise self._fault(token, str(fault)) from None
+            except ConversionError as error:
+                raise self._error(token, str(error)) from None
         if kind == "(":
             inner = self._expression(_LOOSEST)
             close = self._take()
             if close.kind != ")":
-                raise self._unexpected(close, f"')' is wanted, for the '(' in column {token.start + 1}")
+                raise self._unexpected(close, f"expected ')' for the '(' in column {token.start + 1}")
             return inner
-        raise self._unexpected(token, "a value is wanted")
+        raise self._unexpected(token, "expected a value")
 
-    def _unexpected(self, token: Token, wanted: str) -> ScriptError:
+    def _unexpected(self, token: Token, expected: str) -> ScriptError:
         if token.kind == END:
-            return self._fault(token, f"{wanted}, but the script ends here")
+            return self._error(token, f"{expected}, but the script ends here")
         if token.kind != MALFORMED:
-            return self._fault(token, f"{wanted}, but '{token.text}' stands here")
+            return self._error(token, f"{expected}, but found '{token.text}'")
         if token.text.startswith("'"):
-            return self._fault(token, "the text has no closing quote")
+            return self._error(token, "the string has no closing quote")
         if token.text == '"':
-            return self._fault(token, "a text stands between single quotes: '…'")
+            return self._error(token, "strings are written between single quotes: '…'")
         if token.text[0] in "0123456789":
-            return self._fault(token, f"'{token.text}' is no number: 12, 0x1F, 1.5 and 1e3 are")
-        return self._fault(token, f"'{token.text}' is no word of a script")
+            return self._error(token, f"'{token.text}' is not a number; examples: 12, 0x1F, 1.5, 1e3")
+        return self._error(token, f"unexpected character '{token.text}'")
 
-    def _fault(self, token: Token, message: str) -> ScriptError:
+    def _error(self, token: Token, message: str) -> ScriptError:
         return ScriptError(message, self.text, token.start + 1, token.width)
 
 
 def _integer(digits: str) -> int:
-    """The literal's value; one of more than 63 bits is 0, as in the original."""
+    """Return the value of the literal; 0 for more than 63 bits, as in BehaviorTree.CPP."""
     hexadecimal = digits[1:2] in ("x", "X")
     bare = (digits[2:] if hexadecimal else digits).lstrip("0") or "0"
     if len(bare) > 19:

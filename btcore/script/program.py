@@ -1,4 +1,4 @@
-"""A script, parsed once and run as often as needed."""
+"""Compiled scripts, and the results of conditions."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -13,7 +13,7 @@ _NO_ENUMS: Final[dict[str, int]] = {}
 
 
 class Program:
-    """A compiled script. *text* is what it was compiled from."""
+    """A compiled script; *text* is its source."""
 
     text: str
 
@@ -22,10 +22,12 @@ class Program:
         self._statements: list[Expression] = statements
 
     def run(self, blackboard: Blackboard) -> object:
-        """Evaluate every statement on *blackboard*, and return the value of the last.
+        """Evaluate all statements on *blackboard*, and return the value of the last statement.
 
-        A number, a text, whatever an entry holds, or None for an entry without a value. Raises
-        ScriptError; what the statements before it wrote stays written.
+        The value is a number, a text, any other value of an entry, or None for an entry without a value.
+
+        Raises:
+            ScriptError: A statement cannot be evaluated. The assignments before it remain.
         """
         value: object = None
         for statement in self._statements:
@@ -34,10 +36,14 @@ class Program:
 
 
 def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program:
-    """Parse *text*. Raises ScriptError, with a column, for what is no script.
+    """Parse a script.
 
-    *enums* maps the names that stand for numbers; it is kept and looked into at every run, so that
-    names may still be added.
+    Args:
+        text: The source of the script.
+        enums: The numbers of the enum names. It is read in every run, so that names may be added later.
+
+    Raises:
+        ScriptError: The script has a syntax error; the error has the column.
     """
     return Program(text, Parser(text, _NO_ENUMS if enums is None else enums).statements())
 
@@ -45,16 +51,18 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
 def condition_result(value: object) -> bool:
     """Return the result of a condition's script as a bool.
 
-    A float is true unless it is zero; of the integers only 0 and 1 count; negative numbers, texts
-    and entries without a value raise ScriptError.
+    Zero is false, and every positive float is true.
+
+    Raises:
+        ScriptError: The value is negative, an integer except 0 and 1, a text, or missing.
     """
     if isinstance(value, float) and value >= 0.0:
         return value != 0.0
     number = number_of(value)
     if number is None:
-        what = "has no value" if value is None else f"is no number: {value!r}"
-        raise ScriptError(f"the result of a condition {what}")
+        problem = "has no value" if value is None else f"is not a number: {value!r}"
+        raise ScriptError(f"the result of a condition {problem}")
     try:
         return as_bool(number)
-    except ConversionError as fault:
-        raise ScriptError(f"the result of a condition is no bool: {fault}") from None
+    except ConversionError as error:
+        raise ScriptError(f"the result of a condition is not a bool: {error}") from None

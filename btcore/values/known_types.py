@@ -1,43 +1,43 @@
-"""Text ⇄ values by BehaviorTree.CPP's rules, and the types that a registry knows.
+"""The types that a registry knows: the type of a Python annotation, and the type of a value.
 
-The types themselves live in :mod:`btcore.values.types`, ``enums`` and ``vectors``; here a
-Python annotation, or a value, finds its type.
-
-Python's ``int`` is C++'s ``int`` of 32 bits, as in the ports of the trees that come from there: a
-text or an entry beyond 32 bits doesn't fit an ``In[int]``, but an ``In[Int64]``. The type of an
-integer that user code writes is ``int`` where 32 bits hold it, else ``long``, else ``unsigned long``;
-an ``In[float]`` or ``In[Int64]`` may still claim such an entry when the tree is made.
+Python's ``int`` is C++'s ``int`` of 32 bits, as in the ports of BehaviorTree.CPP: a text or an entry beyond
+32 bits fits an ``In[Int64]``, but not an ``In[int]``. The type of an integer that user code writes is ``int``
+if it has 32 bits, else ``long``, else ``unsigned long``. An ``In[float]`` or ``In[Int64]`` may still change
+the type of such an entry when the tree is loaded.
 """
 
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields, is_dataclass
 from enum import Enum
 from numbers import Integral, Real
 from typing import Annotated, Any, Final, Union, get_args, get_origin
 
 from btcore.errors import BlackboardError, ConversionError, RegistrationError
 from btcore.status import Status
-from btcore.values.enums import NODE_STATUS, PORT_DIRECTION, EnumType, PortDirection
-from btcore.values.numbers import MAX_UINT64, MIN_INT64, read_json, whole_float, whole_int
+from btcore.values.numbers import MAX_UINT64, MIN_INT64, whole_float, whole_int
 from btcore.values.types import (
     ANY,
-    ANY_VALUE,
     BOOL,
+    BUILTIN_TYPES,
     DOUBLE,
     FLOAT,
     INT,
-    INT8,
-    INT16,
     INT64,
+    NODE_STATUS,
+    PORT_DIRECTION,
     STRING,
     UINT,
-    UINT8,
-    UINT16,
     UINT64,
+    VECTOR_BOOL,
+    VECTOR_DOUBLE,
+    VECTOR_INT,
+    VECTOR_STRING,
+    EnumType,
+    PortDirection,
+    UserType,
     ValueType,
+    VectorType,
 )
-from btcore.values.vectors import VECTOR_BOOL, VECTOR_DOUBLE, VECTOR_INT, VECTOR_STRING, VectorType
 
 Int64 = Annotated[int, INT64]
 """An annotation for integers of 64 bits."""
@@ -47,11 +47,6 @@ UInt64 = Annotated[int, UINT64]
 """An annotation for C++'s ``uint64_t``."""
 Float32 = Annotated[float, FLOAT]
 """An annotation for C++'s ``float``."""
-
-_BUILT_IN: Final[tuple[ValueType, ...]] = (
-    ANY, ANY_VALUE, STRING, BOOL, INT, INT8, INT16, INT64, UINT, UINT8, UINT16, UINT64, FLOAT, DOUBLE,
-    NODE_STATUS, PORT_DIRECTION, VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING,
-)  # fmt: skip
 
 _OF_CLASS: Final[dict[object, ValueType]] = {
     bool: BOOL,
@@ -65,86 +60,23 @@ _OF_CLASS: Final[dict[object, ValueType]] = {
 }
 
 
-class UserType(ValueType):
-    """A class of the user's, with the converters that it was registered with, if any.
-
-    A dataclass without converters reads and writes ``json:{…}``, field by field.
-    """
-
-    def __init__(
-        self,
-        python_type: type,
-        name: str,
-        from_text: Callable[[str], object] | None = None,
-        to_text: Callable[[Any], str] | None = None,
-    ) -> None:
-        super().__init__(name, python_type)
-        self._from_text = from_text
-        self._to_text = to_text
-
-    @property
-    def has_converters(self) -> bool:
-        """Whether a text stands for its values."""
-        return self._from_text is not None
-
-    def set_converters(
-        self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
-    ) -> None:
-        """Have these from now on."""
-        self._from_text = from_text
-        self._to_text = to_text
-
-    def from_text(self, text: str, format: int = 4) -> object:
-        """What the converter makes of *text*. Raises ConversionError, whatever the converter raises."""
-        if format != 3 and text.startswith("json:") and is_dataclass(self.python_type):
-            return self._from_json(text[5:])
-        if self._from_text is None:
-            return super().from_text(text, format)
-        try:
-            return self._from_text(text)
-        except Exception as fault:
-            raise ConversionError(f"'{text}' is no {self.name}: {fault}") from fault
-
-    def to_text(self, value: object) -> str:
-        """What the converter makes of *value*."""
-        if self._to_text is not None:
-            return self._to_text(value)
-        if is_dataclass(value) and not isinstance(value, type):
-            try:
-                import json
-
-                return "json:" + json.dumps(_record(value), ensure_ascii=False)
-            except TypeError:
-                pass
-        return super().to_text(value)
-
-    def _from_json(self, text: str) -> object:
-        record = read_json(text)
-        if not isinstance(record, dict):
-            raise ConversionError(f"'json:{text}' is no JSON object")
-        given = {str(key): value for key, value in record.items() if key != "__type"}
-        try:
-            return self.python_type(**given)
-        except Exception as fault:
-            raise ConversionError(f"'json:{text}' is no {self.name}: {fault}") from fault
-
-
 class TypeRegistry:
-    """What a registry knows of types: annotations, the user's classes, and enums by name.
+    """The types of annotations, of the user's classes, and of names.
 
-    *enums* maps the names that scripts and enum ports may use to their numbers.
+    Attributes:
+        enums: The numbers of the names that scripts and enum ports may use.
     """
 
     def __init__(self) -> None:
         self.enums: dict[str, int] = {}
         self._by_class: dict[object, ValueType] = dict(_OF_CLASS)
-        self._by_name: dict[str, ValueType] = {one.name: one for one in _BUILT_IN}
+        self._by_name: dict[str, ValueType] = {kind.name: kind for kind in BUILTIN_TYPES}
 
     def of(self, annotation: object) -> ValueType:
-        """The type that *annotation* means.
+        """Return the type of *annotation*.
 
-        Anything that BehaviorTree.CPP has no type for is a type of its own, whose values pass
-        through the blackboard as they are, and which no text stands for.
+        A class without a counterpart in BehaviorTree.CPP is a type of its own, without a text form. Its
+        values are stored on the blackboard unchanged.
         """
         if isinstance(annotation, ValueType):
             return annotation
@@ -156,8 +88,8 @@ class TypeRegistry:
             return known
         origin = get_origin(annotation)
         if origin is Annotated:
-            given = [one for one in get_args(annotation)[1:] if isinstance(one, ValueType)]
-            return given[0] if given else self.of(get_args(annotation)[0])
+            explicit = [item for item in get_args(annotation)[1:] if isinstance(item, ValueType)]
+            return explicit[0] if explicit else self.of(get_args(annotation)[0])
         if origin in (Union, types.UnionType):
             return self._union(get_args(annotation))
         if origin is list and len(get_args(annotation)) == 1:
@@ -178,37 +110,45 @@ class TypeRegistry:
         to_text: Callable[[Any], str] | None = None,
         name: str | None = None,
     ) -> ValueType:
-        """Register *python_type* with its text form, and a *name* for the wire. Returns its type.
+        """Register the text form of a class, and return its type.
 
-        Raises RegistrationError for a type that has a text form already.
+        Args:
+            python_type: The class.
+            from_text: Converts a text to a value.
+            to_text: Converts a value to a text.
+            name: The name in the protocols and in models; by default the name of the class.
+
+        Raises:
+            RegistrationError: The class has a text form already, or another type has this name.
         """
         known = self._by_class.get(python_type)
         if python_type in _OF_CLASS or (known is not None and known.has_converters and from_text is not None):
             raise RegistrationError(f"{python_type.__qualname__} has a text form already")
-        wire = name or python_type.__qualname__
-        other = self._by_name.get(wire)
+        name = name or python_type.__qualname__
+        other = self._by_name.get(name)
         if other is not None and other is not known:
             raise RegistrationError(
-                f"a type called {wire} is registered already; give {python_type!r} another name"
+                f"a type called {name} is registered already; give {python_type!r} another name"
             )
-        if known is not None and known.name == wire:
-            # Leaves that were registered before have ports of this type.
+        if known is not None and known.name == name:
+            # The same object, because the ports of leaves that are registered already refer to it.
             if from_text is not None or to_text is not None:
                 known.set_converters(from_text, to_text)
             return known
         kind: ValueType
         if issubclass(python_type, Enum):
-            kind = EnumType(python_type, wire, self.enums, from_text, to_text)
+            kind = EnumType(python_type, name, self.enums, from_text, to_text)
         else:
-            kind = UserType(python_type, wire, from_text, to_text)
+            kind = UserType(python_type, name, from_text, to_text)
         self._by_class[python_type] = kind
-        self._by_name[wire] = kind
+        self._by_name[name] = kind
         return kind
 
     def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
-        """Let scripts and ports know an enum, by a class or by names and numbers.
+        """Register an enum for scripts and ports, given as a class or as numbers by name.
 
-        Raises RegistrationError when a name stands for another number already.
+        Raises:
+            RegistrationError: A name is registered with another number, or a value is not an integer.
         """
         members: dict[str, object]
         if isinstance(enum, Mapping):
@@ -229,12 +169,12 @@ class TypeRegistry:
         self.enums.update(numbers)
 
     def named(self, cpp_name: str) -> ValueType | None:
-        """The type that C++ calls *cpp_name*, or None."""
+        """Return the type with the C++ name *cpp_name*, or None."""
         return self._by_name.get(cpp_name)
 
     def _union(self, members: Iterable[object]) -> ValueType:
-        """``T | None`` is T, since an entry without a value is none; any other union takes anything."""
-        others = [one for one in members if one is not type(None)]
+        # T | None is T: None means that the entry has no value. Any other union accepts all values.
+        others = [member for member in members if member is not type(None)]
         return self.of(others[0]) if len(others) == 1 else ANY
 
     def _keep(self, annotation: object, kind: ValueType) -> ValueType:
@@ -244,33 +184,33 @@ class TypeRegistry:
 
 
 def type_of(value: object) -> ValueType:
-    """The type that an entry takes from its first *value*; ANY for an empty list, which tells none.
+    """Return the type that an entry gets from its first *value*: ANY for an empty list.
 
-    Raises BlackboardError for an integer of more than 64 bits.
+    Raises:
+        BlackboardError: An integer has more than 64 bits.
     """
-    kind = type(value)
-    if kind is int:
+    cls = type(value)
+    if cls is int:
         return _integer_type(value)
-    found = _OF_CLASS.get(kind)
-    if found is not None:
-        return found
-    if kind is list:
+    known = _OF_CLASS.get(cls)
+    if known is not None:
+        return known
+    if cls is list:
         return _list_type(value)
     if isinstance(value, str):
         return STRING
     if isinstance(value, Enum):
-        members = value.__class__
-        return EnumType(members, members.__qualname__)
+        return EnumType(value.__class__, value.__class__.__qualname__)
     if isinstance(value, int):
         return _integer_type(value)
     if isinstance(value, float):
         return DOUBLE
-    return UserType(kind, kind.__qualname__)
+    return UserType(cls, cls.__qualname__)
 
 
 def to_builtin_number(value: object) -> object:
-    """*value*, or the Python number that a foreign one (of numpy, say) stands for."""
-    # One by one: compiled, a class of Python's own is told by one comparison.
+    """Return *value*, converted to int or float if it is a number of another library, such as numpy."""
+    # Not one isinstance() with a tuple: mypyc compiles each of these calls to one comparison.
     if isinstance(value, float) or isinstance(value, str) or isinstance(value, int):  # noqa: SIM101
         return value
     if isinstance(value, (list, Enum)):
@@ -283,10 +223,7 @@ def to_builtin_number(value: object) -> object:
 
 
 def parse_constant(text: str) -> object:
-    """What an attribute of a SubTree that is no pointer stands for in format 4.
-
-    A whole integer, a whole real, or else the text itself.
-    """
+    """Return the constant in an attribute of a SubTree of format 4: an int, a float, or the text itself."""
     number = whole_int(text)
     if number is not None:
         return number
@@ -295,13 +232,15 @@ def parse_constant(text: str) -> object:
 
 
 def to_text(value: object) -> str:
-    """*value* as BehaviorTree.CPP's ``toStr`` writes it.
+    """Return *value* as BehaviorTree.CPP's ``toStr`` writes it.
 
-    Numbers by ``%d`` and ``%f``, bools as ``true`` and ``false``, lists as ``json:[…]``, enums by
-    name. Raises ConversionError for what has no text form.
+    Numbers by ``%d`` and ``%f``, bools as ``true`` and ``false``, lists as ``json:[…]``, enums by name.
+
+    Raises:
+        ConversionError: The value is None, or has no text form.
     """
     if value is None:
-        raise ConversionError("there is no value, and so no text for it")
+        raise ConversionError("None has no text form")
     return type_of(value).to_text(value)
 
 
@@ -322,9 +261,3 @@ def _list_type(value: object) -> ValueType:
         if kind.accepts(value):
             return kind
     return UserType(list, "list")
-
-
-def _record(value: Any) -> dict[str, object]:
-    return {"__type": type(value).__qualname__} | {
-        one.name: getattr(value, one.name) for one in fields(value)
-    }

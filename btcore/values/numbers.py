@@ -1,9 +1,9 @@
-"""Numbers in text, read the way the two generations of BehaviorTree.CPP read them.
+"""Numbers in text, by the rules of format 3 and format 4 of BehaviorTree.CPP.
 
-Format 4 reads the leading part of a text (``42abc`` is 42, ``3.7`` is the int 3), allows a minus
-sign but neither spaces nor a plus sign before it, and doesn't depend on the locale: the rules of
-C++'s ``std::from_chars``. Format 3 reads by C's ``strtol`` and ``strtod``, which skip spaces, take
-a plus sign, and know hexadecimal reals.
+Format 4 follows C++'s ``std::from_chars``, in every locale. It reads the number at the start of a text
+(``42abc`` is 42, ``3.7`` is the int 3). The number may begin with a minus sign, but not with a space or a
+plus sign. Format 3 follows C's ``strtol`` and ``strtod``, which also accept leading spaces, a plus sign and
+hexadecimal reals.
 """
 
 import math
@@ -32,35 +32,36 @@ _DIGITS_OF_64_BITS: Final = 20
 
 
 def leading_int(text: str, low: int, high: int, unsigned: bool = False) -> int:
-    """The integer that *text* starts with, if it lies in *low* … *high*.
+    """Return the integer at the start of *text*.
 
-    *unsigned* refuses a minus sign, even before a zero. Raises ConversionError.
+    Args:
+        text: The text.
+        low: The minimum.
+        high: The maximum.
+        unsigned: Whether a minus sign is an error, even before a zero.
+
+    Raises:
+        ConversionError: There is no integer, or it is out of range.
     """
-    found = (_UNSIGNED if unsigned else _INTEGER).match(text)
-    if found is None:
-        raise ConversionError(f"'{text}' is no integer")
-    value = _bounded(found.group())
-    if value < low or value > high:
-        raise ConversionError(f"'{text}' is out of range: {low} to {high} fit")
-    return value
+    match = (_UNSIGNED if unsigned else _INTEGER).match(text)
+    return _integer(text, None if match is None else match.group(), low, high)
 
 
 def leading_float(text: str, single: bool = False) -> float:
-    """The real number that *text* starts with, in double or in *single* precision.
+    """Return the real number at the start of *text*, in double or in *single* precision.
 
-    Raises ConversionError where there is none, and where it is too large, or too close to zero,
-    for the precision.
+    Raises:
+        ConversionError: There is no number, or it is too large or too close to zero for the precision.
     """
-    found = _REAL.match(text)
-    if found is None:
-        raise ConversionError(f"'{text}' is no number")
-    return _finite(found.group(), text, single)
+    match = _REAL.match(text)
+    if match is None:
+        raise ConversionError(f"'{text}' is not a number")
+    return _finite(match.group(), text, single)
 
 
 def whole_float(text: str) -> float | None:
-    """The number that *text* is from its first character to its last, or None."""
-    found = _REAL.fullmatch(text)
-    if found is None:
+    """Return the double that the whole of *text* represents, or None."""
+    if _REAL.fullmatch(text) is None:
         return None
     try:
         return _finite(text, text, False)
@@ -69,7 +70,7 @@ def whole_float(text: str) -> float | None:
 
 
 def whole_int(text: str) -> int | None:
-    """The 64-bit integer that *text* is from its first character to its last, or None."""
+    """Return the 64-bit integer that the whole of *text* represents, or None."""
     if _INTEGER.fullmatch(text) is None:
         return None
     value = _bounded(text)
@@ -77,28 +78,23 @@ def whole_int(text: str) -> int | None:
 
 
 def c_int(text: str, low: int, high: int) -> int:
-    """The integer that C's ``strtol`` finds in *text*, if it lies in *low* … *high* (format 3)."""
-    found = re.match(_C_INTEGER, text)
-    if found is None:
-        raise ConversionError(f"'{text}' is no integer")
-    value = _bounded(found.group(1) + found.group(2))
-    if value < low or value > high:
-        raise ConversionError(f"'{text}' is out of range: {low} to {high} fit")
-    return value
+    """Return the result of C's ``strtol`` for *text*, from *low* to *high* (format 3)."""
+    match = re.match(_C_INTEGER, text)
+    return _integer(text, None if match is None else match.group(1) + match.group(2), low, high)
 
 
 def c_unsigned(text: str, bits: int) -> int:
-    """What C's ``strtoul`` makes of *text*, cut to *bits* (format 3): ``-1`` is the largest number."""
+    """Return the result of C's ``strtoul`` for *text*, cut to *bits* (format 3). ``-1`` is the maximum."""
     value = c_int(text, -MAX_UINT64, MAX_UINT64)
     return value % (1 << 64) % (1 << bits)
 
 
 def c_float(text: str, single: bool = False) -> float:
-    """The real number that C's ``strtod`` (or ``strtof``) finds in *text* (format 3)."""
-    found = re.match(_C_REAL, text)
-    if found is None:
-        raise ConversionError(f"'{text}' is no number")
-    number = found.group(1)
+    """Return the result of C's ``strtod`` (or ``strtof``) for *text* (format 3)."""
+    match = re.match(_C_REAL, text)
+    if match is None:
+        raise ConversionError(f"'{text}' is not a number")
+    number = match.group(1)
     if "x" in number or "X" in number:
         try:
             value = float.fromhex(number)
@@ -109,20 +105,21 @@ def c_float(text: str, single: bool = False) -> float:
 
 
 def lenient_int(text: str) -> int:
-    """An item of format 3's ``vector<int>``: no number is 0, and what is too large wraps to 32 bits."""
-    found = re.match(_C_INTEGER, text)
-    if found is None:
+    """Return an item of format 3's ``vector<int>``: 0 for invalid text; large numbers wrap to 32 bits."""
+    match = re.match(_C_INTEGER, text)
+    if match is None:
         return 0
-    value = max(MIN_INT64, min(MAX_INT64, _bounded(found.group(1) + found.group(2))))
+    # strtol() saturates at 64 bits; BehaviorTree.CPP 3 then casts the result to int.
+    value = max(MIN_INT64, min(MAX_INT64, _bounded(match.group(1) + match.group(2))))
     return wrap_signed(value, 32)
 
 
 def lenient_float(text: str) -> float:
-    """An item of format 3's ``vector<double>``: no number is 0."""
-    found = re.match(_C_REAL, text)
-    if found is None:
+    """Return an item of format 3's ``vector<double>``: 0 for invalid text."""
+    match = re.match(_C_REAL, text)
+    if match is None:
         return 0.0
-    number = found.group(1)
+    number = match.group(1)
     if "x" not in number and "X" not in number:
         return float(number)
     try:
@@ -132,13 +129,13 @@ def lenient_float(text: str) -> float:
 
 
 def wrap_signed(value: int, bits: int) -> int:
-    """*value* cut to a signed integer of *bits*, as a C cast does."""
+    """Return *value* cut to a signed integer of *bits*, as a cast in C."""
     half = 1 << (bits - 1)
     return (value + half) % (1 << bits) - half
 
 
 def to_single_precision(value: float) -> float:
-    """*value* rounded to single precision; infinite where it is too large."""
+    """Return *value* rounded to single precision; infinity if it is too large."""
     try:
         rounded: float = struct.unpack("<f", struct.pack("<f", value))[0]
     except OverflowError:
@@ -147,37 +144,48 @@ def to_single_precision(value: float) -> float:
 
 
 def json_items(text: str) -> list[object]:
-    """The array that the JSON *text* (without its ``json:``) holds. Raises ConversionError."""
+    """Return the array in the JSON *text*, given without ``json:``. Raise ConversionError."""
     value = read_json(text)
     if not isinstance(value, list):
-        raise ConversionError(f"'json:{text}' is no JSON array")
+        raise ConversionError(f"'json:{text}' is not a JSON array")
     return value
 
 
 def read_json(text: str) -> object:
-    """The value of the JSON *text*, strictly: no NaN, no number beyond a double. Raises ConversionError."""
+    """Return the value of the JSON *text*. Raise ConversionError, also for NaN and an infinite double."""
     import json
 
     try:
-        value: object = json.loads(text, parse_constant=_refuse_constant, parse_float=_json_float)
+        # parse_constant is called for NaN and Infinity, which are not JSON.
+        value: object = json.loads(text, parse_constant=_refuse, parse_float=_json_float)
     except (ValueError, RecursionError):
         raise ConversionError(f"'json:{text}' is not JSON") from None
     return value
 
 
-def _refuse_constant(name: str) -> float:
-    raise ValueError(name)
+def _refuse(number: str) -> float:
+    raise ValueError(number)
 
 
 def _json_float(text: str) -> float:
     value = float(text)
-    if math.isinf(value):
-        raise ValueError(text)
+    return _refuse(text) if math.isinf(value) else value
+
+
+def _integer(text: str, digits: str | None, low: int, high: int) -> int:
+    if digits is None:
+        raise ConversionError(f"'{text}' is not an integer")
+    value = _bounded(digits)
+    if value < low or value > high:
+        raise ConversionError(f"'{text}' is out of range: {low} to {high}")
     return value
 
 
 def _bounded(digits: str) -> int:
-    """The integer of a sign and digits; one of more than 64 bits only has to stay beyond them."""
+    """Return the integer of a sign and digits; of more than 64 bits, some integer beyond 64 bits.
+
+    Python's int() raises for thousands of digits, and takes quadratic time.
+    """
     if len(digits) < _DIGITS_OF_64_BITS:
         return int(digits)
     sign = digits[:1] if digits[:1] in ("-", "+") else ""
@@ -198,7 +206,7 @@ def _finite(number: str, text: str, as_single: bool) -> float:
     rounded = _rounded(value, text)
     neighbour = _halfway_partner(value, rounded)
     if neighbour is not None:
-        # The double lies exactly between two floats: the digits that it lost decide.
+        # The double lies exactly between two floats. The exact value of the digits determines the nearest.
         from fractions import Fraction
 
         exact = Fraction(number)
@@ -216,7 +224,7 @@ def _rounded(value: float, text: str) -> float:
 
 
 def _halfway_partner(value: float, rounded: float) -> float | None:
-    """The other float that *value* is as close to as to *rounded*, if there is one."""
+    """Return the other float that is as near to *value* as *rounded*, or None."""
     gap = value - rounded
     if gap == 0.0:
         return None

@@ -1,18 +1,21 @@
-"""The types of ports and entries: each knows its name in C++, its texts, and what may become it.
+"""The types of ports and entries: their names in C++, their text forms, and which values they accept.
 
-The rules are BehaviorTree.CPP 4.10's: ``from_text`` is its ``convertFromString``, ``cast`` its
-``Any::cast`` (a stored value is read as a type), ``adapt`` the check of ``Blackboard::set`` (a value
-is written to an entry of a type).
+The rules are those of BehaviorTree.CPP 4.10. ``from_text`` is its ``convertFromString``. ``cast`` is its
+``Any::cast``, which reads a stored value as a type. ``adapt`` is the check in its ``Blackboard::set``, which
+writes a value to an entry of a type.
 """
 
 import math
-from collections.abc import Callable
-from enum import Enum
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum, IntEnum
 from typing import Any, Final
 
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import ConversionError, RegistrationError
+from btcore.status import Status
+from btcore.suggestions import join_names
 from btcore.values.numbers import (
     MAX_INT64,
     MAX_UINT64,
@@ -20,26 +23,33 @@ from btcore.values.numbers import (
     c_float,
     c_int,
     c_unsigned,
+    json_items,
     leading_float,
     leading_int,
+    lenient_float,
+    lenient_int,
+    read_json,
     to_single_precision,
+    wrap_signed,
 )
 
-# The largest integer for which it and its neighbours are doubles (2^53 - 1).
+# The largest integer that, like both its neighbours, is exact as a double.
 MAX_EXACT: Final = 2**53 - 1
-# What most numbers are below; they take the short way.
+# Most numbers are smaller and take a fast path, in which compiled code needs no large integers.
 _SMALL: Final = 2**31
-_NEAR: Final = 2.0**31
+_SMALL_REAL: Final = 2.0**31
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ValueType:
-    """The type of a port or of an entry. Derive from it for one that no class stands for (a list of yours).
+    """The type of a port or of an entry. Subclass it for a type that a Python class does not determine.
 
-    *name* is what C++ calls it, on the wire and in models; *strong* is False for the types that
-    take any value; *python_type* is the class of its values; *converts* tells whether a text is
-    converted when it is written to such an entry, and checked when the tree is made (enums are
-    looked up only when they are read).
+    Attributes:
+        name: The name of the type in C++, in the protocols and in models.
+        strong: Whether the type restricts the values. False for types that accept any value.
+        converts: Whether a text is converted when it is written to an entry of this type, and checked when
+            the tree is loaded. False for enums, which are looked up when they are read.
+        python_type: The class of the values.
     """
 
     name: str
@@ -54,65 +64,60 @@ class ValueType:
         self.converts = converts
 
     def from_text(self, text: str, format: int = 4) -> object:
-        """The value that *text* stands for by the rules of *format* (3 or 4). Raises ConversionError."""
+        """Return the value of *text* by the rules of *format* (3 or 4). Raise ConversionError."""
         raise ConversionError(
-            f"'{text}' can't become a {self.name}: the type has no text form; "
+            f"'{text}' cannot be converted: {self.name} has no text form; "
             f"give it one with add_type({self.python_type.__name__}, from_text=…)"
         )
 
     def to_text(self, value: object) -> str:
-        """*value* as text; for most types one that from_text reads back. Raises ConversionError."""
-        raise ConversionError(f"a {self.name} has no text form; give it one with add_type(…, to_text=…)")
+        """Return *value* as text, which for most types :meth:`from_text` reads. Raise ConversionError."""
+        raise ConversionError(f"{self.name} has no text form; give it one with add_type(…, to_text=…)")
 
     @property
     def has_converters(self) -> bool:
-        """Whether a user has given it converters."""
+        """Whether a converter from text is registered."""
         return False
 
     def set_converters(
         self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
     ) -> None:
-        """Convert by these from now on. Raises RegistrationError for a type that has its own rules."""
+        """Replace the converters. Raise RegistrationError for a type with rules of its own."""
         raise RegistrationError(f"{self.python_type.__qualname__} has a text form already")
 
     def accepts(self, value: object) -> bool:
-        """Whether *value* is of this very type."""
+        """Return whether *value* is of exactly this type."""
         return isinstance(value, self.python_type)
 
     def cast(self, value: object) -> object:
-        """The stored *value* read as this type, if nothing is lost. Raises ConversionError."""
+        """Return the stored *value* as this type. Raise ConversionError if that would lose information."""
         if isinstance(value, self.python_type):
             return value
         raise mismatch(value, self)
 
     def adapt(self, value: object) -> object:
-        """*value*, not a text, as it is written to an entry of this type. Raises ConversionError."""
+        """Return *value*, not a text, as stored in an entry of this type. Raise ConversionError."""
         if self.accepts(value):
             return value
         raise mismatch(value, self)
 
     def same(self, other: "ValueType") -> bool:
-        """Whether both are one type."""
+        """Return whether both are the same type."""
         return self is other or (self.name == other.name and self.python_type is other.python_type)
 
     def __repr__(self) -> str:
         return f"<type {self.name}>"
 
 
-def empty_entry_error() -> ConversionError:
-    """What reading an entry that was never written raises."""
-    return ConversionError("there is no value: the entry was never written")
-
-
 def mismatch(value: object, wanted: ValueType) -> ConversionError:
-    """What a *value* raises that can't become what is *wanted*."""
+    """Return the error for a *value* that does not fit the type *wanted*; None is an entry without value."""
     if value is None:
-        return empty_entry_error()
-    return ConversionError(f"{value!r} is no {wanted.name}")
+        return ConversionError("there is no value: the entry was never written")
+    return ConversionError(f"{value!r} is not a valid {wanted.name}")
 
 
 def number_of(value: object) -> int | float | None:
-    """The number that *value* counts as (a bool and an enum member as an int), or None."""
+    """Return *value* as a number (bools and enum members are integers), or None if it is not a number."""
     if isinstance(value, (int, float)):
         return value
     if isinstance(value, Enum) and isinstance(value.value, int):
@@ -121,7 +126,7 @@ def number_of(value: object) -> int | float | None:
 
 
 def quick_double(value: object) -> float:
-    """*value* as a double, if it is a float or a small integer; else NaN, which tells nothing."""
+    """Return *value* as a double if it is a float or a small integer, else NaN."""
     if isinstance(value, float):
         return value
     if isinstance(value, int) and -_SMALL < value < _SMALL:
@@ -130,45 +135,45 @@ def quick_double(value: object) -> float:
 
 
 def as_double(number: int | float) -> float:
-    """*number* as a double, exactly. Raises ConversionError for an integer of more than 53 bits."""
+    """Return *number* as a double. Raise ConversionError for an integer of more than 53 bits."""
     if isinstance(number, float):
         return number
     if -MAX_EXACT <= number <= MAX_EXACT:
         return float(number)
-    raise ConversionError(f"{number} is too large an integer to become a double exactly")
+    raise ConversionError(f"{number} is too large: a double represents integers of at most 53 bits")
 
 
 def as_bool(number: int | float) -> bool:
-    """*number* as a bool: of integers only 0 and 1, of reals any that is not negative."""
+    """Return *number* as a bool. Raise ConversionError for integers except 0 and 1, and negative reals."""
     if isinstance(number, float):
         if number < 0.0:
-            raise ConversionError(f"{number!r} is negative and is no bool")
+            raise ConversionError(f"{number!r} is not a valid bool: it is negative")
         return number != 0.0
     if number == 0 or number == 1:
         return number == 1
-    raise ConversionError(f"{number} is no bool: of the integers only 0 and 1 are")
+    raise ConversionError(f"{number} is not a valid bool; the only valid integers are 0 and 1")
 
 
 def as_int(number: int | float, low: int, high: int, name: str = "int64_t") -> int:
-    """*number* as an integer in *low* … *high*, exactly. Raises ConversionError."""
+    """Return *number* as an integer from *low* to *high*. Raise ConversionError unless it is exact."""
     if isinstance(number, float):
-        if -_NEAR < number < _NEAR:
+        if -_SMALL_REAL < number < _SMALL_REAL:
             value = int(number)
             if float(value) == number and low <= value <= high:
                 return value
-        # The limits as doubles: that of 64 bits rounds up to a value that no longer fits.
+        # The limits are compared as doubles, as in C++. 2^63 − 1 rounds up to 2^63, hence the check below.
         if number != number or not (float(low) <= number <= float(high)) or number != math.floor(number):
-            raise ConversionError(f"{number!r} is no {name}")
+            raise ConversionError(f"{number!r} is not a valid {name}")
         value = int(number)
     else:
         value = int(number)
     if value < low or value > high:
-        raise ConversionError(f"{value} is out of range for {name}: {low} to {high} fit")
+        raise ConversionError(f"{value} is out of range for {name}: {low} to {high}")
     return value
 
 
 class IntegerType(ValueType):
-    """The integers of one width, *low* to *high*."""
+    """Integers from *low* to *high*."""
 
     low: int
     high: int
@@ -179,7 +184,7 @@ class IntegerType(ValueType):
         self.high = high
 
     def from_text(self, text: str, format: int = 4) -> int:
-        """The integer that *text* starts with (``3.7`` is 3). Raises ConversionError."""
+        """Return the integer at the start of *text* (3 for ``3.7``). Raise ConversionError."""
         if format == 3:
             if self.low == 0:
                 return c_unsigned(text, self.high.bit_length())
@@ -187,15 +192,15 @@ class IntegerType(ValueType):
         return leading_int(text, self.low, self.high, self.high == MAX_UINT64)
 
     def to_text(self, value: object) -> str:
-        """Decimal digits."""
+        """Return decimal digits."""
         return str(self.cast(value))
 
     def accepts(self, value: object) -> bool:
-        """Whether *value* is an int that fits."""
+        """Return whether *value* is an int in the range."""
         return type(value) is int and self.low <= value <= self.high
 
     def cast(self, value: object) -> int:
-        """A number that fits exactly, or a text that starts with one."""
+        """Return a number in the range, or the number at the start of a text."""
         if isinstance(value, str):
             return leading_int(value, self.low, self.high, self.low == 0)
         number = number_of(value)
@@ -204,14 +209,14 @@ class IntegerType(ValueType):
         return as_int(number, self.low, self.high, self.name)
 
     def adapt(self, value: object) -> int:
-        """A number that fits exactly."""
+        """Return a number in the range, if it is exact as an integer."""
         if isinstance(value, (int, float)):
             return as_int(value, self.low, self.high, self.name)
         raise mismatch(value, self)
 
 
 class RealType(ValueType):
-    """Floating point numbers; *is_single* for C++'s float, to which what is written is rounded."""
+    """Floating-point numbers; *is_single* means C++'s float, to which values are rounded."""
 
     is_single: bool
 
@@ -220,21 +225,21 @@ class RealType(ValueType):
         self.is_single = is_single
 
     def from_text(self, text: str, format: int = 4) -> float:
-        """The number that *text* starts with. Raises ConversionError."""
+        """Return the number at the start of *text*. Raise ConversionError."""
         if format == 3:
             return c_float(text, self.is_single)
         return leading_float(text, self.is_single)
 
     def to_text(self, value: object) -> str:
-        """Six decimals, as C's ``%f``."""
+        """Return six decimals, as C's ``%f``."""
         return real_text(self.cast(value))
 
     def accepts(self, value: object) -> bool:
-        """Whether *value* is a float."""
+        """Return whether *value* is a float."""
         return isinstance(value, float)
 
     def cast(self, value: object) -> float:
-        """A number, or a text that starts with one; an integer only if it is exact."""
+        """Return a number, or the number at the start of a text; an integer only if it is exact."""
         if type(value) is float and not self.is_single:
             return value
         if isinstance(value, str):
@@ -246,7 +251,7 @@ class RealType(ValueType):
         return to_single_precision(real) if self.is_single else real
 
     def adapt(self, value: object) -> float:
-        """A number; an integer only if it is exact."""
+        """Return a number; an integer only if it is exact as a double."""
         if isinstance(value, (int, float)):
             return self.cast(value)
         raise mismatch(value, self)
@@ -256,19 +261,19 @@ class BoolType(ValueType):
     """True and false."""
 
     def from_text(self, text: str, format: int = 4) -> bool:
-        """``0 1 true TRUE True false FALSE False``, and nothing else. Raises ConversionError."""
+        """Read ``0 1 true TRUE True false FALSE False``. Raise ConversionError for any other text."""
         if text in ("1", "true", "TRUE", "True"):
             return True
         if text in ("0", "false", "FALSE", "False"):
             return False
-        raise ConversionError(f"'{text}' is no bool: true, false, 1 and 0 are")
+        raise ConversionError(f"'{text}' is not a valid bool; use true, false, 1 or 0")
 
     def to_text(self, value: object) -> str:
-        """``true`` or ``false``."""
+        """Return ``true`` or ``false``."""
         return "true" if self.cast(value) else "false"
 
     def cast(self, value: object) -> bool:
-        """A bool, or a number that counts as one; never a text."""
+        """Return a bool, or a number as a bool; a text is not accepted."""
         number = number_of(value)
         if number is None:
             raise mismatch(value, self)
@@ -279,15 +284,15 @@ class StringType(ValueType):
     """Text."""
 
     def from_text(self, text: str, format: int = 4) -> str:
-        """The text itself."""
+        """Return the text itself."""
         return text
 
     def to_text(self, value: object) -> str:
-        """The text itself."""
+        """Return the text itself."""
         return self.cast(value)
 
     def cast(self, value: object) -> str:
-        """A text, or a number's text: ``%d`` for integers, ``%f`` for reals."""
+        """Return a text, or a number as text: ``%d`` for integers, ``%f`` for reals."""
         if isinstance(value, str):
             return value
         number = number_of(value)
@@ -297,36 +302,290 @@ class StringType(ValueType):
 
 
 class AnyType(ValueType):
-    """A type that takes any value: of a port declared without one, or of ``BT::Any``."""
+    """A type that accepts any value: of a port without a type, or ``BT::Any``."""
 
     def __init__(self, name: str, converts: bool) -> None:
         super().__init__(name, object, strong=False, converts=converts)
 
     def from_text(self, text: str, format: int = 4) -> object:
-        """The text itself."""
+        """Return the text itself."""
         return text
 
     def accepts(self, value: object) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def cast(self, value: object) -> object:
-        """The value as it is."""
+        """Return the value itself."""
         if value is None:
-            raise empty_entry_error()
+            raise mismatch(value, self)
         return value
 
 
 def number_text(number: int | float) -> str:
-    """*number* as the engine writes it: ``%d`` or ``%f``."""
+    """Return *number* as BehaviorTree.CPP writes it: ``%d`` or ``%f``."""
     return real_text(number) if isinstance(number, float) else str(int(number))
 
 
 def real_text(value: float) -> str:
-    """*value* as C's ``%f`` writes it, with the sign of a NaN."""
+    """Return *value* as C's ``%f`` writes it, with the sign of a NaN."""
     if value != value and math.copysign(1.0, value) < 0:
         return "-nan"
     return f"{value:f}"
+
+
+class VectorType(ValueType):
+    """A list of values of one type, separated by ``;`` in text."""
+
+    item: ValueType
+
+    def __init__(self, item: ValueType) -> None:
+        super().__init__(f"std::vector<{item.name}>", list)
+        self.item = item
+
+    def from_text(self, text: str, format: int = 4) -> list[object]:
+        """Return the items of ``a;b;c``, or in format 4 of ``json:[…]``. Raise ConversionError."""
+        if format == 3 and self.item is INT:
+            return [lenient_int(part) for part in split_items(text)]
+        if format == 3 and self.item is DOUBLE:
+            return [lenient_float(part) for part in split_items(text)]
+        if format != 3 and text.startswith("json:"):
+            return [self._from_json(value) for value in json_items(text[5:])]
+        return [self.item.from_text(part, format) for part in split_items(text)]
+
+    def to_text(self, value: object) -> str:
+        """Return ``json:[…]`` for int, double, bool and string, else the items separated by ``;``."""
+        items = self.cast(value)
+        if self.item in (INT, DOUBLE, BOOL, STRING):
+            import json
+
+            return "json:" + json.dumps(items, separators=(",", ":"), ensure_ascii=False)
+        return ";".join([self.item.to_text(value) for value in items])
+
+    def accepts(self, value: object) -> bool:
+        """Return whether *value* is a list, and all its items are of the type."""
+        return isinstance(value, list) and self._accepts_all(value)
+
+    def cast(self, value: object) -> list[object]:
+        """Return the list itself if all its items are of the type, else a list of converted items."""
+        if not isinstance(value, (list, tuple)):
+            raise mismatch(value, self)
+        if isinstance(value, list) and self._accepts_all(value):
+            return value
+        return [self.item.adapt(element) for element in value]
+
+    def adapt(self, value: object) -> list[object]:
+        """Return the list, as :meth:`cast` does."""
+        return self.cast(value)
+
+    def _accepts_all(self, items: list[object]) -> bool:
+        item = self.item
+        return all(item.accepts(value) for value in items)
+
+    def _from_json(self, value: object) -> object:
+        item = self.item
+        if isinstance(value, bool):
+            # BehaviorTree.CPP converts a JSON bool to int, but to no other type of number.
+            if item is BOOL:
+                return value
+            if item is INT:
+                return int(value)
+        elif isinstance(value, str):
+            if item is STRING:
+                return value
+        elif isinstance(value, (int, float)):
+            if isinstance(item, RealType):
+                return to_single_precision(float(value)) if item.is_single else float(value)
+            if isinstance(item, IntegerType):
+                return wrap_signed(int(value), item.high.bit_length() + (1 if item.low < 0 else 0))
+        raise ConversionError(f"{value!r} in a JSON array is not a valid {item.name}")
+
+
+def split_items(text: str) -> list[str]:
+    """Return the items of *text*, separated by ``;``. A final ``;`` is ignored, and "" has no items."""
+    parts = text.split(";")
+    if not parts[-1]:
+        parts.pop()
+    return parts
+
+
+class PortDirection(IntEnum):
+    """The direction of a port. The numbers are those of BehaviorTree.CPP."""
+
+    INPUT = 0
+    OUTPUT = 1
+    INOUT = 2
+
+
+class ConvertibleType(ValueType):
+    """A class of the user's, with the converters that it was registered with, if any."""
+
+    def __init__(
+        self,
+        python_type: type,
+        name: str,
+        from_text: Callable[[str], object] | None = None,
+        to_text: Callable[[Any], str] | None = None,
+        converts: bool = True,
+    ) -> None:
+        super().__init__(name, python_type, converts=converts)
+        self._from_text = from_text
+        self._to_text = to_text
+
+    @property
+    def has_converters(self) -> bool:
+        """Whether a converter from text is registered."""
+        return self._from_text is not None
+
+    def set_converters(
+        self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
+    ) -> None:
+        """Replace the converters."""
+        self._from_text = from_text
+        self._to_text = to_text
+
+
+class EnumType(ConvertibleType):
+    """A Python Enum, converted from the names in *names* (name → number), from members' names or numbers.
+
+    A converter from text replaces the members' names: it is called for a text that is neither a registered
+    name nor a member's number.
+    """
+
+    def __init__(
+        self,
+        python_type: type[Enum],
+        name: str,
+        names: Mapping[str, int] | None = None,
+        from_text: Callable[[str], object] | None = None,
+        to_text: Callable[[Any], str] | None = None,
+    ) -> None:
+        super().__init__(python_type, name, from_text, to_text, converts=False)
+        self._names: Mapping[str, int] = {} if names is None else names
+        self._members: dict[str, Enum] = dict(python_type.__members__)
+        self._by_number: dict[int, Enum] = {
+            int(member.value): member for member in python_type if isinstance(member.value, int)
+        }
+
+    def from_text(self, text: str, format: int = 4) -> Enum:
+        """Return the member with the name or the number *text*. Raise ConversionError."""
+        registered = self._names.get(text)
+        if registered is not None and registered in self._by_number:
+            return self._by_number[registered]
+        member = self._members.get(text)
+        if member is not None and self._from_text is None:
+            return member
+        try:
+            number = leading_int(text, MIN_INT64, MAX_INT64)
+        except ConversionError:
+            number = -1
+        if str(number) == text and number in self._by_number:
+            return self._by_number[number]
+        if self._from_text is not None:
+            return self._converted(text, self._from_text)
+        names = join_names(self._members, "or", most=len(self._members))
+        raise ConversionError(f"'{text}' is not a member of {self.name}; use {names}")
+
+    def _converted(self, text: str, converter: Callable[[str], object]) -> Enum:
+        try:
+            member = converter(text)
+        except ConversionError:
+            raise
+        except Exception as error:
+            wrapped = ConversionError(f"'{text}' is not a valid {self.name}: {error}")
+            # Code compiled by mypyc does not set __cause__ by `raise … from`.
+            wrapped.__cause__ = error
+            raise wrapped from error
+        if isinstance(member, Enum) and isinstance(member, self.python_type):
+            return member
+        raise ConversionError(f"the converter of {self.name} returned {member!r} for '{text}', not a member")
+
+    def to_text(self, value: object) -> str:
+        """Return the member's name, or the result of the converter."""
+        member = self.cast(value)
+        return member.name if self._to_text is None else self._to_text(member)
+
+    def cast(self, value: object) -> Enum:
+        """Return a member, given itself, its number or its text."""
+        if isinstance(value, Enum) and isinstance(value, self.python_type):
+            return value
+        if isinstance(value, str):
+            return self.from_text(value)
+        number = number_of(value)
+        if number is None:
+            raise mismatch(value, self)
+        member = self._by_number.get(as_int(number, -(2**31), 2**31 - 1, self.name))
+        if member is None:
+            raise mismatch(value, self)
+        return member
+
+
+class StatusType(EnumType):
+    """A node's status, given by its upper-case name. Format 3 does not have SKIPPED."""
+
+    def from_text(self, text: str, format: int = 4) -> Enum:
+        """Return the status with the name *text*. Raise ConversionError."""
+        status = self._members.get(text)
+        if status is None or (format == 3 and text == "SKIPPED"):
+            names = join_names((name for name in self._members if format != 3 or name != "SKIPPED"), "or")
+            raise ConversionError(f"'{text}' is not a status; use {names}")
+        return status
+
+
+class DirectionType(EnumType):
+    """The direction of a port, such as ``Input`` or ``INPUT``. Format 3 reads any other text as InOut."""
+
+    def from_text(self, text: str, format: int = 4) -> Enum:
+        """Return the direction with the name *text*. Raise ConversionError."""
+        for member, name in zip(PortDirection, ("Input", "Output", "InOut"), strict=True):
+            if text == name or text == name.upper():
+                return member
+        if format == 3:
+            return PortDirection.INOUT
+        raise ConversionError(f"'{text}' is not a port direction; use Input, Output or InOut")
+
+    def to_text(self, value: object) -> str:
+        """Return ``Input``, ``Output`` or ``InOut``."""
+        return ("Input", "Output", "InOut")[int(as_int(number_of(self.cast(value)) or 0, 0, 2))]
+
+
+class UserType(ConvertibleType):
+    """A class of the user's. A dataclass without converters has the text form ``json:{…}``."""
+
+    def from_text(self, text: str, format: int = 4) -> object:
+        """Return the result of the converter. Raise ConversionError for any exception that it raises."""
+        if format != 3 and text.startswith("json:") and is_dataclass(self.python_type):
+            return self._from_json(text[5:])
+        if self._from_text is None:
+            return super().from_text(text, format)
+        try:
+            return self._from_text(text)
+        except Exception as error:
+            raise ConversionError(f"'{text}' is not a valid {self.name}: {error}") from error
+
+    def to_text(self, value: object) -> str:
+        """Return the result of the converter."""
+        if self._to_text is not None:
+            return self._to_text(value)
+        if is_dataclass(value) and not isinstance(value, type):
+            try:
+                import json
+
+                values = {field.name: getattr(value, field.name) for field in fields(value)}
+                return "json:" + json.dumps({"__type": type(value).__qualname__} | values, ensure_ascii=False)
+            except TypeError:
+                pass
+        return super().to_text(value)
+
+    def _from_json(self, text: str) -> object:
+        record = read_json(text)
+        if not isinstance(record, dict):
+            raise ConversionError(f"'json:{text}' is not a JSON object")
+        values = {str(key): value for key, value in record.items() if key != "__type"}
+        try:
+            return self.python_type(**values)
+        except Exception as error:
+            raise ConversionError(f"'json:{text}' is not a valid {self.name}: {error}") from error
 
 
 ANY: Final = AnyType("BT::AnyTypeAllowed", False)
@@ -343,3 +602,14 @@ UINT16: Final = IntegerType("unsigned short", 0, 2**16 - 1)
 UINT64: Final = IntegerType("unsigned long", 0, MAX_UINT64)
 FLOAT: Final = RealType("float", True)
 DOUBLE: Final = RealType("double", False)
+NODE_STATUS: Final = StatusType(Status, "BT::NodeStatus")
+PORT_DIRECTION: Final = DirectionType(PortDirection, "BT::PortDirection")
+VECTOR_INT: Final = VectorType(INT)
+VECTOR_DOUBLE: Final = VectorType(DOUBLE)
+VECTOR_BOOL: Final = VectorType(BOOL)
+VECTOR_STRING: Final = VectorType(STRING)
+
+BUILTIN_TYPES: Final[tuple[ValueType, ...]] = (
+    ANY, ANY_VALUE, STRING, BOOL, INT, INT8, INT16, INT64, UINT, UINT8, UINT16, UINT64, FLOAT, DOUBLE,
+    NODE_STATUS, PORT_DIRECTION, VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING,
+)  # fmt: skip

@@ -11,8 +11,7 @@ from btcore.blackboard.ports import Port
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
-from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, ValueType
-from btcore.values.enums import EnumType
+from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
 from btcore.xml.models.tree_nodes_model import PORT_TAGS, TAG_OF
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 

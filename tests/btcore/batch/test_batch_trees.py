@@ -258,13 +258,13 @@ def test_errors_with_the_same_message_are_merged() -> None:
         document('<Above level="{level}"/>'), 30, [above], blackboard={"level": ["low"] * 29 + ["0.7"]}
     )
     with pytest.raises(
-        BatchNodeError, match=r"for agents 0, 1, 2, 3, 4 and 24 more: .*'low' is no number"
+        BatchNodeError, match=r"for agents 0, 1, 2, 3, 4 and 24 more: .*'low' is not a number"
     ) as raised:
         tree.tick()
     assert not raised.value.later_errors
     assert raised.value.statuses.tolist() == [0] * 29 + [2]
     tree.blackboard["level"] = [f"at {number}" for number in range(30)]
-    with pytest.raises(BatchNodeError, match=r"'at 9' is no number\n(.*\n)*and 20 more$") as raised:
+    with pytest.raises(BatchNodeError, match=r"'at 9' is not a number\n(.*\n)*and 20 more$") as raised:
         tree.tick()
     assert len(raised.value.later_errors) == 29
 

@@ -61,7 +61,7 @@ def test_a_text_is_converted_where_a_port_declared_the_type():
     board.create("i", INT)
     board["i"] = " +7"
     assert board["i"] == 7
-    with pytest.raises(BlackboardError, match="is no integer"):
+    with pytest.raises(BlackboardError, match="is not an integer"):
         board["i"] = "x"
 
 

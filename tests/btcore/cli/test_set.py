@@ -78,7 +78,7 @@ def test_the_key_may_stand_in_braces_and_a_mistyped_one_is_told(
         (["far"], "write KEY=VALUE"),
         (["=3"], "write KEY=VALUE"),
         (["far=1", "{far}=2"], "'far' is set more than once"),
-        (["far=soon"], "--set far=soon: 'soon' is no integer"),
+        (["far=soon"], "--set far=soon: 'soon' is not an integer"),
     ],
 )
 def test_what_sets_nothing_is_told(

@@ -221,7 +221,7 @@ def test_a_leaf_may_fill_in_what_an_abstract_one_leaves_out(make_tree: Grow) -> 
 
 
 def test_an_abstract_one_itself_is_refused_with_what_it_lacks() -> None:
-    with pytest.raises(RegistrationError, match=r"<Sensor>: Sensor is abstract: .* has measure\(\)"):
+    with pytest.raises(RegistrationError, match=r"<Sensor>: Sensor is abstract: .* implements measure\(\)"):
         Registry.standard().add(Sensor)
 
 

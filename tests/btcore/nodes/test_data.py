@@ -134,5 +134,5 @@ def test_a_name_registered_for_a_number_counts_in_ports_too(nodes: Registry, mak
 
 
 def test_what_is_no_member_is_an_error_that_names_the_members(nodes: Registry, make_tree: Grow) -> None:
-    with pytest.raises((TreeError, NodeExecutionError), match="PARK, DRIVE"):
+    with pytest.raises((TreeError, NodeExecutionError), match="PARK or DRIVE"):
         make_tree('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()

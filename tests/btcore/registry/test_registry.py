@@ -150,7 +150,7 @@ def test_an_id_that_groot_can_not_show_is_refused(ID: str) -> None:
     [
         (7, "7 is neither a function nor a node class"),
         ("Wave", "'Wave' is neither a function nor a node class"),
-        (Path, "Path is no node: derive it from StatefulAction"),
+        (Path, "Path is not a node: derive it from StatefulAction"),
     ],
 )
 def test_what_is_no_node_is_refused(thing: object, said: str) -> None:
@@ -173,8 +173,8 @@ def test_an_action_that_lasts_needs_the_methods_that_its_ticks_call() -> None:
 
     nodes = Registry.standard()
     assert "<Wait>: " in refused(nodes.add, Wait)
-    assert "Wait is a StatefulAction, and lacks the method on_running(self)" in refused(nodes.add, Wait)
-    assert "Think is a ThreadedAction, and lacks the method work(self)" in refused(nodes.add, Think)
+    assert "Wait is a StatefulAction, but does not implement on_running(self)" in refused(nodes.add, Wait)
+    assert "Think is a ThreadedAction, but does not implement work(self)" in refused(nodes.add, Think)
 
 
 def test_an_action_that_overrides_its_tick_needs_no_others() -> None:
@@ -192,9 +192,9 @@ class Gear(enum.Enum):
 
 
 WRONG: dict[str, tuple[Any, object, str]] = {
-    "a text": (int, "abc", "takes int, but its default is 'abc': 'abc' is no integer"),
+    "a text": (int, "abc", "takes int, but its default is 'abc': 'abc' is not an integer"),
     "a fraction": (int, 2.5, "takes int, but its default is 2.5: "),
-    "a number for a text": (str, 5, "takes std::string, but its default is 5: a text is wanted"),
+    "a number for a text": (str, 5, "takes std::string, but its default is 5: it is not a text"),
     "an item": (list[int], ["a"], "takes std::vector<int>, but its default is ['a']: "),
 }
 
@@ -240,7 +240,7 @@ def test_a_port_whose_name_only_format_3_takes_is_one_of_its_trees_alone() -> No
             return bool(self.get_input("laser.range") == 0.5)
 
     nodes = Registry.standard()
-    assert "it holds '.'; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)" in refused(nodes.add, Measure)
+    assert "it contains '.'; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)" in refused(nodes.add, Measure)
     nodes.add(Measure, format=3)
     assert (nodes.get("Measure", 3) is None, nodes.get("Measure", 4) is None) == (False, True)
     xml = '<root><BehaviorTree ID="Main"><Measure laser.range="0.5"/></BehaviorTree></root>'

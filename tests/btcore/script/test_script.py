@@ -281,7 +281,7 @@ class TestEvaluation:
 class TestAssignment:
     def test_only_the_creating_one_makes_an_entry(self, board):
         for operator in ("=", "+=", "-=", "*=", "/="):
-            assert "':=' makes a new one" in fault(f"x {operator} 1", board).message
+            assert "':=' creates an entry" in fault(f"x {operator} 1", board).message
         run("x := 1", board)
         assert board["x"] == 1
 

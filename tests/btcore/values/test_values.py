@@ -89,9 +89,9 @@ class TestTextToValue:
         assert DOUBLE.from_text(text) == math.inf
 
     def test_an_error_names_the_text_and_what_is_wanted(self):
-        assert refused(INT, "abc") == "'abc' is no integer"
-        assert refused(INT8, "128") == "'128' is out of range: -128 to 127 fit"
-        assert refused(BOOL, "yes") == "'yes' is no bool: true, false, 1 and 0 are"
+        assert refused(INT, "abc") == "'abc' is not an integer"
+        assert refused(INT8, "128") == "'128' is out of range: -128 to 127"
+        assert refused(BOOL, "yes") == "'yes' is not a valid bool; use true, false, 1 or 0"
         assert "SKIPPED" in refused(NODE_STATUS, "Success")
 
     def test_a_vector_ends_with_its_last_item_or_a_semicolon(self):
@@ -270,7 +270,7 @@ class TestTypes:
         assert kind.from_text("1") is Colour.RED
         assert kind.cast(3.0) is Colour.BLUE
         assert kind.to_text(Colour.RED) == "RED"
-        assert refused(kind, "GREEN") == "'GREEN' is no Colour: RED, BLUE are"
+        assert refused(kind, "GREEN") == "'GREEN' is not a member of Colour; use RED or BLUE"
         refused(kind, "2")
         refused(kind, "1x")
 
@@ -295,7 +295,7 @@ class TestTypes:
         assert types.of(complex) is kind
         assert kind.from_text("1+2j") == 1 + 2j
         assert kind.to_text(1j) == "1j"
-        assert refused(kind, "x").startswith("'x' is no std::complex: ")
+        assert refused(kind, "x").startswith("'x' is not a valid std::complex: ")
         with pytest.raises(RegistrationError, match="text form already"):
             types.add(complex, complex)
         with pytest.raises(RegistrationError, match="text form already"):
@@ -412,7 +412,7 @@ def test_an_enum_is_read_by_a_registered_name_then_by_number_then_by_the_users_c
     assert light.from_text("3") is by_number[3]
     assert light.from_text(f"#{second.name}") is second
     assert light.to_text(first) == f"#{first.name}"
-    with pytest.raises(ConversionError, match=r"'#NONE' is no Colour"):
+    with pytest.raises(ConversionError, match=r"'#NONE' is not a valid Colour"):
         light.from_text("#NONE")
 
 

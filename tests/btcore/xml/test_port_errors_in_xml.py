@@ -67,7 +67,7 @@ CASES = {
         ('<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>',),
         PortError,
         """
-        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: 'many' is no integer
+        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: 'many' is not an integer
            3 |      <Repeat num_cycles="many"><AlwaysSuccess/></Repeat>
              |                          ^^^^
               to use the blackboard entry, write {many}
@@ -77,7 +77,7 @@ CASES = {
         ('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>',),
         PortError,
         """
-        t.xml:3:24: E202 the port 'num_cycles' of <Repeat> has the type int: '' is no integer
+        t.xml:3:24: E202 the port 'num_cycles' of <Repeat> has the type int: '' is not an integer
            3 |      <Repeat num_cycles=""><AlwaysSuccess/></Repeat>
              |                         ^^
         """,
@@ -86,7 +86,7 @@ CASES = {
         ('<Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>',),
         PortError,
         """
-        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: ' {n}' is no integer
+        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: ' {n}' is not an integer
            3 |      <Repeat num_cycles=" {n}"><AlwaysSuccess/></Repeat>
              |                          ^^^^
               write {n} without surrounding spaces
@@ -106,7 +106,7 @@ CASES = {
         ('<Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>',),
         PortError,
         """
-        t.xml:3:43: E206 invalid script in '_skipIf' of <Say>: a value is wanted, but '=' stands here
+        t.xml:3:43: E206 invalid script in '_skipIf' of <Say>: expected a value, but found '='
            3 |      <Say _skipIf="a &gt; 1 &amp;&amp; b = = 2"/>
              |                                            ^
         """,
@@ -169,7 +169,7 @@ CASES = {
         ("<Say/>", '<TreeNodesModel><SubTree ID="A"><input_port name="a.b"/></SubTree></TreeNodesModel>'),
         TreeError,
         """
-        t.xml:5:51: E107 invalid port name 'a.b' in the model of a subtree: it holds '.'
+        t.xml:5:51: E107 invalid port name 'a.b' in the model of a subtree: it contains '.'
            5 |  <TreeNodesModel><SubTree ID="A"><input_port name="a.b"/></SubTree></TreeNodesModel></root>
              |                                                    ^^^
         """,

@@ -168,7 +168,7 @@ CASES = {
         children('<Count start="1" result="{n}"/>', "<Script code=\"n := 'many'\"/>"),
         "",
         """
-        t.xml:5:21: W206 the script in 'code' of <Script> always raises: 'n' can't take the value: 'many' is no integer
+        t.xml:5:21: W206 the script in 'code' of <Script> always raises: 'n' can't take the value: 'many' is not an integer
            5 |        <Script code="n := 'many'"/>
              |                      ^
               'n' has the type int, declared by 'result' of <Count> (t.xml:4)
@@ -188,7 +188,7 @@ CASES = {
         '<SubTree ID="Inner" n="soon"/>',
         tree("Inner", REPEAT),
         """
-        t.xml:3:28: W206 'n' of <SubTree ID="Inner"> is the text 'soon': 'soon' is no integer
+        t.xml:3:28: W206 'n' of <SubTree ID="Inner"> is the text 'soon': 'soon' is not an integer
            3 |      <SubTree ID="Inner" n="soon"/>
              |                             ^^^^
               the port 'num_cycles' of <Repeat> reads it as int; to pass the entry, write {soon}

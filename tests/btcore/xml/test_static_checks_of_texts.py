@@ -103,7 +103,7 @@ CASES = {
     "a script that can't be worked out": (
         "<Script code=\"a := 'x' * 2\"/>",
         """
-        t.xml:3:28: W207 the script in 'code' of <Script> always raises: '*' can't be done with the text 'x' and the number 2
+        t.xml:3:28: W207 the script in 'code' of <Script> always raises: '*' does not support the text 'x' and the number 2
            3 |      <Script code="a := 'x' * 2"/>
              |                             ^
         """,  # noqa: E501 - a message is one line
@@ -256,14 +256,14 @@ def test_what_a_leaf_of_format_3_will_not_be_able_to_read_is_an_error(
     body = '<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>'
     assert check(body, format=3) == said(
         """
-        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: 'many' is no integer
+        t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: 'many' is not an integer
            3 |      <Repeat num_cycles="many"><AlwaysSuccess/></Repeat>
              |                          ^^^^
               to use the blackboard entry, write {many}
         """
     )
     tree = btcore.loads(document(body), nodes=palette, format=3)
-    with pytest.raises(NodeExecutionError, match="'many' is no integer"):
+    with pytest.raises(NodeExecutionError, match="'many' is not an integer"):
         tree.tick_once()
 
 

@@ -178,7 +178,7 @@ class LoadController(SyncAction):
 
 
 def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_path: Path) -> None:
-    said = r"<LoadController> can't have a port called 'request\.name': it holds '\.'"
+    said = r"<LoadController> can't have a port called 'request\.name': it contains '\.'"
     with pytest.raises(RegistrationError, match=said):
         Registry.standard().add(LoadController)
     # A palette of an older robot is read all the same, and the tree told of at its place.
@@ -192,7 +192,7 @@ def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_
         (
             "W212",
             3,
-            f"the attribute '{port}' of <LoadController> is ignored: invalid port name (it holds '.')",
+            f"the attribute '{port}' of <LoadController> is ignored: invalid port name (it contains '.')",
         )
         for port in ("request.name", "response.ok")
     ]
