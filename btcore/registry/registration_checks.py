@@ -41,7 +41,7 @@ def check_ports(ID: str, ports: Sequence[Port], format: int = 4) -> None:
         if error:
             message = f"<{ID}> can't have a port called '{port.name}': {error}"
             if format == 4 and port.name and not port_name_error(port.name, 3):
-                message += "; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)"
+                message += "; BehaviorTree.CPP 3 accepts it: nodes.add(…, format=3)"
             raise RegistrationError(message)
         error = default_value_error(port)
         if error:

@@ -240,7 +240,8 @@ def test_a_port_whose_name_only_format_3_takes_is_one_of_its_trees_alone() -> No
             return bool(self.get_input("laser.range") == 0.5)
 
     nodes = Registry.standard()
-    assert "it contains '.'; BehaviorTree.CPP 3 takes it: nodes.add(…, format=3)" in refused(nodes.add, Measure)
+    message = refused(nodes.add, Measure)
+    assert "it contains '.'; BehaviorTree.CPP 3 accepts it: nodes.add(…, format=3)" in message
     nodes.add(Measure, format=3)
     assert (nodes.get("Measure", 3) is None, nodes.get("Measure", 4) is None) == (False, True)
     xml = '<root><BehaviorTree ID="Main"><Measure laser.range="0.5"/></BehaviorTree></root>'
