@@ -14,7 +14,7 @@ from btcore.engine.conditions import ConditionScripts
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import Instrumentation, TickCounts
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import NodeError, NodeExecutionError
+from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError
 from btcore.status import (
     ANY_RESULT,
     FAILURE,
@@ -413,6 +413,14 @@ def _as_status(result: object) -> Status:
         return SKIPPED
     text = "IDLE" if result is IDLE else repr(result)
     raise NodeError(f"a tick must return RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {text}")
+
+
+def input_or(node: TreeNode, name: str, default: object) -> object:
+    """Return the value of input port *name*, or *default* if it cannot be read."""
+    try:
+        return node.get_input(name)
+    except (NodeError, BlackboardError, ConversionError):
+        return default
 
 
 def reset_status(node: TreeNode) -> None:

@@ -41,6 +41,7 @@ class SetBlackboard(SyncAction):
         """Write the entry."""
         board = self._blackboard
         key = str(self.get_input("output_key"))
+        # The text of the port, not its value: BehaviorTree.CPP copies an entry with its type.
         text = self.config.inputs["value"].text if "value" in self.config.inputs else None
         if text is None:
             self.get_input("value")
@@ -50,6 +51,7 @@ class SetBlackboard(SyncAction):
             source = board.find(source_key)
             if source is None:
                 raise BlackboardError(f"port [value] reads {{{source_key}}}, which is not on the blackboard")
+            # Created even if there is no value to copy, as in BehaviorTree.CPP.
             if board.find(key) is None:
                 board.create(key, source.declared)
             value = source.value

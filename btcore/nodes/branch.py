@@ -15,7 +15,6 @@ from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, PossibleResults, Stat
 class BranchNode(ControlNode):
     """The base class of nodes with a condition, a branch for SUCCESS, and an optional branch for FAILURE."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     node_symbol: ClassVar[str] = "⎇"
     child_count: ClassVar[tuple[int, int | None]] = (2, 3)
     child_roles: ClassVar[str] = "a condition, and one or two branches"
@@ -83,10 +82,12 @@ class IfThenElse(BranchNode):
                 self._branch = 1
             elif condition is FAILURE:
                 if count == 2:
+                    # Without a reset of the condition, unlike all other results, as in BehaviorTree.CPP.
                     return FAILURE
                 self._branch = 2
             else:
                 raise NodeError("the condition was skipped, so that no branch can be chosen")
+        # The selected branch is kept while it is RUNNING, so that the condition is not ticked again.
         status = execute_tick(self._children[self._branch])
         if status is not RUNNING:
             self._branch = 0
@@ -96,8 +97,7 @@ class IfThenElse(BranchNode):
     def halt(self) -> None:
         """Halt the children, and forget the selected branch."""
         self._branch = 0
-        self.reset_children()
-        self.reset_status()
+        super().halt()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -121,6 +121,7 @@ class WhileDoElse(BranchNode):
         if condition is RUNNING:
             return RUNNING
         status = IDLE
+        # The other branch is halted before the selected branch is ticked, so that they never run together.
         if condition is SUCCESS:
             if count == 3:
                 self.halt_child(2)

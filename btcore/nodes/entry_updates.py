@@ -37,7 +37,6 @@ def write_count(node: TreeNode, key: str, seen: int) -> int:
 class EntryUpdatedDecorator(DecoratorNode):
     """Ticks its child if the entry was written since the last check, else returns *status_if_unchanged*."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     state_fields: ClassVar[tuple[str, ...] | None] = ("_seen", "_going")
     status_if_unchanged: ClassVar[Status] = SKIPPED
     _key: str = ""
@@ -55,6 +54,7 @@ class EntryUpdatedDecorator(DecoratorNode):
 
     def tick(self) -> Status:
         """Check the entry, unless the child is RUNNING, and tick the child."""
+        # Writes while the child is RUNNING are found by the next check, after the child has completed.
         if not self._going:
             before = self._seen
             self._seen = write_count(self, self._key, before)
@@ -67,8 +67,7 @@ class EntryUpdatedDecorator(DecoratorNode):
     def halt(self) -> None:
         """Halt the child. The last check is not forgotten."""
         self._going = False
-        self.halt_child()
-        self.reset_status()
+        super().halt()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -4,18 +4,17 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Port, PortRole
-from btcore.engine.control import ControlNode, DecoratorNode
-from btcore.engine.node import execute_tick
+from btcore.blackboard.ports import Port
+from btcore.engine.control import DecoratorNode
+from btcore.engine.node import execute_tick, input_or
 from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.nodes.branch import BranchNode
 from btcore.nodes.ordered_control import OrderedNode
-from btcore.nodes.parallel import threshold
+from btcore.nodes.parallel import ParallelNode, failure_port, required_results, success_port
 from btcore.nodes.repeat import Repeat, RetryUntilSuccessful
 from btcore.nodes.subtree import SubTree
-from btcore.nodes.switch import FLOAT_EPSILON, SwitchNode
-from btcore.nodes.timing import Delay
+from btcore.nodes.switch import FLOAT_EPSILON
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
 
@@ -33,14 +32,9 @@ class SequenceStar(OrderedNode):
     remembers: ClassVar[bool] = True
     continue_on: ClassVar[Status] = SUCCESS
 
-    def finish_early(self) -> None:
-        """Reset the child that failed and the following children."""
-        for index in range(self._next, len(self._children)):
-            self.halt_child(index)
-
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class Parallel3(ControlNode):
+class Parallel3(ParallelNode):
     """Ticks in order the children that have not completed, until enough have succeeded or failed.
 
     The node succeeds as soon as `success_threshold` children have succeeded. It fails as soon as
@@ -52,44 +46,19 @@ class Parallel3(ControlNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "Parallel"
-    node_symbol: ClassVar[str] = "⇉"
-    skips_alone: ClassVar[bool] = False
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_completed",)
-
-    _completed: set[int]
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """Return the ports."""
-        return [
-            Port(
-                "success_threshold",
-                type=INT,
-                description="successes needed, −1 = all",
-                role=PortRole.SUCCESSES,
-            ),
-            Port(
-                "failure_threshold",
-                type=INT,
-                default="1",
-                description="failures that make the node fail, −1 = all",
-                role=PortRole.FAILURES,
-            ),
-        ]
-
-    def prepare(self) -> None:
-        """Forget the children that have completed."""
-        self._completed = set()
+        return [success_port("success_threshold"), failure_port("failure_threshold")]
 
     def tick(self) -> Status:
         """Tick the children that have not completed, until the result is known."""
         count = len(self._children)
-        needed = threshold(cast(int, self.get_input("success_threshold")), count)
-        allowed = threshold(cast(int, self.get_input("failure_threshold")), count)
-        if count < needed:
-            raise NodeError(f"{count} children can never give {needed} successes")
-        if count < allowed:
-            raise NodeError(f"{count} children can never give {allowed} failures")
+        given = cast(int, self.get_input("success_threshold"))
+        given_failures = cast(int, self.get_input("failure_threshold"))
+        needed = required_results(given, count, "successes")
+        allowed = required_results(given_failures, count, "failures")
         successes = 0
         failures = 0
         for index in range(count):
@@ -98,27 +67,17 @@ class Parallel3(ControlNode):
             if status is SUCCESS:
                 self._completed.add(index)
                 successes += 1
+                # Counted again in every tick, so "==" is reached; with a threshold of 0 never, as in C++.
                 if successes == needed:
-                    return self._end(SUCCESS)
+                    return self.finish(SUCCESS)
             elif status is FAILURE:
                 self._completed.add(index)
                 failures += 1
                 if failures > count - needed or failures == allowed:
-                    return self._end(FAILURE)
+                    return self.finish(FAILURE)
             elif status is not RUNNING:
                 raise self.idle_child(index)
         return RUNNING
-
-    def _end(self, status: Status) -> Status:
-        self._completed = set()
-        self.reset_children()
-        return status
-
-    def halt(self) -> None:
-        """Halt the children, and forget which of them have completed."""
-        self._completed = set()
-        self.reset_children()
-        self.reset_status()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -145,6 +104,7 @@ class WhileDoElse3(BranchNode):
         condition = execute_tick(self._children[0])
         if condition is RUNNING:
             return RUNNING
+        # Format 3 has no SKIPPED, so any other result is FAILURE.
         chosen = 1 if condition is SUCCESS else 2
         self.halt_child(3 - chosen)
         status = execute_tick(self._children[chosen])
@@ -184,21 +144,6 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class Delay3(Delay):
-    """Waits for `delay_msec` milliseconds, RUNNING, then ticks its child and returns its result.
-
-    The tree is woken when the time has passed. A RUNNING child is ticked again without a delay.
-    """
-
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Delay"
-
-    def ends_with(self, status: Status) -> bool:
-        """Return whether the next tick starts a new delay, after the child returned *status*."""
-        return status is not RUNNING
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
 class SetBlackboard3(SetBlackboard):
     """Writes `value` to the entry named by `output_key` (without braces), and succeeds.
 
@@ -221,65 +166,6 @@ class SetBlackboard3(SetBlackboard):
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class SwitchNode3(SwitchNode):
-    """Ticks the child whose `case_N` is the same text as `variable`, else the last child.
-
-    The node returns the child's result. When another child is selected, the child that was RUNNING is halted.
-    """
-
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
-
-    def equal(self, variable: str, case: str) -> bool:
-        """Return whether the texts are the same."""
-        return variable == case
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Switch2v3(SwitchNode3):
-    """Ticks the child whose case (of two) is the same text as `variable`, else the last child."""
-
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Switch2"
-    child_count: ClassVar[tuple[int, int | None]] = (3, 3)
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Switch3v3(SwitchNode3):
-    """Ticks the child whose case (of three) is the same text as `variable`, else the last child."""
-
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Switch3"
-    child_count: ClassVar[tuple[int, int | None]] = (4, 4)
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Switch4v3(SwitchNode3):
-    """Ticks the child whose case (of four) is the same text as `variable`, else the last child."""
-
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Switch4"
-    child_count: ClassVar[tuple[int, int | None]] = (5, 5)
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Switch5v3(SwitchNode3):
-    """Ticks the child whose case (of five) is the same text as `variable`, else the last child."""
-
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Switch5"
-    child_count: ClassVar[tuple[int, int | None]] = (6, 6)
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Switch6v3(SwitchNode3):
-    """Ticks the child whose case (of six) is the same text as `variable`, else the last child."""
-
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Switch6"
-    child_count: ClassVar[tuple[int, int | None]] = (7, 7)
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheck(DecoratorNode):
     """Ticks its child while `value_A` equals `value_B`, else returns `return_on_mismatch` (default FAILURE).
 
@@ -288,7 +174,6 @@ class BlackboardCheck(DecoratorNode):
     most C's FLT_EPSILON.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     element: ClassVar[ValueType] = STRING
 
     @staticmethod
@@ -312,10 +197,7 @@ class BlackboardCheck(DecoratorNode):
             return execute_tick(self.child)
         if self.child._status is RUNNING:
             self.halt_child()
-        try:
-            return cast(Status, self.get_input("return_on_mismatch"))
-        except (NodeError, BlackboardError, ConversionError):
-            return FAILURE
+        return cast(Status, input_or(self, "return_on_mismatch", FAILURE))
 
     def _match(self) -> bool:
         try:

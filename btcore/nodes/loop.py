@@ -23,7 +23,6 @@ class LoopNode(DecoratorNode):
     (its elements are removed), a list, or a text like the literal.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     node_symbol: ClassVar[str] = "↺"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_current", "_going")
     element: ClassVar[ValueType] = ANY
@@ -42,19 +41,8 @@ class LoopNode(DecoratorNode):
                 description="the elements, as a list or an entry",
                 role=PortRole.QUEUE,
             ),
-            Port(
-                "if_empty",
-                type=NODE_STATUS,
-                default="SUCCESS",
-                description="the result when the queue is empty",
-            ),
-            Port(
-                "value",
-                Direction.OUT,
-                type=cls.element,
-                description="the current element",
-                optional=True,
-            ),
+            Port("if_empty", type=NODE_STATUS, default="SUCCESS", description="the result of an empty queue"),
+            Port("value", Direction.OUT, type=cls.element, description="the current element", optional=True),
         ]
 
     def prepare(self) -> None:
@@ -66,14 +54,13 @@ class LoopNode(DecoratorNode):
             self._literal = self.elements(self._queue.text)
 
     def elements(self, text: str) -> list[object]:
-        """Return the elements of *text*, separated by semicolons. Raise ConversionError if one is invalid."""
-        parts = text.split(";") if text else []
-        if parts and not parts[-1]:
-            parts.pop()
+        """Return the elements of *text*, separated by semicolons. Raise ConversionError."""
+        parts = text.removesuffix(";").split(";") if text else []
         return [self.element.from_text(part, self.config.format) for part in parts]
 
     def tick(self) -> Status:
         """Take the next element, unless the child is RUNNING, and tick the child."""
+        # IDLE also after a halt: a literal queue starts from the beginning, but a deque keeps what is left.
         if self._status is IDLE:
             self._going = False
             self._current = None if self._literal is None else deque(self._literal)
@@ -88,6 +75,7 @@ class LoopNode(DecoratorNode):
         if self._status is IDLE:
             self.set_status(RUNNING)
         status = execute_tick(self.child)
+        # After a skipped child, too, the next tick takes the next element.
         self._going = status is RUNNING
         if status is SUCCESS or status is FAILURE:
             self.reset_child()
@@ -102,8 +90,10 @@ class LoopNode(DecoratorNode):
         if held is None:
             return
         if isinstance(held, deque):
+            # Shared with the entry: the loop removes the elements, and others may append more while it runs.
             self._current = held
         elif self._current is None:
+            # A copy, made once per start: later writes to the entry have no effect on this start.
             if isinstance(held, str):
                 self._current = deque(self.elements(held))
             elif isinstance(held, (list, tuple)):

@@ -6,8 +6,8 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
-from btcore.engine.node import execute_tick
-from btcore.errors import BlackboardError, ConversionError, NodeError
+from btcore.engine.node import execute_tick, input_or
+from btcore.errors import NodeError
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.values import BOOL
 
@@ -67,16 +67,10 @@ class ManualSelector(ControlNode):
     def tick(self) -> Status:
         """Ask the user, then tick the chosen child."""
         count = len(self._children)
-        if self._last < 0 or not self._repeats():
+        if self._last < 0 or input_or(self, "repeat_last_selection", False) is not True:
             self.set_status(RUNNING)
             options = [child.name for child in self._children] + ["SUCCESS", "FAILURE", "RUNNING"]
             self._last = self._prompt.choose(f"{self.path}: which child should be ticked?", options)
         if self._last >= count:
             return (SUCCESS, FAILURE, RUNNING)[self._last - count]
         return execute_tick(self._children[self._last])
-
-    def _repeats(self) -> bool:
-        try:
-            return self.get_input("repeat_last_selection") is True
-        except (NodeError, BlackboardError, ConversionError):
-            return False

@@ -18,13 +18,12 @@ class OrderedNode(ControlNode):
     opposite result ends the node with this result. If all children were skipped, the node is SKIPPED.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped")
     continue_on: ClassVar[Status] = SUCCESS
     yields: ClassVar[bool] = False
     """Whether the node returns RUNNING after a child that completed in its first tick."""
     remembers: ClassVar[bool] = False
-    """Whether the next start begins with the child that ended the node."""
+    """Whether the next start begins with the child that ended the node; its predecessors are not reset."""
 
     _next: int = 0
     _skipped: int = 0
@@ -55,6 +54,7 @@ class OrderedNode(ControlNode):
         count = len(children)
         before = self._status
         if before is not RUNNING:
+            # BehaviorTree.CPP's !isStatusActive(): a node that completed and was not reset keeps its count.
             if before is IDLE or before is SKIPPED:
                 self._skipped = 0
             self.set_status(RUNNING)
@@ -68,6 +68,7 @@ class OrderedNode(ControlNode):
                 return RUNNING
             if status is going:
                 self._next = index = index + 1
+                # A child that was RUNNING before has given the parents a chance to halt the node already.
                 if self._yields and was_idle and index < count:
                     self.wake_up()
                     return RUNNING
@@ -77,7 +78,13 @@ class OrderedNode(ControlNode):
             elif status is IDLE:
                 raise self.idle_child(index)
             else:
-                self.finish_early()
+                if self.remembers:
+                    # _next and _skipped are kept. The children before, which succeeded, keep their statuses.
+                    for later in range(index, count):
+                        self.halt_child(later)
+                else:
+                    self._next = 0
+                    self.reset_children()
                 return status
         all_skipped = self._skipped == count and count > 0
         self._next = 0
@@ -85,24 +92,17 @@ class OrderedNode(ControlNode):
         self.reset_children()
         return SKIPPED if all_skipped else going
 
-    def finish_early(self) -> None:
-        """Clean up after the child that ended the node."""
-        self._next = 0
-        self.reset_children()
-
     def halt(self) -> None:
         """Halt the children. The next start begins with the first child."""
         self._next = 0
         self._skipped = 0
-        self.reset_children()
-        self.reset_status()
+        super().halt()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ReactiveNode(ControlNode):
     """Ticks its children in order, in every tick from the first child; at most one child is RUNNING."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     runs_one_child: ClassVar[bool] = True
     continue_on: ClassVar[Status] = SUCCESS
     _going: Status = SUCCESS
@@ -121,6 +121,7 @@ class ReactiveNode(ControlNode):
         for index, child in enumerate(children):
             status = execute_tick(child)
             if status is RUNNING:
+                # Also the children after this child, which may be RUNNING since an earlier tick.
                 for other in children:
                     if other is not child and other._status is not IDLE:
                         if other._status is RUNNING:
@@ -130,6 +131,7 @@ class ReactiveNode(ControlNode):
             if status is going:
                 all_skipped = False
             elif status is SKIPPED:
+                # SKIPPED is not stored. Reset the child, so that its pre-conditions are checked again.
                 self.halt_child(index)
             elif status is IDLE:
                 raise self.idle_child(index)

@@ -17,47 +17,37 @@ def threshold(given: int, count: int) -> int:
     return max(count + given + 1, 0) if given < 0 else given
 
 
+def required_results(given: int, count: int, results: str) -> int:
+    """Return the threshold for *given*. Raise NodeError if *count* children cannot have so many *results*."""
+    number = threshold(given, count)
+    if count < number:
+        raise NodeError(f"{count} children can never give {number} {results}")
+    return number
+
+
+def success_port(name: str, default: str | None = None) -> Port:
+    """Return a port for a number of successes."""
+    about = "successes needed, −1 = all"
+    return Port(name, type=INT, default=default, description=about, role=PortRole.SUCCESSES)
+
+
+def failure_port(name: str) -> Port:
+    """Return a port for a number of failures."""
+    about = "failures that make the node fail, −1 = all"
+    return Port(name, type=INT, default="1", description=about, role=PortRole.FAILURES)
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
-class Parallel(ControlNode):
-    """Ticks all its children in every tick, and ends when enough of them have succeeded or failed.
+class ParallelNode(ControlNode):
+    """The base class of parallels, which remember the children that have completed."""
 
-    A completed child is not ticked again until the node ends; a SKIPPED child is ticked again. The node
-    succeeds after `success_count` successes. It fails after `failure_count` failures, or when `success_count`
-    can no longer be reached. RUNNING children are then halted. If all children are skipped in a tick, the
-    node is SKIPPED; otherwise it is RUNNING. A negative count −n means the number of children + 1 − n:
-    −1 = all, −2 = all except one. With a negative `success_count`, skipped children count as
-    successes. A count above the number of children is an error.
-    """
-
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "⇉"
     skips_alone: ClassVar[bool] = False
-    batch_class: ClassVar[str] = "btcore.batch.parallel:Parallel"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_completed", "_successes", "_failures")
 
     _completed: set[int]
     _successes: int = 0
     _failures: int = 0
-
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ports."""
-        return [
-            Port(
-                "success_count",
-                type=INT,
-                default="-1",
-                description="successes needed, −1 = all",
-                role=PortRole.SUCCESSES,
-            ),
-            Port(
-                "failure_count",
-                type=INT,
-                default="1",
-                description="failures that make the node fail, −1 = all",
-                role=PortRole.FAILURES,
-            ),
-        ]
 
     def prepare(self) -> None:
         """Forget the children that have completed."""
@@ -69,17 +59,49 @@ class Parallel(ControlNode):
         self._successes = 0
         self._failures = 0
 
+    def finish(self, status: Status) -> Status:
+        """Reset the children, and return *status*."""
+        self.forget()
+        self.reset_children()
+        return status
+
+    def halt(self) -> None:
+        """Halt the children, and forget which of them have completed."""
+        self.forget()
+        super().halt()
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Parallel(ParallelNode):
+    """Ticks all its children in every tick, and ends when enough of them have succeeded or failed.
+
+    A completed child is not ticked again until the node ends; a SKIPPED child is ticked again. After each
+    child the results are counted: the node succeeds after `success_count` successes. It fails after exactly
+    `failure_count` failures, or when `success_count` can no longer be reached. The following children are
+    then not ticked, and RUNNING children are halted. If all children are skipped in a tick, the node is
+    SKIPPED; otherwise it is RUNNING. With a negative `success_count`, children that are skipped in this tick
+    count as successes, so that the node succeeds if all children are skipped. A negative count −n means the
+    number of children + 1 − n, at least 0: −1 = all, −2 = all except one. A count above the number of
+    children is an error.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.parallel:Parallel"
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """Return the ports."""
+        return [success_port("success_count", "-1"), failure_port("failure_count")]
+
     def tick(self) -> Status:
         """Tick the children that have not completed."""
         count = len(self._children)
         given = cast(int, self.get_input("success_count"))
-        needed = threshold(given, count)
-        allowed = threshold(cast(int, self.get_input("failure_count")), count)
-        if count < needed:
-            raise NodeError(f"{count} children can never give {needed} successes")
-        if count < allowed:
-            raise NodeError(f"{count} children can never give {allowed} failures")
+        given_failures = cast(int, self.get_input("failure_count"))
+        needed = required_results(given, count, "successes")
+        allowed = required_results(given_failures, count, "failures")
         self.set_status(RUNNING)
+        # Only the skips of this tick count: a skipped child is ticked again, and may complete.
         skipped = 0
         for index, child in enumerate(self._children):
             if index not in self._completed:
@@ -95,24 +117,15 @@ class Parallel(ControlNode):
                 elif status is IDLE:
                     raise self.idle_child(index)
             if self._successes >= needed or (given < 0 and self._successes + skipped >= needed):
-                self.forget()
-                self.reset_children()
-                return SUCCESS
+                return self.finish(SUCCESS)
+            # Not ">= allowed", as in BehaviorTree.CPP: if a later tick reads a lower limit, it is missed.
             if count - self._failures < needed or self._failures == allowed:
-                self.forget()
-                self.reset_children()
-                return FAILURE
+                return self.finish(FAILURE)
         return SKIPPED if skipped == count else RUNNING
-
-    def halt(self) -> None:
-        """Halt the children, and forget which of them have completed."""
-        self.forget()
-        self.reset_children()
-        self.reset_status()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class ParallelAll(ControlNode):
+class ParallelAll(ParallelNode):
     """Ticks all its children until every child has completed or is SKIPPED.
 
     A completed child is not ticked again, and no RUNNING child is halted early. The node fails if at least
@@ -122,31 +135,17 @@ class ParallelAll(ControlNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    node_symbol: ClassVar[str] = "⇉"
-    skips_alone: ClassVar[bool] = False
     batch_class: ClassVar[str] = "btcore.batch.parallel:ParallelAll"
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_completed", "_failures")
-
-    _completed: set[int]
-    _failures: int = 0
 
     @staticmethod
     def provided_ports() -> list[Port]:
         """Return the ports."""
-        about = "failures that make the node fail, −1 = all"
-        return [Port("max_failures", type=INT, default="1", description=about, role=PortRole.FAILURES)]
-
-    def prepare(self) -> None:
-        """Forget the children that have completed."""
-        self._completed = set()
-        self._failures = 0
+        return [failure_port("max_failures")]
 
     def tick(self) -> Status:
         """Tick the children that have not completed."""
         count = len(self._children)
-        allowed = threshold(cast(int, self.get_input("max_failures")), count)
-        if count < allowed:
-            raise NodeError(f"{count} children can never give {allowed} failures")
+        allowed = required_results(cast(int, self.get_input("max_failures")), count, "failures")
         self.set_status(RUNNING)
         skipped = 0
         for index in range(count):
@@ -164,17 +163,7 @@ class ParallelAll(ControlNode):
                 raise self.idle_child(index)
         if skipped == count:
             return SKIPPED
+        # A child that is skipped in the tick in which the last child completes is not waited for.
         if skipped + len(self._completed) < count:
             return RUNNING
-        failed = self._failures >= allowed
-        self._completed = set()
-        self._failures = 0
-        self.reset_children()
-        return FAILURE if failed else SUCCESS
-
-    def halt(self) -> None:
-        """Halt the children, and forget which of them have completed."""
-        self._completed = set()
-        self._failures = 0
-        self.reset_children()
-        self.reset_status()
+        return self.finish(FAILURE if self._failures >= allowed else SUCCESS)

@@ -7,8 +7,8 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick
-from btcore.errors import BlackboardError, ConversionError, NodeError
+from btcore.engine.node import execute_tick, input_or
+from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import INT
 
@@ -22,7 +22,6 @@ class RepeatedNode(DecoratorNode):
     and does not change the count.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     node_symbol: ClassVar[str] = "↺"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_count",)
     repeat_on: ClassVar[Status] = SUCCESS
@@ -65,10 +64,12 @@ class RepeatedNode(DecoratorNode):
                 self._count += 1
                 limit = self.limit_after(limit)
                 self.reset_child()
+                # Return between repetitions, so that a parent can halt the node. Format 3 repeats at once.
                 if self.yields and was_idle and (self._count < limit or limit == -1):
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
+                # The count is kept, as in BehaviorTree.CPP: the next start continues it.
                 self.reset_child()
                 return SKIPPED
             elif status is IDLE:
@@ -87,8 +88,7 @@ class RepeatedNode(DecoratorNode):
     def halt(self) -> None:
         """Halt the child, and set the count to 0."""
         self._count = 0
-        self.halt_child()
-        self.reset_status()
+        super().halt()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -135,7 +135,4 @@ class RetryUntilSuccessful(RepeatedNode):
 
     def limit_after(self, limit: int) -> int:
         """Return the current value of the port, which a tick of the child may have changed."""
-        try:
-            return cast(int, self.get_input("num_attempts"))
-        except (NodeError, BlackboardError, ConversionError):
-            return limit
+        return cast(int, input_or(self, "num_attempts", limit))

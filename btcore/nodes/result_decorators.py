@@ -7,8 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick, reset_status
-from btcore.errors import BlackboardError, ConversionError, NodeError
+from btcore.engine.node import execute_tick, input_or, reset_status
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import BOOL
 
@@ -48,7 +47,6 @@ class Inverter(DecoratorNode):
 class ForcedNode(DecoratorNode):
     """Ticks its child, and returns *forced* when the child completes."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     forced: ClassVar[Status] = SUCCESS
 
     @classmethod
@@ -125,6 +123,7 @@ class KeepRunningUntilFailure(DecoratorNode):
             return FAILURE
         if status is SUCCESS:
             reset_status(self.child)
+        # Also after a skipped child, as in BehaviorTree.CPP.
         return RUNNING
 
 
@@ -160,16 +159,11 @@ class RunOnce(DecoratorNode):
     def tick(self) -> Status:
         """Tick the child, unless it has completed before."""
         if self._result is not IDLE:
-            return SKIPPED if self._skips() else self._result
+            # The port is read again, so that an entry may change the result; an unreadable port means true.
+            return self._result if input_or(self, "then_skip", True) is False else SKIPPED
         self.set_status(RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._result = status
             self.reset_child()
         return status
-
-    def _skips(self) -> bool:
-        try:
-            return self.get_input("then_skip") is not False
-        except (NodeError, BlackboardError, ConversionError):
-            return True

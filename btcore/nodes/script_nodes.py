@@ -101,8 +101,8 @@ class ScriptCondition(Condition):
 class Precondition(DecoratorNode):
     """Ticks its child if the value of the script `if` is true, else returns `else` (default FAILURE).
 
-    Once the child has been ticked, the script is not run again until the child completes, even after a halt
-    or a skipped child, as in BehaviorTree.CPP 4.10.
+    After the script was true, it is not run again until the child completes, even after a halt or a skipped
+    child, as in BehaviorTree.CPP 4.10. Both ports are read in every tick.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -136,8 +136,10 @@ class Precondition(DecoratorNode):
 
     def tick(self) -> Status:
         """Run the script, then tick the child."""
+        # BehaviorTree.CPP reads both ports in every tick: an invalid port raises even if it is not used.
         program = self._script.load()
         otherwise = cast(Status, self.get_input("else"))
+        # There is no halt() that resets _going: BehaviorTree.CPP does not override halt() here either.
         if not self._going:
             self._going = condition_result(program.run(self._blackboard))
             if not self._going:

@@ -50,11 +50,6 @@ class SequenceWithMemory(Sequence):
     remembers: ClassVar[bool] = True
     yields: ClassVar[bool] = True
 
-    def finish_early(self) -> None:
-        """Reset the child that failed and the following children."""
-        for index in range(self._next, len(self._children)):
-            self.halt_child(index)
-
     def halt(self) -> None:
         """Halt the children. The next start begins with the current child."""
         self.reset_children()

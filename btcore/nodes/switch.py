@@ -1,7 +1,5 @@
 """Switches: the value of an entry selects the child."""
 
-import math
-import re
 from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
@@ -11,37 +9,17 @@ from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick
 from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.status import RUNNING, SKIPPED, Status
-from btcore.values import STRING
+from btcore.values import STRING, number_of, parse_constant
 
-# The syntax of std::from_chars, applied to the whole text: no leading space and no plus sign. Python refuses
-# to convert more than 4,300 digits. Compiled on first use, because most trees have no switch.
-_INTEGER: Final = r"-?[0-9]{1,4000}"
-_REAL: Final = r"(?i)-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|inf(?:inity)?|nan)"
 FLOAT_EPSILON: Final = 1.1920928955078125e-07
-"""Real numbers that differ by no more than this are equal: C's FLT_EPSILON."""
-
-
-def _integer(text: str, enums: dict[str, int]) -> int | None:
-    if text in enums:
-        return enums[text]
-    if re.fullmatch(_INTEGER, text):
-        value = int(text)
-        if -(2**31) <= value < 2**31:
-            return value
-    return None
-
-
-def _real(text: str, enums: dict[str, int]) -> float | None:
-    if text in enums:
-        return float(enums[text])
-    return float(text) if re.fullmatch(_REAL, text) else None
+"""Real numbers are equal if they differ by at most C's FLT_EPSILON, as in BehaviorTree.CPP."""
 
 
 def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:
-    """Return whether two texts are equal as texts, as integers, or as real numbers.
+    """Return whether two texts are equal as texts or as numbers.
 
-    Real numbers are equal if they differ by at most FLOAT_EPSILON (BehaviorTree.CPP,
-    include/behaviortree_cpp/controls/switch_node.h).
+    The rules are those of BehaviorTree.CPP (src/controls/switch_node.cpp). Infinite numbers are equal only if
+    their texts are equal.
 
     Args:
         left: A text.
@@ -50,25 +28,23 @@ def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:
     """
     if left == right:
         return True
-    left_integer = _integer(left, enums)
-    if left_integer is not None and left_integer == _integer(right, enums):
-        return True
-    left_real = _real(left, enums)
-    right_real = _real(right, enums)
-    if left_real is None or right_real is None or math.isnan(left_real) or math.isnan(right_real):
+    # BehaviorTree.CPP compares integers first, but two integers that are equal are also equal as reals.
+    first = number_of(enums.get(left, parse_constant(left)))
+    second = number_of(enums.get(right, parse_constant(right)))
+    if first is None or second is None:
         return False
-    return left_real == right_real or abs(left_real - right_real) <= FLOAT_EPSILON
+    return abs(float(first) - float(second)) <= FLOAT_EPSILON
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SwitchNode(ControlNode):
     """Ticks the child whose `case_N` equals `variable`, else the last child.
 
-    Two values are equal if they are the same text, the same integer (or enum name), or the same real number.
-    The node returns the child's result. When another child is selected, the child that was RUNNING is halted.
+    Two values are equal if they are the same text or, in format 4, the same integer (or enum name) or the
+    same real number. The node returns the child's result. When another child is selected, the child that was
+    RUNNING is halted.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
     node_symbol: ClassVar[str] = "⋔"
     skips_alone: ClassVar[bool] = False
     state_fields: ClassVar[tuple[str, ...] | None] = ("_running",)
@@ -94,17 +70,17 @@ class SwitchNode(ControlNode):
 
     def choose(self) -> int:
         """Return the index of the selected child."""
+        # Read in every tick, and without an error: an unreadable variable selects the last child.
         variable = self.text(self._variable)
         if variable is not None:
+            only_texts = self.config.format == 3
             for index in range(len(self._cases)):
                 case = self.text(self._cases[index])
-                if case is not None and self.equal(variable, case):
+                if case == variable:
+                    return index
+                if case is not None and not only_texts and values_equal(variable, case, self.config.enums):
                     return index
         return len(self._cases)
-
-    def equal(self, variable: str, case: str) -> bool:
-        """Return whether *variable* equals *case*."""
-        return values_equal(variable, case, self.config.enums)
 
     def text(self, port: Input | None) -> str | None:
         """Return the text of *port*, or None if it cannot be read."""
@@ -125,6 +101,7 @@ class SwitchNode(ControlNode):
             self.halt_child(self._running)
         status = execute_tick(self._children[chosen])
         if status is SKIPPED:
+            # The default child is not ticked instead, and no child is reset, as in BehaviorTree.CPP.
             self._running = -1
         elif status is RUNNING:
             self._running = chosen
@@ -136,15 +113,14 @@ class SwitchNode(ControlNode):
     def halt(self) -> None:
         """Halt the children."""
         self._running = -1
-        self.reset_children()
-        self.reset_status()
+        super().halt()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch2(SwitchNode):
     """Ticks the child whose case (of two) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (3, 3)
 
@@ -153,7 +129,7 @@ class Switch2(SwitchNode):
 class Switch3(SwitchNode):
     """Ticks the child whose case (of three) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (4, 4)
 
@@ -162,7 +138,7 @@ class Switch3(SwitchNode):
 class Switch4(SwitchNode):
     """Ticks the child whose case (of four) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (5, 5)
 
@@ -171,7 +147,7 @@ class Switch4(SwitchNode):
 class Switch5(SwitchNode):
     """Ticks the child whose case (of five) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (6, 6)
 
@@ -180,6 +156,6 @@ class Switch5(SwitchNode):
 class Switch6(SwitchNode):
     """Ticks the child whose case (of six) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (7, 7)

@@ -10,7 +10,7 @@ from btcore.clock import NS_PER_MS
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import execute_tick
-from btcore.status import FAILURE, NO_RESULT, RUNNING, SUCCESS, PossibleResults, Status
+from btcore.status import FAILURE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import UINT
 
 
@@ -73,8 +73,7 @@ class Timeout(DecoratorNode):
         """Halt the child and cancel the timeout; in format 3 it continues, as in BehaviorTree.CPP 3."""
         if self.config.format != 3:
             self._stop()
-        self.halt_child()
-        self.reset_status()
+        super().halt()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -85,7 +84,7 @@ class Delay(DecoratorNode):
     child has completed, the next start waits again.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "◷"
     batch_class: ClassVar[str] = "btcore.batch.timing:Delay"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
@@ -112,25 +111,22 @@ class Delay(DecoratorNode):
             self.set_status(RUNNING)
             self._deadline = self.now() + delay * NS_PER_MS
             self.wake_at(self._deadline)
+            # Even for 0 ms: BehaviorTree.CPP's timer fires in its own thread, usually after this tick.
             return RUNNING
         if self.now() < self._deadline:
             return RUNNING
         status = execute_tick(self.child)
-        if self.ends_with(status):
+        # In format 4, a skipped child does not end the delay: the next tick continues without a new delay.
+        if status is SUCCESS or status is FAILURE or (status is SKIPPED and self.config.format == 3):
             self._deadline = -1
             self.reset_child()
         return status
-
-    def ends_with(self, status: Status) -> bool:
-        """Return whether the next tick starts a new delay, after the child returned *status*."""
-        return status is SUCCESS or status is FAILURE
 
     def halt(self) -> None:
         """Halt the child and cancel the delay."""
         self._deadline = -1
         self.cancel_wake_up()
-        self.halt_child()
-        self.reset_status()
+        super().halt()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -6,8 +6,8 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
-from btcore.engine.node import execute_tick
-from btcore.errors import ConversionError, NodeError
+from btcore.engine.node import execute_tick, input_or
+from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import BOOL
 
@@ -16,9 +16,11 @@ from btcore.values import BOOL
 class TryCatch(ControlNode):
     """Ticks all children except the last as a Sequence; if a child fails, ticks the last child, the handler.
 
-    The node fails when the handler has completed, with any result of the handler. Without a failure the
+    The children are reset before the handler is ticked. The node is RUNNING while the handler is RUNNING. It
+    fails when the handler has completed or is SKIPPED, with any result of the handler. Without a failure the
     node succeeds, or is SKIPPED if all children except the handler were skipped. With `catch_on_halt` the
-    handler is also ticked once when the node is halted before a child failed.
+    handler is also ticked once when the node is halted before a child failed; a RUNNING handler is then
+    halted.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -72,6 +74,7 @@ class TryCatch(ControlNode):
                 self.reset_children()
             else:
                 raise self.idle_child(self._next)
+        # In the tick in which a child failed, the handler is ticked too.
         if self._catching:
             if execute_tick(self._children[last]) is RUNNING:
                 return RUNNING
@@ -87,20 +90,14 @@ class TryCatch(ControlNode):
     def halt(self) -> None:
         """Halt the children, after one tick of the handler if `catch_on_halt` is true."""
         try:
-            catches = self._status is not IDLE and not self._catching and self._catch_on_halt()
-            if catches and len(self._children) >= 2:
-                last = len(self._children) - 1
+            last = len(self._children) - 1
+            catches = last > 0 and self._status is not IDLE and not self._catching
+            if catches and input_or(self, "catch_on_halt", False) is True:
+                # Halted first, because the handler cleans up after them.
                 for index in range(last):
                     self.halt_child(index)
                 if execute_tick(self._children[last]) is RUNNING:
                     self.halt_child(last)
         finally:
             self._begin()
-            self.reset_children()
-            self.reset_status()
-
-    def _catch_on_halt(self) -> bool:
-        try:
-            return self.get_input("catch_on_halt") is True
-        except (NodeError, ConversionError):
-            return False
+            super().halt()

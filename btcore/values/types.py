@@ -403,10 +403,7 @@ class VectorType(ValueType):
 
 def split_items(text: str) -> list[str]:
     """Return the items of *text*, separated by ``;``. A final ``;`` is ignored, and "" has no items."""
-    parts = text.split(";")
-    if not parts[-1]:
-        parts.pop()
-    return parts
+    return text.removesuffix(";").split(";") if text else []
 
 
 class PortDirection(IntEnum):

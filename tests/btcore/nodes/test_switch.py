@@ -133,6 +133,9 @@ class Colour(enum.Enum):
         ("1 ", "1", False, False),
         ("1x", "1", False, False),
         ("", "0", False, False),
+        ("9007199254740993", "9007199254740992", True, False),
+        ("inf", "INF", False, False),
+        ("nan", "NAN", False, False),
     ],
 )
 def test_equal_is_the_same_text_in_format_3_and_the_same_meaning_in_format_4(
