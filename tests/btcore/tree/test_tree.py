@@ -237,6 +237,17 @@ def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: Grow, 
     assert tree.status is Status.IDLE
 
 
+@pytest.mark.parametrize(("value", "handled"), [("true", True), ("{missing}", False), ("{empty}", False)])
+def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
+    value: str, handled: bool, make_tree: Grow, journal: CallLog
+) -> None:
+    body = '<PlanAction name="a" plan="R"/><PlanSync name="handler" plan="S"/>'
+    tree = make_tree(f'<TryCatch catch_on_halt="{value}">{body}</TryCatch>')
+    tree.tick_once()
+    tree.halt()
+    assert journal.calls == ["a:start", "a:halted", *(["handler:tick"] if handled else [])]
+
+
 def test_a_halted_tree_starts_again(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree('<Sequence><PlanAction name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>')
     tree.tick_once()
