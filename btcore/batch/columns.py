@@ -11,7 +11,7 @@ from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.clock import Clock
 from btcore.tree.tree import Tree
 from btcore.values import ANY, BOOL, DOUBLE, INT, INT64, UINT64, ValueType, to_builtin_number, type_of
-from btcore.values.types import MAX_EXACT, BoolType, IntegerType, RealType
+from btcore.values.types import MAX_EXACT, BoolType, EnumType, IntegerType, RealType
 
 Values: TypeAlias = NDArray[Any]
 

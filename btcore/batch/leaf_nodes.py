@@ -16,7 +16,6 @@ from btcore.clock import Clock
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
-from btcore.registry.manifest import fits
 from btcore.status import Status
 
 
@@ -40,7 +39,7 @@ class LeafNode(BatchNode):
         if parameter.annotation is NodeName:
             return NodeName(self.name)
         for resource in self.context.resources:
-            if fits(resource, parameter.annotation):
+            if isinstance(resource, parameter.annotation):
                 return resource
         if parameter.default is not UNSET:
             return parameter.default

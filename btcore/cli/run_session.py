@@ -19,7 +19,6 @@ from btcore.cli.tree_source import SaveWatcher, TreeSource
 from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import rebuild_tree
-from btcore.registry.manifest import fits
 from btcore.run_extension import RunExtension
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -188,7 +187,7 @@ class RunSession:
         """Add a note to *error* if leaves of the new tree need resources that this run does not have."""
         wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
         try:
-            complete = all(any(fits(resource, kind) for resource in self.resources) for kind in wanted)
+            complete = all(any(isinstance(resource, kind) for resource in self.resources) for kind in wanted)
         except TypeError:
             return  # isinstance does not support one of the types, which *error* already reports
         if not complete:

@@ -71,7 +71,7 @@ class Parameter:
     """One parameter of a leaf: a *port*, or a resource of type *resource_type*; *default* may be UNSET."""
 
     def __init__(
-        self, name: str, keyword: bool, port: Port | None, resource_type: object, default: object
+        self, name: str, keyword: bool, port: Port | None, resource_type: Any, default: object
     ) -> None:
         self.name = name
         self.keyword = keyword

@@ -138,10 +138,6 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
     builtin_id: ClassVar[str] = "RetryUntilSuccessful"
     yields: ClassVar[bool] = False
 
-    def limit_after(self, limit: int) -> int:
-        """Return *limit*: format 3 reads the port once per tick."""
-        return limit
-
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SetBlackboard3(SetBlackboard):

@@ -135,4 +135,5 @@ class RetryUntilSuccessful(RepeatedNode):
 
     def limit_after(self, limit: int) -> int:
         """Return the current value of the port, which a tick of the child may have changed."""
-        return cast(int, input_or(self, "num_attempts", limit))
+        # Format 3 reads the port once per tick.
+        return limit if self.config.format == 3 else cast(int, input_or(self, "num_attempts", limit))

@@ -213,7 +213,7 @@ class Resources(list[object]):
 
     def _look_for(self, parameter: Parameter) -> object:
         for resource in self:
-            if fits(resource, parameter.resource_type):
+            if isinstance(resource, parameter.resource_type):
                 return resource
         if is_tree_state(parameter.resource_type):
             state = parameter.resource_type()
@@ -244,79 +244,47 @@ class _MissingInput(Input):
         return self.node.get_input(self.name)
 
 
-def fits(resource: object, wanted: Any) -> bool:
-    """Return whether *resource* is of the type *wanted*.
-
-    Raises:
-        TypeError: isinstance() does not support the type, such as a Protocol that is not runtime-checkable.
-    """
-    return isinstance(resource, wanted)
-
-
-def class_manifest(
+def create_manifest(
     ID: str,
-    cls: type[TreeNode],
+    thing: type[TreeNode] | Callable[..., object],
     types: TypeRegistry,
     names: Mapping[str, Any],
     distribution: str,
     format: int = 4,
 ) -> Manifest:
-    """Return the manifest of a node class.
+    """Return the manifest of a node class, or of a function as a leaf.
 
     Args:
         ID: The registration ID.
-        cls: The class.
+        thing: The class or the function.
         types: The types that ports may have.
         names: The local names with which annotations are resolved that are strings.
         distribution: The package that registers it.
         format: The XML format whose rules for port names apply.
 
     Raises:
-        RegistrationError: The class cannot be registered.
+        RegistrationError: The class or function cannot be registered.
     """
     check_id(ID)
-    ports = class_ports(cls, types, names)
-    check_ports(ID, ports, format)
-    check_class(ID, cls)
-    check_methods(ID, cls)
-    bind_class(cls, ports)
-    parameters = []
-    if _has_own_init(cls):
-        parameters = function_parameters(_initialiser(cls), types, names, skip_first=True)
-    return Manifest(ID, cls, ports, parameters, distribution)
-
-
-def function_manifest(
-    ID: str,
-    function: Callable[..., object],
-    types: TypeRegistry,
-    names: Mapping[str, Any],
-    distribution: str,
-    format: int = 4,
-) -> Manifest:
-    """Return the manifest of a leaf that is a function.
-
-    Args:
-        ID: The registration ID.
-        function: The function.
-        types: The types that ports may have.
-        names: The local names with which annotations are resolved that are strings.
-        distribution: The package that registers it.
-        format: The XML format whose rules for port names apply.
-
-    Raises:
-        RegistrationError: The function cannot be registered.
-    """
-    check_id(ID)
-    if inspect.isasyncgenfunction(function):
+    if isinstance(thing, type):
+        ports = class_ports(thing, types, names)
+        check_ports(ID, ports, format)
+        check_class(ID, thing)
+        check_methods(ID, thing)
+        bind_class(thing, ports)
+        parameters = []
+        if _has_own_init(thing):
+            parameters = function_parameters(_initialiser(thing), types, names, skip_first=True)
+        return Manifest(ID, thing, ports, parameters, distribution)
+    if inspect.isasyncgenfunction(thing):
         raise RegistrationError(
-            f"{function.__qualname__} is an async def that yields; await running() instead of the yield, "
+            f"{thing.__qualname__} is an async def that yields; await running() instead of the yield, "
             "or make it a plain generator"
         )
-    parameters = function_parameters(function, types, names)
+    parameters = function_parameters(thing, types, names)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
     check_ports(ID, ports, format)
-    return Manifest(ID, leaf_class(function), ports, parameters, distribution, function)
+    return Manifest(ID, leaf_class(thing), ports, parameters, distribution, thing)
 
 
 def _initialiser(cls: type) -> Callable[..., None]:

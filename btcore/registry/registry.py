@@ -14,7 +14,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
-from btcore.registry.manifest import Manifest, class_manifest, function_manifest
+from btcore.registry.manifest import Manifest, create_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
 from btcore.suggestions import did_you_mean
 from btcore.values import TypeRegistry
@@ -81,7 +81,7 @@ class Registry:
             if isinstance(entry, Manifest):
                 return entry
             if entry is not None:
-                manifest = table[ID] = class_manifest(ID, entry, self.types, {}, "btcore")
+                manifest = table[ID] = create_manifest(ID, entry, self.types, {}, "btcore")
                 return manifest
         return None
 
@@ -238,13 +238,14 @@ class Registry:
                     f"{thing.__qualname__} is not a node: derive it from StatefulAction, SyncAction, "
                     "Condition, ControlNode or DecoratorNode"
                 )
-            return class_manifest(ID or thing.__name__, thing, self.types, names, distribution, format)
-        if callable(thing):
+            ID = ID or thing.__name__
+        elif callable(thing):
             mark = getattr(thing, MARK, None)
-            tag = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))
-            return function_manifest(tag, thing, self.types, names, distribution, format)
-        hint = ": nodes.add(first, second)" if isinstance(thing, (list, tuple, set)) else ""
-        raise RegistrationError(f"{thing!r} is neither a function nor a node class{hint}")
+            ID = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))
+        else:
+            hint = ": nodes.add(first, second)" if isinstance(thing, (list, tuple, set)) else ""
+            raise RegistrationError(f"{thing!r} is neither a function nor a node class{hint}")
+        return create_manifest(ID, thing, self.types, names, distribution, format)
 
     # --- node libraries
 

@@ -109,21 +109,32 @@ class UnaryOperation(Expression):
         return value
 
 
-class OperatorChain(Expression):
-    """Operators evaluated from left to right, such as ``a + b .. c``, without short circuit."""
+class Chain(Expression):
+    """A value, and operators with their right operands, evaluated from left to right."""
 
     def __init__(self, text: str, token: Token, first: Expression) -> None:
         super().__init__(text, token)
         self.first: Expression = first
-        self.operators: list[int] = []
         self.operands: list[Expression] = []
         self.tokens: list[Token] = []
 
     def extend(self, token: Token, operand: Expression) -> None:
         """Append an operator and its right operand."""
-        self.operators.append(OPERATORS[token.kind])
         self.operands.append(operand)
         self.tokens.append(token)
+
+
+class OperatorChain(Chain):
+    """A chain such as ``a + b .. c``. All operands are evaluated."""
+
+    def __init__(self, text: str, token: Token, first: Expression) -> None:
+        super().__init__(text, token, first)
+        self.operators: list[int] = []
+
+    def extend(self, token: Token, operand: Expression) -> None:
+        """Append an operator and its right operand."""
+        super().extend(token, operand)
+        self.operators.append(OPERATORS[token.kind])
 
     def evaluate(self, board: Blackboard) -> object:
         """Return the result of the last operator."""
@@ -150,23 +161,15 @@ class OperatorChain(Expression):
         return left
 
 
-class Comparison(Expression):
+class Comparison(Chain):
     """A chain such as ``a < b <= c``: true if it is true for each neighbouring pair.
 
     The operands after a pair for which it is false are not evaluated.
     """
 
     def __init__(self, text: str, token: Token, first: Expression, enums: Mapping[str, int]) -> None:
-        super().__init__(text, token)
-        self.first: Expression = first
-        self.operands: list[Expression] = []
-        self.tokens: list[Token] = []
+        super().__init__(text, token, first)
         self.enums: Mapping[str, int] = enums
-
-    def extend(self, token: Token, operand: Expression) -> None:
-        """Append an operator and its right operand."""
-        self.operands.append(operand)
-        self.tokens.append(token)
 
     def evaluate(self, board: Blackboard) -> object:
         """Return 1.0 or 0.0."""
