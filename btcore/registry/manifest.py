@@ -184,13 +184,13 @@ class Manifest:
             value = resources.of(parameter)
         except TypeError:
             raise NodeError(
-                f"the parameter '{parameter.name}' of <{self.id}> is of type {parameter.type_name}, by which "
-                "nothing can be found: use a class, or a Protocol marked @runtime_checkable"
+                f"the parameter '{parameter.name}' of <{self.id}> has the type {parameter.type_name}, which "
+                "isinstance() does not support: use a class, or a Protocol marked @runtime_checkable"
             ) from None
         if value is UNSET:
             message = (
-                f"<{self.id}> wants a {parameter.type_name} (its parameter '{parameter.name}'), "
-                "and none was handed in: pass one in resources=[…]"
+                f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
+                "pass it in resources=[…]"
             )
             if parameter.looks_like_port:
                 message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"

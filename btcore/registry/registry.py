@@ -221,7 +221,7 @@ class Registry:
             if known is not None:
                 raise RegistrationError(
                     f"'{manifest.id}' is registered twice: by {known.origin} and by {manifest.origin}; "
-                    f"replace(…) it deliberately, or give one of them another ID"
+                    f"replace the first with replace(…), or give one of them another ID"
                 )
         manifest.is_overridable = self._installing
         table = self._shared if only is None else self._of_format[only]

@@ -45,21 +45,18 @@ class SubstitutionRule:
             NodeError: The replacement is not registered, or cannot have this number of children.
         """
         manifest = self.by if isinstance(self.by, Manifest) else known.get(self.by)
+        rule = f"the substitution rule '{self.filter}' replaces <{config.id}>"
         if manifest is None:
-            raise NodeError(
-                f"the substitution rule '{self.filter}' puts '{self.by}' in the place of <{config.id}>, "
-                f"but no node is registered as that{did_you_mean(str(self.by), known)}"
-            )
+            hint = did_you_mean(str(self.by), known)
+            raise NodeError(f"{rule} by '{self.by}', but no node is registered with this ID{hint}")
         if manifest.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
-            needs = "has exactly one child"
+            needed = "exactly one child"
         elif manifest.type is NodeType.CONTROL and not children:
-            needs = "has children"
+            needed = "children"
         else:
             return manifest
-        raise NodeError(
-            f"the substitution rule '{self.filter}' puts <{manifest.id}>, which {needs}, in the place of "
-            f"<{config.id}>, which has {children or 'none'}"
-        )
+        has = f"<{config.id}> has {children or 'none'}"
+        raise NodeError(f"{rule} by <{manifest.id}>, which needs {needed}, but {has}")
 
     def __repr__(self) -> str:
         by = self.by if isinstance(self.by, str) else self.by.cls.__name__

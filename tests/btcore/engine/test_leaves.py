@@ -260,7 +260,7 @@ def test_a_resource_that_nobody_handed_in_is_named_when_the_tree_is_made(make_tr
     def drive(robot: Robot) -> bool:
         return True
 
-    with pytest.raises(TreeError, match=r"<Drive> wants a Robot \(its parameter 'robot'\)"):
+    with pytest.raises(TreeError, match=r"<Drive> needs a Robot for its parameter 'robot'"):
         make_tree("<Drive/>", drive)
 
 

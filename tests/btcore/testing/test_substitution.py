@@ -214,7 +214,7 @@ def test_a_rule_that_names_no_registered_node_refuses_the_tree_at_the_place(node
         load(nodes)
     said = str(refused.value)
     assert "<text>:11:5: E118" in said
-    assert "'patrol/*' puts 'AlwaysSucess' in the place of <Fallback>" in said
+    assert "'patrol/*' replaces <Fallback> by 'AlwaysSucess'" in said
     assert "did you mean 'AlwaysSuccess'?" in said
 
 
@@ -224,11 +224,11 @@ def test_a_rule_that_names_no_registered_node_refuses_the_tree_at_the_place(node
         (
             "home",
             "Inverter",
-            "puts <Inverter>, which has exactly one child, in the place of <Drive>, which has none",
+            "replaces <Drive> by <Inverter>, which needs exactly one child, but <Drive> has none",
         ),
-        ("try", "Inverter", "in the place of <Fallback>, which has 2"),
-        ("home", "Sequence", "puts <Sequence>, which has children, in the place of <Drive>"),
-        ("home", "SubTree", "which has exactly one child"),
+        ("try", "Inverter", "but <Fallback> has 2"),
+        ("home", "Sequence", "replaces <Drive> by <Sequence>, which needs children"),
+        ("home", "SubTree", "which needs exactly one child"),
     ],
 )
 def test_a_rule_whose_node_wants_other_children_refuses_the_tree(

@@ -39,7 +39,7 @@ CASES = {
         ("<Turn/>",),
         TreeError,
         """
-        t.xml:3:5: E118 <Turn> wants a float (its parameter 'angle'), and none was handed in: pass one in resources=[…]; if it is a port, mark it: angle: In[float]
+        t.xml:3:5: E118 <Turn> needs a float for its parameter 'angle': pass it in resources=[…]; if it is a port, mark it: angle: In[float]
            3 |      <Turn/>
              |      ^^^^^
         """,  # noqa: E501
@@ -48,7 +48,7 @@ CASES = {
         ("<Lift/>",),
         TreeError,
         """
-        t.xml:3:5: E118 the parameter 'arm' of <Lift> is of type Arm, by which nothing can be found: use a class, or a Protocol marked @runtime_checkable
+        t.xml:3:5: E118 the parameter 'arm' of <Lift> has the type Arm, which isinstance() does not support: use a class, or a Protocol marked @runtime_checkable
            3 |      <Lift/>
              |      ^^^^^
         """,  # noqa: E501
@@ -124,10 +124,10 @@ CASES = {
         ('<Drive speed="1"/>',),
         TreeError,
         """
-        t.xml:3:5: E118 <Drive> wants a Robot (its parameter 'robot'), and none was handed in: pass one in resources=[…]
+        t.xml:3:5: E118 <Drive> needs a Robot for its parameter 'robot': pass it in resources=[…]
            3 |      <Drive speed="1"/>
              |      ^^^^^^
-        """,  # noqa: E501
+        """,
     ),
     "a leaf that raises while it is made": (
         ("<Broken/>",),
