@@ -128,11 +128,11 @@ class Binding:
         is_explicit: Whether the text is from the document, and not the port's default.
         key: The blackboard key; None for a literal.
         literal: The value of a literal; None if it does not convert.
-        fault: Why the literal does not convert, or "".
+        error: Why the literal does not convert, or "".
         shared: Whether several nodes may use the same binding: False for a literal that a leaf could modify.
     """
 
-    __slots__ = ("blackboard", "fault", "format", "is_explicit", "key", "literal", "port", "shared", "text")
+    __slots__ = ("blackboard", "error", "format", "is_explicit", "key", "literal", "port", "shared", "text")
 
     def __init__(self, port: Port, text: str, format: int = 4, written: bool = True) -> None:
         self.port: Port = port
@@ -145,7 +145,7 @@ class Binding:
         else:
             key = remapped_key(text, port.name, format) if "}" in text or text == "=" else None
         self.key = key
-        self.fault: str = ""
+        self.error: str = ""
         self.literal: object = None
         self.shared: bool = True
         if key is None:
@@ -155,7 +155,7 @@ class Binding:
                 try:
                     self.literal = port.type.from_text(text, format)
                 except ConversionError as error:
-                    self.fault = str(error)
+                    self.error = str(error)
                 self.shared = isinstance(self.literal, _CONSTANTS)
 
     @property
@@ -183,13 +183,9 @@ class Input(Binding):
             own = Input(self.port, self.text, self.format, self.is_explicit)
         else:
             own = Input.__new__(Input)
-            own.port, own.text, own.format, own.is_explicit = (
-                self.port,
-                self.text,
-                self.format,
-                self.is_explicit,
-            )
-            own.key, own.literal, own.fault, own.shared = self.key, self.literal, self.fault, True
+            own.port, own.text, own.format, own.key = self.port, self.text, self.format, self.key
+            own.is_explicit, own.literal = self.is_explicit, self.literal
+            own.error, own.shared = self.error, True
         own.blackboard = blackboard
         return own
 
@@ -203,8 +199,8 @@ class Input(Binding):
         key = self.key
         if key is None:
             value = self.literal
-            if value is None and self.fault:
-                raise ConversionError(f"port [{self.name}] = '{self.text}': {self.fault}")
+            if value is None and self.error:
+                raise ConversionError(f"port [{self.name}] = '{self.text}': {self.error}")
             return list(value) if isinstance(value, list) else value
         entry = self.blackboard.find(key)
         if entry is None or entry.value is None:

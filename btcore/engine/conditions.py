@@ -38,13 +38,10 @@ class ConditionScripts:
                 return SUCCESS
             if self.skip_if is not None and condition_result(self.skip_if.run(self.blackboard)):
                 return SKIPPED
-            if self.while_true is not None and not condition_result(self.while_true.run(self.blackboard)):
-                return SKIPPED
-        elif (
-            status is RUNNING
-            and self.while_true is not None
-            and not condition_result(self.while_true.run(self.blackboard))
-        ):
+        elif status is not RUNNING:
+            # A node that has completed and was not reset is ticked without pre-conditions.
+            return IDLE
+        if self.while_true is not None and not condition_result(self.while_true.run(self.blackboard)):
             return SKIPPED
         return IDLE
 

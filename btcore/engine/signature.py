@@ -239,9 +239,7 @@ def _check_not_hidden(cls: type, name: str) -> None:
 
 def bind_class(cls: type, ports: list[Port]) -> None:
     """Make the annotated ports of *cls* attributes that read and write the blackboard."""
-    annotated: set[str] = set()
-    for parent in cls.__mro__:
-        annotated |= set(inspect.get_annotations(parent))
+    annotated = {name for parent in cls.__mro__ for name in inspect.get_annotations(parent)}
     for port in ports:
         known = getattr(cls, port.name, None)
         if port.name in annotated and not (isinstance(known, PortAttribute) and known.is_of(port)):

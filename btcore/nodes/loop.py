@@ -86,21 +86,21 @@ class LoopNode(DecoratorNode):
         if queue is None or queue.key is None:
             return
         entry = self._blackboard.find(queue.key)
-        held = None if entry is None else entry.value
-        if held is None:
+        value = None if entry is None else entry.value
+        if value is None:
             return
-        if isinstance(held, deque):
+        if isinstance(value, deque):
             # Shared with the entry: the loop removes the elements, and others may append more while it runs.
-            self._current = held
+            self._current = value
         elif self._current is None:
             # A copy, made once per start: later writes to the entry have no effect on this start.
-            if isinstance(held, str):
-                self._current = deque(self.elements(held))
-            elif isinstance(held, (list, tuple)):
-                self._current = deque(held)
+            if isinstance(value, str):
+                self._current = deque(self.elements(value))
+            elif isinstance(value, (list, tuple)):
+                self._current = deque(value)
             else:
                 raise NodeError(
-                    f"port [queue] reads {{{queue.key}}}, which holds {held!r}, not a list, deque or text"
+                    f"port [queue] reads {{{queue.key}}}, which holds {value!r}, not a list, deque or text"
                 )
 
 

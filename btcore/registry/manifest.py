@@ -122,6 +122,7 @@ class Manifest:
             NodeError: A resource is missing, or the node cannot be used as declared.
         """
         cls = self.cls
+        # __init__ is called below, when the node has its ports, blackboard and children.
         node: TreeNode = cls.__new__(cls)
         node.attach_to_tree(config, context, blackboard)
         if self._adopts:
@@ -271,6 +272,7 @@ def create_manifest(
         check_ports(ID, ports, format)
         check_class(ID, thing)
         check_methods(ID, thing)
+        # After all checks, because it changes the class.
         bind_class(thing, ports)
         parameters = []
         if _has_own_init(thing):

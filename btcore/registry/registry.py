@@ -46,7 +46,7 @@ class Registry:
         registry = cls()
         for format, nodes in BUILTIN_NODES.items():
             for ID, node in nodes.items():
-                common = BUILTIN_NODES[7 - format].get(ID) is node
+                common = BUILTIN_NODES[7 - format].get(ID) is node  # in the other format, too
                 table = registry._shared if common else registry._of_format[format]
                 table[ID] = node
         registry._libraries.append("btcore")
@@ -380,6 +380,7 @@ def _import_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise RegistrationError(f"plugin '{path}' is not a Python file")
     module = module_from_spec(spec)
+    # Before the module runs: dataclasses look up their module in sys.modules.
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
@@ -410,6 +411,7 @@ def _distribution_of(thing: Any) -> str:
 def _names_of_caller() -> dict[str, Any]:
     """Return the local names of the registry method's caller, to resolve annotations that are strings."""
     frame = inspect.currentframe()
+    # Two frames up: the method of the registry, then its caller.
     for _ in range(2):
         frame = frame.f_back if frame is not None else None
     return dict(frame.f_locals) if frame is not None else {}

@@ -82,7 +82,7 @@ class TypeRegistry:
             return annotation
         try:
             known = self._by_class.get(annotation)
-        except TypeError:
+        except TypeError:  # not hashable
             known = None
         if known is not None:
             return known
@@ -95,6 +95,7 @@ class TypeRegistry:
         if origin is list and len(get_args(annotation)) == 1:
             item = self.of(get_args(annotation)[0])
             return self._keep(annotation, self.named(f"std::vector<{item.name}>") or VectorType(item))
+        # dict[str, int] is dict, for which BehaviorTree.CPP has no type.
         if isinstance(origin, type):
             return self.of(origin)
         if not isinstance(annotation, type):

@@ -189,6 +189,7 @@ class IntegerType(ValueType):
             if self.low == 0:
                 return c_unsigned(text, self.high.bit_length())
             return c_int(text, self.low, self.high)
+        # BehaviorTree.CPP reads all types but uint64_t as int64_t, so "-0" is an error for uint64_t only.
         return leading_int(text, self.low, self.high, self.high == MAX_UINT64)
 
     def to_text(self, value: object) -> str:
@@ -466,6 +467,7 @@ class EnumType(ConvertibleType):
 
     def from_text(self, text: str, format: int = 4) -> Enum:
         """Return the member with the name or the number *text*. Raise ConversionError."""
+        # The names that scripts use have precedence, as in BehaviorTree.CPP.
         registered = self._names.get(text)
         if registered is not None and registered in self._by_number:
             return self._by_number[registered]
@@ -476,6 +478,7 @@ class EnumType(ConvertibleType):
             number = leading_int(text, MIN_INT64, MAX_INT64)
         except ConversionError:
             number = -1
+        # Not for a text that only starts with a number, such as "7x", or "07".
         if str(number) == text and number in self._by_number:
             return self._by_number[number]
         if self._from_text is not None:
@@ -571,7 +574,7 @@ class UserType(ConvertibleType):
                 values = {field.name: getattr(value, field.name) for field in fields(value)}
                 return "json:" + json.dumps({"__type": type(value).__qualname__} | values, ensure_ascii=False)
             except TypeError:
-                pass
+                pass  # a field is not JSON data
         return super().to_text(value)
 
     def _from_json(self, text: str) -> object:

@@ -286,7 +286,7 @@ class TreePlanner:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
         bound = (Input if port.reads else Binding)(port, text, self.dialect.format)
         if bound.key is None:
-            is_fine = not bound.fault and text != port.default
+            is_fine = not bound.error and text != port.default
         else:
             is_fine = text[0] == "{" and text[-1] == "}"
         if is_fine or not self.dialect.literals_checked or self._is_convertible(plan, bound):
@@ -301,7 +301,7 @@ class TreePlanner:
         kind = port.type
         if not kind.strong or not kind.converts:
             return True
-        error = bound.fault
+        error = bound.error
         if bound.key is not None or text == port.default:
             # The binding has not converted the text.
             try:
